@@ -1,0 +1,542 @@
+"""Scene -> Simulation and Parameters: the one module that knows both the description and the implementations."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxdem import stability
+from jaxdem.closures import DRAG_LAWS, load_closure
+from jaxdem.closures.base import DragClosure
+from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT, FluidInterval
+from jaxdem.coupling.interpolation import KernelWidth, kernel_weights
+from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.errors import InputError
+from jaxdem.failures import MINIMUM_VOID_FRACTION
+from jaxdem.fluid.advection import Upwind, VanLeer
+from jaxdem.fluid.boundary import Boundary, Side, ramp
+from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
+from jaxdem.initial import check_initial_positions, initial_positions, particle_column, rows_of
+from jaxdem.particles import vectors
+from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.forces import ContactModel
+from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
+from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
+from jaxdem.particles.rolling import ConstantDirectionalTorque
+from jaxdem.particles.walls import box_sides
+from jaxdem.scene import Contact, Scene
+from jaxdem.state import Parameters, ParticleDiagnostics, State
+
+AUTO_COURANT = 0.5
+"""Courant number of the automatic fluid step at the largest boundary speed."""
+
+CONTACT_LAWS = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
+ADVECTION = {"limited": VanLeer, "upwind": Upwind}
+
+
+class TimeSteps(NamedTuple):
+    """The steps of a run and what they were chosen from; None where a part does not exist.
+
+    Attributes:
+        interval: coupling interval, the step of the time loop [s].
+        intervals_per_output: number of intervals between frames.
+        outputs: number of frames after the first.
+        contact: contact step [s].
+        contacts_per_interval: number of contact steps in an interval.
+        fluid_substeps: smallest number of fluid steps in an interval.
+        limits: named limits [s], for the check and the summary.
+        expected_speed: that the contact limits stand on [m/s].
+        expected_overlap: at that speed, over the diameter [-].
+    """
+
+    interval: float
+    intervals_per_output: int
+    outputs: int
+    contact: float | None
+    contacts_per_interval: int
+    fluid_substeps: int
+    limits: dict[str, float]
+    expected_speed: float | None
+    expected_overlap: float | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Simulation:
+    """The static structure of a scene: what is compiled. Numbers one may differentiate by are `Parameters`.
+
+    Attributes:
+        interval: coupling interval [s].
+        steps: time steps and limits.
+        box: side lengths [m].
+        periodic: whether each axis is periodic.
+        contact: contact model and steps, None without particles.
+        fluid: solver and exchange, None without a fluid.
+        drag_law: correlation, None without coupling or with a learned closure.
+    """
+
+    interval: float
+    steps: TimeSteps
+    box: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    contact: ContactInterval | None
+    fluid: FluidInterval | None
+    drag_law: DragClosure | None
+
+    def step(self, parameters: Parameters, state: State, neighbors: Neighbors | None) -> Any:
+        """One coupled step; see `jaxdem.step.step`."""
+        from jaxdem.step import step
+
+        return step(self, parameters, state, neighbors)
+
+    def reversible(self) -> Simulation:
+        """The same simulation with loops that reverse-mode differentiation can run backwards."""
+        contact = None if self.contact is None else self.contact._replace(reversible=True)
+        fluid = None if self.fluid is None else dataclasses.replace(self.fluid, reversible=True)
+        return dataclasses.replace(self, contact=contact, fluid=fluid)
+
+    def contact_time_step(self, dtype: Any) -> Array:
+        """() contact step [s]."""
+        return jnp.asarray(self.steps.contact, dtype)
+
+    def wall_velocity(self, parameters: Parameters, time: Array) -> tuple[Array, ...]:
+        """(D,) velocity of every wall of the box at a time [m/s]; moving walls drag grains along too."""
+        still = jnp.zeros_like(parameters.gravity)
+        if self.fluid is None or parameters.fluid is None:
+            return (still,) * len(self.contact.model.sides) if self.contact else ()
+        velocities = []
+        for wall in self.contact.model.sides if self.contact else ():
+            number = 2 * wall.axis + (wall.inward < 0)
+            side = self.fluid.solver.boundary.sides[number]
+            moves = side.kind == "moving_wall" and side.start is None
+            velocities.append(
+                ramp(side, time) * parameters.fluid.side_velocity[number] if moves else still
+            )
+        return tuple(velocities)
+
+    def particle_report(
+        self, particles: ParticleState, neighbors: Neighbors, collision: Array
+    ) -> ParticleDiagnostics:
+        """Flags and figures of the particles after an interval."""
+        position, velocity = particles.position, particles.velocity
+        box = jnp.asarray(self.box, position.dtype)
+        outside = ((position < 0.0) | (position > box)) & ~jnp.asarray(self.periodic)
+        squared = jnp.sum(velocity**2, axis=1)
+        return ParticleDiagnostics(
+            collision,
+            neighbors.builds,
+            neighbors.overflow,
+            jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(velocity)),
+            jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
+            jnp.sqrt(jnp.max(squared, initial=0.0)),
+        )
+
+    def allocate(self, particles: ParticleState) -> Neighbors:
+        """A neighbour list with room for these positions; not jittable."""
+        position = vectors.components(particles.position)
+        low = split_low(particles.position_low, len(position))
+        return self.contact.search.allocate(position, low)  # type: ignore[union-attr]
+
+    def with_slots(self, state: State, neighbors: Neighbors, slots: int) -> tuple[State, Neighbors]:
+        """State and list with more slots per particle, everything in the old ones as it was; not jittable."""
+        search = self.contact.search  # type: ignore[union-attr]
+        wider = search.allocate(neighbors.reference, neighbors.reference_low, slots)
+        kept, particles = neighbors.capacity, state.particles
+        assert particles is not None
+        zero = tuple(jnp.zeros_like(x) for x in neighbors.reference)
+        springs = particles.contact_spring + (zero,) * (wider.capacity - kept)
+        neighbors = dataclasses.replace(
+            wider,
+            index=neighbors.index + wider.index[kept:],
+            separation=neighbors.separation + wider.separation[kept:],
+            overlap=neighbors.overlap + wider.overlap[kept:],
+            builds=neighbors.builds,
+        )
+        return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
+
+
+def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation, Parameters]:
+    """The simulation of a scene, and its parameters.
+
+    Args:
+        scene: from `jaxdem.load_scene`.
+        closure: learned drag closure to use instead of the scene's `closure.file` or drag law.
+
+    Raises:
+        InputError: a step or size that the scene asks for cannot work.
+    """
+    dtype = _dtype(scene)
+    grid = _grid(scene)
+    boundary = _boundary(scene)
+    radius, density = _bodies(scene)
+    steps = time_steps(scene)
+    contact, fluid, law = None, None, None
+    if scene.particles is not None and scene.contact is not None:
+        geometry = neighbor_geometry(scene, float(np.max(radius)))
+        search = NeighborSearch(geometry, jnp.asarray(radius, dtype))
+        rolling = ConstantDirectionalTorque() if scene.contact.rolling_friction > 0.0 else None
+        model = ContactModel(
+            CONTACT_LAWS[scene.contact.law](), rolling, box_sides(scene.domain.size, scene.periodic)
+        )
+        contact = ContactInterval(model, search, steps.contacts_per_interval, False)
+    if scene.fluid is not None and grid is not None:
+        solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), scene.fluid.viscosity > 0.0)
+        half_width = None
+        if scene.coupling is not None:
+            half_width = _half_width(scene, grid, 2.0 * float(np.max(radius)))
+            if closure is None and scene.closure.file is not None:
+                closure = load_closure(scene.closure.file)[0]
+            law = drag_law(scene) if closure is None else None
+        fluid = FluidInterval(
+            solver, half_width, steps.interval, steps.fluid_substeps, scene.fluid.courant_limit, False
+        )
+    simulation = Simulation(
+        steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law
+    )
+    return simulation, _parameters(scene, radius, density, closure, dtype)
+
+
+def initial_state(
+    scene: Scene, simulation: Simulation, parameters: Parameters
+) -> tuple[State, Neighbors | None]:
+    """The state that a scene starts from, and its neighbour list.
+
+    Raises:
+        InputError: particles overlap, lie outside the box, or do not fit into their pack.
+    """
+    dtype = parameters.gravity.dtype
+    particles, neighbors = None, None
+    if scene.particles is not None:
+        bare = _initial_particles(scene, dtype)
+        neighbors = simulation.allocate(bare)
+        zero = (jnp.zeros(bare.position.shape[0], dtype),) * scene.dimension
+        sides = simulation.contact.model.sides  # type: ignore[union-attr]
+        particles = bare._replace(
+            contact_spring=(zero,) * neighbors.capacity, wall_spring=(zero,) * len(sides)
+        )
+    fluid = None
+    if scene.fluid is not None and simulation.fluid is not None:
+        fluid = _initial_fluid(scene, simulation.fluid, parameters, particles, dtype)
+    return State(particles, fluid, jnp.zeros((), jnp.int32)), neighbors
+
+
+def drag_law(scene: Scene) -> DragClosure:
+    """The drag correlation that a scene names."""
+    name = scene.coupling.drag if scene.coupling else ""
+    if name not in DRAG_LAWS:
+        raise InputError("coupling.drag", name, "unknown drag law", f"known: {', '.join(sorted(DRAG_LAWS))}")
+    return DRAG_LAWS[name]()
+
+
+def neighbor_geometry(scene: Scene, largest_radius: float) -> NeighborGeometry:
+    """Reach of the neighbour list; the automatic skin is 0.2 diameters, the fastest in the pile benchmark."""
+    contact = scene.contact or Contact()
+    skin = (0.2 if contact.skin == "auto" else contact.skin) * 2.0 * largest_radius
+    cutoff = 2.0 * largest_radius
+    for axis, wraps in enumerate(scene.periodic):
+        needed = 3.0 * (cutoff + skin)
+        if wraps and scene.domain.size[axis] < needed:
+            raise InputError(
+                "domain.size",
+                scene.domain.size,
+                f"a periodic side must be at least {needed:.4g} m, three times the reach of the neighbour list",
+                "enlarge the box, or make that side a wall",
+            )
+    return NeighborGeometry(scene.domain.size, scene.periodic, cutoff, skin)
+
+
+def time_steps(scene: Scene) -> TimeSteps:
+    """The steps of a scene, the automatic ones chosen, the given ones checked.
+
+    Raises:
+        InputError: a given step is unstable or does not fit the others.
+    """
+    limits: dict[str, float] = {}
+    output = scene.time.output_interval
+    outputs = round(scene.time.end / output)
+    substeps = 1
+    speed = overlap = contact_step = None
+    if scene.fluid is not None:
+        interval, fluid_step = _fluid_steps(scene, limits)
+        substeps = _substeps_for(interval, fluid_step, limits)
+    else:
+        interval = min(output, 0.01)
+    per_output = _whole(output / interval)
+    given = scene.coupling is not None and scene.coupling.interval != "auto"
+    if given and abs(per_output * interval - output) > 1e-9 * output:
+        raise InputError(
+            "coupling.interval",
+            interval,
+            f"must divide time.output_interval = {output} s",
+            f"for example coupling.interval = {output / per_output:.6g}",
+        )
+    interval = output / per_output
+    count = 0
+    if scene.particles is not None and scene.contact is not None:
+        speed, overlap = _contact_limits(scene, limits)
+        contact_step = _contact_step(scene, limits)
+        count = _whole(interval / contact_step)
+        contact_step = interval / count
+    return TimeSteps(
+        interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap
+    )
+
+
+def boundary_speed(scene: Scene) -> float:
+    """Largest speed that a boundary, or the initial fluid, imposes [m/s]."""
+    speeds = [0.0]
+    for side in scene.boundary.values():
+        if isinstance(side.velocity, tuple):
+            speeds.append(math.hypot(*side.velocity))
+    if scene.fluid is not None and scene.fluid.velocity is not None:
+        speeds.append(math.hypot(*scene.fluid.velocity))
+    return max(speeds)
+
+
+def _fluid_steps(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
+    """Coupling interval and fluid step [s], and their limits."""
+    fluid, output = scene.fluid, scene.time.output_interval
+    assert fluid is not None
+    spacing = tuple(length / n for length, n in zip(scene.domain.size, fluid.cells, strict=True))
+    speed = boundary_speed(scene)
+    limits["courant"] = stability.courant_time(speed, spacing, fluid.courant_limit)
+    limits["viscous"] = stability.viscous_time(fluid.viscosity, spacing, VISCOUS_LIMIT)
+    if fluid.time_step != "auto":
+        step = fluid.time_step
+    else:
+        step = min(stability.courant_time(speed, spacing, AUTO_COURANT), limits["viscous"], output, 0.01)
+    given = scene.coupling.interval if scene.coupling is not None else "auto"
+    interval = step if given == "auto" else given
+    if interval > output * (1.0 + 1e-9):
+        key = "fluid.time_step" if given == "auto" else "coupling.interval"
+        raise InputError(key, interval, f"must not exceed time.output_interval = {output} s", "lower it")
+    return output / _whole(output / interval) if given == "auto" else interval, step
+
+
+def _substeps_for(interval: float, fluid_step: float, limits: dict[str, float]) -> int:
+    """Smallest number of fluid steps in an interval; refuses what 8 of them cannot do."""
+    needed = interval / min(fluid_step, limits["viscous"])
+    for count in SUBSTEPS:
+        if count >= needed - 1e-6:
+            return count
+    allowed = SUBSTEPS[-1] * min(fluid_step, limits["viscous"])
+    raise InputError(
+        "fluid.time_step" if limits["viscous"] < fluid_step else "coupling.interval",
+        interval,
+        f"a coupling interval has at most {SUBSTEPS[-1]} fluid steps, so it is at most {allowed:.4g} s here "
+        f"(viscous limit {limits['viscous']:.4g} s)",
+        f"set coupling.interval or fluid.time_step to {allowed:.3g} or less, or use larger cells",
+    )
+
+
+def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
+    """Limits of the contact step [s], into `limits`; returns expected speed and overlap over diameter."""
+    contact, particles = scene.contact, scene.particles
+    assert contact is not None and particles is not None
+    radius = float(np.min(particles.radius))
+    density = float(np.min(particles.density))
+    heaviest = 4.0 / 3.0 * math.pi * float(np.max(particles.radius)) ** 3 * float(np.max(particles.density))
+    mass = 4.0 / 3.0 * math.pi * radius**3 * density
+    speed = expected_speed(scene)
+    ratio = stability.damping_ratio(contact.restitution)
+    if contact.law == "linear_spring_dashpot":
+        stiffness = contact.normal_stiffness or 0.0
+        limits["contact_duration"] = stability.linear_duration(0.5 * mass, stiffness, ratio)
+        overlap = stability.linear_overlap(heaviest, stiffness, speed)
+    else:
+        modulus = 0.5 * contact.young_modulus / (1.0 - contact.poisson_ratio**2)
+        limits["rayleigh"] = stability.rayleigh_time(
+            radius, density, contact.young_modulus, contact.poisson_ratio
+        )
+        limits["contact_duration"] = stability.hertz_duration(0.5 * mass, 0.5 * radius, modulus, speed)
+        overlap = stability.hertz_overlap(0.5 * mass, 0.5 * radius, modulus, speed)
+        stiffness = stability.hertz_stiffness(0.5 * radius, modulus, overlap)
+    limits["contact_stability"] = stability.contact_stability_limit(mass, stiffness)
+    relative = overlap / (2.0 * radius)
+    if relative > contact.maximum_overlap:
+        key = "contact.normal_stiffness" if contact.law == "linear_spring_dashpot" else "contact.young_modulus"
+        value = contact.normal_stiffness if contact.law == "linear_spring_dashpot" else contact.young_modulus
+        raise InputError(
+            key,
+            value,
+            f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.0f} % of a diameter, "
+            f"the limit is {100 * contact.maximum_overlap:.0f} %",
+            "stiffen the contact, lower contact.speed, or raise contact.maximum_overlap",
+        )
+    return speed, relative
+
+
+def expected_speed(scene: Scene) -> float:
+    """Largest speed to expect of particles [m/s]: boundary, initial velocities, a fall through the box."""
+    contact, particles = scene.contact, scene.particles
+    assert contact is not None and particles is not None
+    if contact.speed != "auto":
+        return contact.speed
+    gravity = scene.domain.gravity or ()
+    fall = math.sqrt(2.0 * sum(abs(g) * length for g, length in zip(gravity, scene.domain.size, strict=True)))
+    given = rows_of("particles.velocity", particles.velocity, scene.dimension)
+    fastest = 0.0 if given is None or len(given) == 0 else float(np.linalg.norm(given, axis=1).max())
+    return max(boundary_speed(scene), fall, 2.0 * fastest, 1e-3)
+
+
+def _contact_step(scene: Scene, limits: dict[str, float]) -> float:
+    contact = scene.contact
+    assert contact is not None
+    limits["contact_automatic"] = min(
+        0.2 * limits.get("rayleigh", math.inf),
+        limits["contact_duration"] / 20.0,
+        0.5 * limits["contact_stability"],
+    )
+    if contact.time_step == "auto":
+        return limits["contact_automatic"]
+    stable = min(limits["contact_stability"], limits.get("rayleigh", math.inf))
+    if contact.time_step > stable:
+        raise InputError(
+            "contact.time_step",
+            contact.time_step,
+            f"the stable step is {stable:.4g} s (2/omega_max {limits['contact_stability']:.4g} s, "
+            f"Rayleigh {limits.get('rayleigh', math.inf):.4g} s)",
+            f'set contact.time_step = "auto" ({limits["contact_automatic"]:.4g} s) or soften the contact',
+        )
+    return contact.time_step
+
+
+def _whole(ratio: float) -> int:
+    """The ratio rounded up to a whole number, unless it is one up to round-off."""
+    return max(1, math.ceil(ratio - 1e-9 * max(ratio, 1.0)))
+
+
+def _dtype(scene: Scene) -> Any:
+    if scene.precision == "float64" and not jax.config.jax_enable_x64:
+        raise InputError(
+            "precision",
+            "float64",
+            "JAX computes in float32 unless told otherwise",
+            'call jax.config.update("jax_enable_x64", True) first (the command line does)',
+        )
+    return jnp.float64 if scene.precision == "float64" else jnp.float32
+
+
+def _grid(scene: Scene) -> Grid | None:
+    if scene.fluid is None:
+        return None
+    depth = scene.domain.depth if scene.dimension == 2 else 1.0
+    return Grid(scene.fluid.cells, scene.domain.size, float(depth or 1.0), scene.periodic)
+
+
+def _boundary(scene: Scene) -> Boundary:
+    sides = []
+    for number, name in enumerate(scene.sides):
+        side = scene.boundary[name]
+        sides.append(
+            Side(number // 2, bool(number % 2), side.kind, side.from_, side.to, side.ramp_time or 0.0)
+        )
+    return Boundary(tuple(sides))
+
+
+def _half_width(scene: Scene, grid: Grid, diameter: float) -> tuple[float, ...]:
+    assert scene.coupling is not None
+    width = scene.coupling.kernel_width
+    half_width = KernelWidth(width.diameters, width.cells).half_widths(grid, diameter)
+    for axis, (half, length) in enumerate(zip(half_width, grid.size, strict=True)):
+        # Two cells and a half-width on either side must not meet themselves round a periodic box.
+        if grid.periodic[axis] and 2.0 * half + 2.0 * grid.spacing[axis] > length:
+            raise InputError(
+                "coupling.kernel_width",
+                {"diameters": width.diameters, "cells": width.cells},
+                f"the kernel spans {2.0 * half:.4g} m of a periodic side of {length:.4g} m",
+                "narrow the kernel, or use more cells along that side",
+            )
+    return half_width
+
+
+def _bodies(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    if scene.particles is None:
+        return np.zeros(0), np.zeros(0)
+    count = len(initial_positions(scene))
+    radius = particle_column("particles.radius", scene.particles.radius, count)
+    density = particle_column("particles.density", scene.particles.density, count)
+    return radius, density
+
+
+def _parameters(
+    scene: Scene, radius: np.ndarray, density: np.ndarray, closure: Any, dtype: Any
+) -> Parameters:
+    def number(value: Any) -> Array:
+        return jnp.asarray(math.inf if value == "rigid" else (0.0 if value is None else value), dtype)
+
+    contact = scene.contact
+    bodies = constants = fluid = drag_scale = None
+    if contact is not None and scene.particles is not None:
+        bodies = ParticleProperties(jnp.asarray(radius, dtype), jnp.asarray(density, dtype))
+        constants = ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
+    if scene.fluid is not None:
+        velocity = tuple(
+            jnp.asarray(scene.boundary[name].velocity or (0.0,) * scene.dimension, dtype) for name in scene.sides
+        )
+        fluid = FluidProperties(number(scene.fluid.density), number(scene.fluid.viscosity), velocity)
+    if scene.coupling is not None:
+        drag_scale = number(1.0)
+    return Parameters(
+        jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure
+    )
+
+
+def _initial_particles(scene: Scene, dtype: Any) -> ParticleState:
+    """Particles at their starting positions, without contact history."""
+    assert scene.particles is not None
+    position = initial_positions(scene)
+    check_initial_positions(scene, position)
+    count, dimension = position.shape
+    leading = position.astype(dtype)
+    low = None if dtype == jnp.float64 else jnp.asarray((position - leading).astype(dtype))
+    turning = vectors.angular_size(dimension)
+    velocity = rows_of("particles.velocity", scene.particles.velocity, dimension, count)
+    spin = rows_of("particles.angular_velocity", scene.particles.angular_velocity, turning, count)
+    zero = jnp.zeros((count, dimension), dtype)
+    return ParticleState(
+        position=jnp.asarray(leading),
+        position_low=low,
+        velocity=zero if velocity is None else jnp.asarray(velocity, dtype),
+        angular_velocity=jnp.zeros((count, turning), dtype) if spin is None else jnp.asarray(spin, dtype),
+        contact_spring=(),
+        wall_spring=(),
+        contact_force=zero,
+        fluid_force=None if scene.fluid is None else zero,
+    )
+
+
+def _initial_fluid(
+    scene: Scene,
+    fluid: FluidInterval,
+    parameters: Parameters,
+    particles: ParticleState | None,
+    dtype: Any,
+) -> FluidState:
+    grid = fluid.solver.grid
+    assert scene.fluid is not None
+    velocity = scene.fluid.velocity or (0.0,) * grid.dimension
+    faces = tuple(jnp.full(grid.face_shape(axis), velocity[axis], dtype) for axis in range(grid.dimension))
+    void_fraction = None
+    if particles is not None and parameters.bodies is not None and fluid.half_width is not None:
+        weights = kernel_weights(grid, fluid.half_width, particles.position)
+        void_fraction = 1.0 - solid_fraction(grid, weights, parameters.bodies.volume)
+        lowest = float(jnp.min(void_fraction))
+        if lowest < MINIMUM_VOID_FRACTION:
+            raise InputError(
+                "particles",
+                f"void fraction {lowest:.3g}",
+                f"the fluid's equations need a void fraction above {MINIMUM_VOID_FRACTION}",
+                "widen coupling.kernel_width, use larger cells, or a larger domain.depth",
+            )
+    return FluidState(faces, jnp.zeros(grid.cells, dtype), void_fraction)
+
+

@@ -1,0 +1,41 @@
+"""Drag closures: the correlations of the literature and the learned ones.
+
+A closure maps `DragInputs` to `Drag`; see `jaxdem.closures.base`.
+"""
+
+from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.closures.correlation import Correlation
+from jaxdem.closures.di_felice import DiFeliceDallavalle
+from jaxdem.closures.ergun import Ergun
+from jaxdem.closures.file import load_closure, save_closure
+from jaxdem.closures.gidaspow import Gidaspow, GidaspowBlended
+from jaxdem.closures.invariant import InvariantClosure
+from jaxdem.closures.koch_hill import KochHill
+from jaxdem.closures.network import ACTIVATIONS, PaperNetwork
+from jaxdem.closures.registry import DRAG_LAWS, drag_law, drag_law_name
+from jaxdem.closures.schiller_naumann import SchillerNaumann
+from jaxdem.closures.stokes import Stokes
+from jaxdem.closures.wen_yu import WenYu
+
+__all__ = [
+    "ACTIVATIONS",
+    "DRAG_LAWS",
+    "Correlation",
+    "DiFeliceDallavalle",
+    "Drag",
+    "DragClosure",
+    "DragInputs",
+    "Ergun",
+    "Gidaspow",
+    "GidaspowBlended",
+    "InvariantClosure",
+    "KochHill",
+    "PaperNetwork",
+    "SchillerNaumann",
+    "Stokes",
+    "WenYu",
+    "drag_law",
+    "drag_law_name",
+    "load_closure",
+    "save_closure",
+]

@@ -1,0 +1,86 @@
+"""What a drag closure is given and what it returns."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import jax.numpy as jnp
+from jax import Array
+
+
+class DragInputs(NamedTuple):
+    """What the drag law sees at every particle, once per coupling interval (N particles, D dimensions).
+
+    Attributes:
+        particle_velocity: (N, D) [m/s].
+        fluid_velocity: (N, D) interstitial velocity interpolated to the particle [m/s].
+        solid_fraction: (N,) 1 - void fraction at the particle; carried itself to avoid cancellation [-].
+        void_fraction_gradient: (N, D) gradient of the void fraction at the particle [1/m].
+        pressure_gradient: (N, D) gradient of the reduced pressure at the particle [Pa/m].
+        diameter: () or (N,) [m].
+        filter_size: () width of the averaging that made the fluid fields, the cell size [m].
+        fluid_density: () [kg/m3].
+        dynamic_viscosity: () [Pa s].
+    """
+
+    particle_velocity: Array
+    fluid_velocity: Array
+    solid_fraction: Array
+    void_fraction_gradient: Array
+    pressure_gradient: Array
+    diameter: Array
+    filter_size: Array
+    fluid_density: Array
+    dynamic_viscosity: Array
+
+    @property
+    def slip_velocity(self) -> Array:
+        """(N, D) fluid less particle velocity [m/s]."""
+        return self.fluid_velocity - self.particle_velocity
+
+    @property
+    def slip_speed(self) -> Array:
+        """(N,) length of the slip velocity [m/s], with a finite gradient (zero) at zero slip."""
+        squared = jnp.sum(self.slip_velocity**2, axis=-1)
+        moving = squared > 0
+        return jnp.where(moving, jnp.sqrt(jnp.where(moving, squared, 1.0)), 0.0)
+
+    @property
+    def reynolds(self) -> Array:
+        """(N,) particle Reynolds number of the superficial slip, g rho |u - v| d / mu [-]."""
+        return (
+            (1.0 - self.solid_fraction)
+            * self.fluid_density
+            * self.slip_speed
+            * self.diameter
+            / self.dynamic_viscosity
+        )
+
+    @property
+    def stokes_coefficient(self) -> Array:
+        """() or (N,) Stokes drag per unit slip, 3 pi mu d [kg/s]."""
+        return 3.0 * jnp.pi * self.dynamic_viscosity * self.diameter
+
+
+class Drag(NamedTuple):
+    """Drag on every particle: force = coefficient (u - v) + remainder.
+
+    The coefficient is treated implicitly by the coupled step, the remainder explicitly.
+
+    Attributes:
+        coefficient: (N,) >= 0 [kg/s].
+        remainder: (N, D) [N], or None for laws that have none, so that no such term is compiled.
+        out_of_range: (N,) bool, where the inputs lay outside the law's range and a floor or fallback acted.
+    """
+
+    coefficient: Array
+    remainder: Array | None
+    out_of_range: Array
+
+
+class DragClosure(Protocol):
+    """A drag closure: an immutable object, registered as a pytree if it has weights."""
+
+    def __call__(self, inputs: DragInputs) -> Drag:
+        """Drag for every particle from what the law sees."""
+        ...

@@ -1,0 +1,149 @@
+"""A learned closure in one HDF5 file: structure, weights, normalisation, and how it was trained."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.closures.invariant import InvariantClosure
+from jaxdem.closures.network import PaperNetwork
+from jaxdem.closures.registry import drag_law, drag_law_name
+from jaxdem.errors import InputError
+
+FORMAT = "jaxdem-closure"
+VERSION = 1
+KEY = "closure.file"
+
+LearnedClosure = PaperNetwork | InvariantClosure
+
+
+def save_closure(path: str | os.PathLike[str], closure: LearnedClosure, metadata: dict[str, Any]) -> None:
+    """Write a closure; an earlier file is replaced in one step, only when the new one is complete.
+
+    Layout: attributes format, version, kind ("paper" or "invariant"), base (scene name of the base law),
+    hidden, activation, dimension (paper), terms (invariant); dataset `metadata` (JSON); group `arrays` with
+    every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`.
+
+    Args:
+        path: file to write; its folder must exist.
+        closure: a `PaperNetwork` or an `InvariantClosure`.
+        metadata: anything JSON can hold (numpy numbers and arrays included): recipe, R2, datasets, seed,
+            seconds.
+
+    Raises:
+        InputError: the base law is not a registered one, or the folder cannot be written.
+    """
+    structure = _structure(closure)
+    text = json.dumps(metadata, default=_plain)
+    with write_aside(path, KEY) as aside, h5py.File(aside, "w") as file:
+        file.attrs.update({"format": FORMAT, "version": VERSION, **structure})
+        file.create_dataset("metadata", data=text)
+        for name, leaf in _named_leaves(closure).items():
+            file.create_dataset(f"arrays/{name}", data=np.asarray(leaf))
+
+
+@contextmanager
+def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
+    """Give a path beside `path` to write to; on success sync it and move it into place, otherwise remove it.
+
+    Raises:
+        InputError: the place cannot be written; `key` is what the error names.
+    """
+    target = Path(path)
+    aside = target.with_name(target.name + ".part")
+    try:
+        yield aside
+        with open(aside, "rb") as written:
+            os.fsync(written.fileno())
+        os.replace(aside, target)
+    except OSError as error:
+        raise InputError(
+            key, str(path), f"cannot be written ({error})", "Choose a writable place."
+        ) from error
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def load_closure(path: str | os.PathLike[str]) -> tuple[LearnedClosure, dict[str, Any]]:
+    """Read a closure and its metadata; the weights are those written, bit for bit.
+
+    Raises:
+        InputError: no such file, not HDF5 or cut short, not a closure, of a newer version, or arrays that are
+            missing or do not have the shapes of the structure.
+    """
+    if not Path(path).is_file():
+        raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem train`.")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(file, str(path))
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        reason = f"cannot be read as a closure ({error})"
+        raise InputError(KEY, str(path), reason, "Train or copy it again.") from error
+
+
+def _read(file: h5py.File, path: str) -> tuple[LearnedClosure, dict[str, Any]]:
+    if file.attrs.get("format") != FORMAT:
+        raise InputError(KEY, path, "is not a closure file", "Give a file written by `jaxdem train`.")
+    if int(file.attrs["version"]) > VERSION:
+        limit = f"has version {file.attrs['version']}, this program reads up to {VERSION}"
+        raise InputError(KEY, path, limit, "Update jaxdem.")
+    template = jax.eval_shape(lambda: _template(file.attrs, path))
+    leaves = []
+    for name, leaf in _named_leaves(template).items():
+        stored = file.get(f"arrays/{name}")
+        if not isinstance(stored, h5py.Dataset):
+            raise InputError(KEY, path, f"the array {name} is missing", "Train or copy it again.")
+        if stored.shape != leaf.shape or stored.dtype.kind != "f":
+            found = f"{stored.shape} {stored.dtype}"
+            limit = f"the array {name} has shape {found}, its structure asks for {leaf.shape} floats"
+            raise InputError(KEY, path, limit, "Train or copy it again.")
+        leaves.append(jnp.asarray(stored[()]))
+    closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
+    return closure, json.loads(file["metadata"].asstr()[()])
+
+
+def _structure(closure: LearnedClosure) -> dict[str, Any]:
+    """The static part as HDF5 attributes."""
+    common = {
+        "base": drag_law_name(closure.base),
+        "hidden": np.asarray(closure.hidden, np.int64),
+        "activation": closure.activation,
+    }
+    if isinstance(closure, PaperNetwork):
+        return {"kind": "paper", "dimension": closure.dimension, **common}
+    return {"kind": "invariant", "terms": ",".join(closure.terms), **common}
+
+
+def _template(attributes: Any, path: str) -> LearnedClosure:
+    """An untrained closure of the stored structure; traced for its shapes only."""
+    base = drag_law(str(attributes["base"]), KEY)
+    hidden = tuple(int(width) for width in attributes["hidden"])
+    activation, kind = str(attributes["activation"]), attributes["kind"]
+    if kind == "paper":
+        return PaperNetwork.initial(int(attributes["dimension"]), base, hidden, activation)
+    if kind == "invariant":
+        terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
+        return InvariantClosure.initial(base, hidden, activation, terms)
+    raise InputError(KEY, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
+
+
+def _named_leaves(closure: LearnedClosure) -> dict[str, Any]:
+    """Every array of the closure by its path, such as weights/Dense_0/kernel, in tree order."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(closure)
+    return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}
+
+
+def _plain(value: Any) -> Any:
+    """What JSON writes for a value that it does not know."""
+    if hasattr(value, "tolist"):
+        return np.asarray(value).tolist()
+    return str(value)

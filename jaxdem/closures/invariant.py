@@ -1,0 +1,200 @@
+"""A learned closure on a base law that is positive and the same under rotation and in a moving frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.closures.base import Drag, DragInputs
+from jaxdem.closures.correlation import Correlation
+from jaxdem.closures.koch_hill import KochHill
+from jaxdem.closures.network import Perceptron, apply_weights, initial_weights, inside_range
+from jaxdem.errors import InputError
+
+FEATURES = (
+    "solid_fraction",
+    "log1p_reynolds",
+    "log_filter_over_diameter",
+    "void_fraction_gradient_along_slip",
+    "void_fraction_gradient_size",
+)
+"""Names of the network's inputs, in order; `InvariantClosure` defines them."""
+
+TERMS = ("void_fraction_gradient", "pressure_gradient")
+"""Directions that the remainder may have beside the slip."""
+
+GATE_LENGTH = 4.0
+"""l of the gate 1 - exp(-(filter/d) / l): 0.22 at filter/d = 1, 0.63 at 4, 0.98 at 16."""
+
+LARGEST_LOG_FACTOR = 2.302585092994046
+"""ln 10: the correction stays between a tenth and ten times the base law."""
+
+
+class PreparedInputs(NamedTuple):
+    """What the closure needs of its inputs, free of weights (N particles, T terms, D dimensions).
+
+    Attributes:
+        features: (N, 5) network inputs in the order of `FEATURES` [-].
+        gate: (N,) weight of the correction, 0 for a small filter to 1 for a large one [-].
+        slip: (N, D) [m/s].
+        coefficient: (N,) of the base law [kg/s].
+        term_vectors: (N, T, D) what the terms of the remainder multiply [N], or None.
+        out_of_range: (N,) of the base law.
+    """
+
+    features: Array
+    gate: Array
+    slip: Array
+    coefficient: Array
+    term_vectors: Array | None
+    out_of_range: Array
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["weights", "feature_mean", "feature_scale", "feature_low", "feature_high"],
+    meta_fields=["base", "hidden", "activation", "terms"],
+)
+@dataclasses.dataclass(frozen=True, eq=False)
+class InvariantClosure:
+    """Base law times a positive factor of invariants, for coarse (filtered) fluid fields.
+
+    force = c exp(G B(n_0)) (u - v) + sum_t G B(n_t) a_t, with
+    c       coefficient of the base law [kg/s],
+    n       network((x - feature_mean) / feature_scale), one output n_0 for the factor and one for each term,
+    B(n)    ln 10 tanh(n / ln 10), so that the factor lies in [0.1, 10] and a term's weight in [-2.3, 2.3],
+    G       1 - exp(-(L / d) / 4): no correction as the filter L gets small against the diameter d,
+    a_t     [N] "void_fraction_gradient": c |u - v| L grad g; "pressure_gradient": pi d^3 / 6 grad p.
+    The features x, from s solid and g void fraction, Re = g rho |u - v| d / mu:
+    s;  ln(1 + Re);  ln(L / d);  L grad g . (u - v)/|u - v| Re / (1 + Re);  L |grad g|.
+    Re / (1 + Re) keeps the fourth smooth at zero slip, where it is 0.
+
+    The last layer starts at zero: the untrained closure is its base law. Without terms there is no remainder,
+    and the force always points along the slip. Only differences of velocities, dot products and lengths
+    enter: the force turns with its inputs and is the same in a frame of constant velocity.
+
+    Validity: the range of features seen in training; where a feature leaves it by more than the margin of
+    `inside_range`, the base law acts alone and `out_of_range` is set. The weights are trained; normalisation
+    and range are constants to differentiation.
+
+    Attributes:
+        weights: of the `Perceptron`.
+        feature_mean, feature_scale: (5,) normalisation of x [-].
+        feature_low, feature_high: (5,) smallest and largest features of the training data [-].
+        base: drag law that is corrected.
+        hidden: widths of the hidden layers.
+        activation: a name of `ACTIVATIONS`.
+        terms: names of `TERMS` that the remainder has; none by default.
+    """
+
+    weights: dict[str, Any]
+    feature_mean: Array
+    feature_scale: Array
+    feature_low: Array
+    feature_high: Array
+    base: Correlation
+    hidden: tuple[int, ...]
+    activation: str
+    terms: tuple[str, ...] = ()
+
+    @classmethod
+    def initial(
+        cls,
+        base: Correlation | None = None,
+        hidden: Sequence[int] = (16, 16),
+        activation: str = "elu",
+        terms: Sequence[str] = (),
+        seed: int = 0,
+    ) -> InvariantClosure:
+        """The base law with an untrained correction, no normalisation, unlimited range.
+
+        Raises:
+            InputError: unknown activation or term, or an empty layer.
+        """
+        check_terms(terms)
+        size = len(FEATURES)
+        network = Perceptron(tuple(hidden), 1 + len(terms), activation)
+        infinity = jnp.full(size, jnp.inf, jnp.float32)
+        return cls(
+            weights=initial_weights(network, size, seed, zero_last=True),
+            feature_mean=jnp.zeros(size, jnp.float32),
+            feature_scale=jnp.ones(size, jnp.float32),
+            feature_low=-infinity,
+            feature_high=infinity,
+            base=KochHill() if base is None else base,
+            hidden=tuple(hidden),
+            activation=activation,
+            terms=tuple(terms),
+        )
+
+    def prepare(self, inputs: DragInputs) -> PreparedInputs:
+        """Features, gate, base coefficient, term vectors; without weights, so training does it once."""
+        features, gate = invariant_features(inputs)
+        base = self.base(inputs)
+        vectors = None
+        if self.terms:
+            vectors = jnp.stack([_term_vector(name, inputs, base.coefficient) for name in self.terms], axis=1)
+        return PreparedInputs(
+            features, gate, inputs.slip_velocity, base.coefficient, vectors, base.out_of_range
+        )
+
+    def evaluate(self, prepared: PreparedInputs) -> Drag:
+        """Drag from prepared inputs: everything that depends on the weights."""
+        dtype = prepared.features.dtype
+        constants = (self.feature_mean, self.feature_scale, self.feature_low, self.feature_high)
+        mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(dtype) for leaf in constants)
+        inside = inside_range(prepared.features, low, high)
+        # Outside, the network sees its mean input, so that no infinity reaches the gradient.
+        normalised = jnp.where(inside[:, None], (prepared.features - mean[None]) / scale[None], 0.0)
+        network = Perceptron(self.hidden, 1 + len(self.terms), self.activation)
+        output = apply_weights(network, self.weights, normalised)
+        bounded = LARGEST_LOG_FACTOR * jnp.tanh(output / LARGEST_LOG_FACTOR)
+        correction = jnp.where(inside[:, None], prepared.gate[:, None] * bounded, 0.0)
+        coefficient = prepared.coefficient * jnp.exp(correction[:, 0])
+        remainder = None
+        if prepared.term_vectors is not None:
+            remainder = jnp.sum(correction[:, 1:, None] * prepared.term_vectors, axis=1)
+        return Drag(coefficient, remainder, prepared.out_of_range | ~inside)
+
+    def __call__(self, inputs: DragInputs) -> Drag:
+        """Drag for every particle."""
+        return self.evaluate(self.prepare(inputs))
+
+
+def check_terms(terms: Sequence[str]) -> None:
+    """Raise InputError for a term that is not in `TERMS` or is named twice."""
+    unknown = [name for name in terms if name not in TERMS]
+    if unknown or len(set(terms)) != len(terms):
+        raise InputError("terms", tuple(terms), f"are some of {TERMS}, each once", "Correct the names.")
+
+
+def invariant_features(inputs: DragInputs) -> tuple[Array, Array]:
+    """Features x (N, 5) and gate G (N,) of `InvariantClosure`."""
+    solid_fraction, reynolds = inputs.solid_fraction, inputs.reynolds
+    ratio = jnp.broadcast_to(inputs.filter_size / inputs.diameter, solid_fraction.shape)
+    gradient = inputs.void_fraction_gradient * inputs.filter_size
+    # direction of the slip times Re / (1 + Re), written without a division by the slip
+    per_speed = (
+        (1.0 - solid_fraction) * inputs.fluid_density * inputs.diameter / inputs.dynamic_viscosity
+    ) / (1.0 + reynolds)
+    along = jnp.sum(gradient * inputs.slip_velocity, axis=-1) * per_speed
+    squared = jnp.sum(gradient**2, axis=-1)
+    uneven = squared > 0
+    size = jnp.where(uneven, jnp.sqrt(jnp.where(uneven, squared, 1.0)), 0.0)
+    features = jnp.stack([solid_fraction, jnp.log1p(reynolds), jnp.log(ratio), along, size], axis=-1)
+    return features, 1.0 - jnp.exp(-ratio / GATE_LENGTH)
+
+
+def _term_vector(name: str, inputs: DragInputs, coefficient: Array) -> Array:
+    """(N, D) the force that a term's weight multiplies [N]; it vanishes with the field that it is along."""
+    if name == "void_fraction_gradient":
+        strength = coefficient * inputs.slip_speed * inputs.filter_size
+        return strength[:, None] * inputs.void_fraction_gradient
+    volume = jnp.broadcast_to(jnp.pi / 6.0 * inputs.diameter**3, coefficient.shape)
+    return volume[:, None] * inputs.pressure_gradient

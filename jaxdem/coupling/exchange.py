@@ -1,0 +1,376 @@
+"""The fluid's part of a coupling interval, and the impulses it gives to the particles.
+
+The particles stand still; their void fraction moves from its last value to the present one. In every fluid
+step of length t the drag is implicit on both sides:
+
+    J_p = K_p (u_p - v_p) + t r_p,   K_p = t c_p / (1 + t c_p / m_p),   u_p = sum_f W_pf u_f at the new time,
+
+with v_p the velocity that the particle would reach without the coefficient's drag and r_p the closure's
+remainder. A face loses sum_p W_pf [K_p (u_f - v_p) + t r_p]: face by face it follows its own velocity, but
+the sums over faces and over particles are equal term by term, so momentum is conserved to round-off
+whatever the relaxation time, and the particles receive J_p itself, spread over their contact steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.interpolation import (
+    Weights,
+    deposit_on_faces,
+    interpolate_faces,
+    kernel_weights,
+)
+from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.fluid.grid import face_total
+from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, FluidState
+from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column
+
+SUBSTEPS = (1, 2, 4, 8)
+"""Numbers of fluid steps that a coupling interval may be cut into."""
+
+
+class FluidDiagnostics(NamedTuple):
+    """What happened to the fluid in an interval; all ().
+
+    Attributes:
+        substeps: number of fluid steps taken.
+        courant: largest sum over the axes of |u| t / h of a fluid step.
+        viscous: viscosity number nu t sum(1/h^2) of a fluid step; explicit stress is stable up to 0.5.
+        iterations: of the pressure solver, most of any step.
+        divergence: largest after projection, in units of U/h.
+        converged: bool, every pressure solve reached its tolerance.
+        finite: bool, no velocity is NaN or infinite.
+        momentum: |impulse of the particles + impulse of the faces| over the sum of |impulse| by drag.
+        volume: relative error of the deposited particle volume.
+        void_fraction: smallest.
+        out_of_range: number of particles where the drag law's floor or fallback acted.
+    """
+
+    substeps: Array
+    courant: Array
+    viscous: Array
+    iterations: Array
+    divergence: Array
+    converged: Array
+    finite: Array
+    momentum: Array
+    volume: Array
+    void_fraction: Array
+    out_of_range: Array
+
+
+class FluidForces(NamedTuple):
+    """Mean fluid forces on the particles over an interval, and what the drag law saw and gave.
+
+    Attributes:
+        drag: (N, D) [N].
+        pressure_gradient: (N, D) -V_p grad p of the reduced pressure [N].
+        viscous: (N, D) V_p div(tau) [N].
+        inputs: of the drag law.
+    """
+
+    drag: Array
+    pressure_gradient: Array
+    viscous: Array
+    inputs: DragInputs
+
+    @property
+    def total(self) -> Array:
+        """(N, D) sum [N]; buoyancy of the hydrostatic pressure is not in it."""
+        return self.drag + self.pressure_gradient + self.viscous
+
+
+@dataclasses.dataclass(frozen=True)
+class FluidInterval:
+    """A coupling interval seen by the fluid; static.
+
+    Attributes:
+        solver: of the fluid.
+        half_width: of the kernel [m], None without particles.
+        duration: of the interval [s].
+        substeps: smallest number of fluid steps.
+        courant_limit: a fluid step is cut until its Courant number is under this.
+        reversible: loops that reverse-mode differentiation can run backwards.
+    """
+
+    solver: FluidSolver
+    half_width: tuple[float, ...] | None
+    duration: float
+    substeps: int
+    courant_limit: float
+    reversible: bool
+
+
+def advance_fluid(
+    interval: FluidInterval, properties: FluidProperties, state: FluidState, time: Array
+) -> tuple[FluidState, FluidDiagnostics]:
+    """A fluid without particles advanced by one interval."""
+    count, courant, viscous = _choose_substeps(interval, properties, state)
+    step = jnp.asarray(interval.duration, state.pressure.dtype) / count
+
+    def substep(state: FluidState, k: Array) -> tuple[FluidState, tuple[Array, Array, Array]]:
+        result = interval.solver.step(properties, state, None, time + k * step, step)
+        return result.state, (result.solver.iterations, result.divergence, result.solver.converged)
+
+    state, reports = _substeps(interval, count, substep, state)
+    nothing = jnp.zeros((), state.pressure.dtype)
+    return state, FluidDiagnostics(
+        count,
+        courant / count,
+        viscous / count,
+        *reports,
+        _finite(state),
+        nothing,
+        nothing,
+        nothing + 1.0,
+        jnp.zeros((), jnp.int32),
+    )
+
+
+def exchange(
+    interval: FluidInterval,
+    closure: DragClosure,
+    drag_scale: Array,
+    properties: FluidProperties,
+    bodies: ParticleProperties,
+    gravity: Array,
+    fluid: FluidState,
+    particles: ParticleState,
+    time: Array,
+) -> tuple[FluidState, FluidForces, FluidDiagnostics]:
+    """Fluid advanced by one interval among particles, and the mean forces on these.
+
+    Args:
+        interval: static description.
+        closure: drag law.
+        drag_scale: () factor on the drag, 1 for the law as it is.
+        properties: of the fluid.
+        bodies: of the particles.
+        gravity: (D,) [m/s2].
+        fluid: state at `time`.
+        particles: state at `time`.
+        time: [s].
+    """
+    grid = interval.solver.grid
+    weights = kernel_weights(grid, interval.half_width, particles.position)
+    solids = solid_fraction(grid, weights, bodies.volume)
+    drag, inputs = _drag(interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids)
+    count, courant, viscous = _choose_substeps(interval, properties, fluid)
+    step = jnp.asarray(interval.duration, solids.dtype) / count
+    grip = step * drag.coefficient
+    response = grip / (1.0 + grip / bodies.mass)
+    steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity
+    carry = _Carry(
+        fluid,
+        particles.velocity,
+        *(jnp.zeros_like(particles.velocity) for _ in range(3)),
+        jnp.zeros((2, grid.dimension), solids.dtype),
+    )
+    start = fluid.void_fraction
+    change = (1.0 - solids - start) / count
+
+    def substep(carry: _Carry, k: Array) -> tuple[_Carry, tuple[Array, Array, Array]]:
+        return _substep(
+            interval,
+            properties,
+            bodies,
+            weights,
+            drag,
+            response,
+            steady,
+            start + (k + 1) * change,
+            1.0 - solids,
+            time + k * step,
+            step,
+            carry,
+        )
+
+    carry, reports = _substeps(interval, count, substep, carry)
+    # The last void fraction is the deposited one itself, without the rounding of the sum above.
+    fluid = carry.fluid._replace(void_fraction=1.0 - solids)
+    forces = FluidForces(
+        carry.drag / interval.duration,
+        carry.pressure_gradient / interval.duration,
+        carry.viscous / interval.duration,
+        inputs,
+    )
+    given, lost = carry.balance
+    size = jnp.sum(jnp.abs(carry.drag)) + jnp.finfo(solids.dtype).tiny
+    volume = jnp.sum(jnp.broadcast_to(bodies.volume, drag.coefficient.shape))
+    diagnostics = FluidDiagnostics(
+        count,
+        courant / count,
+        viscous / count,
+        *reports,
+        _finite(fluid),
+        jnp.max(jnp.abs(given - lost)) / size,
+        jnp.abs(jnp.sum(solids) * grid.cell_volume - volume) / volume,
+        jnp.min(fluid.void_fraction),
+        jnp.sum(drag.out_of_range.astype(jnp.int32)),
+    )
+    return fluid, forces, diagnostics
+
+
+class _Carry(NamedTuple):
+    fluid: FluidState
+    velocity: Array
+    drag: Array
+    pressure_gradient: Array
+    viscous: Array
+    balance: Array
+
+
+def _drag(
+    interval: FluidInterval,
+    closure: DragClosure,
+    drag_scale: Array,
+    properties: FluidProperties,
+    bodies: ParticleProperties,
+    fluid: FluidState,
+    particles: ParticleState,
+    weights: Weights,
+    solids: Array,
+) -> tuple[Drag, DragInputs]:
+    solver = interval.solver
+    inputs = drag_inputs(
+        solver.grid,
+        weights,
+        particles.velocity,
+        2.0 * bodies.radius,
+        fluid.face_velocity,
+        pressure_gradient(solver.grid, solver.boundary, fluid.pressure, continued=True),
+        solids,
+        properties.density,
+        properties.viscosity,
+    )
+    drag = closure(inputs)
+    remainder = None if drag.remainder is None else drag_scale * drag.remainder
+    return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range), inputs
+
+
+def _substep(
+    interval: FluidInterval,
+    properties: FluidProperties,
+    bodies: ParticleProperties,
+    weights: Weights,
+    drag: Drag,
+    response: Array,
+    steady: Array,
+    void_fraction: Array,
+    weighting: Array,
+    time: Array,
+    step: Array,
+    carry: _Carry,
+) -> tuple[_Carry, tuple[Array, Array, Array]]:
+    """One fluid step among particles that stand still but gather impulse."""
+    solver, grid = interval.solver, interval.solver.grid
+    mass, volume = as_column(bodies.mass), as_column(bodies.volume)
+    gripped = response[:, None]
+    extra = 0.0 if drag.remainder is None else step * drag.remainder
+
+    def pressure_impulse(pressure: Array) -> Array:
+        slope = pressure_gradient(grid, solver.boundary, pressure, continued=True)
+        return -step * volume * interpolate_faces(weights, slope)
+
+    others = step * steady + pressure_impulse(carry.fluid.pressure)
+    reached = carry.velocity + (others + extra) / mass
+    exchange = FaceExchange(
+        deposit_on_faces(grid, weights, response),
+        deposit_on_faces(grid, weights, gripped * reached - extra),
+    )
+    result = solver.step(
+        properties, carry.fluid, void_fraction, time, step, exchange, weighting
+    )
+    seen = interpolate_faces(weights, result.state.face_velocity)
+    impulse = gripped * (seen - reached) + extra
+    pressure = pressure_impulse(result.state.pressure)
+    if solver.viscous:
+        stress = interpolate_faces(weights, result.viscous_acceleration)
+        viscous = step * properties.density * volume * stress
+    else:
+        viscous = jnp.zeros_like(pressure)
+    lost = tuple(
+        r * u - f
+        for r, u, f in zip(
+            exchange.resistance, result.state.face_velocity, exchange.forcing, strict=True
+        )
+    )
+    balance = jnp.stack((jnp.sum(impulse, axis=0), jnp.stack(face_total(grid, lost))))
+    new = _Carry(
+        result.state,
+        carry.velocity + (step * steady + impulse + pressure + viscous) / mass,
+        carry.drag + impulse,
+        carry.pressure_gradient + pressure,
+        carry.viscous + viscous,
+        carry.balance + balance,
+    )
+    return new, (result.solver.iterations, result.divergence, result.solver.converged)
+
+
+def _substeps(interval: FluidInterval, count: Array, substep, carry):  # type: ignore[no-untyped-def]
+    """`count` fluid steps; the worst of their reports (iterations, divergence, converged)."""
+    dtype = carry.pressure.dtype if isinstance(carry, FluidState) else carry.drag.dtype
+    worst = (jnp.zeros((), jnp.int32), jnp.zeros((), dtype), jnp.ones((), bool))
+
+    def advance(both, k):  # type: ignore[no-untyped-def]
+        carry, (iterations, divergence, converged) = both
+        carry, report = substep(carry, k)
+        return carry, (
+            jnp.maximum(iterations, report[0]),
+            jnp.maximum(divergence, report[1]),
+            converged & report[2],
+        )
+
+    if not interval.reversible:
+        return lax.fori_loop(0, count, lambda k, both: advance(both, k), (carry, worst))
+
+    @jax.checkpoint
+    def body(both, k):  # type: ignore[no-untyped-def]
+        return lax.cond(k < count, lambda b: advance(b, k), lambda b: b, both), None
+
+    return lax.scan(body, (carry, worst), jnp.arange(SUBSTEPS[-1]))[0]
+
+
+def _choose_substeps(
+    interval: FluidInterval, properties: FluidProperties, state: FluidState
+) -> tuple[Array, Array, Array]:
+    """Number of fluid steps, Courant number and viscosity number of the whole interval."""
+    grid, dtype = interval.solver.grid, state.pressure.dtype
+    speeds = [jnp.max(jnp.abs(u)) / h for u, h in zip(state.face_velocity, grid.spacing, strict=True)]
+    for side in interval.solver.boundary.sides:
+        # A jet that is switched on inside the interval counts too.
+        inflow = jnp.abs(properties.side_velocity[2 * side.axis + side.upper][side.axis])
+        if side.kind == "inlet" and state.void_fraction is None:
+            speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
+    courant = interval.duration * sum(speeds)
+    viscous = interval.duration * properties.viscosity * sum(1.0 / h**2 for h in grid.spacing)
+    viscous = jnp.asarray(viscous if interval.solver.viscous else 0.0, dtype)
+    needed = jnp.maximum(courant / interval.courant_limit, viscous / VISCOUS_LIMIT)
+    needed = lax.stop_gradient(jnp.maximum(needed, interval.substeps))
+    choices = jnp.asarray(SUBSTEPS)
+    count = choices[jnp.minimum(jnp.searchsorted(choices.astype(dtype), needed), len(SUBSTEPS) - 1)]
+    return count, lax.stop_gradient(courant), lax.stop_gradient(viscous)
+
+
+VISCOUS_LIMIT = 0.4
+"""Largest viscosity number of a fluid step; Heun's method with explicit stress is stable up to 0.5."""
+
+
+def _finite(state: FluidState) -> Array:
+    return jnp.all(jnp.asarray([jnp.all(jnp.isfinite(u)) for u in state.face_velocity]))
+
+
+def _submerged_mass(bodies: ParticleProperties, properties: FluidProperties) -> Array:
+    """Mass less that of the water displaced [kg]: gravity on it is weight less hydrostatic buoyancy."""
+    return bodies.mass - properties.density * bodies.volume
+
+

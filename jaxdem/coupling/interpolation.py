@@ -1,0 +1,127 @@
+"""Weights between particles and cells: deposit and interpolation are adjoint, faces go by way of the cells.
+
+A particle's content is spread by a triangular kernel of half-width w per axis,
+    k(x) = (1 - |x|/w) / w,  |x| <= w,
+integrated exactly over every cell it reaches. What falls beyond a wall is mirrored into the box, beyond a
+periodic side it re-enters; so the weights of a particle always add up to one, and volume is conserved at
+walls too. A face value reaches a particle through the mean of the cell's two faces, and a force on the
+fluid is given half to either face of a cell: with that the solid fraction of a face is the mean of its two
+cells, and pressure forces on particles and fluid add up to the gradient in the mixture.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.fluid.grid import FaceField, Grid, cell_average, share_to_faces
+
+
+class KernelWidth(NamedTuple):
+    """Half-width of the kernel, max(diameters d, cells h) per axis; static.
+
+    Attributes:
+        diameters: multiple of the largest particle diameter [-].
+        cells: multiple of the cell side [-].
+    """
+
+    diameters: float
+    cells: float
+
+    def half_widths(self, grid: Grid, diameter: float) -> tuple[float, ...]:
+        """Half-width along every axis [m]; at most half a periodic side."""
+        return tuple(max(self.diameters * diameter, self.cells * h) for h in grid.spacing)
+
+
+class Weights(NamedTuple):
+    """Interpolation weights of N particles over S cells each.
+
+    Attributes:
+        index: (N, S) int32 flat cell index.
+        weight: (N, S), each row adds up to one [-].
+    """
+
+    index: Array
+    weight: Array
+
+
+def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -> Weights:
+    """Weights of particles at `position` (N, D) [m].
+
+    Args:
+        grid: the grid.
+        half_width: of the kernel along every axis [m].
+        position: (N, D) [m].
+    """
+    per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)]
+    index, weight = [], []
+    for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
+        flat, product = 0, 1.0
+        for axis, column in enumerate(combination):
+            flat = flat * grid.cells[axis] + per_axis[axis][0][:, column]
+            product = product * per_axis[axis][1][:, column]
+        index.append(flat)
+        weight.append(product)
+    return Weights(jnp.stack(index, axis=1), jnp.stack(weight, axis=1))
+
+
+def deposit(grid: Grid, weights: Weights, quantity: Array) -> Array:
+    """Particle quantities (N,) spread over the cells: sum_p w_pc q_p, in the unit of the quantity."""
+    flat = jnp.zeros(math.prod(grid.cells), quantity.dtype)
+    spread = flat.at[weights.index].add(weights.weight * quantity[:, None], mode="promise_in_bounds")
+    return spread.reshape(grid.cells)
+
+
+def interpolate(weights: Weights, cells: tuple[Array, ...]) -> Array:
+    """Cell fields at the particles, sum_c w_pc f_c: (N, number of fields)."""
+    table = jnp.stack([c.reshape(-1) for c in cells], axis=1)
+    return jnp.einsum("ns,nsk->nk", weights.weight, table[weights.index])
+
+
+def deposit_on_faces(grid: Grid, weights: Weights, quantity: Array) -> FaceField:
+    """Particle quantities (N,) or (N, D) spread over the faces; (N,) goes to the faces of every axis alike."""
+    if quantity.ndim == 1:
+        cells = (deposit(grid, weights, quantity),) * grid.dimension
+    else:
+        cells = tuple(deposit(grid, weights, quantity[:, a]) for a in range(grid.dimension))
+    return share_to_faces(grid, cells)
+
+
+def interpolate_faces(weights: Weights, faces: FaceField) -> Array:
+    """A face field at the particles, (N, D): the adjoint of `deposit_on_faces`."""
+    return interpolate(weights, cell_average(faces))
+
+
+def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> tuple[Array, Array]:
+    """Cell indices and weights along one axis, (N, reach) each."""
+    count, spacing = grid.cells[axis], grid.spacing[axis]
+    reach = math.ceil(2.0 * half_width / spacing - 1e-9) + 1
+    scaled = position / spacing
+    width = half_width / spacing
+    first = jnp.floor(scaled - width).astype(jnp.int32)
+    columns = first[:, None] + jnp.arange(reach, dtype=jnp.int32)
+    # Distances from the first cell, not from the box, keep the digits of positions far from the origin.
+    offset = (scaled - first)[:, None] - jnp.arange(reach + 1, dtype=position.dtype)
+    passed = _cumulative_triangle(-offset / width)
+    weight = passed[:, 1:] - passed[:, :-1]
+    # Rounding leaves the sum a few ulp off one: volume is to be exact.
+    weight = weight / jnp.sum(weight, axis=1, keepdims=True)
+    return _into_box(columns, count, grid.periodic[axis]), weight
+
+
+def _cumulative_triangle(x: Array) -> Array:
+    """Integral of the triangle of half-width 1 from -1 to x; once continuously differentiable."""
+    x = jnp.clip(x, -1.0, 1.0)
+    return jnp.where(x < 0, 0.5 * (1.0 + x) ** 2, 1.0 - 0.5 * (1.0 - x) ** 2)
+
+
+def _into_box(index: Array, count: int, periodic: bool) -> Array:
+    """Cell indices beyond the box wrapped, or mirrored at its walls as often as needed."""
+    if periodic:
+        return index % count
+    folded = index % (2 * count)
+    return jnp.minimum(folded, 2 * count - 1 - folded)

@@ -1,0 +1,23 @@
+"""Void fraction from the particles' volumes."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.coupling.interpolation import Weights, deposit
+from jaxdem.fluid.grid import Grid
+
+
+def solid_fraction(grid: Grid, weights: Weights, volume: Array) -> Array:
+    """Solid fraction of every cell, sum_p w_pc V_p / V_cell [-].
+
+    Summed over the cells, times the cell volume, it is the volume of the particles to round-off.
+
+    Args:
+        grid: the grid.
+        weights: of the N particles.
+        volume: () or (N,) [m3].
+    """
+    per_particle = jnp.broadcast_to(volume / grid.cell_volume, weights.index.shape[:1])
+    return deposit(grid, weights, per_particle)

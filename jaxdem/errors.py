@@ -1,0 +1,48 @@
+"""Errors a user can act on. Each names the key or place, the value, the limit and the remedy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class JaxdemError(Exception):
+    """Base of all errors that jaxdem raises on purpose; `exit_code` is what the command line returns."""
+
+    exit_code = 1
+
+
+class InputError(JaxdemError):
+    """The input is wrong and no work has started (exit code 2).
+
+    Args:
+        key: dotted key of the scene file, or the name of the option, file or argument at fault.
+        value: what was given.
+        limit: what is allowed.
+        remedy: what to do about it.
+    """
+
+    exit_code = 2
+
+    def __init__(self, key: str, value: Any, limit: str, remedy: str):
+        self.key, self.value, self.limit, self.remedy = key, value, limit, remedy
+        super().__init__(f"{key} = {_shorten(value)}: {limit}. {remedy}")
+
+
+class RunError(JaxdemError):
+    """A run started and could not go on (exit code 1); what was done until then is kept.
+
+    Args:
+        reason: what went wrong.
+        where: particle, cell or boundary, with its position.
+        time: simulated time [s].
+        remedy: what to do about it.
+    """
+
+    def __init__(self, reason: str, where: str, time: float, remedy: str):
+        self.reason, self.where, self.time, self.remedy = reason, where, time, remedy
+        super().__init__(f"{reason} ({where}) at t = {time:.6g} s. {remedy}")
+
+
+def _shorten(value: Any, length: int = 80) -> str:
+    text = repr(value)
+    return text if len(text) <= length else text[: length - 3] + "..."

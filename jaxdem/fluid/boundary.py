@@ -1,0 +1,178 @@
+"""Boundary conditions of the fluid, per side of the box and per patch of a side."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
+
+KINDS = ("no_slip", "free_slip", "moving_wall", "inlet", "outlet", "periodic")
+
+
+class Side(NamedTuple):
+    """One side of the box; static.
+
+    Attributes:
+        axis: the axis it is normal to.
+        upper: whether it is the side at the upper end of that axis.
+        kind: one of `KINDS`; it holds on the patch, and the rest of the side is a no-slip wall.
+        start: lower corner of the patch in the other axes [m], or None for the whole side.
+        stop: upper corner [m].
+        ramp_time: over which the velocity rises linearly from zero [s].
+    """
+
+    axis: int
+    upper: bool
+    kind: str
+    start: tuple[float, ...] | None = None
+    stop: tuple[float, ...] | None = None
+    ramp_time: float = 0.0
+
+
+class Boundary(NamedTuple):
+    """All sides, lower before upper, axis by axis; static."""
+
+    sides: tuple[Side, ...]
+
+    def side(self, axis: int, upper: bool) -> Side:
+        """The side at one end of an axis."""
+        return self.sides[2 * axis + upper]
+
+    @property
+    def has_outlet(self) -> bool:
+        """Whether the pressure is set anywhere; without it only its differences have a meaning."""
+        return any(side.kind == "outlet" for side in self.sides)
+
+
+def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray:
+    """Fraction of every boundary face of a side that the patch covers.
+
+    Args:
+        grid: the grid.
+        side: the side.
+        staggered: another axis on whose faces the values live (for tangential velocities), or None.
+
+    Returns:
+        Array with one entry per face in the axes other than the side's, size 1 along the side's axis.
+    """
+    result = np.ones([1] * grid.dimension)
+    others = [axis for axis in range(grid.dimension) if axis != side.axis]
+    for position, axis in enumerate(others):
+        edges = np.linspace(0.0, grid.size[axis], grid.cells[axis] + 1)
+        if axis == staggered:
+            centres = 0.5 * (edges[1:] + edges[:-1])
+            edges = np.concatenate(([0.0], centres, [grid.size[axis]]))
+        if side.start is None or side.stop is None:
+            covered = np.ones(len(edges) - 1)
+        else:
+            low = np.maximum(edges[:-1], side.start[position])
+            high = np.minimum(edges[1:], side.stop[position])
+            covered = np.maximum(high - low, 0.0) / (edges[1:] - edges[:-1])
+        shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
+        result = result * covered.reshape(shape)
+    return result
+
+
+def open_fraction(grid: Grid, side: Side) -> np.ndarray:
+    """1 on the faces of a side through which the pressure drives the flow (outlet), else 0."""
+    covered = coverage(grid, side)
+    return np.where((covered >= 0.5) & (side.kind == "outlet"), 1.0, 0.0)
+
+
+def ramp(side: Side, time: Array) -> Array:
+    """Factor of a side's velocity at a time: rises linearly from 0 to 1 over the ramp."""
+    if side.ramp_time == 0.0:
+        return jnp.ones_like(time)
+    return jnp.clip(time / side.ramp_time, 0.0, 1.0)
+
+
+def set_normal_velocity(
+    grid: Grid,
+    boundary: Boundary,
+    side_velocity: tuple[Array, ...],
+    velocity: FaceField,
+    void_fraction: tuple[CellOrOne, ...],
+    time: Array,
+) -> FaceField:
+    """Face velocities with the boundary faces set.
+
+    Walls: zero. Inlet: the superficial velocity of the side, times the covered fraction of each face, over
+    the void fraction. Outlet: the velocity of the nearest inner face, and nothing that flows in: water
+    outside is at rest (the projection may still draw it in). Periodic: the doubles are made equal.
+
+    Args:
+        grid: the grid.
+        boundary: the sides.
+        side_velocity: (D,) velocity of every side [m/s].
+        velocity: D face arrays [m/s].
+        void_fraction: on the faces.
+        time: [s].
+    """
+    result = []
+    for axis, component in enumerate(velocity):
+        if grid.periodic[axis]:
+            result.append(component)
+            continue
+        ends = []
+        for upper in (False, True):
+            side = boundary.side(axis, upper)
+            inner = along(component, axis, -2, -1) if upper else along(component, axis, 1, 2)
+            g = void_fraction[axis]
+            at_side = g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
+            value = jnp.zeros_like(inner)
+            if side.kind == "inlet":
+                covered = jnp.asarray(coverage(grid, side), component.dtype)
+                speed = ramp(side, time) * side_velocity[2 * axis + upper][axis]
+                value = value + covered * speed / at_side
+            if side.kind == "outlet":
+                outward = jnp.maximum(inner, 0.0) if upper else jnp.minimum(inner, 0.0)
+                value = jnp.asarray(open_fraction(grid, side), component.dtype) * outward
+            ends.append(value)
+        result.append(jnp.concatenate((ends[0], along(component, axis, 1, -1), ends[1]), axis))
+    return tuple(result)
+
+
+def with_ghosts(
+    grid: Grid,
+    boundary: Boundary,
+    side_velocity: tuple[Array, ...],
+    component: Array,
+    which: int,
+    axis: int,
+    time: Array,
+) -> Array:
+    """The face array of component `which` with two ghost layers on either end of `axis`.
+
+    Along its own axis the values are continued evenly. Across a wall or an inlet the ghosts mirror the
+    values about the side's velocity; across an outlet or a free-slip side they mirror the values themselves.
+    """
+    count = grid.cells[axis]
+    if which == axis:
+        # Faces 0 and `count` are one face where the axis is periodic.
+        before = (-2 % count, -1 % count) if grid.periodic[axis] else (0, 0)
+        after = (1, 1 + 1 % count) if grid.periodic[axis] else (count, count)
+        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
+    if grid.periodic[axis]:
+        before, after = (-2 % count, -1 % count), (0, 1 % count)
+        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
+    ghosts = []
+    for upper in (False, True):
+        side = boundary.side(axis, upper)
+        second = min(1, count - 1)
+        mirror = (count - 1, count - 1 - second) if upper else (second, 0)
+        mirrored = _layers(component, axis, mirror)
+        covered = jnp.asarray(coverage(grid, side, staggered=which), component.dtype)
+        if side.kind in ("outlet", "free_slip"):
+            ghosts.append(covered * mirrored - (1.0 - covered) * mirrored)
+        else:
+            speed = ramp(side, time) * side_velocity[2 * axis + upper][which]
+            ghosts.append(2.0 * covered * speed - mirrored)
+    return jnp.concatenate((ghosts[0], component, ghosts[1]), axis)
+
+
+def _layers(array: Array, axis: int, indices: tuple[int, ...]) -> Array:
+    return jnp.concatenate([along(array, axis, i, i + 1) for i in indices], axis)

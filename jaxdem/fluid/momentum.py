@@ -1,0 +1,284 @@
+"""One step of the volume-averaged Navier-Stokes equations (model A) by an incremental projection.
+
+    d(g)/dt + div(g u) = 0
+    rho [ d(g u)/dt + div(g u u) ] = -g grad p + g div(tau) - f
+
+p is the reduced pressure, so gravity does not appear. Heun's method advances advection and stress, the
+drag f is implicit at the new velocity, and the projection knows it: the pressure acts on a face through
+g / (g + B), where B is the resistance that the particles put on it. Hence no error is made by splitting
+drag from pressure, whatever the drag's relaxation time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.fluid.advection import AdvectionScheme, advection
+from jaxdem.fluid.boundary import Boundary, set_normal_velocity
+from jaxdem.fluid.diffusion import stress_divergence
+from jaxdem.fluid.grid import (
+    CellOrOne,
+    FaceField,
+    Grid,
+    along,
+    divergence,
+    face_average,
+    face_control_volume,
+)
+from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
+
+
+class FluidState(NamedTuple):
+    """What evolves of the fluid.
+
+    Attributes:
+        face_velocity: interstitial velocity, D face arrays [m/s].
+        pressure: reduced pressure on the cells [Pa].
+        void_fraction: on the cells, at the time of the velocity; None without particles [-].
+    """
+
+    face_velocity: FaceField
+    pressure: Array
+    void_fraction: Array | None
+
+
+class FluidProperties(NamedTuple):
+    """Numbers of the fluid; traced.
+
+    Attributes:
+        density: () [kg/m3].
+        viscosity: () kinematic [m2/s].
+        side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall [m/s].
+    """
+
+    density: Array
+    viscosity: Array
+    side_velocity: tuple[Array, ...]
+
+
+class FaceExchange(NamedTuple):
+    """What particles do to the faces during a step: the fluid loses `resistance` u - `forcing`.
+
+    Attributes:
+        resistance: on the faces, >= 0 [kg].
+        forcing: on the faces [kg m/s].
+    """
+
+    resistance: FaceField
+    forcing: FaceField
+
+
+class FluidStep(NamedTuple):
+    """Result of a step.
+
+    Attributes:
+        state: at the new time.
+        viscous_acceleration: div(tau)/rho that acted during the step, on the faces [m/s2].
+        solver: how the pressure solve went.
+        divergence: () largest |d(g)/dt + div(g u)| after the projection, times h/U [-].
+    """
+
+    state: FluidState
+    viscous_acceleration: FaceField
+    solver: SolverReport
+    divergence: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class FluidSolver:
+    """The static description of the fluid, and its step.
+
+    Attributes:
+        grid: the mesh.
+        boundary: its sides.
+        advection: reconstruction of advected momentum.
+        viscous: whether the viscosity is not zero; an inviscid scene compiles no stress.
+    """
+
+    grid: Grid
+    boundary: Boundary
+    advection: AdvectionScheme
+    viscous: bool
+
+    def step(
+        self,
+        properties: FluidProperties,
+        state: FluidState,
+        void_fraction: Array | None,
+        time: Array,
+        time_step: Array,
+        exchange: FaceExchange | None = None,
+        weighting: Array | None = None,
+    ) -> FluidStep:
+        """Fluid advanced from `time` by `time_step`.
+
+        Args:
+            properties: density, viscosity, boundary velocities.
+            state: at `time`, with the void fraction that its velocity was projected with.
+            void_fraction: on the cells at the end of the step, None without particles.
+            time: [s].
+            time_step: [s].
+            exchange: drag on the faces, None without particles.
+            weighting: void fraction that weights pressure and stress: the one whose complement the
+                particles see with their interpolation weights, so that the mixture conserves momentum;
+                `void_fraction` where not given.
+        """
+        grid, end = self.grid, time + time_step
+        old = face_average(grid, _or_one(state.void_fraction))
+        new = face_average(grid, _or_one(void_fraction))
+        weight = new if weighting is None else face_average(grid, weighting)
+        growth = 0.0 if void_fraction is None else (void_fraction - state.void_fraction) / time_step
+        mobility, shift = self._exchange_terms(properties, exchange, new)
+        pull = tuple(
+            g * slope / properties.density
+            for g, slope in zip(
+                weight, pressure_gradient(grid, self.boundary, state.pressure), strict=True
+            )
+        )
+
+        def advance(rates: FaceField) -> FaceField:
+            advanced = tuple(
+                (g * u + time_step * (rate - p) + extra) * m
+                for g, u, rate, p, extra, m in zip(
+                    old, state.face_velocity, rates, pull, shift, mobility, strict=True
+                )
+            )
+            return set_normal_velocity(
+                grid, self.boundary, properties.side_velocity, advanced, new, end
+            )
+
+        first_flux = _product(old, state.face_velocity)
+        if void_fraction is not None:
+            first_flux = self._corrected(first_flux, growth)
+        first, first_stress = self._rates(properties, first_flux, state.face_velocity, weight, time)
+        trial = advance(first)
+        second_flux = self._corrected(_boundary_of(grid, first_flux, _product(new, trial)), growth)
+        second, second_stress = self._rates(properties, second_flux, trial, weight, end)
+        predicted = advance(_mean(first, second))
+        return self._project(
+            properties,
+            state,
+            predicted,
+            void_fraction,
+            new,
+            weight,
+            mobility,
+            growth,
+            time_step,
+            _mean(first_stress, second_stress),
+        )
+
+    def _exchange_terms(
+        self,
+        properties: FluidProperties,
+        exchange: FaceExchange | None,
+        void_fraction: tuple[CellOrOne, ...],
+    ) -> tuple[tuple[Array | float, ...], tuple[Array | float, ...]]:
+        """1 / (g + B) and the forcing per mass of fluid, on the faces."""
+        if exchange is None:
+            return tuple(1.0 / g for g in void_fraction), (0.0,) * self.grid.dimension
+        mobility, shift = [], []
+        for axis, g in enumerate(void_fraction):
+            volume = face_control_volume(self.grid, axis).astype(exchange.forcing[axis].dtype)
+            mass = properties.density * volume
+            mobility.append(1.0 / (g + exchange.resistance[axis] / mass))
+            shift.append(exchange.forcing[axis] / mass)
+        return tuple(mobility), tuple(shift)
+
+    def _rates(
+        self,
+        properties: FluidProperties,
+        flux: FaceField,
+        velocity: FaceField,
+        weight: tuple[CellOrOne, ...],
+        time: Array,
+    ) -> tuple[FaceField, FaceField]:
+        """Rate of change of g u by advection and stress; and the stress divergence over density."""
+        args = (self.grid, self.boundary)
+        rates = advection(*args, self.advection, properties.side_velocity, flux, velocity, time)
+        if not self.viscous:
+            return rates, tuple(jnp.zeros_like(u) for u in velocity)
+        stress = stress_divergence(
+            *args, properties.side_velocity, velocity, properties.viscosity, time
+        )
+        total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
+        return total, stress
+
+    def _corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
+        """The flux changed by a gradient so that div(F) = -d(g)/dt, the boundary faces left alone.
+
+        Momentum carried by such a flux is conserved and a uniform stream stays uniform, exactly, while
+        the void fraction changes.
+        """
+        grid = self.grid
+        excess = divergence(grid, flux) + growth
+        potential = fast_inverse(grid, None)(excess)
+        slope = pressure_gradient(grid, _closed(self.boundary), potential)
+        return tuple(f + s for f, s in zip(flux, slope, strict=True))
+
+    def _project(
+        self,
+        properties: FluidProperties,
+        state: FluidState,
+        predicted: FaceField,
+        void_fraction: Array | None,
+        new: tuple[CellOrOne, ...],
+        weight: tuple[CellOrOne, ...],
+        mobility: tuple[Array | float, ...],
+        growth: Array | float,
+        time_step: Array,
+        stress: FaceField,
+    ) -> FluidStep:
+        """Velocity made to satisfy continuity, and the pressure that did it."""
+        grid, boundary = self.grid, self.boundary
+        flux = _product(new, predicted)
+        factor = time_step / properties.density
+        push = tuple(factor * w * m for w, m in zip(weight, mobility, strict=True))
+        source = divergence(grid, flux) + growth
+        # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
+        scale = sum(jnp.max(jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
+        scale = scale + jnp.max(jnp.abs(growth)) + jnp.finfo(source.dtype).tiny
+        tolerance = (2e-6 if source.dtype == jnp.float32 else 2e-12) * scale
+        correction, report = solve_pressure(
+            grid, boundary, _product(new, push), source, tolerance
+        )
+        slope = pressure_gradient(grid, boundary, correction)
+        velocity = tuple(u - c * s for u, c, s in zip(predicted, push, slope, strict=True))
+        remaining = jnp.max(jnp.abs(divergence(grid, _product(new, velocity)) + growth)) / scale
+        pressure = state.pressure + correction
+        return FluidStep(FluidState(velocity, pressure, void_fraction), stress, report, remaining)
+
+
+def _or_one(void_fraction: Array | None) -> CellOrOne:
+    return 1.0 if void_fraction is None else void_fraction
+
+
+def _product(a, b):  # type: ignore[no-untyped-def]
+    return tuple(x * y for x, y in zip(a, b, strict=True))
+
+
+def _mean(a: FaceField, b: FaceField) -> FaceField:
+    return tuple(0.5 * (x + y) for x, y in zip(a, b, strict=True))
+
+
+def _boundary_of(grid: Grid, source: FaceField, inner: FaceField) -> FaceField:
+    """The faces of `inner`, with the boundary faces of `source` where the axis is not periodic."""
+    return tuple(
+        f
+        if grid.periodic[a]
+        else jnp.concatenate(
+            (along(source[a], a, 0, 1), along(f, a, 1, -1), along(source[a], a, -1, None)), a
+        )
+        for a, f in enumerate(inner)
+    )
+
+
+def _closed(boundary: Boundary) -> Boundary:
+    """The same box without outlets."""
+    return Boundary(
+        tuple(s._replace(kind="no_slip") if s.kind == "outlet" else s for s in boundary.sides)
+    )

@@ -1,0 +1,166 @@
+"""Initial positions and velocities from a scene: packs, lists and files, checked before work starts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.particles import packing
+from jaxdem.scene import Pack, Scene
+
+INSERTION_OVERLAP = 0.01
+"""Two particles may overlap by this part of the smaller diameter at the start; more would throw them apart."""
+
+
+def initial_positions(scene: Scene) -> np.ndarray:
+    """(N, D) centres [m] from a pack, rows or a file; not yet checked against each other.
+
+    Raises:
+        InputError: the pack cannot hold the particles, or the rows are wrong in shape or number.
+    """
+    particles = scene.particles
+    assert particles is not None
+    if particles.count == 0:
+        return np.zeros((0, scene.dimension))
+    if particles.pack is not None:
+        position = _packed(scene, particles.pack)
+        if particles.count is not None and len(position) < particles.count:
+            raise InputError(
+                "particles.count",
+                particles.count,
+                f"the pack holds {len(position)} particles",
+                "enlarge the pack, lower particles.pack.spacing, or lower the count",
+            )
+        # Rows are filled from below, so a pack that is not full has a level top.
+        return position[: particles.count]
+    position = rows_of("particles.position", particles.position, scene.dimension)
+    assert position is not None
+    if particles.count is not None and len(position) != particles.count:
+        raise InputError(
+            "particles.count", particles.count, f"there are {len(position)} positions", "make them agree"
+        )
+    return position
+
+
+def check_initial_positions(scene: Scene, position: np.ndarray) -> None:
+    """Refuses particles that overlap each other or a wall, or lie outside the box."""
+    particles = scene.particles
+    assert particles is not None
+    radius = np.broadcast_to(
+        particle_column("particles.radius", particles.radius, len(position)), len(position)
+    )
+    box = np.asarray(scene.domain.size)
+    walls = ~np.asarray(scene.periodic)
+    depth = np.maximum(radius[:, None] - position, position + radius[:, None] - box)
+    depth = np.where(walls, depth, -np.inf) / (2.0 * radius[:, None])
+    if len(position) and depth.max() > INSERTION_OVERLAP:
+        index, axis = np.unravel_index(np.argmax(depth), depth.shape)
+        raise InputError(
+            "particles.position",
+            f"particle {index} at {_point(position[index])} m",
+            f"it reaches {100 * depth[index, axis]:.2g} % of its diameter into the "
+            f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, the limit is "
+            f"{100 * INSERTION_OVERLAP:g} %",
+            "move it into the box",
+        )
+    worst, first, second = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic)
+    if worst > INSERTION_OVERLAP:
+        raise InputError(
+            "particles.position",
+            f"particles {first} and {second} at {_point(position[first])} and {_point(position[second])} m",
+            f"they overlap by {100 * worst:.3g} % of a diameter, the limit is {100 * INSERTION_OVERLAP:g} %",
+            "move them apart, or raise particles.pack.spacing",
+        )
+
+
+def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.ndarray | None:
+    """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file; None stays None.
+
+    Args:
+        key: scene key, for the messages.
+        source: rows, list, or name of a .npy file or of a text file of comma or blank separated rows.
+        width: numbers per row.
+        count: rows expected, if known.
+    """
+    if source is None:
+        return None
+    rows = _read_rows(key, source) if isinstance(source, str) else _as_array(key, source)
+    if rows.ndim == 1 and (width == 1 or rows.size == 0):
+        rows = rows.reshape(-1, width)
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise InputError(key, f"an array of shape {rows.shape}", f"needs rows of {width} number(s)", "correct it")
+    if not np.isfinite(rows).all():
+        raise InputError(key, f"row {int(np.argmin(np.isfinite(rows).all(axis=1)))}", "must be finite", "correct it")
+    if count is not None and len(rows) != count:
+        raise InputError(key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle")
+    return rows
+
+
+def particle_column(key: str, value: float | tuple[float, ...], count: int) -> np.ndarray:
+    """() for one number, else (count,)."""
+    if isinstance(value, tuple) and len(value) != count:
+        raise InputError(key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}")
+    return np.asarray(value, float)
+
+
+def _packed(scene: Scene, pack: Pack) -> np.ndarray:
+    particles = scene.particles
+    assert particles is not None
+    largest, smallest = float(np.max(particles.radius)), float(np.min(particles.radius))
+    spacing, jitter = 2.0 * largest * pack.spacing, pack.jitter * smallest
+    if pack.kind == "polygon":
+        vertices = np.asarray(pack.vertices, float)
+        if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2:
+            raise InputError(
+                "particles.pack.vertices", pack.vertices, "needs at least three corners (x, vertical)", "add corners"
+            )
+        points = packing.polygon_pack(vertices, scene.domain.size, largest, spacing, jitter)
+    else:
+        for name in ("start", "stop"):
+            corner = getattr(pack, name)
+            if len(corner) != scene.dimension:
+                raise InputError(
+                    f"particles.pack.{name}", corner, f"needs {scene.dimension} numbers", "correct it"
+                )
+        points = packing.lattice_pack(
+            np.asarray(pack.start), np.asarray(pack.stop), largest, spacing, jitter
+        )
+    return packing.jittered(points, jitter, scene.seed)
+
+
+def _read_rows(key: str, name: str) -> np.ndarray:
+    path = Path(name)
+    try:
+        if path.suffix == ".npy":
+            return np.asarray(np.load(path, allow_pickle=False), float)
+        text = path.read_text(encoding="utf-8").replace(",", " ")
+        lines = [line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+        if lines and not _is_number(lines[0][0]):
+            lines = lines[1:]  # a line of column names
+        return np.asarray(lines, float)
+    except FileNotFoundError:
+        raise InputError(key, name, "no such file", "names are relative to the scene file") from None
+    except (OSError, ValueError, UnicodeDecodeError) as error:
+        raise InputError(key, name, f"cannot be read as rows of numbers ({error})", "correct the file") from None
+
+
+def _as_array(key: str, rows: Any) -> np.ndarray:
+    try:
+        return np.asarray(rows, float)
+    except ValueError:
+        raise InputError(key, "rows of unequal length", "all rows need as many numbers", "correct it") from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _point(row: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.5g}" for value in row) + ")"

@@ -1,0 +1,29 @@
+"""Run directory, VTKHDF frames, samples, history, checkpoint. numpy and h5py only; no jax."""
+
+from jaxdem.io.checkpoint import read_checkpoint, write_checkpoint
+from jaxdem.io.frames import Frame, FrameSeries
+from jaxdem.io.history import COLUMNS, History, read_history
+from jaxdem.io.load import Run, load_run
+from jaxdem.io.run_directory import RunDirectory
+from jaxdem.io.samples import SampleFormat, Samples, read_samples
+from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
+
+__all__ = [
+    "COLUMNS",
+    "FluidFormat",
+    "Frame",
+    "FrameSeries",
+    "History",
+    "ParticleFormat",
+    "Run",
+    "RunDirectory",
+    "SampleFormat",
+    "Samples",
+    "fluid_frame",
+    "load_run",
+    "particle_frame",
+    "read_checkpoint",
+    "read_history",
+    "read_samples",
+    "write_checkpoint",
+]

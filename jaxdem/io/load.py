@@ -1,0 +1,147 @@
+"""Read a run back: `load_run` works on a finished run, an interrupted one and one that was killed."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.io import scene_text
+from jaxdem.io.frames import Frame, FrameSeries
+from jaxdem.io.history import read_history
+from jaxdem.io.run_directory import HISTORY, SCENE
+from jaxdem.io.samples import SampleFormat, Samples
+from jaxdem.io.summary import read_summary
+from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat
+
+_REMEDY = "Give a folder that `jaxdem run` wrote."
+
+
+class Run:
+    """A run on disk; frames are read when asked for, one at a time.
+
+    Attributes:
+        path: the folder.
+        scene_toml: the text of the scene as run; `scene` the same as nested dicts.
+        summary: `summary.json`, empty while there is none (running, or killed).
+        history: float64 (T,) by column of `history.csv`; NaN where there is no value.
+        number_of_frames: T, frames that are committed and readable.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        if not (self.path / SCENE).is_file() or not (self.path / HISTORY).is_file():
+            limit = f"is not a run directory: it lacks {SCENE} or {HISTORY}"
+            raise InputError("run", str(self.path), limit, _REMEDY)
+        try:
+            self.scene_toml = (self.path / SCENE).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError("run", str(self.path), f"its {SCENE} cannot be read", _REMEDY) from error
+        self.scene: dict[str, Any] = scene_text.parse(self.scene_toml, str(self.path / SCENE))
+        self.summary = read_summary(self.path)
+        self._particles = FrameSeries(self.path, ParticleFormat())
+        self._fluid = FrameSeries(self.path, FluidFormat())
+        history = read_history(self.path / HISTORY)
+        counts = [len(history["time"])]
+        counts += [series.count() for series in (self._particles, self._fluid) if _present(series)]
+        self.number_of_frames = min(counts)
+        self.history = {name: column[: self.number_of_frames] for name, column in history.items()}
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times (T,) [s] of the frames."""
+        return self.history["time"]
+
+    @cached_property
+    def has_particles(self) -> bool:
+        return _present(self._particles)
+
+    @cached_property
+    def has_fluid(self) -> bool:
+        return _present(self._fluid)
+
+    def particles(self, index: int) -> dict[str, np.ndarray]:
+        """Particles at output `index` (negative from the end), {} in a scene without.
+
+        Returns:
+            `position` (N, 3) [m], `velocity`, `angular_velocity`, `drag_force`, `contact_force` (N, 3),
+            `radius` (N,), `id` (N,), as far as written. In 2-D the components are (x, z, 0), and of the
+            angular velocity (0, 0, scalar).
+
+        Raises:
+            IndexError: there is no such frame.
+        """
+        index = self._checked(index)
+        return self._particles.read(index).arrays if self.has_particles else {}
+
+    def fluid(self, index: int) -> dict[str, np.ndarray] | None:
+        """Fluid at output `index` (negative from the end), None in a scene without.
+
+        Returns:
+            `velocity` cells + (3,) [m/s], `pressure` cells [Pa], `void_fraction` cells, indexed
+            [ix, iy(, iz)]; in 2-D the components are (x, z, 0).
+
+        Raises:
+            IndexError: there is no such frame.
+        """
+        index = self._checked(index)
+        return self._fluid.read(index).arrays if self.has_fluid else None
+
+    @cached_property
+    def dimension(self) -> int:
+        """2 or 3."""
+        for series in (self._particles, self._fluid):
+            if self.number_of_frames and _present(series):
+                return int(series.read(0).attributes["dimension"])
+        size = self.scene.get("domain", {}).get("size")
+        if not isinstance(size, list):
+            raise InputError("domain.size", size, "is not in the scene of a run without frames", _REMEDY)
+        return len(size)
+
+    @cached_property
+    def cells(self) -> tuple[int, ...] | None:
+        """Number (D,) of cells of the fluid along each axis, None without fluid."""
+        frame = self._first_fluid
+        if frame is not None:
+            return tuple(frame.arrays["pressure"].shape)
+        cells = self.scene.get("fluid", {}).get("cells")
+        return tuple(int(number) for number in cells) if isinstance(cells, list) else None
+
+    @cached_property
+    def spacing(self) -> tuple[float, ...] | None:
+        """Size (D,) of a cell [m], None without fluid."""
+        frame = self._first_fluid
+        if frame is not None:
+            return tuple(float(length) for length in frame.attributes["spacing"][: self.dimension])
+        return None if self.cells is None else scene_text.spacing(self.scene, self.cells)
+
+    @cached_property
+    def samples(self) -> Samples | None:
+        """What the drag law saw, None where the scene asked for no samples."""
+        series = FrameSeries(self.path, SampleFormat())
+        return Samples(series, series.count()) if _present(series) else None
+
+    @cached_property
+    def _first_fluid(self) -> Frame | None:
+        return self._fluid.read(0) if self.number_of_frames and self.has_fluid else None
+
+    def _checked(self, index: int) -> int:
+        if not -self.number_of_frames <= index < self.number_of_frames:
+            raise IndexError(f"frame {index} of {self.number_of_frames} in {self.path}")
+        return index % self.number_of_frames
+
+
+def load_run(path: str | Path) -> Run:
+    """Open the run directory `path` for reading.
+
+    Raises:
+        InputError: it is no run directory, or a file in it is damaged.
+    """
+    return Run(path)
+
+
+def _present(series: FrameSeries) -> bool:
+    return series.joined.exists() or bool(series.part_indices())

@@ -1,0 +1,290 @@
+"""The folder of one run: who may write to it, in which order, and how it is cut back and joined.
+
+Order within one output time: the frames of fluid and particles, each a whole file, then the line of
+`history.csv`. The line commits the frame: what a kill leaves beyond it does not count. A checkpoint
+names the numbers of frames and samples it follows, and is written after them; `cut_back` returns to it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from jaxdem.errors import InputError, RunError
+from jaxdem.io import checkpoint as checkpoint_file
+from jaxdem.io import scene_text
+from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of
+from jaxdem.io.durable import remove_leftovers, sync_directory, write_bytes
+from jaxdem.io.frames import PARTS_FOLDER, FrameSeries
+from jaxdem.io.history import History
+from jaxdem.io.samples import SampleFormat, sample_frame
+from jaxdem.io.summary import SUMMARY, read_summary, write_summary
+from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
+
+SCENE, HISTORY, CHECKPOINT = "scene.toml", "history.csv", "checkpoint.h5"
+
+
+class RunDirectory:
+    """Writer of a run directory; use as a context manager, so that the lock is released.
+
+    Attributes:
+        path: the folder.
+        frames: number of committed frames (lines of the history).
+        samples: number of samples written.
+        sample_attributes: constants stored as attributes of `samples.h5`.
+    """
+
+    def __init__(self, path: Path, scene_toml: str, lock: int, sample_attributes: Mapping[str, Any] | None):
+        self.path = path
+        self.sample_attributes = dict(sample_attributes or {})
+        self._scene = scene_text.parse(scene_toml, str(path / SCENE))
+        self._lock: int | None = lock
+        self._time = 0.0
+        self._particles = FrameSeries(path, ParticleFormat())
+        self._fluid = FrameSeries(path, FluidFormat())
+        self._samples = FrameSeries(path, SampleFormat())
+        self._history = History(path / HISTORY)
+        self.samples = self._samples.count()
+
+    @property
+    def frames(self) -> int:
+        return self._history.rows
+
+    @classmethod
+    def create(
+        cls, path: str | Path, scene_toml: str, sample_attributes: Mapping[str, Any] | None = None
+    ) -> RunDirectory:
+        """Start a run in a new or empty folder and store its scene.
+
+        Raises:
+            InputError: the folder holds something, is in use, or cannot be written.
+        """
+        path = Path(path)
+        scene_text.parse(scene_toml, "the scene given")
+        with input_errors(path):
+            path.mkdir(parents=True, exist_ok=True)
+            if any(entry.name != LOCK for entry in path.iterdir()):
+                raise _occupied(path)
+        lock = acquire_lock(path)
+        try:
+            with input_errors(path):
+                # Between the look above and the lock another run may have come and gone.
+                if any(entry.name != LOCK for entry in path.iterdir()):
+                    raise _occupied(path)
+                write_bytes(path / SCENE, scene_toml.encode())
+                return cls(path, scene_toml, lock, sample_attributes)
+        except BaseException:
+            os.close(lock)
+            raise
+
+    @classmethod
+    def resume(
+        cls, path: str | Path, scene_toml: str, sample_attributes: Mapping[str, Any] | None = None
+    ) -> RunDirectory:
+        """Open the folder of an unfinished run; nothing is cut yet, see `cut_back`.
+
+        Raises:
+            InputError: there is no checkpoint, the stored scene is another one, or the folder is in use.
+        """
+        path = Path(path)
+        if not (path / CHECKPOINT).is_file():
+            limit = f"--resume needs {CHECKPOINT} in it, and there is none"
+            raise InputError(OPTION, str(path), limit, "Start the run without --resume in an empty folder.")
+        _require_same_scene(path, scene_toml)
+        lock = acquire_lock(path)
+        try:
+            with input_errors(path):
+                remove_leftovers(path)
+                remove_leftovers(path / PARTS_FOLDER)
+                return cls(path, scene_toml, lock, sample_attributes)
+        except BaseException:
+            os.close(lock)
+            raise
+
+    @staticmethod
+    def is_complete(path: str | Path) -> bool:
+        """Whether `path` holds a run that reached its end and is valid: nothing to resume."""
+        try:
+            summary = read_summary(Path(path))
+        except InputError:
+            return False
+        return summary.get("valid") is True and summary.get("complete") is True
+
+    def write_frame(
+        self,
+        index: int,
+        time: float,
+        particles: Mapping[str, Any] | None,
+        fluid: Mapping[str, Any] | None,
+        samples: Mapping[str, Any] | None,
+        history_row: Mapping[str, float | None],
+    ) -> None:
+        """Write output `index` at `time` [s] and commit it.
+
+        Args:
+            index: must be `frames`, the next one.
+            time: simulated time [s]; put into the history.
+            particles: arrays as in `particle_frame`, or None for a scene without.
+            fluid: arrays as in `fluid_frame`, or None for a scene without.
+            samples: arrays of a sample taken now, written as sample number `samples`, or None.
+            history_row: metrics by column name; what is lacking or None stays empty.
+
+        Raises:
+            RunError: the disk refused; earlier frames are kept.
+        """
+        if index != self.frames:
+            raise ValueError(f"frame {index} given, {self.frames} are written")
+        if samples is not None:
+            self.write_sample(self.samples, time, samples)
+        with self._run_errors(time):
+            if fluid is not None:
+                cells = np.asarray(fluid["pressure"]).shape
+                spacing = scene_text.spacing(self._scene, cells)
+                depth = scene_text.depth(self._scene, spacing)
+                self._fluid.write(index, fluid_frame(time, fluid, spacing, depth))
+            if particles is not None:
+                self._particles.write(index, particle_frame(time, particles))
+            self._history.append({**history_row, "time": float(time)})
+
+    def write_sample(self, index: int, time: float, arrays: Mapping[str, Any]) -> None:
+        """Write sample `index` (must be `samples`, the next one) at `time` [s].
+
+        Raises:
+            RunError: the disk refused; earlier samples are kept.
+        """
+        if index != self.samples:
+            raise ValueError(f"sample {index} given, {self.samples} are written")
+        with self._run_errors(time):
+            self._samples.write(index, sample_frame(time, arrays, self.sample_attributes))
+        self.samples = index + 1
+
+    def write_checkpoint(self, arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> None:
+        """Replace the restart state; `attributes` holds the numbers `frames` and `samples` it follows.
+
+        Raises:
+            RunError: the disk refused; the former checkpoint is kept.
+        """
+        for name, written in (("frames", self.frames), ("samples", self.samples)):
+            if not 0 <= attributes[name] <= written:
+                raise ValueError(f"checkpoint after {attributes[name]} {name}, {written} are written")
+        with self._run_errors(self._time):
+            checkpoint_file.write_checkpoint(self.path / CHECKPOINT, arrays, attributes)
+
+    def checkpoint(self) -> tuple[dict[str, np.ndarray], checkpoint_file.Attributes]:
+        """Arrays and attributes of the newest checkpoint.
+
+        Raises:
+            InputError: it is missing or damaged.
+        """
+        return checkpoint_file.read_checkpoint(self.path / CHECKPOINT)
+
+    def cut_back(self, frames: int, samples: int) -> None:
+        """Drop every frame and sample after the first `frames` and `samples`, and the old summary.
+
+        Raises:
+            InputError: the folder holds fewer than that, so the checkpoint cannot be continued.
+        """
+        held = {"frames": self.frames, "samples": self.samples}
+        for series in (self._particles, self._fluid):
+            # A kind that has no frame at all is one the scene does not have.
+            if series.joined.exists() or series.part_indices():
+                held["frames"] = min(held["frames"], series.count())
+        for name, wanted in (("frames", frames), ("samples", samples)):
+            if held[name] < wanted:
+                limit = f"the checkpoint follows {wanted} {name}, only {held[name]} can be read"
+                raise InputError(OPTION, str(self.path), limit, "Start the run anew in another folder.")
+        with self._run_errors(self._time):
+            (self.path / SUMMARY).unlink(missing_ok=True)
+            # The history first: its lines commit frames, so it never counts one that is gone.
+            self._history.cut(frames)
+            for series in (self._particles, self._fluid):
+                series.cut(frames)
+            self._samples.cut(samples)
+            self.samples = samples
+            for folder in (self.path, self.path / PARTS_FOLDER):
+                if folder.is_dir():
+                    sync_directory(folder)
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """Join the frames and write `summary.json` with `complete` true (unless given otherwise).
+
+        Raises:
+            RunError: the disk refused; all frames stay readable as parts.
+        """
+        self._close_run({"complete": True, **summary})
+
+    def interrupt(self, summary: Mapping[str, Any]) -> None:
+        """As `finish` for a run that did not reach its end: `complete` is false."""
+        self._close_run({**summary, "complete": False})
+
+    def close(self) -> None:
+        """Let another run write here; writing nothing."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _close_run(self, summary: dict[str, Any]) -> None:
+        kinds = ((self._particles, self.frames), (self._fluid, self.frames), (self._samples, self.samples))
+        with self._run_errors(self._time):
+            for series, number in kinds:
+                if series.joined.exists() or series.part_indices():
+                    series.join(number)
+            # Parts go only when all joined files are there.
+            for series, _ in kinds:
+                series.drop_parts()
+            parts = self.path / PARTS_FOLDER
+            if parts.is_dir() and not any(parts.iterdir()):
+                parts.rmdir()
+            write_summary(self.path, summary)
+
+    @contextmanager
+    def _run_errors(self, time: float) -> Iterator[None]:
+        """Turn what the disk refuses into a message."""
+        self._time = float(time)
+        try:
+            yield
+        except OSError as error:
+            reason = f"cannot write to the run directory: {reason_of(error)}"
+            remedy = (
+                f"Earlier frames are kept ({self.frames}). Make room or access, then go on with --resume."
+            )
+            raise RunError(reason, str(self.path), self._time, remedy) from error
+
+
+def _require_same_scene(path: Path, scene_toml: str) -> None:
+    try:
+        stored = (path / SCENE).read_text("utf-8")
+    except OSError as error:
+        remedy = "Start the run anew in another folder."
+        raise InputError(
+            OPTION, str(path), f"its {SCENE} cannot be read ({reason_of(error)})", remedy
+        ) from error
+    difference = scene_text.first_difference(
+        scene_text.parse(stored, str(path / SCENE)), scene_text.parse(scene_toml, "the scene given")
+    )
+    if difference is not None:
+        key, before, after = difference
+        limit = f"the run in {path} has {before!r}, and --resume goes on with the same scene only"
+        raise InputError(key, after, limit, f"Give {key} as stored in {path / SCENE}, or another {OPTION}.")
+
+
+def _occupied(path: Path) -> InputError:
+    if (path / CHECKPOINT).is_file():
+        remedy = "Give another folder, or --resume to go on with the run in it."
+    else:
+        remedy = "Give another folder, or empty this one (there is no checkpoint to --resume from)."
+    return InputError(OPTION, str(path), "is not empty", remedy)

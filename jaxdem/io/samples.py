@@ -1,0 +1,136 @@
+"""`samples.h5`: what the drag law saw and gave, at sampled times.
+
+Datasets have the time first, (T, ...), with one chunk a sample; `time` (T,) [s]; constants are root
+attributes. Shapes and names stay the same over a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.io.frames import UNREADABLE, Entries, Frame, FrameSeries, extend, open_for_reading
+
+FORMAT_NAME = "jaxdem samples"
+FORMAT_VERSION = 1
+_RESERVED = ("format", "format_version")
+
+
+def sample_frame(time: float, arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> Frame:
+    """One sample: `arrays` by name (any shape, the same at all times), `attributes` scalars or small arrays.
+
+    Raises:
+        ValueError: a name is taken (`time`; `format`, `format_version` among the attributes) or holds '/'.
+    """
+    for name in (*arrays, *attributes):
+        if name in ("time", *_RESERVED) or "/" in name:
+            raise ValueError(f"{name!r} cannot be the name of a sampled array or attribute")
+    return Frame(float(time), {name: np.asarray(array) for name, array in arrays.items()}, dict(attributes))
+
+
+class SampleFormat:
+    """Layout of `samples.h5` and of its parts."""
+
+    stem = "samples"
+    suffix = ".h5"
+
+    def append(self, file: h5py.File, frame: Frame, growing: bool) -> Entries:
+        if "format" not in file.attrs:
+            file.attrs["format"], file.attrs["format_version"] = FORMAT_NAME, FORMAT_VERSION
+            for name, value in frame.attributes.items():
+                file.attrs[name] = _storable(value)
+        elif set(file) != set(frame.arrays):
+            raise ValueError(f"sampled arrays {sorted(frame.arrays)} after samples of {sorted(file)}")
+        for name, array in frame.arrays.items():
+            extend(file, name, array[None], growing, 1)
+        return {"time": frame.time}
+
+    def finish(self, file: h5py.File, entries: list[Entries]) -> None:
+        file["time"] = np.array([entry["time"] for entry in entries], np.float64)
+
+    def count(self, file: h5py.File) -> int:
+        if file.attrs["format"] != FORMAT_NAME or file.attrs["format_version"] != FORMAT_VERSION:
+            raise ValueError(f"not a file of {FORMAT_NAME}, version {FORMAT_VERSION}")
+        return int(file["time"].shape[0])
+
+    def times(self, file: h5py.File) -> np.ndarray:
+        return np.asarray(file["time"][...])
+
+    def read(self, file: h5py.File, index: int) -> Frame:
+        arrays = {name: np.asarray(dataset[index]) for name, dataset in file.items() if name != "time"}
+        attributes = {name: _loaded(value) for name, value in file.attrs.items() if name not in _RESERVED}
+        return Frame(float(file["time"][index]), arrays, attributes)
+
+
+class Samples:
+    """The samples of a run, read one at a time.
+
+    Attributes:
+        attributes: constants of the run by name.
+        times: (T,) [s].
+        names: names of the arrays of each sample.
+    """
+
+    def __init__(self, series: FrameSeries, number: int):
+        self._series, self._number = series, number
+
+    def __len__(self) -> int:
+        return self._number
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        return self._series.times(self._number)
+
+    @cached_property
+    def attributes(self) -> dict[str, Any]:
+        return self._series.read(0).attributes if self._number else {}
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(sorted(self._series.read(0).arrays)) if self._number else ()
+
+    def frame(self, index: int) -> dict[str, np.ndarray]:
+        """Arrays by name of sample `index`, negative from the end.
+
+        Raises:
+            IndexError: there is no such sample.
+        """
+        if not -self._number <= index < self._number:
+            raise IndexError(f"sample {index} of {self._number}")
+        return self._series.read(index % self._number).arrays
+
+
+def read_samples(path: str | Path) -> Samples:
+    """Open a joined `samples.h5`.
+
+    Raises:
+        InputError: the file is missing, damaged, or not one of jaxdem.
+    """
+    path = Path(path)
+    try:
+        with open_for_reading(path) as file:
+            number = SampleFormat().count(file)
+    except UNREADABLE as error:
+        remedy = "Give the samples.h5 of a run whose scene asks for samples."
+        raise InputError("samples", str(path), "cannot be read as samples", remedy) from error
+    return Samples(FrameSeries(path.parent, SampleFormat(), joined=path), number)
+
+
+def _storable(value: Any) -> Any:
+    array = np.asarray(value)
+    if array.dtype.kind == "U" and array.ndim:
+        return array.astype(h5py.string_dtype())
+    return value
+
+
+def _loaded(value: Any) -> Any:
+    """Strings as `str`, lists of them as lists, numbers as Python's, arrays as they are."""
+    if isinstance(value, np.ndarray):
+        return value.tolist() if value.dtype.kind == "O" else value
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,64 @@
+"""What the run directory needs to know of the scene it stores: how two differ, and the size of a cell."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Any
+
+from jaxdem.errors import InputError
+
+_ABSENT = "(not set)"
+
+
+def parse(text: str, source: str) -> dict[str, Any]:
+    """The TOML `text` as nested dicts.
+
+    Raises:
+        InputError: it is not TOML; `source` names where it came from.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("scene.toml", source, f"is not TOML ({error})", "Correct the file.") from error
+
+
+def first_difference(stored: dict[str, Any], given: dict[str, Any]) -> tuple[str, Any, Any] | None:
+    """Dotted key, stored value and given value of the first key that differs; None if the scenes agree.
+
+    Comments, order and layout of the text do not count.
+    """
+    old, new = _flat(stored), _flat(given)
+    for key in (*old, *(key for key in new if key not in old)):
+        before, after = old.get(key, _ABSENT), new.get(key, _ABSENT)
+        # 1 == 1.0 == True in Python, yet a changed type may change what is run.
+        if type(before) is not type(after) or before != after:
+            return key, before, after
+    return None
+
+
+def spacing(scene: dict[str, Any], cells: tuple[int, ...]) -> tuple[float, ...]:
+    """Size (D,) [m] of a cell: `domain.size` over `cells`.
+
+    Raises:
+        InputError: `domain.size` is absent or has not as many entries as `cells`.
+    """
+    size = scene.get("domain", {}).get("size")
+    if not isinstance(size, list) or len(size) != len(cells):
+        remedy = "Give the size [m] of the domain along each axis."
+        raise InputError("domain.size", size, f"fluid with cells {cells} needs {len(cells)} entries", remedy)
+    return tuple(float(length) / number for length, number in zip(size, cells, strict=True))
+
+
+def depth(scene: dict[str, Any], cell: tuple[float, ...]) -> float:
+    """Thickness [m] of the layer of a 2-D scene: `domain.depth`, else the smallest side of a cell."""
+    return float(scene.get("domain", {}).get("depth") or min(cell))
+
+
+def _flat(scene: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in scene.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.") or {f"{prefix}{key}": {}}
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat

@@ -1,0 +1,151 @@
+"""Motion of the particles over one contact step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.particles import compensated, vectors
+from jaxdem.particles.compensated import Low
+from jaxdem.particles.vectors import Vector
+
+
+class ParticleState(NamedTuple):
+    """What evolves of N particles in D dimensions (A = 1 angular component in 2-D, 3 in 3-D).
+
+    Histories are one array (N,) per slot and component: the contact loop updates them in place, which
+    stacked arrays would turn into copies.
+
+    Attributes:
+        position: (N, D) centres, leading part [m].
+        position_low: (N, D) trailing part, position + position_low is the centre; None in float64 [m].
+        velocity: (N, D) [m/s].
+        angular_velocity: (N, A) [rad/s].
+        contact_spring: K slots of D arrays (N,), elastic tangential displacement of every listed pair [m].
+        wall_spring: S walls of D arrays (N,), the same at the walls [m].
+        contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
+        fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
+    """
+
+    position: Array
+    position_low: Low
+    velocity: Array
+    angular_velocity: Array
+    contact_spring: tuple[Vector, ...]
+    wall_spring: tuple[Vector, ...]
+    contact_force: Array
+    fluid_force: Array | None
+
+
+class Motion(NamedTuple):
+    """The part of the state that changes in a contact step, with components apart (see `vectors`).
+
+    Attributes:
+        position: D arrays (N,), leading part [m].
+        low: D arrays (N,) or Nones, trailing part [m].
+        velocity: D arrays (N,) [m/s].
+        angular_velocity: A arrays (N,) [rad/s].
+        contact_spring: K slots of D arrays (N,) [m].
+        wall_spring: S walls of D arrays (N,) [m].
+    """
+
+    position: Vector
+    low: tuple[Low, ...]
+    velocity: Vector
+    angular_velocity: Vector
+    contact_spring: tuple[Vector, ...]
+    wall_spring: tuple[Vector, ...]
+
+    @classmethod
+    def of(cls, state: ParticleState) -> Motion:
+        """The motion of a state."""
+        return cls(
+            vectors.components(state.position),
+            split_low(state.position_low, state.position.shape[1]),
+            vectors.components(state.velocity),
+            vectors.components(state.angular_velocity),
+            state.contact_spring,
+            state.wall_spring,
+        )
+
+    def into(self, state: ParticleState) -> ParticleState:
+        """The state with this motion."""
+        return state._replace(
+            position=vectors.stack(self.position),
+            position_low=stack_low(self.low),
+            velocity=vectors.stack(self.velocity),
+            angular_velocity=vectors.stack(self.angular_velocity),
+            contact_spring=self.contact_spring,
+            wall_spring=self.wall_spring,
+        )
+
+
+def split_low(low: Low, dimension: int) -> tuple[Low, ...]:
+    """Trailing parts by component; Nones where there are none."""
+    return (None,) * dimension if low is None else vectors.components(low)
+
+
+def stack_low(low: tuple[Low, ...]) -> Low:
+    """The inverse of `split_low`."""
+    return None if low[0] is None else jnp.stack(low, axis=1)
+
+
+class ParticleProperties(NamedTuple):
+    """Size and density of the particles: () for equal particles, else (N,), so that equal ones cost nothing.
+
+    Attributes:
+        radius: [m].
+        density: [kg/m3].
+    """
+
+    radius: Array
+    density: Array
+
+    @property
+    def volume(self) -> Array:
+        """4/3 pi r^3 of a sphere, in 2-D too [m3]."""
+        return (4.0 / 3.0) * jnp.pi * self.radius**3
+
+    @property
+    def mass(self) -> Array:
+        """[kg]."""
+        return self.density * self.volume
+
+    @property
+    def inertia(self) -> Array:
+        """Moment of inertia 2/5 m r^2 [kg m2]."""
+        return 0.4 * self.mass * self.radius**2
+
+
+def drift(motion: Motion, time_step: Array) -> Motion:
+    """Positions moved by velocity times `time_step` [s]."""
+    moved = [
+        compensated.advance(high, low, time_step * speed)
+        for high, low, speed in zip(motion.position, motion.low, motion.velocity, strict=True)
+    ]
+    return motion._replace(position=tuple(high for high, _ in moved), low=tuple(low for _, low in moved))
+
+
+def kick(
+    motion: Motion, force: Vector, torque: Vector, properties: ParticleProperties, time_step: Array
+) -> Motion:
+    """Velocities changed by force [N] and torque [N m] over `time_step` [s]."""
+    linear, angular = time_step / properties.mass, time_step / properties.inertia
+    return motion._replace(
+        velocity=vectors.add(motion.velocity, vectors.scale(linear, force)),
+        angular_velocity=vectors.add(motion.angular_velocity, vectors.scale(angular, torque)),
+    )
+
+
+def as_column(quantity: Array) -> Array:
+    """() unchanged, (N,) as (N, 1): to multiply rows of (N, D)."""
+    return quantity if jnp.ndim(quantity) == 0 else quantity[:, None]
+
+
+def kinetic_energy(state: ParticleState, properties: ParticleProperties) -> Array:
+    """Sum of m v^2 / 2 + I w^2 / 2 [J]."""
+    translation = properties.mass * jnp.sum(state.velocity**2, axis=1)
+    rotation = properties.inertia * jnp.sum(state.angular_velocity**2, axis=1)
+    return 0.5 * jnp.sum(translation + rotation)

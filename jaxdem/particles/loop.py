@@ -1,0 +1,155 @@
+"""Contact steps over one coupling interval, with the neighbour list kept in date."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.particles import vectors
+from jaxdem.particles.forces import ContactModel, Surroundings, contact_forces
+from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
+from jaxdem.particles.neighbors import (
+    Neighbors,
+    NeighborSearch,
+    carry_history,
+    displacement_since_build,
+    out_of_date,
+)
+from jaxdem.particles.vectors import Vector
+
+
+class ContactInterval(NamedTuple):
+    """A coupling interval seen by the particles; static.
+
+    Attributes:
+        model: contact laws and walls.
+        search: builder of the neighbour list.
+        steps: number of contact steps.
+        reversible: loops that reverse-mode differentiation can run backwards. Without it the loop skips
+            what the interval does not need, and is faster; the numbers are the same.
+    """
+
+    model: ContactModel
+    search: NeighborSearch
+    steps: int
+    reversible: bool
+
+
+class _Carry(NamedTuple):
+    motion: Motion
+    contact_impulse: Vector
+    collision: Array
+    step: Array
+
+
+_Step = Callable[[_Carry, Neighbors], _Carry]
+
+
+def contact_interval(
+    interval: ContactInterval,
+    surroundings: Surroundings,
+    properties: ParticleProperties,
+    state: ParticleState,
+    neighbors: Neighbors,
+    body_force: Array,
+    time_step: Array,
+) -> tuple[ParticleState, Neighbors, Array]:
+    """Particles moved through `interval.steps` contact steps of position Verlet.
+
+    x += v dt/2;  F(x, v);  v += F dt/m;  x += v dt/2. Symplectic and of second order for forces without
+    damping; it starts without a stored force, so that a changed fluid force or a restart needs no care.
+
+    Args:
+        interval: static description.
+        surroundings: material numbers.
+        properties: size and density.
+        state: at the start of the interval.
+        neighbors: list that `state.contact_spring` belongs to.
+        body_force: (N, D) constant over the interval: gravity and fluid forces [N].
+        time_step: contact step [s].
+
+    Returns:
+        state at the end, with `contact_force` the mean over the interval; the list; and the mean over
+        particles and steps of |sum of contact forces| () [N].
+    """
+    force = vectors.components(body_force)
+
+    def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
+        motion = drift(carry.motion, 0.5 * time_step)
+        sums, motion = contact_forces(
+            interval.model, surroundings, properties, motion, neighbors, time_step
+        )
+        motion = kick(motion, vectors.add(sums.force, force), sums.torque, properties, time_step)
+        impulse = vectors.add(carry.contact_impulse, vectors.scale(time_step, sums.force))
+        size = vectors.safe_sqrt(vectors.dot(sums.force, sums.force))
+        collision = carry.collision + jnp.sum(size)
+        return _Carry(drift(motion, 0.5 * time_step), impulse, collision, carry.step + 1)
+
+    zero = jnp.zeros_like(force[0])
+    count = max(state.position.shape[0], 1)
+    carry = _Carry(Motion.of(state), (zero,) * len(force), jnp.zeros((), zero.dtype), jnp.zeros((), jnp.int32))
+    loop = _reversible_loop if interval.reversible else _fast_loop
+    carry, neighbors = loop(interval, step, time_step, carry, neighbors)
+    duration = interval.steps * time_step
+    state = carry.motion.into(state)._replace(
+        contact_force=vectors.stack(carry.contact_impulse) / duration
+    )
+    return state, neighbors, carry.collision / (interval.steps * count)
+
+
+def _reversible_loop(
+    interval: ContactInterval, step: _Step, time_step: Array, carry: _Carry, neighbors: Neighbors
+) -> tuple[_Carry, Neighbors]:
+    """A scan of fixed length."""
+
+    @jax.checkpoint
+    def checked_step(both: tuple[_Carry, Neighbors], _: None) -> tuple[tuple[_Carry, Neighbors], None]:
+        carry, neighbors = _with_list_in_date(interval, time_step, *both)
+        return (step(carry, neighbors), neighbors), None
+
+    return lax.scan(checked_step, (carry, neighbors), None, length=interval.steps)[0]
+
+
+def _fast_loop(
+    interval: ContactInterval, step: _Step, time_step: Array, carry: _Carry, neighbors: Neighbors
+) -> tuple[_Carry, Neighbors]:
+    """Stretches of steps between rebuilds: within a stretch the list is constant and never copied."""
+
+    def stretch(both: tuple[_Carry, Neighbors]) -> tuple[_Carry, Neighbors]:
+        carry, neighbors = _with_list_in_date(interval, time_step, *both)
+        carry = lax.while_loop(
+            lambda c: (c.step < interval.steps) & ~_stale(interval, time_step, c, neighbors),
+            lambda c: step(c, neighbors),
+            carry,
+        )
+        return carry, neighbors
+
+    return lax.while_loop(lambda both: both[0].step < interval.steps, stretch, (carry, neighbors))
+
+
+def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors) -> Array:
+    """() bool: the list does not cover the positions at which the coming step takes its forces."""
+    motion = drift(carry.motion, 0.5 * time_step)
+    displacement = displacement_since_build(motion.position, motion.low, neighbors)
+    return out_of_date(displacement, interval.search.geometry)
+
+
+def _with_list_in_date(
+    interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors
+) -> tuple[_Carry, Neighbors]:
+    """The list rebuilt if it is stale, and the springs moved to its slots."""
+
+    def rebuild(carry: _Carry, neighbors: Neighbors) -> tuple[_Carry, Neighbors]:
+        motion = drift(carry.motion, 0.5 * time_step)
+        new = interval.search.update(motion.position, motion.low, neighbors)
+        springs = carry_history(carry.motion.contact_spring, neighbors, new)
+        return carry._replace(motion=carry.motion._replace(contact_spring=springs)), new
+
+    if neighbors.search is None:
+        return carry, neighbors
+    stale = _stale(interval, time_step, carry, neighbors)
+    return lax.cond(stale, rebuild, lambda c, n: (c, n), carry, neighbors)

@@ -1,0 +1,256 @@
+"""Neighbour list: who may touch whom, and where the pair stood when the list was made.
+
+The list is jax-md's dense list (allocated outside jit, updated inside). Beside each index it keeps the
+separation and the overlap of the pair at the build, computed in pairs of floats; a contact step only adds
+the change of distance since then, so that float32 resolves overlaps of a nanometre in a box of metres.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.machinery
+import sys
+import types
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxdem.particles import compensated, vectors
+from jaxdem.particles.compensated import Low
+from jaxdem.particles.vectors import Vector
+
+EXTRA_CAPACITY = 1.25
+"""Slots are allocated for this multiple of the largest number of neighbours found."""
+
+
+class NeighborGeometry(NamedTuple):
+    """What the search needs to know; static.
+
+    Attributes:
+        box: side lengths of the domain [m].
+        periodic: whether each axis is periodic.
+        cutoff: largest distance of two centres in contact, the largest diameter [m].
+        skin: extra distance that is listed; the list is good until a particle has moved skin/2 [m].
+    """
+
+    box: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    cutoff: float
+    skin: float
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Neighbors:
+    """Pairs in reach (K slots for each of N particles; every pair stands twice, once from either side).
+
+    Attributes:
+        index: K arrays (N,) int32, the other particle; an empty slot holds the particle itself.
+        separation: K slots of D arrays (N,), centre of the particle less centre of the other, at the build [m].
+        overlap: K arrays (N,), overlap at the build, negative for a gap [m].
+        reference: D arrays (N,), positions at the build, leading part [m].
+        reference_low: D arrays (N,), trailing part, or Nones in float64.
+        overflow: () bool, a particle had more neighbours than slots; the list is then incomplete.
+        builds: () int32, number of builds so far.
+        search: jax-md's own list, with its capacities.
+    """
+
+    index: tuple[Array, ...]
+    separation: tuple[Vector, ...]
+    overlap: tuple[Array, ...]
+    reference: Vector
+    reference_low: tuple[Low, ...]
+    overflow: Array
+    builds: Array
+    search: Any
+
+    @property
+    def capacity(self) -> int:
+        """Number of slots per particle."""
+        return len(self.index)
+
+    @property
+    def cell_capacity(self) -> int:
+        """Number of slots per cell of jax-md's search, 0 where it has no cells."""
+        return 0 if self.search is None else self.search.cell_list_capacity or 0
+
+
+def wrap(displacement: Array, geometry: NeighborGeometry) -> Array:
+    """Nearest image of (..., D) displacements along the periodic axes."""
+    if not any(geometry.periodic):
+        return displacement
+    box = jnp.asarray(geometry.box, displacement.dtype)
+    nearest = displacement - box * jnp.round(displacement / box)
+    return jnp.where(jnp.asarray(geometry.periodic), nearest, displacement)
+
+
+def displacement_since_build(position: Vector, low: tuple[Low, ...], neighbors: Neighbors) -> Vector:
+    """Motion of every particle since the list was built [m]; small, hence well resolved in one float."""
+    return tuple(
+        compensated.rounded_difference(*pair)
+        for pair in zip(position, low, neighbors.reference, neighbors.reference_low, strict=True)
+    )
+
+
+def out_of_date(displacement: Vector, geometry: NeighborGeometry) -> Array:
+    """() bool: a particle has moved so far that an unlisted pair might touch."""
+    return jnp.max(vectors.dot(displacement, displacement)) > (0.5 * geometry.skin) ** 2
+
+
+class NeighborSearch:
+    """Allocates and updates `Neighbors` for one geometry and one particle number.
+
+    The radius is one number or (N,); a single particle and no particle at all are handled without jax-md.
+    """
+
+    def __init__(self, geometry: NeighborGeometry, radius: Array):
+        self.geometry = geometry
+        self.radius = radius
+        # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.
+        reach = geometry.cutoff + geometry.skin
+        self._margin = np.where(geometry.periodic, 0.0, 2.0 * reach)
+        self._side = np.maximum(
+            np.asarray(geometry.box) + 2.0 * self._margin, np.where(geometry.periodic, 0.0, 3.5 * reach)
+        )
+        self._functions = None
+
+    def allocate(
+        self, position: Vector, low: tuple[Low, ...], slots: int = 0, cell_slots: int | None = None
+    ) -> Neighbors:
+        """A new list with room for these positions, and for `slots` neighbours at least; not jittable.
+
+        Args:
+            position: D arrays (N,), leading parts [m]; must be finite.
+            low: D arrays (N,) or Nones, trailing parts.
+            slots: smallest number of slots per particle.
+            cell_slots: capacity of jax-md's cells; then `slots` is exact too. A resumed run asks for the
+                capacities that it had, so that it compiles and computes the same.
+        """
+        search = None
+        if position[0].shape[0] > 1:
+            search = self._jax_md().allocate(self._shifted(position))
+            missing = slots - search.idx.shape[1]
+            if missing > 0:
+                search = self._jax_md().allocate(self._shifted(position), extra_capacity=missing)
+            if cell_slots is not None:
+                search = dataclasses.replace(
+                    search,
+                    idx=search.idx[:, :slots],
+                    max_occupancy=slots,
+                    cell_list_capacity=cell_slots or None,
+                )
+        return self._complete(search, position, low, jnp.zeros((), bool), jnp.ones((), jnp.int32))
+
+    def update(self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors) -> Neighbors:
+        """The list rebuilt at these positions; jittable, capacities unchanged, overflow flagged."""
+        position, low = lax.stop_gradient((position, low))
+        search, overflow = neighbors.search, neighbors.overflow
+        if search is not None:
+            search = search.update(self._shifted(position))
+            overflow = overflow | (search.did_buffer_overflow != 0)
+        return self._complete(search, position, low, overflow, neighbors.builds + 1)
+
+    def _complete(
+        self, search: Any, position: Vector, low: tuple[Low, ...], overflow: Array, builds: Array
+    ) -> Neighbors:
+        index: tuple[Array, ...] = ()
+        if search is not None:
+            own = jnp.arange(position[0].shape[0], dtype=jnp.int32)
+            listed = search.idx.T
+            index = tuple(jnp.where(listed < own.shape[0], listed, own))
+        geometry = [self._pair_geometry(other, position, low) for other in index]
+        separation = tuple(separation for separation, _ in geometry)
+        overlap = tuple(overlap for _, overlap in geometry)
+        return Neighbors(index, separation, overlap, position, low, overflow, builds, search)
+
+    def _pair_geometry(
+        self, other: Array, position: Vector, low: tuple[Low, ...]
+    ) -> tuple[Vector, Array]:
+        """Separation and overlap of the pairs in one slot."""
+        pairs = []
+        for k, (high, trailing) in enumerate(zip(position, low, strict=True)):
+            other_low = None if trailing is None else trailing[other]
+            separation = compensated.difference(high, trailing, high[other], other_low)
+            if self.geometry.periodic[k]:
+                box = jnp.asarray(self.geometry.box[k], high.dtype)
+                image = box * jnp.round(separation[0] / box)
+                image_low = None if trailing is None else jnp.zeros_like(image)
+                separation = compensated.difference(*separation, image, image_low)
+            pairs.append(separation)
+        radius_sum = 2.0 * self.radius if self.radius.ndim == 0 else self.radius + self.radius[other]
+        # An empty slot pairs a particle with itself: place it out of reach, so that it never touches.
+        empty = other == jnp.arange(other.shape[0], dtype=jnp.int32)
+        far = jnp.asarray(2.0 * (self.geometry.cutoff + self.geometry.skin), position[0].dtype)
+        first_low = None if pairs[0][1] is None else jnp.where(empty, 0.0, pairs[0][1])
+        pairs[0] = (jnp.where(empty, far, pairs[0][0]), first_low)
+        return tuple(high for high, _ in pairs), compensated.overlap_of_spheres(tuple(pairs), radius_sum)
+
+    def _shifted(self, position: Vector) -> Array:
+        stacked = vectors.stack(position)
+        box = jnp.asarray(self.geometry.box, stacked.dtype)
+        wrapped = jnp.where(jnp.asarray(self.geometry.periodic), jnp.mod(stacked, box), stacked)
+        return wrapped + jnp.asarray(self._margin, stacked.dtype)
+
+    def _jax_md(self) -> Any:
+        if self._functions is None:
+            partition = _import_partition()
+            geometry, side = self.geometry, np.asarray(self._side)
+
+            def displacement(a: Array, b: Array, **unused: Any) -> Array:  # jax-md passes a time
+                return wrap(a - b, geometry)
+
+            self._functions = partition.neighbor_list(
+                displacement,
+                side,
+                geometry.cutoff + geometry.skin,
+                dr_threshold=0.0,  # the time loop decides when to rebuild
+                capacity_multiplier=EXTRA_CAPACITY,
+                format=partition.NeighborListFormat.Dense,
+            )
+        return self._functions
+
+
+def carry_history(history: tuple[Vector, ...], old: Neighbors, new: Neighbors) -> tuple[Vector, ...]:
+    """Values kept per pair, moved to the slots of a new list by the identity of the other particle.
+
+    Args:
+        history: K slots of vectors, the value of each pair in the old list.
+        old: list that `history` belongs to.
+        new: list with K' slots.
+
+    Returns:
+        K' slots of vectors; zero for pairs that were not listed before.
+    """
+    slots = []
+    for index in new.index:
+        own = jnp.arange(index.shape[0], dtype=index.dtype)
+        value = tuple(jnp.zeros_like(x) for x in old.reference)
+        for previous, kept in zip(old.index, history, strict=True):
+            value = vectors.where((previous == index) & (index != own), kept, value)
+        slots.append(value)
+    return tuple(slots)
+
+
+def _import_partition() -> Any:
+    """jax_md.partition without the rest of the package.
+
+    `import jax_md` takes about 6 s and 500 MB, for its `__init__` imports everything; the module with the
+    neighbour lists needs three small siblings only. A bare package object stands in while they load.
+    """
+    if "jax_md.partition" not in sys.modules and "jax_md" not in sys.modules:
+        spec = importlib.machinery.PathFinder.find_spec("jax_md")
+        if spec is None or spec.submodule_search_locations is None:
+            raise ImportError("the package jax-md is not installed; pip install jax-md==0.2.29")
+        bare = types.ModuleType("jax_md")
+        bare.__path__ = list(spec.submodule_search_locations)
+        sys.modules["jax_md"] = bare
+        try:
+            importlib.import_module("jax_md.partition")
+        finally:
+            # A later `import jax_md` by the user runs the real __init__ and reuses these modules.
+            del sys.modules["jax_md"]
+    return sys.modules.get("jax_md.partition") or importlib.import_module("jax_md.partition")

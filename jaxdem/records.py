@@ -1,0 +1,284 @@
+"""What a run writes: frames, history rows, samples and the summary, from state and diagnostics. Host side."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import importlib.metadata
+import platform
+import time as clock
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxdem import __version__, metrics
+from jaxdem.build import Simulation
+from jaxdem.coupling.exchange import FluidForces
+from jaxdem.fluid.grid import cell_average
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.profile import estimate_stages
+from jaxdem.scene import Scene
+from jaxdem.state import Diagnostics, Parameters, State
+
+SAMPLE_INPUTS = (
+    "particle_velocity",
+    "fluid_velocity",
+    "solid_fraction",
+    "void_fraction_gradient",
+    "pressure_gradient",
+)
+"""Inputs of the drag law that samples.h5 keeps."""
+
+
+@dataclasses.dataclass
+class Totals:
+    """Sums and extremes over a run; they belong to a checkpoint."""
+
+    start: float = 0.0
+    resizes: int = 0
+    intervals: int = 0
+    fluid_steps: int = 0
+    collision: float = 0.0
+    collision_intervals: int = 0
+    out_of_range: float = 0.0
+    iterations: int = 0
+    courant: float = 0.0
+    mass: float = 0.0
+    momentum: float = 0.0
+    volume: float = 0.0
+    fastest: float = 0.0
+    builds: int = 0
+    wall: float = 0.0
+    stages: dict[str, float] = dataclasses.field(
+        default_factory=lambda: dict.fromkeys(("fluid_part", "particle_part", "output", "compile"), 0.0)
+    )
+
+    @contextlib.contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Adds the wall time of a block to a stage."""
+        begin = clock.perf_counter()
+        yield
+        self.stages[stage] += clock.perf_counter() - begin
+
+    def add(self, diagnostics: Diagnostics) -> None:
+        """One coupling interval."""
+        self.intervals += 1
+        particles, fluid = diagnostics.particles, diagnostics.fluid
+        if particles is not None:
+            self.collision += float(particles.collision_force)
+            self.collision_intervals += 1
+            self.builds = int(particles.builds)
+            self.fastest = max(self.fastest, float(particles.fastest))
+        if fluid is not None:
+            self.fluid_steps += int(fluid.substeps)
+            self.iterations = max(self.iterations, int(fluid.iterations))
+            self.courant = max(self.courant, float(fluid.courant))
+            self.mass = max(self.mass, float(fluid.divergence))
+            self.momentum = max(self.momentum, float(fluid.momentum))
+            self.volume = max(self.volume, float(fluid.volume))
+            self.out_of_range += float(fluid.out_of_range)
+
+    def collision_mean(self) -> float | None:
+        """Mean collision force since the last call [N]; zero before the first interval."""
+        mean = self.collision / self.collision_intervals if self.collision_intervals else 0.0
+        self.collision, self.collision_intervals = 0.0, 0
+        return mean
+
+    def elapsed(self) -> float:
+        """Wall time of the run, that of the runs before a restart included [s]."""
+        return self.wall + clock.perf_counter() - self.start
+
+    def save(self) -> dict[str, Any]:
+        """Names and values for a checkpoint."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "stages"}
+        values["wall"] = self.elapsed()
+        return values | {f"stage_{name}": value for name, value in self.stages.items()}
+
+    def load(self, values: dict[str, Any]) -> None:
+        """The inverse of `save`."""
+        for field in dataclasses.fields(self):
+            if field.name not in ("stages", "start"):
+                setattr(self, field.name, type(getattr(self, field.name))(values[field.name]))
+        self.stages = {name: float(values[f"stage_{name}"]) for name in self.stages}
+
+
+def frame_of(
+    simulation: Simulation, parameters: Parameters, state: State, forces: FluidForces | None
+) -> tuple[dict[str, np.ndarray] | None, dict[str, np.ndarray] | None]:
+    """Arrays of one output frame for particles and fluid; None for a part that the scene has not."""
+    particles = fluid = None
+    if state.particles is not None and parameters.bodies is not None:
+        count, dimension = state.particles.position.shape
+        drag = np.zeros((count, dimension)) if forces is None else np.asarray(forces.drag)
+        particles = {
+            "position": wrapped_position(simulation, state),
+            "velocity": np.asarray(state.particles.velocity),
+            "angular_velocity": np.asarray(state.particles.angular_velocity),
+            "drag_force": drag.astype(state.particles.velocity.dtype),
+            "contact_force": np.asarray(state.particles.contact_force),
+            "radius": np.broadcast_to(np.asarray(parameters.bodies.radius), count).copy(),
+        }
+    if state.fluid is not None:
+        cells = state.fluid.pressure.shape
+        void_fraction = state.fluid.void_fraction
+        fluid = {
+            "velocity": np.stack([np.asarray(u) for u in cell_average(state.fluid.face_velocity)], axis=-1),
+            "pressure": np.asarray(state.fluid.pressure),
+            "void_fraction": np.ones(cells, state.fluid.pressure.dtype)
+            if void_fraction is None
+            else np.asarray(void_fraction),
+        }
+    return particles, fluid
+
+
+def history_of(
+    simulation: Simulation,
+    parameters: Parameters,
+    state: State,
+    forces: FluidForces | None,
+    time: float,
+    collision: float | None,
+) -> dict[str, float]:
+    """One row of history.csv."""
+    values: dict[str, Any] = {}
+    if state.particles is not None and parameters.bodies is not None:
+        values |= {
+            "position": wrapped_position(simulation, state),
+            "velocity": state.particles.velocity,
+            "angular_velocity": state.particles.angular_velocity,
+            "mass": parameters.bodies.mass,
+            "inertia": parameters.bodies.inertia,
+            "collision_force": collision,
+        }
+        if state.fluid is not None:
+            values["drag_force"] = np.zeros_like(state.particles.velocity) if forces is None else forces.drag
+    if state.fluid is not None:
+        frame = frame_of(simulation, parameters, state._replace(particles=None), None)[1]
+        assert frame is not None
+        values |= {"fluid_pressure": frame["pressure"], "fluid_velocity": frame["velocity"]}
+    return metrics.history_row(time, **{name: np.asarray(v) for name, v in values.items()})
+
+
+def wrapped_position(simulation: Simulation, state: State) -> np.ndarray:
+    """(N, D) centres, inside the box along its periodic axes [m]."""
+    assert state.particles is not None
+    position = np.asarray(state.particles.position)
+    if not any(simulation.periodic):
+        return position
+    box = np.asarray(simulation.box, position.dtype)
+    return np.where(simulation.periodic, np.mod(position, box), position)
+
+
+def sample_of(before: State, after: State, forces: FluidForces) -> dict[str, np.ndarray]:
+    """What the drag law saw and gave in the interval from `before` to `after`, and the fields of that moment.
+
+    Positions, void fraction and everything the law saw belong to the start of the interval; the forces are
+    means over it.
+    """
+    assert before.particles is not None and before.fluid is not None and after.fluid is not None
+    sample = {name: np.asarray(getattr(forces.inputs, name)) for name in SAMPLE_INPUTS}
+    sample |= {
+        "position": np.asarray(before.particles.position),
+        "slip_velocity": np.asarray(forces.inputs.slip_velocity),
+        "reynolds": np.asarray(forces.inputs.reynolds),
+        "drag_force": np.asarray(forces.drag),
+        "pressure_gradient_force": np.asarray(forces.pressure_gradient),
+        "viscous_force": np.asarray(forces.viscous),
+        "pressure": np.asarray(before.fluid.pressure),
+        # The void fraction of `after` was deposited from the positions of `before`.
+        "void_fraction": np.asarray(after.fluid.void_fraction),
+    }
+    return sample | {
+        f"face_velocity_{axis}": np.asarray(u) for axis, u in enumerate(before.fluid.face_velocity)
+    }
+
+
+def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
+    """Constants that a reader of samples.h5 needs."""
+    assert scene.fluid is not None and scene.coupling is not None and scene.particles is not None
+    assert simulation.fluid is not None and simulation.fluid.half_width is not None
+    return {
+        "drag": scene.coupling.drag,
+        "closure": scene.closure.file or "",
+        "fluid_density": scene.fluid.density,
+        "kinematic_viscosity": scene.fluid.viscosity,
+        "cells": np.asarray(scene.fluid.cells),
+        "size": np.asarray(scene.domain.size),
+        "depth": scene.domain.depth or 1.0,
+        "kernel_half_width": np.asarray(simulation.fluid.half_width),
+        "kernel_diameters": scene.coupling.kernel_width.diameters,
+        "kernel_cells": scene.coupling.kernel_width.cells,
+        "radius": np.asarray(scene.particles.radius, float),
+        "particle_density": np.asarray(scene.particles.density, float),
+        "interval": simulation.interval,
+        "dimension": scene.dimension,
+    }
+
+
+def run_summary(
+    scene: Scene,
+    simulation: Simulation,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors | None,
+    totals: Totals,
+    *,
+    valid: bool,
+    reason: str,
+    time: float,
+) -> dict[str, Any]:
+    """Content of summary.json."""
+    count = 0 if state.particles is None else state.particles.position.shape[0]
+    elapsed = totals.elapsed()
+    steps = simulation.steps
+    stages, estimated = estimate_stages(simulation, parameters, state, neighbors, totals)
+    used = count * max(totals.intervals, 1)
+    return {
+        "valid": valid,
+        "reason": reason,
+        "time": time,
+        "versions": _versions(),
+        "device": str(jax.devices()[0].device_kind),
+        "machine": {"processor": platform.processor() or platform.machine(), "devices": jax.device_count()},
+        "precision": scene.precision,
+        "wall_time_s": elapsed,
+        "stages_s": stages,
+        "estimated": estimated,
+        "time_steps": {
+            "contact": steps.contact,
+            "fluid": steps.interval * totals.intervals / totals.fluid_steps if totals.fluid_steps else None,
+            "coupling": steps.interval,
+            "limits": steps.limits,
+            "courant_max": totals.courant,
+        },
+        "counts": {
+            "particles": count,
+            "cells": int(np.prod(scene.fluid.cells)) if scene.fluid else 0,
+            "coupling_intervals": totals.intervals,
+            "contact_steps": totals.intervals * steps.contacts_per_interval,
+            "fluid_steps": totals.fluid_steps,
+            "neighbor_builds": totals.builds,
+            "neighbor_slots": 0 if neighbors is None else neighbors.capacity,
+            "neighbor_resizes": totals.resizes,
+            "solver_iterations_max": totals.iterations,
+        },
+        "fastest_particle": totals.fastest,
+        "kernel_half_width": None if simulation.fluid is None else simulation.fluid.half_width,
+        "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
+        "closure": {
+            "file": scene.closure.file,
+            "law": None if scene.coupling is None else scene.coupling.drag,
+            "out_of_range_fraction": totals.out_of_range / used if used else 0.0,
+        },
+    }
+
+
+def _versions() -> dict[str, str]:
+    names = ("jax", "jaxlib", "jax-md", "flax", "optax", "h5py", "numpy")
+    return {
+        "jaxdem": __version__,
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in names},
+    }

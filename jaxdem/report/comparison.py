@@ -1,0 +1,283 @@
+"""The numbers of a comparison: one row a run, its errors against the reference, the noise floor, what to beware of."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxdem import metrics
+from jaxdem.errors import InputError
+from jaxdem.report import runs as read
+from jaxdem.report.runs import RunLike
+
+NAMES = tuple(metric.name for metric in metrics.METRICS)
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run of a comparison.
+
+    Attributes:
+        role: "reference", "run" or "noise" (a reference run again, its pack jittered).
+        cells: fluid cells along each axis, None without fluid.
+        contact_time_step, wall_time_s, training_cost_s: [s]; NaN where not recorded.
+        valid: what the run's summary says; False where there is no summary.
+        complete: whether the history reaches the end that scene and reference ask for.
+        end_time, compared_from, compared_until: [s]; last output, and the span shared with the reference.
+        final: the nine metrics at the last output, SI.
+        errors: `metrics.relative_error` of each [-]; NaN where missing.
+        mean_error: mean of the finite errors [-]; metrics_counted: how many those are.
+        error_over_noise: mean error over the noise floor's [-]; NaN without noise runs.
+        pareto: on the front of mean error against run time, among valid and complete runs.
+    """
+
+    name: str
+    role: str
+    path: str
+    cells: tuple[int, ...] | None
+    particles: float
+    closure: str
+    drag: str
+    precision: str
+    contact_time_step: float
+    wall_time_s: float
+    valid: bool
+    complete: bool
+    status: str
+    end_time: float
+    compared_from: float
+    compared_until: float
+    final: dict[str, float]
+    errors: dict[str, float]
+    mean_error: float
+    metrics_counted: int
+    training_cost_s: float = NAN
+    error_over_noise: float = NAN
+    pareto: bool = False
+
+    @property
+    def ranked(self) -> bool:
+        """Whether the run may stand on the Pareto front: valid and as long as the reference."""
+        return self.valid and self.complete
+
+    @property
+    def cells_text(self) -> str:
+        """Mesh as "75 x 12"; a dash without fluid."""
+        return " x ".join(str(n) for n in self.cells) if self.cells else "-"
+
+
+@dataclass
+class Comparison:
+    """Runs against a reference. `rows` has the reference first; `noise_rows` the jittered reference runs.
+
+    Attributes:
+        noise_floor: mean over the noise runs of each metric's error [-]; empty without noise runs.
+        noise_mean: mean over the noise runs of their mean error [-]; NaN without.
+        warnings: sentences on what limits the comparison.
+        sentences: the plain-language summary, one finding each.
+        files: what was written, by its short name.
+    """
+
+    rows: list[Row]
+    noise_rows: list[Row] = field(default_factory=list)
+    noise_floor: dict[str, float] = field(default_factory=dict)
+    noise_mean: float = NAN
+    warnings: list[str] = field(default_factory=list)
+    sentences: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    files: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def reference(self) -> Row:
+        """The row of the reference."""
+        return self.rows[0]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A run under its name and role, with the history that is compared (columns (T,), SI)."""
+
+    name: str
+    role: str
+    run: RunLike
+    history: dict[str, read.Array]
+
+
+def choose_names(reference: RunLike, runs: Sequence[RunLike], names: Sequence[str] | None) -> list[str]:
+    """Names of the reference and the runs, all different; by default the names of their directories.
+
+    Args:
+        names: one a run, or one more with the reference's name first.
+
+    Raises:
+        InputError: another number of names, or two that are equal.
+    """
+    if names is not None:
+        if len(names) not in (len(runs), len(runs) + 1):
+            raise InputError(
+                "names", list(names), f"one a run, {len(runs)}", "Or one more, the reference's first."
+            )
+        chosen = [str(n) for n in names]
+        if len(chosen) == len(runs):
+            chosen.insert(
+                0, _default_name(reference) if _default_name(reference) not in chosen else "reference"
+            )
+        if len(set(chosen)) < len(chosen):
+            raise InputError("names", chosen, "all different", "Rename one of the two.")
+        return chosen
+    chosen = [_default_name(run) for run in (reference, *runs)]
+    longer = [
+        f"{Path(run.path).resolve().parent.name}/{name}"
+        for run, name in zip((reference, *runs), chosen, strict=True)
+    ]
+    if len(set(chosen)) < len(chosen):
+        chosen = longer
+    return [name if chosen.count(name) == 1 else f"{name} #{i}" for i, name in enumerate(chosen)]
+
+
+def _default_name(run: RunLike) -> str:
+    return Path(run.path).resolve().name or "run"
+
+
+def make_row(entry: Entry, reference: Entry, training_cost: float, until: float | None) -> Row:
+    """Read one run's figures and its errors against the reference."""
+    run, history = entry.run, entry.history
+    own, other = history["time"], reference.history["time"]
+    errors = metrics.errors(history, reference.history)
+    finite = [error for error in errors.values() if math.isfinite(error)]
+    shared = (max(own[0], other[0]), min(own[-1], other[-1])) if len(own) and len(other) else (NAN, NAN)
+    valid = read.lookup(run.summary, "valid") is True
+    end_time = float(own[-1]) if len(own) else NAN
+    complete, status = _status(run, valid, end_time, other, until)
+    return Row(
+        name=entry.name,
+        role=entry.role,
+        path=str(run.path),
+        cells=read.cells(run),
+        particles=read.number(
+            read.lookup(run.summary, "counts.particles", read.lookup(run.scene, "particles.count"))
+        ),
+        closure=read.closure_file(run),
+        drag=str(read.lookup(run.scene, "coupling.drag", "")),
+        precision=str(read.lookup(run.summary, "precision", read.lookup(run.scene, "precision", ""))),
+        contact_time_step=read.number(
+            read.lookup(run.summary, "time_steps.contact", read.lookup(run.scene, "contact.time_step"))
+        ),
+        wall_time_s=read.number(read.lookup(run.summary, "wall_time_s")),
+        valid=valid,
+        complete=complete,
+        status=status,
+        end_time=end_time,
+        compared_from=float(shared[0]),
+        compared_until=float(shared[1]),
+        final={name: float(history[name][-1]) if name in history and len(own) else NAN for name in NAMES},
+        errors=errors,
+        mean_error=float(np.mean(finite)) if finite else NAN,
+        metrics_counted=len(finite),
+        training_cost_s=training_cost,
+    )
+
+
+def _status(
+    run: RunLike, valid: bool, end_time: float, reference_times: read.Array, until: float | None
+) -> tuple[bool, str]:
+    """(complete, text): whether the history reaches the planned end, to within half an output interval."""
+    planned = read.number(read.lookup(run.scene, "time.end"))
+    ends = [
+        end
+        for end in (planned, float(reference_times[-1]) if len(reference_times) else NAN)
+        if math.isfinite(end)
+    ]
+    wanted = min(max(ends, default=NAN), math.inf if until is None else until)
+    interval = float(np.median(np.diff(reference_times))) if len(reference_times) > 1 else 0.0
+    complete = bool(math.isfinite(end_time) and end_time >= wanted - 0.5 * interval - 1e-9)
+    parts = []
+    if not valid:
+        reason = read.lookup(run.summary, "reason") or ("no reason recorded" if run.summary else "no summary")
+        parts.append(f"INVALID: {reason}")
+    if not complete:
+        parts.append(
+            f"incomplete: ended at {end_time:.4g} s of {wanted:.4g} s"
+            if math.isfinite(end_time)
+            else "no history"
+        )
+    return complete, "; ".join(parts) or "valid"
+
+
+def build(
+    reference: Entry,
+    entries: Sequence[Entry],
+    noise: Sequence[Entry],
+    cost: Mapping[str, float],
+    until: float | None,
+) -> Comparison:
+    """Rows of all runs, the noise floor, and the Pareto front of mean error against run time.
+
+    The front is over runs that are valid and as long as the reference: a run that stopped early is cheap and has had
+    less time to err, and would win for the wrong reason. The reference, whose error is zero by definition, is not on it.
+    """
+    rows = [make_row(entry, reference, cost.get(entry.name, NAN), until) for entry in (reference, *entries)]
+    noise_rows = [make_row(entry, reference, NAN, until) for entry in noise]
+    used = [row for row in noise_rows if row.ranked]
+    floor, mean = {}, NAN
+    if used:
+        floor = {name: float(np.mean([row.errors[name] for row in used])) for name in NAMES}
+        mean = float(np.mean([row.mean_error for row in used]))
+    if mean > 0.0:
+        rows = [replace(row, error_over_noise=row.mean_error / mean) for row in rows]
+        noise_rows = [replace(row, error_over_noise=row.mean_error / mean) for row in noise_rows]
+    candidates = [row.ranked and row.role == "run" for row in rows]
+    costs = [row.wall_time_s if ok else NAN for row, ok in zip(rows, candidates, strict=True)]
+    front = metrics.pareto_front(costs, [row.mean_error for row in rows])
+    rows = [replace(row, pareto=bool(on)) for row, on in zip(rows, front, strict=True)]
+    return Comparison(rows=rows, noise_rows=noise_rows, noise_floor=floor, noise_mean=mean)
+
+
+def write_csv(comparison: Comparison, path: Path) -> None:
+    """comparison.csv: one row a run, the reference first, noise runs last; missing numbers are `nan`."""
+    with_noise = bool(comparison.noise_rows)
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer: csv.DictWriter[str] | None = None
+        for row in (*comparison.rows, *comparison.noise_rows):
+            record = _record(row, with_noise)
+            if writer is None:
+                writer = csv.DictWriter(file, fieldnames=list(record))
+                writer.writeheader()
+            writer.writerow(record)
+
+
+def _record(row: Row, with_noise: bool) -> dict[str, Any]:
+    record: dict[str, Any] = {
+        "name": row.name,
+        "cells": "x".join(str(n) for n in row.cells or ()),
+        "particle_count": int(row.particles) if math.isfinite(row.particles) else "",
+        "closure_file": row.closure,
+        "drag_law": row.drag,
+        "precision": row.precision,
+        "contact_time_step": row.contact_time_step,
+        "wall_time_s": row.wall_time_s,
+        "valid": "true" if row.valid else "false",
+        **row.final,
+        **{f"error_{name}": error for name, error in row.errors.items()},
+        "mean_error": row.mean_error,
+    }
+    if with_noise:
+        record["error_over_noise"] = row.error_over_noise
+    return record | {
+        "role": row.role,
+        "status": row.status,
+        "end_time": row.end_time,
+        "compared_from": row.compared_from,
+        "compared_until": row.compared_until,
+        "metrics_counted": row.metrics_counted,
+        "training_cost_s": row.training_cost_s,
+        "pareto": "true" if row.pareto else "false",
+        "path": row.path,
+    }

@@ -1,0 +1,175 @@
+"""The same figures of numbers for the page, with zoom and hover: metrics over time, error against run time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import plotly.graph_objects as go  # type: ignore[import-untyped, unused-ignore]
+from plotly.offline import get_plotlyjs  # type: ignore[import-untyped, unused-ignore]
+from plotly.subplots import make_subplots  # type: ignore[import-untyped, unused-ignore]
+
+from jaxdem.metrics import METRICS
+from jaxdem.report import style
+from jaxdem.report.comparison import Comparison, Entry, Row
+from jaxdem.report.figures import drawable, label, sound_limits
+from jaxdem.report.style import RunStyle
+
+MAX_POINTS = 2000
+"""Longer histories are thinned evenly for the page; the errors use every output."""
+
+FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#222222"}
+AXIS = {
+    "gridcolor": "#E3E3E3",
+    "zeroline": False,
+    "linecolor": "#888888",
+    "ticks": "outside",
+    "exponentformat": "power",
+}
+
+
+TICKS = [digit * 10.0**power for power in range(-8, 9) for digit in (1, 2, 5)]
+TICK_TEXT = [f"{tick:g}" for tick in TICKS]
+
+
+def plotly_script() -> str:
+    """plotly.js itself (4 to 5 MB), to be put into the page once so that it works without a network."""
+    return str(get_plotlyjs())
+
+
+def metrics_plot(entries: Sequence[Entry], comparison: Comparison, styles: Mapping[str, RunStyle]) -> str:
+    """HTML fragment: the nine metrics over time; a click in the legend hides a run in all panels."""
+    rows = {row.name: row for row in (*comparison.rows, *comparison.noise_rows)}
+    figure = make_subplots(3, 3, shared_xaxes=True, horizontal_spacing=0.08, vertical_spacing=0.05)
+    listed: set[str] = set()
+    for i, metric in enumerate(METRICS):
+        position = {"row": i // 3 + 1, "col": i % 3 + 1}
+        figure.update_yaxes(
+            title_text=f"{metric.label} [{metric.unit}]", title_standoff=4, **AXIS, **position
+        )
+        figure.update_xaxes(title_text="time [s]" if i >= 6 else None, **AXIS, **position)
+        if limits := sound_limits(entries, metric.name, rows):
+            figure.update_yaxes(range=limits, **position)
+        for entry in entries:
+            values = entry.history.get(metric.name)
+            if values is not None and np.isfinite(values).any():
+                trace = _trace(entry, rows[entry.name], values, styles, listed)
+                figure.add_trace(trace, **position)
+    figure.update_layout(height=980, hovermode="x unified", hoverlabel={"namelength": -1}, **_layout(-0.07))
+    return _fragment(figure, "metrics-plot")
+
+
+def _trace(
+    entry: Entry, row: Row, values: np.ndarray, styles: Mapping[str, RunStyle], listed: set[str]
+) -> go.Scatter:
+    look = styles.get(entry.name)
+    noise = entry.role == "noise" or look is None
+    group = "noise" if noise else entry.name
+    step = max(1, math.ceil(len(values) / MAX_POINTS))
+    trace = go.Scatter(
+        x=_plain(entry.history["time"][::step]),
+        y=_plain(values[::step]),
+        mode="lines",
+        name="reference, jittered pack" if noise else label(row),
+        legendgroup=group,
+        showlegend=group not in listed,
+        line={"color": style.NOISE, "width": 1}
+        if noise or look is None
+        else {"color": look.color, "dash": look.plotly_dash, "width": look.width + 0.4},
+        hovertemplate="%{y:.4g}",
+    )
+    listed.add(group)
+    return trace
+
+
+def error_plot(comparison: Comparison, styles: Mapping[str, RunStyle]) -> str:
+    """HTML fragment: mean error against run time, logarithmic, training cost hollow, Pareto front and noise floor."""
+    figure = go.Figure()
+    points = drawable(comparison)
+    floor = 0.5 * min((row.mean_error for row in points if row.mean_error > 0), default=1e-3)
+    front = sorted((row for row in points if row.pareto), key=lambda row: row.wall_time_s)
+    if len(front) > 1:
+        figure.add_scatter(
+            x=[row.wall_time_s for row in front], y=[max(row.mean_error, floor) for row in front], mode="lines",
+            line={"color": "#555555", "width": 1.2, "shape": "hv"}, name="Pareto front (run time)", hoverinfo="skip",
+        )  # fmt: skip
+    for row in points:
+        _add_point(figure, row, styles[row.name], max(row.mean_error, floor))
+    _add_lines(figure, comparison, points, floor)
+    figure.update_xaxes(type="log", title_text="run time [s]", tickvals=TICKS, ticktext=TICK_TEXT, **AXIS)
+    title = "mean relative error over the metrics [-]"
+    figure.update_yaxes(type="log", title_text=title, tickvals=TICKS, ticktext=TICK_TEXT, **AXIS)
+    figure.update_layout(height=580, **_layout(-0.16))
+    return _fragment(figure, "error-plot")
+
+
+def _add_lines(figure: go.Figure, comparison: Comparison, points: Sequence[Row], floor: float) -> None:
+    """Noise floor and reference as lines across the points; plotly's own ones do not widen a logarithmic axis."""
+    reference, noise = comparison.reference.wall_time_s, comparison.noise_mean
+    costs = [row.wall_time_s for row in points] + [reference] * (reference > 0)
+    costs += [row.wall_time_s + row.training_cost_s for row in points if row.training_cost_s > 0]
+    levels = [max(row.mean_error, floor) for row in points] + [noise] * (noise > 0)
+    if noise > 0 and costs:
+        figure.add_scatter(
+            x=[0.9 * min(costs), 1.1 * max(costs)], y=[noise, noise], mode="lines", name="noise floor",
+            line={"color": style.NOISE, "width": 2}, hovertemplate="noise floor %{y:.3g}<extra></extra>",
+        )  # fmt: skip
+    if reference > 0 and levels:
+        figure.add_scatter(
+            x=[reference, reference], y=[0.8 * min(levels), 1.2 * max(levels)], mode="lines", name="reference (error 0)",
+            line={"color": style.REFERENCE, "width": 1.4}, hovertemplate="reference %{x:.4g} s<extra></extra>",
+        )  # fmt: skip
+
+
+def _add_point(figure: go.Figure, row: Row, look: RunStyle, y: float) -> None:
+    worst = [
+        f"{metric.label} {100 * row.errors[metric.name]:.3g} %"
+        for metric in METRICS
+        if math.isfinite(row.errors[metric.name])
+    ]
+    hover = "<br>".join([f"{row.cells_text} cells, {row.status}", *worst])
+    template = "%{x:.4g} s, error " + f"{row.mean_error:.3g}<br>{_escape(hover)}"
+    marker = {"size": 12, "color": look.color, "symbol": look.plotly_marker if row.ranked else "x"}
+    figure.add_scatter(
+        x=[row.wall_time_s], y=[y], mode="markers", marker=marker, name=label(row), legendgroup=row.name,
+        hovertemplate=template,
+    )  # fmt: skip
+    if row.training_cost_s > 0:
+        figure.add_scatter(
+            x=[row.wall_time_s, row.wall_time_s + row.training_cost_s], y=[y, y], mode="lines+markers",
+            line={"color": look.color, "dash": "dot", "width": 1.2}, legendgroup=row.name,
+            marker={"size": [0, 12], "symbol": f"{look.plotly_marker}-open", "color": look.color, "line": {"width": 2}},
+            name=f"{row.name}, with training", hovertemplate="%{x:.4g} s with training",
+        )  # fmt: skip
+
+
+def _escape(text: str) -> str:
+    """Names come from directories and reasons from summaries: no markup from them, line breaks are ours."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("&lt;br&gt;", "<br>")
+
+
+def _plain(values: np.ndarray) -> list[float | None]:
+    """A list with None for what is not finite: JSON has no NaN."""
+    return [float(f"{value:.6g}") if math.isfinite(value) else None for value in values]
+
+
+def _layout(legend_y: float) -> dict[str, object]:
+    return {
+        "template": "none",
+        "font": FONT,
+        "paper_bgcolor": "white",
+        "plot_bgcolor": "white",
+        "margin": {"l": 70, "r": 20, "t": 40, "b": 60},
+        "legend": {"orientation": "h", "y": legend_y, "yanchor": "top", "x": 0},
+    }
+
+
+def _fragment(figure: go.Figure, identity: str) -> str:
+    html: str = figure.to_html(
+        full_html=False,
+        include_plotlyjs=False,
+        div_id=identity,
+        config={"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["select2d", "lasso2d"]},
+    )
+    return html

@@ -1,0 +1,118 @@
+"""What a comparison needs of a run, read with tolerance: a summary or a scene may lack keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxdem.metrics import METRICS
+
+Array = NDArray[np.float64]
+
+
+class RunLike(Protocol):
+    """The part of `jaxdem.io.Run` that the report uses."""
+
+    @property
+    def path(self) -> Path: ...
+    @property
+    def summary(self) -> dict[str, Any]: ...
+    @property
+    def scene(self) -> dict[str, Any]: ...
+    @property
+    def history(self) -> dict[str, Array]: ...
+    @property
+    def times(self) -> Array: ...
+    @property
+    def number_of_frames(self) -> int: ...
+    @property
+    def dimension(self) -> int: ...
+    def particles(self, i: int, /) -> dict[str, Array] | None: ...
+    def fluid(self, i: int, /) -> dict[str, Array] | None: ...
+
+
+def lookup(mapping: Mapping[str, Any] | None, dotted: str, default: Any = None) -> Any:
+    """Value at a dotted key such as "fluid.cells"; `default` where any part of the way is missing or None."""
+    value: Any = mapping
+    for key in dotted.split("."):
+        if not isinstance(value, Mapping) or key not in value:
+            return default
+        value = value[key]
+    return default if value is None else value
+
+
+def number(value: Any) -> float:
+    """A float; of a table such as {value = 1e-4, limit = 2e-4} its value; NaN for anything else."""
+    if isinstance(value, Mapping):
+        value = next((value[key] for key in ("value", "used", "step") if key in value), None)
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        return float("nan")
+    return float(value)
+
+
+def text(value: Any, fallback: str = "not recorded") -> str:
+    """One line of text for a value of a summary: tables become "key value, key value"."""
+    if value is None or value == "" or value == {}:
+        return fallback
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {text(item)}" for key, item in value.items())
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(text(item) for item in value)
+    return str(value)
+
+
+def history_until(run: RunLike, until: float | None) -> dict[str, Array]:
+    """The history up to and including the time `until` [s]; columns (T,), with `time` first.
+
+    Columns of another length than the time are left out (a history cut by a kill).
+    """
+    history = run.history or {}
+    times = np.asarray(history.get("time", run.times), dtype=np.float64)
+    keep = np.ones(len(times), bool) if until is None else times <= until * (1 + 1e-9)
+    result = {"time": times[keep]}
+    for metric in METRICS:
+        values = history.get(metric.name)
+        if values is not None and len(values) == len(times):
+            result[metric.name] = np.asarray(values, dtype=np.float64)[keep]
+    return result
+
+
+def cells(run: RunLike) -> tuple[int, ...] | None:
+    """Number of fluid cells along each axis; None without fluid."""
+    given = lookup(run.scene, "fluid.cells")
+    return tuple(int(n) for n in given) if isinstance(given, list | tuple) and len(given) else None
+
+
+def domain_size(run: RunLike) -> tuple[float, ...] | None:
+    """Box sides [m], the vertical one last; None where the scene does not tell."""
+    given = lookup(run.scene, "domain.size")
+    return tuple(float(side) for side in given) if isinstance(given, list | tuple) and len(given) else None
+
+
+def closure_file(run: RunLike) -> str:
+    """Name of the learned closure's file; empty for a run with a drag law alone."""
+    given = lookup(run.summary, "closure.file") or lookup(run.scene, "closure.file")
+    return str(given) if given else ""
+
+
+def scene_differences(scene: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    """Dotted keys in which two scenes differ, each with (value here, value in the reference); None where missing."""
+    here, there = _flatten(scene or {}), _flatten(reference or {})
+    keys = [*there, *(key for key in here if key not in there)]
+    return {key: (here.get(key), there.get(key)) for key in keys if here.get(key) != there.get(key)}
+
+
+def _flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in mapping.items():
+        if isinstance(value, Mapping):
+            flat.update(_flatten(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = list(value) if isinstance(value, tuple) else value
+    return flat

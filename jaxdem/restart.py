@@ -1,0 +1,98 @@
+"""State, neighbour list and counters as named arrays and back, so that a resumed run is the same bit for bit."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.build import Simulation
+from jaxdem.errors import InputError
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.state import State
+
+
+def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Named arrays of everything that a run goes on from.
+
+    Args:
+        state: of the simulation.
+        neighbors: its list; jax-md's own search is left out, for it can be made anew from the rest.
+        extra: name -> number or array, counters of the time loop.
+    """
+    arrays = _named("state", state)
+    if neighbors is not None:
+        arrays |= _named("neighbors", dataclasses.replace(neighbors, search=None))
+        arrays["capacity/slots"] = np.asarray(neighbors.capacity)
+        arrays["capacity/cell_slots"] = np.asarray(neighbors.cell_capacity)
+    return arrays | {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
+
+
+def from_arrays(
+    simulation: Simulation, template: State, arrays: dict[str, np.ndarray]
+) -> tuple[State, Neighbors | None, dict[str, np.ndarray]]:
+    """The inverse of `to_arrays`.
+
+    Args:
+        simulation: of the same scene.
+        template: a state of that scene, for the structure.
+        arrays: from a checkpoint.
+
+    Raises:
+        InputError: an array is missing or has another shape.
+    """
+    neighbors = None
+    if template.particles is not None:
+        slots = int(_get(arrays, "capacity/slots"))
+        particles = template.particles
+        zero = (jnp.zeros_like(particles.position[:, 0]),) * particles.position.shape[1]
+        template = template._replace(particles=particles._replace(contact_spring=(zero,) * slots))
+    state = _restored("state", template, arrays)
+    if state.particles is not None:
+        positions = state.particles.position
+        dimension = positions.shape[1]
+        reference = tuple(jnp.asarray(_get(arrays, f"neighbors.reference[{k}]")) for k in range(dimension))
+        low: Any = (None,) * dimension
+        if state.particles.position_low is not None:
+            low = tuple(
+                jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension)
+            )
+        search = simulation.contact.search  # type: ignore[union-attr]
+        fresh = search.allocate(reference, low, slots, int(_get(arrays, "capacity/cell_slots")))
+        kept = _restored("neighbors", dataclasses.replace(fresh, search=None), arrays)
+        neighbors = dataclasses.replace(kept, search=fresh.search)
+    extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
+    return state, neighbors, extra
+
+
+def _named(prefix: str, tree: Any) -> dict[str, np.ndarray]:
+    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+    return {prefix + jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def _restored(prefix: str, template: Any, arrays: dict[str, np.ndarray]) -> Any:
+    leaves, structure = jax.tree_util.tree_flatten_with_path(template)
+    restored = []
+    for path, leaf in leaves:
+        name = prefix + jax.tree_util.keystr(path)
+        value = _get(arrays, name)
+        if value.shape != leaf.shape or value.dtype != leaf.dtype:
+            raise InputError(
+                "checkpoint.h5",
+                f"{name}: {value.dtype}{list(value.shape)}",
+                f"this scene has {leaf.dtype}{list(leaf.shape)}",
+                "resume with the scene and version that wrote the checkpoint",
+            )
+        restored.append(jnp.asarray(value))
+    return jax.tree_util.tree_unflatten(structure, restored)
+
+
+def _get(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
+    if name not in arrays:
+        raise InputError(
+            "checkpoint.h5", name, "is missing", "resume with the scene and version that wrote the checkpoint"
+        )
+    return arrays[name]

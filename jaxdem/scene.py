@@ -1,0 +1,603 @@
+"""What is simulated: a validated, immutable description, read from and written to TOML. SI units throughout."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from jaxdem.errors import InputError
+
+SIDES_2D = ("left", "right", "bottom", "top")
+SIDES_3D = ("left", "right", "front", "back", "bottom", "top")
+"""Sides in the order axis by axis, lower before upper; the last axis is up."""
+
+KIND_ALIASES = {
+    "wall": "no_slip",
+    "noslip": "no_slip",
+    "slip": "free_slip",
+    "freeslip": "free_slip",
+    "velocity_inlet": "inlet",
+    "pressure_outlet": "outlet",
+}
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Rows = tuple[tuple[Finite, ...], ...]
+
+
+class Section(BaseModel):
+    """A table of the scene file: immutable, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Domain(Section):
+    """The box.
+
+    Attributes:
+        size: side lengths, two or three; the last axis is up [m].
+        depth: extent of the third direction of a 2-D scene [m].
+        gravity: acceleration, one number per axis [m/s2].
+    """
+
+    size: tuple[Positive, ...] = Field(min_length=2, max_length=3)
+    depth: Positive | None = None
+    gravity: tuple[Finite, ...] | None = None
+
+
+class Pack(Section):
+    """Where particles are put at the start.
+
+    Attributes:
+        kind: "polygon" fills a polygon of the x-vertical plane in rows from below, "lattice" a box.
+        vertices: corners (x, vertical) of the polygon [m].
+        start: lower corner of the lattice's box [m].
+        stop: upper corner [m].
+        spacing: distance of neighbours over the (largest) diameter [-].
+        jitter: largest random displacement over the (smallest) radius [-].
+    """
+
+    kind: Literal["polygon", "lattice"]
+    vertices: Rows | None = None
+    start: tuple[Finite, ...] | None = None
+    stop: tuple[Finite, ...] | None = None
+    spacing: Annotated[float, Field(ge=1.0, le=100.0)] = 1.01
+    jitter: Annotated[float, Field(ge=0.0, le=0.5)] = 0.005
+
+
+class Particles(Section):
+    """The particles: spheres; in 2-D discs with a sphere's mass and inertia.
+
+    Attributes:
+        count: how many; with positions it must agree with their number.
+        radius: one number, or one per particle [m].
+        density: one number, or one per particle [kg/m3].
+        pack: where they start, or
+        position: their centres, as rows or the name of a text file (.csv, .txt, .npy) of rows [m].
+        velocity: rows or a file's name; at rest when not given [m/s].
+        angular_velocity: one number per particle in 2-D, rows of three in 3-D, or a file's name [rad/s].
+    """
+
+    count: Annotated[int, Field(ge=0, le=100_000_000)] | None = None
+    radius: Positive | tuple[Positive, ...]
+    density: Positive | tuple[Positive, ...]
+    pack: Pack | None = None
+    position: Rows | str | None = None
+    velocity: Rows | str | None = None
+    angular_velocity: Rows | tuple[Finite, ...] | str | None = None
+
+
+class Contact(Section):
+    """What happens where particles touch each other and the walls.
+
+    Attributes:
+        law: "hertz_mindlin" or "linear_spring_dashpot".
+        young_modulus: [Pa].
+        poisson_ratio: [-].
+        restitution: rebound over approach speed [-].
+        friction: Coulomb coefficient [-].
+        rolling_friction: coefficient of the constant directional torque; 0 leaves it out [-].
+        wall_young_modulus: "rigid", or [Pa]; the particles' when not given.
+        wall_poisson_ratio: the particles' when not given [-].
+        wall_friction: the particles' when not given [-].
+        normal_stiffness: of the linear law [N/m].
+        tangential_stiffness: of the linear law; 2/7 of the normal one when not given [N/m].
+        time_step: "auto", or [s].
+        speed: largest speed expected, for the automatic time step and the overlap; "auto" takes it from
+            the inlet, the initial velocities and a fall through the box [m/s].
+        maximum_overlap: largest expected overlap over the diameter that is accepted [-].
+        skin: extra reach of the neighbour list over the (largest) diameter; "auto" or [-].
+    """
+
+    law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
+    young_modulus: Positive = 7e7
+    poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5)] = 0.3
+    restitution: Annotated[float, Field(ge=0.0, le=1.0)] = 0.7
+    friction: NonNegative = 0.5
+    rolling_friction: NonNegative = 0.0
+    wall_young_modulus: Positive | Literal["rigid"] | None = None
+    wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5)] | None = None
+    wall_friction: NonNegative | None = None
+    normal_stiffness: Positive | None = None
+    tangential_stiffness: NonNegative | None = None
+    time_step: Positive | Literal["auto"] = "auto"
+    speed: Positive | Literal["auto"] = "auto"
+    maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5)] = 0.2
+    skin: Annotated[float, Field(gt=0.0, le=2.0)] | Literal["auto"] = "auto"
+
+
+class Fluid(Section):
+    """The fluid and its mesh.
+
+    Attributes:
+        cells: number of cells per axis.
+        density: [kg/m3].
+        viscosity: kinematic [m2/s].
+        time_step: "auto" (Courant number 0.5 at the largest boundary speed), or [s].
+        advection: "limited" (second order, van Leer) or "upwind" (first order).
+        courant_limit: a fluid step is halved, up to three times, until its Courant number is under this [-].
+        velocity: initial interstitial velocity, one number per axis; at rest when not given [m/s].
+    """
+
+    cells: tuple[Annotated[int, Field(ge=1, le=100_000)], ...] = Field(min_length=2, max_length=3)
+    density: Positive = 1000.0
+    viscosity: NonNegative = 1e-6
+    time_step: Positive | Literal["auto"] = "auto"
+    advection: Literal["limited", "upwind"] = "limited"
+    courant_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 0.7
+    velocity: tuple[Finite, ...] | None = None
+
+
+class BoundarySide(Section):
+    """One side of the box, or a patch of it; the rest of a patched side is a no-slip wall.
+
+    Attributes:
+        kind: no_slip, free_slip, moving_wall, inlet, outlet or periodic (both sides of an axis).
+        velocity: inlet: superficial velocity, the inward speed or one number per axis; moving_wall: the
+            wall's velocity, one number per axis [m/s].
+        from_: corner of the patch in the other axes: a number in 2-D, two in 3-D (key `from`) [m].
+        to: opposite corner [m].
+        ramp_time: over which the velocity rises from zero [s].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    kind: Literal["no_slip", "free_slip", "moving_wall", "inlet", "outlet", "periodic"] = "no_slip"
+    velocity: Finite | tuple[Finite, ...] | None = None
+    from_: tuple[Finite, ...] | None = Field(default=None, alias="from")
+    to: tuple[Finite, ...] | None = None
+    ramp_time: NonNegative | None = None
+
+    @field_validator("kind", mode="before")
+    @classmethod
+    def _known_kind(cls, value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        name = value.strip().lower().replace("-", "_").replace(" ", "_")
+        return KIND_ALIASES.get(name, name)
+
+    @field_validator("from_", "to", mode="before")
+    @classmethod
+    def _corner(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+class Width(Section):
+    """Half-width of the deposition kernel, max(diameters d, cells h) per axis."""
+
+    diameters: NonNegative = 1.5
+    cells: Annotated[float, Field(ge=0.0, le=20.0)] = 1.0
+
+    @model_validator(mode="after")
+    def _positive(self) -> Width:
+        if self.diameters == 0.0 and self.cells == 0.0:
+            raise ValueError("diameters and cells must not both be zero")
+        return self
+
+
+class Coupling(Section):
+    """How particles and fluid meet.
+
+    Attributes:
+        drag: name of the drag law.
+        void_fraction: "kernel".
+        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples.
+        interval: time between exchanges, "auto" (the fluid step) or [s].
+    """
+
+    drag: str = "koch_hill"
+    void_fraction: Literal["kernel"] = "kernel"
+    kernel_width: Width = Width()
+    interval: Positive | Literal["auto"] = "auto"
+
+    @field_validator("kernel_width", mode="before")
+    @classmethod
+    def _one_number(cls, value: Any) -> Any:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return {"diameters": value, "cells": value}
+        return value
+
+    @field_validator("drag", mode="before")
+    @classmethod
+    def _spelling(cls, value: Any) -> Any:
+        return value.strip().lower().replace("-", "_").replace(" ", "_") if isinstance(value, str) else value
+
+
+class Closure(Section):
+    """A learned drag closure.
+
+    Attributes:
+        file: written by `jaxdem train`.
+    """
+
+    file: str | None = None
+
+
+class Time(Section):
+    """Attributes: end of the simulation [s]; output_interval between frames [s]."""
+
+    end: Positive
+    output_interval: Positive
+
+
+class Output(Section):
+    """What is written beside the fixed files.
+
+    Attributes:
+        samples: time between samples of what the drag law saw, or 0 for none [s].
+        checkpoint_interval: wall time between checkpoints [s].
+    """
+
+    samples: NonNegative = 0.0
+    checkpoint_interval: NonNegative = 60.0
+
+
+class Scene(Section):
+    """A scene. `[fluid]` left out: contact mechanics alone; `[particles]` left out: a fluid alone."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    precision: Literal["float32", "float64"] = "float32"
+    domain: Domain
+    particles: Particles | None = None
+    contact: Contact | None = None
+    fluid: Fluid | None = None
+    boundary: dict[str, BoundarySide] = {}
+    coupling: Coupling | None = None
+    closure: Closure = Closure()
+    time: Time
+    output: Output = Output()
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return len(self.domain.size)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Names of the sides, axis by axis."""
+        return SIDES_2D if self.dimension == 2 else SIDES_3D
+
+    @property
+    def periodic(self) -> tuple[bool, ...]:
+        """Whether each axis is periodic."""
+        return tuple(
+            self.boundary[self.sides[2 * axis]].kind == "periodic" for axis in range(self.dimension)
+        )
+
+    def to_toml(self) -> str:
+        """The scene as TOML, every default written out."""
+        return tomli_w.dumps(_without_none(self.model_dump(by_alias=True)))
+
+
+def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | None = None) -> Scene:
+    """A scene from a TOML file, or from the tables as a dict.
+
+    Args:
+        source: path, or tables.
+        overrides: dotted key -> value, set after reading.
+
+    Raises:
+        InputError: naming key, value, limit and remedy.
+    """
+    folder = Path(".")
+    if isinstance(source, dict):
+        tables = _copy(source)
+    else:
+        folder = Path(source).parent
+        tables = _read_toml(Path(source))
+    for key, value in (overrides or {}).items():
+        _set(tables, key, value)
+    try:
+        scene = Scene.model_validate(_absolute_files(tables, folder))
+    except ValidationError as error:
+        raise _as_input_error(error, tables) from None
+    return _completed(scene)
+
+
+def parse_override(text: str) -> tuple[str, Any]:
+    """`key=value` of the command line's `--set`, the value as TOML."""
+    key, separator, value = text.partition("=")
+    if not separator or not key.strip():
+        raise InputError("--set", text, "must be key=value", "for example --set time.end=1.0")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        if any(mark in value for mark in "[]{}=\"'"):
+            raise InputError(
+                f"--set {key}", value, "must be a TOML value", 'quote strings: --set coupling.drag=\'"koch_hill"\''
+            ) from None
+        return key.strip(), value.strip()
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        raise InputError("SCENE", str(path), "no such file", "give the path of a scene file") from None
+    except OSError as error:
+        raise InputError("SCENE", str(path), f"cannot be read ({error.strerror})", "check the path") from None
+    except UnicodeDecodeError:
+        raise InputError("SCENE", str(path), "is not UTF-8 text", "save the scene as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("SCENE", str(path), f"is not valid TOML: {error}", "mend that line") from None
+
+
+def _completed(scene: Scene) -> Scene:
+    """The scene with every default that depends on other keys written in, and checked as a whole."""
+    dimension = scene.dimension
+    domain = scene.domain
+    if domain.depth is not None and dimension == 3:
+        raise InputError("domain.depth", domain.depth, "is for 2-D scenes only", "remove it")
+    gravity = domain.gravity if domain.gravity is not None else (0.0,) * (dimension - 1) + (-9.81,)
+    _entries("domain.gravity", gravity, dimension)
+    depth = domain.depth
+    if dimension == 2 and depth is None:
+        depth = 2.0 * _largest(scene.particles.radius) if scene.particles else 1.0
+    _check_boundary(scene)
+    update: dict[str, Any] = {
+        "domain": domain.model_copy(update={"gravity": gravity, "depth": depth}),
+        "boundary": {name: _completed_side(scene, name) for name in scene.sides},
+    }
+    if scene.particles is not None:
+        update["contact"] = _completed_contact(scene.contact or Contact())
+        _check_particles(scene)
+    elif scene.contact is not None:
+        raise InputError("contact", "...", "needs [particles]", "add [particles] or remove [contact]")
+    if scene.fluid is not None:
+        _entries("fluid.cells", scene.fluid.cells, dimension)
+        velocity = scene.fluid.velocity or (0.0,) * dimension
+        _entries("fluid.velocity", velocity, dimension)
+        update["fluid"] = scene.fluid.model_copy(update={"velocity": velocity})
+    if scene.fluid is not None and scene.particles is not None:
+        update["coupling"] = scene.coupling or Coupling()
+        if scene.fluid.viscosity == 0.0:
+            raise InputError("fluid.viscosity", 0.0, "drag needs a positive viscosity", "set fluid.viscosity > 0")
+    elif scene.coupling is not None:
+        raise InputError("coupling", "...", "needs both [fluid] and [particles]", "remove [coupling]")
+    elif scene.closure.file is not None:
+        raise InputError(
+            "closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]"
+        )
+    if scene.fluid is None and scene.particles is None:
+        raise InputError("particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]")
+    _check_times(scene)
+    return scene.model_copy(update=update)
+
+
+def _completed_contact(contact: Contact) -> Contact:
+    """The walls take the particles' constants where they have none of their own."""
+    if contact.law == "linear_spring_dashpot" and contact.normal_stiffness is None:
+        raise InputError(
+            "contact.normal_stiffness", None, "is needed by linear_spring_dashpot", "set it [N/m]"
+        )
+    update: dict[str, Any] = {}
+    for name in ("young_modulus", "poisson_ratio", "friction"):
+        if getattr(contact, f"wall_{name}") is None:
+            update[f"wall_{name}"] = getattr(contact, name)
+    if contact.normal_stiffness is not None and contact.tangential_stiffness is None:
+        update["tangential_stiffness"] = 2.0 / 7.0 * contact.normal_stiffness
+    return contact.model_copy(update=update)
+
+
+def _check_boundary(scene: Scene) -> None:
+    for name in scene.boundary:
+        if name not in scene.sides:
+            _refuse_unknown(f"boundary.{name}", name, scene.sides)
+    for axis in range(scene.dimension):
+        pair = scene.sides[2 * axis : 2 * axis + 2]
+        kinds = [scene.boundary.get(name, BoundarySide()).kind for name in pair]
+        if kinds.count("periodic") == 1:
+            lacking = pair[kinds[0] == "periodic"]
+            raise InputError(
+                f"boundary.{lacking}.kind",
+                scene.boundary.get(lacking, BoundarySide()).kind,
+                f"{pair[0]} and {pair[1]} must both be periodic or neither",
+                f'set boundary.{lacking}.kind = "periodic"',
+            )
+
+
+def _completed_side(scene: Scene, name: str) -> BoundarySide:
+    side = scene.boundary.get(name, BoundarySide())
+    number = scene.sides.index(name)
+    axis, upper = number // 2, number % 2
+    key = f"boundary.{name}"
+    if (side.from_ is None) != (side.to is None):
+        given = "from" if side.to is None else "to"
+        raise InputError(f"{key}.{given}", side.from_ or side.to, "a patch has from and to", "give both or neither")
+    lengths = [length for a, length in enumerate(scene.domain.size) if a != axis]
+    for label, corner in (("from", side.from_), ("to", side.to)):
+        if corner is not None:
+            _entries(f"{key}.{label}", corner, len(lengths))
+            for value, length in zip(corner, lengths, strict=True):
+                if not 0.0 <= value <= length:
+                    raise InputError(f"{key}.{label}", value, f"must lie in 0 ... {length} m", "move it into the side")
+    if side.from_ is not None and side.to is not None:
+        if any(a >= b for a, b in zip(side.from_, side.to, strict=True)):
+            raise InputError(f"{key}.from", side.from_, f"must be below to = {side.to}", "swap them")
+        if side.kind == "periodic":
+            raise InputError(f"{key}.from", side.from_, "a periodic side has no patch", "remove from and to")
+    moving = side.kind in ("inlet", "moving_wall")
+    if moving and side.velocity is None:
+        raise InputError(f"{key}.velocity", None, f"is needed by kind = {side.kind}", "set it [m/s]")
+    if not moving and side.velocity is not None:
+        raise InputError(f"{key}.velocity", side.velocity, f"means nothing for kind = {side.kind}", "remove it")
+    update: dict[str, Any] = {"ramp_time": side.ramp_time}
+    if side.velocity is not None:
+        update["velocity"] = _side_velocity(scene, key, side, axis, upper)
+    if side.ramp_time is None:
+        update["ramp_time"] = 0.05 if side.kind == "inlet" else 0.0
+    return side.model_copy(update=update)
+
+
+def _side_velocity(scene: Scene, key: str, side: BoundarySide, axis: int, upper: int) -> tuple[float, ...]:
+    """Velocity of a side as a vector; a single number is the inward speed of an inlet."""
+    if isinstance(side.velocity, float):
+        if side.kind != "inlet":
+            _entries(f"{key}.velocity", (side.velocity,), scene.dimension)
+        inward = -side.velocity if upper else side.velocity
+        return tuple(inward if a == axis else 0.0 for a in range(scene.dimension))
+    velocity = side.velocity or ()
+    _entries(f"{key}.velocity", velocity, scene.dimension)
+    if side.kind == "moving_wall" and velocity[axis] != 0.0:
+        raise InputError(f"{key}.velocity", velocity, "a moving wall slides in its own plane", "set its normal part to 0")
+    return velocity
+
+
+def _check_particles(scene: Scene) -> None:
+    particles = scene.particles
+    assert particles is not None
+    ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
+    if len(ways) != 1 and particles.count != 0:
+        raise InputError(
+            "particles.pack", ways, "give either a pack or positions", "keep one of particles.pack, particles.position"
+        )
+    if particles.pack is not None:
+        needed = {"polygon": ("vertices",), "lattice": ("start", "stop")}[particles.pack.kind]
+        for name in ("vertices", "start", "stop"):
+            if (getattr(particles.pack, name) is None) == (name in needed):
+                raise InputError(
+                    f"particles.pack.{name}",
+                    getattr(particles.pack, name),
+                    f"a {particles.pack.kind} pack takes {' and '.join(needed)}",
+                    "give these keys only",
+                )
+
+
+def _check_times(scene: Scene) -> None:
+    end, interval = scene.time.end, scene.time.output_interval
+    frames = end / interval
+    if frames < 1.0 - 1e-9 or abs(frames - round(frames)) > 1e-6 * frames:
+        nearest = end / max(1, round(frames))
+        raise InputError(
+            "time.output_interval",
+            interval,
+            f"must divide time.end = {end} s",
+            f"for example time.output_interval = {nearest:.6g}",
+        )
+
+
+def _entries(key: str, value: tuple[Any, ...], count: int) -> None:
+    if len(value) != count:
+        raise InputError(key, value, f"needs {count} number(s), got {len(value)}", f"give {count}")
+
+
+def _largest(value: float | tuple[float, ...]) -> float:
+    return max(value) if isinstance(value, tuple) else value
+
+
+def _refuse_unknown(key: str, name: str, allowed: tuple[str, ...]) -> None:
+    near = difflib.get_close_matches(name, allowed, n=1)
+    remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(sorted(allowed))}"
+    raise InputError(key, name, "unknown key", remedy)
+
+
+def _as_input_error(error: ValidationError, tables: dict[str, Any]) -> InputError:
+    """The first problem that pydantic found, in the words of the scene file."""
+    problems = error.errors(include_url=False)
+    problems.sort(key=lambda p: p["type"] != "extra_forbidden")
+    first = problems[0]
+    path = [p for p in first["loc"] if not _is_branch_label(p)]
+    key = ".".join(str(part) for part in path)
+    value = first.get("input")
+    if first["type"] == "extra_forbidden":
+        allowed = _known_keys(path[:-1])
+        near = difflib.get_close_matches(str(path[-1]), allowed, n=1)
+        remedy = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(allowed)}"
+        return InputError(key, value, "unknown key", remedy)
+    if first["type"] == "missing":
+        return InputError(key, None, "is missing", "add it to the scene")
+    same_place = [p["msg"] for p in problems if [q for q in p["loc"] if not _is_branch_label(q)] == path]
+    return InputError(key, value, " or ".join(dict.fromkeys(same_place)), "correct the value")
+
+
+def _is_branch_label(part: Any) -> bool:
+    """Labels that pydantic adds for the branches of a union are not keys of the file."""
+    return isinstance(part, str) and (
+        "[" in part or part in ("float", "str", "int", "constrained-float", "function-after", "tuple")
+    )
+
+
+def _known_keys(path: list[Any]) -> list[str]:
+    model: Any = Scene
+    for part in path:
+        if not hasattr(model, "model_fields"):
+            return []
+        fields = {info.alias or name: info for name, info in model.model_fields.items()}
+        if part in SIDES_3D and model is None:
+            continue
+        if part not in fields:
+            return []
+        if part == "boundary":
+            model = BoundarySide
+            return [info.alias or name for name, info in BoundarySide.model_fields.items()]
+        candidates = [fields[part].annotation, *getattr(fields[part].annotation, "__args__", ())]
+        model = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+    return [info.alias or name for name, info in getattr(model, "model_fields", {}).items()]
+
+
+def _set(tables: dict[str, Any], key: str, value: Any) -> None:
+    *parents, last = key.split(".")
+    table = tables
+    for part in parents:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise InputError(f"--set {key}", value, f"{part} is not a table", "check the dotted key")
+    table[last] = value
+
+
+def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """File names in a scene are relative to it; the scene as run holds absolute ones."""
+    tables = _copy(tables)
+    for table, key in (
+        ("particles", "position"),
+        ("particles", "velocity"),
+        ("particles", "angular_velocity"),
+        ("closure", "file"),
+    ):
+        holder = tables.get(table)
+        if isinstance(holder, dict) and isinstance(holder.get(key), str):
+            holder[key] = str((folder / holder[key]).resolve())
+    return tables
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _copy(v) for k, v in value.items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError("scene", value, "must be finite", "correct the value")
+    return value

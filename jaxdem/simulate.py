@@ -1,0 +1,298 @@
+"""The time loop: coupled steps on the device, errors, output, checkpoints and progress on the host."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import signal
+import time as clock
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxdem import step as coupled
+from jaxdem.build import Simulation, build, initial_state
+from jaxdem.closures.base import DragClosure
+from jaxdem.errors import InputError, RunError
+from jaxdem.failures import Failure, failures, first_meaning
+from jaxdem.io import RunDirectory, Run, load_run
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
+from jaxdem.restart import from_arrays, to_arrays
+from jaxdem.scene import Scene
+from jaxdem.state import Diagnostics, Parameters, State
+
+Progress = Callable[[float, float], None]
+"""Called with the simulated time and the end [s]."""
+
+
+class Interrupted(Exception):
+    """The run was asked to stop; a checkpoint was written.
+
+    Attributes:
+        number: of the signal; the command line returns 128 + number.
+        time: simulated time reached [s].
+    """
+
+    def __init__(self, number: int, time: float):
+        self.number, self.time = number, time
+        super().__init__(f"stopped at t = {time:.6g} s")
+
+
+def simulate(
+    scene: Scene,
+    out: str | Path,
+    *,
+    closure: DragClosure | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+) -> Run:
+    """Runs a scene to its end and writes the run directory.
+
+    Args:
+        scene: from `jaxdem.load_scene`.
+        out: run directory; must be new or empty unless `resume`.
+        closure: learned drag closure in place of the scene's.
+        resume: go on from the directory's checkpoint.
+        progress: called after every coupling interval.
+
+    Returns:
+        The run, as `jaxdem.load_run` gives it.
+
+    Raises:
+        InputError: the scene or the directory cannot be used; nothing was started.
+        RunError: the run could not go on; what was done is kept, with `valid: false` in the summary.
+        Interrupted: SIGINT or SIGTERM; a checkpoint was written.
+    """
+    if resume and RunDirectory.is_complete(out):
+        return load_run(out)
+    simulation, parameters = build(scene, closure)
+    samples_every = _samples_every(scene, simulation)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    attributes = sample_attributes(scene, simulation) if samples_every else None
+    opener = RunDirectory.resume if resume else RunDirectory.create
+    with opener(out, scene.to_toml(), attributes) as directory:
+        loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, samples_every)
+        if resume:
+            loop.restore()
+        loop.run(progress)
+    return load_run(out)
+
+
+@dataclasses.dataclass
+class TimeLoop:
+    """The loop of one run."""
+
+    scene: Scene
+    simulation: Simulation
+    parameters: Parameters
+    directory: RunDirectory
+    state: State
+    neighbors: Neighbors | None
+    samples_every: int
+    totals: Totals = dataclasses.field(default_factory=Totals)
+    done: int = 0
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.done * self.simulation.interval
+
+    @property
+    def last(self) -> int:
+        """Number of coupling intervals of the whole run."""
+        return self.simulation.steps.outputs * self.simulation.steps.intervals_per_output
+
+    def run(self, progress: Progress | None) -> None:
+        """From the present state to the end of the scene, with everything written."""
+        self.totals.start = clock.perf_counter()
+        self._compile()
+        with _signals() as caught:
+            try:
+                if self.done == 0 and self.directory.frames == 0:
+                    self._write_frame(None)
+                self._advance_to_end(progress, caught)
+            except RunError as error:
+                self.directory.interrupt(self._summary(False, str(error)))
+                raise
+        self.directory.finish(self._summary(True, ""))
+
+    def restore(self) -> None:
+        """State, list and counters from the directory's checkpoint, files cut back to it."""
+        arrays, attributes = self.directory.checkpoint()
+        state, neighbors, extra = from_arrays(self.simulation, self.state, arrays)
+        self.state, self.neighbors = state, neighbors
+        self.totals.load(extra)
+        self.done = int(extra["done"])
+        self.directory.cut_back(int(attributes["frames"]), int(attributes["samples"]))
+
+    def _advance_to_end(self, progress: Progress | None, caught: list[int]) -> None:
+        per_output = self.simulation.steps.intervals_per_output
+        saved = clock.perf_counter()
+        while self.done < self.last:
+            diagnostics = self._advance()
+            if self.samples_every and self.done % self.samples_every == 0 and diagnostics.forces is not None:
+                with self.totals.timed("output"):
+                    sample = sample_of(self._before, self.state, diagnostics.forces)
+                    self.directory.write_sample(self.directory.samples, self.time, sample)
+            if self.done % per_output == 0:
+                self._write_frame(diagnostics)
+                due = clock.perf_counter() - saved >= self.scene.output.checkpoint_interval
+                if due or self.done == self.last:
+                    self._write_checkpoint()
+                    saved = clock.perf_counter()
+            if progress is not None:
+                progress(self.time, self.scene.time.end)
+            if caught:
+                self._write_checkpoint()
+                message = f"stopped by signal {caught[0]}; go on with --resume"
+                self.directory.interrupt(self._summary(False, message))
+                raise Interrupted(caught[0], self.time)
+
+    def _advance(self) -> Diagnostics:
+        """One coupling interval; on overflow of the neighbour list again, with more slots."""
+        while True:
+            with self.totals.timed("fluid_part"):
+                fluid, forces, fluid_report = jax.block_until_ready(
+                    self._fluid_part(self.parameters, self.state)
+                )
+            with self.totals.timed("particle_part"):
+                particles, neighbors, particle_report = jax.block_until_ready(
+                    self._particle_part(self.parameters, self.state, self.neighbors, forces)
+                )
+            diagnostics = Diagnostics(particle_report, fluid_report, forces)
+            code = int(failures(self.simulation, diagnostics))
+            if code != Failure.OVERFLOW or self.neighbors is None:
+                break
+            self._enlarge()
+        if code:
+            self._raise(code, State(particles, fluid, self.state.step))
+        self._before = self.state
+        self.state = State(particles, fluid, self.state.step + 1)
+        self.neighbors = neighbors
+        self.done += 1
+        self.totals.add(diagnostics)
+        return diagnostics
+
+    def _enlarge(self) -> None:
+        """A neighbour list with half as many slots again; the contact history moves along."""
+        assert self.neighbors is not None and self.state.particles is not None
+        slots = self.neighbors.capacity + max(2, self.neighbors.capacity // 2)
+        # The old list is extended rather than rebuilt, so that results do not depend on the capacity.
+        self.state, self.neighbors = self.simulation.with_slots(self.state, self.neighbors, slots)
+        self.totals.resizes += 1
+        self._compile()
+
+    def _raise(self, code: int, reached: State) -> None:
+        reason, remedy = first_meaning(code)
+        raise RunError(reason, _where(self.simulation, Failure(code), self.state, reached), self.time, remedy)
+
+    def _compile(self) -> None:
+        """Both parts of a step, compiled for the present capacities."""
+        with self.totals.timed("compile"):
+            simulation = self.simulation
+            fluid = jax.jit(lambda p, s: coupled.fluid_part(simulation, p, s))
+            self._fluid_part = fluid.lower(self.parameters, self.state).compile()
+            forces = jax.eval_shape(fluid, self.parameters, self.state)[1]
+            particle = jax.jit(lambda p, s, n, f: coupled.particle_part(simulation, p, s, n, f))
+            arguments = (self.parameters, self.state, self.neighbors, forces)
+            self._particle_part = particle.lower(*arguments).compile()
+
+    def _write_frame(self, diagnostics: Diagnostics | None) -> None:
+        with self.totals.timed("output"):
+            forces = None if diagnostics is None else diagnostics.forces
+            particles, fluid = frame_of(self.simulation, self.parameters, self.state, forces)
+            row = history_of(
+                self.simulation, self.parameters, self.state, forces, self.time, self.totals.collision_mean()
+            )
+            self.directory.write_frame(self.directory.frames, self.time, particles, fluid, None, row)
+
+    def _write_checkpoint(self) -> None:
+        with self.totals.timed("output"):
+            extra = self.totals.save() | {"done": self.done}
+            arrays = to_arrays(self.state, self.neighbors, extra)
+            attributes = {"frames": self.directory.frames, "samples": self.directory.samples}
+            self.directory.write_checkpoint(arrays, attributes)
+
+    def _summary(self, valid: bool, reason: str) -> dict[str, Any]:
+        return run_summary(
+            self.scene,
+            self.simulation,
+            self.parameters,
+            self.state,
+            self.neighbors,
+            self.totals,
+            valid=valid,
+            reason=reason,
+            time=self.time,
+        )
+
+
+def _samples_every(scene: Scene, simulation: Simulation) -> int:
+    """Number of coupling intervals between samples, 0 for none."""
+    wanted = scene.output.samples
+    if wanted == 0.0:
+        return 0
+    if scene.coupling is None:
+        raise InputError("output.samples", wanted, "needs both [fluid] and [particles]", "set it to 0")
+    ratio = wanted / simulation.interval
+    every = max(1, round(ratio))
+    if abs(every - ratio) > 1e-6 * every:
+        raise InputError(
+            "output.samples",
+            wanted,
+            f"must be a multiple of the coupling interval, {simulation.interval:.6g} s",
+            f"for example {every * simulation.interval:.6g}",
+        )
+    return every
+
+
+def _where(simulation: Simulation, failure: Failure, before: State, reached: State) -> str:
+    """The particle or cell at which an interval failed."""
+    if before.particles is not None and failure & (Failure.PARTICLES_NOT_FINITE | Failure.PARTICLE_LOST):
+        assert reached.particles is not None
+        position = np.asarray(reached.particles.position, float)
+        good = np.isfinite(position).all(axis=1) & np.isfinite(reached.particles.velocity).all(axis=1)
+        box, periodic = np.asarray(simulation.box), np.asarray(simulation.periodic)
+        good &= (((position >= 0.0) & (position <= box)) | periodic).all(axis=1)
+        index = int(np.argmin(good))
+        point = ", ".join(f"{x:.5g}" for x in np.asarray(before.particles.position[index]))
+        return f"particle {index}, last at ({point}) m"
+    if reached.fluid is not None and simulation.fluid is not None:
+        grid = simulation.fluid.solver.grid
+        if failure & Failure.VOID_FRACTION and reached.fluid.void_fraction is not None:
+            cell = np.unravel_index(int(np.argmin(reached.fluid.void_fraction)), grid.cells)
+        else:
+            speed = sum(
+                np.abs(np.diff(np.asarray(u), axis=a)) for a, u in enumerate(reached.fluid.face_velocity)
+            )
+            cell = np.unravel_index(int(np.argmax(np.nan_to_num(speed, nan=np.inf))), grid.cells)
+        return f"cell {tuple(int(i) for i in cell)}"
+    return "everywhere"
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[list[int]]:
+    """SIGINT and SIGTERM noted in a list; a second one acts as usual."""
+    caught: list[int] = []
+    previous = {}
+
+    def note(number: int, _: Any) -> None:
+        caught.append(number)
+        signal.signal(number, previous[number])
+
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            previous[number] = signal.getsignal(number)
+            signal.signal(number, note)
+    except ValueError:  # not the main thread: the caller handles signals
+        yield caught
+        return
+    try:
+        yield caught
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,80 @@
+"""What evolves, what may be differentiated by, and what a step reports: arrays only."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from jax import Array
+
+from jaxdem.coupling.exchange import FluidDiagnostics, FluidForces
+from jaxdem.fluid.momentum import FluidProperties, FluidState
+from jaxdem.particles.integrate import ParticleProperties, ParticleState
+from jaxdem.particles.materials import ContactParameters
+
+
+class State(NamedTuple):
+    """The state of a simulation.
+
+    Attributes:
+        particles: None in a scene without particles.
+        fluid: None in a scene without a fluid.
+        step: () int32, coupling intervals done; the time is step times the interval.
+    """
+
+    particles: ParticleState | None
+    fluid: FluidState | None
+    step: Array
+
+
+class Parameters(NamedTuple):
+    """Everything one may differentiate by; a part that the scene has not is None.
+
+    Attributes:
+        gravity: (D,) [m/s2].
+        bodies: radius and density of the particles.
+        contact: elastic constants, restitution, friction.
+        fluid: density, viscosity, boundary velocities.
+        drag_scale: () factor on the drag, 1 for the law as it is [-].
+        closure: a learned drag closure with its weights; None for a correlation, which has none.
+    """
+
+    gravity: Array
+    bodies: ParticleProperties | None
+    contact: ContactParameters | None
+    fluid: FluidProperties | None
+    drag_scale: Array | None
+    closure: Any
+
+
+class ParticleDiagnostics(NamedTuple):
+    """What happened to the particles in an interval.
+
+    Attributes:
+        collision_force: () mean over particles and contact steps of |sum of contact forces| [N].
+        builds: () int32, builds of the neighbour list since the start.
+        overflow: () bool, the neighbour list ran out of slots: the interval must be repeated with more.
+        finite: () bool, no position or velocity is NaN or infinite.
+        lost: () int32, number of particles whose centre left the box through a wall.
+        fastest: () largest particle speed [m/s].
+    """
+
+    collision_force: Array
+    builds: Array
+    overflow: Array
+    finite: Array
+    lost: Array
+    fastest: Array
+
+
+class Diagnostics(NamedTuple):
+    """What a coupled step reports; raised as errors on the host.
+
+    Attributes:
+        particles: None without particles.
+        fluid: None without a fluid.
+        forces: mean fluid forces over the interval and what the drag law saw; None unless both exist.
+    """
+
+    particles: ParticleDiagnostics | None
+    fluid: FluidDiagnostics | None
+    forces: FluidForces | None

@@ -1,0 +1,1 @@
+"""Learning a drag closure: dataset files, fits, training through the solver."""

@@ -1,0 +1,216 @@
+"""The dataset file: what the drag law would see on coarsened fields, and the force that it should give."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxdem.closures.base import DragInputs
+from jaxdem.closures.file import write_aside
+from jaxdem.errors import InputError
+
+FORMAT = "jaxdem-dataset"
+VERSION = 1
+KEY = "dataset"
+
+ROOT_ATTRIBUTES = (
+    "drag",
+    "fluid_density",
+    "dynamic_viscosity",
+    "dimension",
+    "run",
+    "scene_toml",
+)
+GROUP_ATTRIBUTES = ("filter_size", "kernel_width")
+SCALARS = ("time", "solid_fraction", "diameter")
+VECTORS = (
+    "particle_velocity",
+    "fluid_velocity",
+    "void_fraction_gradient",
+    "pressure_gradient",
+    "drag_force",
+    "target_force",
+)
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Group:
+    """Samples of one coarsening: M rows, each a particle at a time, in D dimensions.
+
+    Attributes:
+        coarsening: fine cells along a side of the coarse cell; 1 is the fine mesh itself.
+        filter_size: size of the coarse cell [m].
+        kernel_width: width of the smoothing kernel of the void fraction [m].
+        fluid_density: [kg/m3].
+        dynamic_viscosity: [Pa s].
+        time: (M,) [s].
+        particle_velocity: (M, D) [m/s].
+        fluid_velocity: (M, D) averaged to the coarse mesh, interstitial, at the particle [m/s].
+        solid_fraction: (M,) averaged, at the particle [-].
+        void_fraction_gradient: (M, D) of the averaged field [1/m].
+        pressure_gradient: (M, D) of the averaged reduced pressure [Pa/m].
+        diameter: (M,) [m].
+        drag_force: (M, D) what the drag law of the fine run gave [N].
+        target_force: (M, D) fluid force of the fine run less the pressure and viscous force that a run on the
+            coarse mesh applies itself [N].
+    """
+
+    coarsening: int
+    filter_size: float
+    kernel_width: float
+    fluid_density: float
+    dynamic_viscosity: float
+    time: Floats
+    particle_velocity: Floats
+    fluid_velocity: Floats
+    solid_fraction: Floats
+    void_fraction_gradient: Floats
+    pressure_gradient: Floats
+    diameter: Floats
+    drag_force: Floats
+    target_force: Floats
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def select(self, rows: NDArray[Any]) -> Group:
+        """The group with the given rows only (indices or a mask)."""
+        arrays = {name: getattr(self, name)[rows] for name in SCALARS + VECTORS}
+        return dataclasses.replace(self, **arrays)
+
+    def drag_inputs(self) -> DragInputs:
+        """What a drag closure is given: JAX arrays in the samples' dtype (float32 where x64 is off)."""
+        dtype = jnp.asarray(self.fluid_velocity[:0]).dtype
+        names = DragInputs._fields
+        return DragInputs(**{name: jnp.asarray(getattr(self, name), dtype) for name in names})
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Dataset:
+    """Samples of one run at one or more coarsenings.
+
+    Attributes:
+        drag: scene name of the drag law of the run.
+        fluid_density: [kg/m3].
+        dynamic_viscosity: [Pa s].
+        dimension: D.
+        run: name of the run; data are split by it.
+        scene_toml: the scene of the run.
+        groups: by coarsening, ascending.
+    """
+
+    drag: str
+    fluid_density: float
+    dynamic_viscosity: float
+    dimension: int
+    run: str
+    scene_toml: str
+    groups: dict[int, Group]
+
+
+def write_dataset(
+    path: str | os.PathLike[str],
+    attributes: Mapping[str, Any],
+    groups: Mapping[int, Mapping[str, Any]],
+) -> None:
+    """Write a dataset file aside, sync it and move it into place.
+
+    Args:
+        path: file to write; its folder must exist.
+        attributes: all of `ROOT_ATTRIBUTES`: drag, fluid_density [kg/m3], dynamic_viscosity [Pa s],
+            dimension, run, scene_toml.
+        groups: for every coarsening `GROUP_ATTRIBUTES` [m] and the arrays of `SCALARS` (M,) and `VECTORS` (M,
+            D); see `Group`.
+
+    Raises:
+        InputError: an attribute or array is missing or has a wrong shape, or the place cannot be written.
+    """
+    with write_aside(path, KEY) as aside:
+        with h5py.File(aside, "w") as file:
+            file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+            for name in ROOT_ATTRIBUTES:
+                file.attrs[name] = _require(attributes, name, str(path))
+            for coarsening, content in sorted(groups.items()):
+                place = f"coarsen_{coarsening}"
+                group = file.create_group(place)
+                for name in GROUP_ATTRIBUTES:
+                    group.attrs[name] = float(_require(content, name, str(path), place))
+                for name in SCALARS + VECTORS:
+                    group.create_dataset(name, data=np.asarray(_require(content, name, str(path), place)))
+        read_dataset(aside)
+
+
+def read_dataset(path: str | os.PathLike[str]) -> Dataset:
+    """Read and check a dataset file.
+
+    Raises:
+        InputError: no such file, not HDF5 or cut short, not a dataset, of a newer version, without a group,
+            or with an array that is missing, of another shape, or not finite (the array is named).
+    """
+    if not Path(path).is_file():
+        raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem dataset`.")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(file, str(path))
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        reason = f"cannot be read as a dataset ({error})"
+        raise InputError(KEY, str(path), reason, "Make it again with `jaxdem dataset`.") from error
+
+
+def _read(file: h5py.File, path: str) -> Dataset:
+    if file.attrs.get("format") != FORMAT:
+        raise InputError(KEY, path, "is not a dataset file", "Give a file written by `jaxdem dataset`.")
+    if int(file.attrs["version"]) > VERSION:
+        limit = f"has version {file.attrs['version']}, this program reads up to {VERSION}"
+        raise InputError(KEY, path, limit, "Update jaxdem.")
+    root = {name: _require(file.attrs, name, path) for name in ROOT_ATTRIBUTES}
+    fluid: dict[str, Any] = {name: float(root[name]) for name in ("fluid_density", "dynamic_viscosity")}
+    dimension = int(root["dimension"])
+    coarsenings = sorted(int(name.removeprefix("coarsen_")) for name in file if name.startswith("coarsen_"))
+    if not coarsenings:
+        raise InputError(KEY, path, "holds no group coarsen_<n>", "Make it again with `jaxdem dataset`.")
+    groups = {}
+    for coarsening in coarsenings:
+        name = f"coarsen_{coarsening}"
+        groups[coarsening] = Group(
+            coarsening=coarsening, **fluid, **_read_group(file[name], name, dimension, path)
+        )
+    text: dict[str, Any] = {name: str(root[name]) for name in ("drag", "run", "scene_toml")}
+    return Dataset(**text, **fluid, dimension=dimension, groups=groups)
+
+
+def _read_group(group: h5py.Group, place: str, dimension: int, path: str) -> dict[str, Any]:
+    """Attributes and arrays of one group, checked against each other."""
+    content: dict[str, Any] = {
+        name: float(_require(group.attrs, name, path, place)) for name in GROUP_ATTRIBUTES
+    }
+    rows = _require(group, "time", path, place).shape[0]
+    for name in SCALARS + VECTORS:
+        stored = _require(group, name, path, place)
+        shape = (rows,) if name in SCALARS else (rows, dimension)
+        if stored.shape != shape or rows == 0:
+            limit = f"{place}/{name} has shape {stored.shape}, {shape} with at least one row is needed"
+            raise InputError(KEY, path, limit, "Make it again with `jaxdem dataset`.")
+        content[name] = stored[()]
+        if content[name].dtype.kind != "f" or not np.all(np.isfinite(content[name])):
+            limit = f"{place}/{name} holds values that are not finite numbers"
+            raise InputError(KEY, path, limit, "Make it again from a run whose summary says valid.")
+    return content
+
+
+def _require(content: Any, name: str, path: str, place: str = "") -> Any:
+    """An entry that must be there."""
+    if name not in content:
+        limit = f"{place}/{name} is missing" if place else f"{name} is missing"
+        raise InputError(KEY, path, limit, "Make it again with `jaxdem dataset`.")
+    return content[name]

@@ -1,0 +1,370 @@
+"""The learned closures: identity when untrained, invariances, positivity, fallback, files."""
+
+import dataclasses
+from functools import partial
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxdem.closures import (
+    DragInputs,
+    Ergun,
+    InvariantClosure,
+    KochHill,
+    PaperNetwork,
+    load_closure,
+    save_closure,
+)
+from jaxdem.closures.invariant import FEATURES, TERMS
+from jaxdem.errors import InputError
+
+
+def make_inputs(count=40, dimension=2, seed=0, filter_size=0.08):
+    generator = np.random.default_rng(seed)
+    return DragInputs(
+        particle_velocity=jnp.asarray(generator.normal(size=(count, dimension))),
+        fluid_velocity=jnp.asarray(generator.normal(size=(count, dimension))),
+        solid_fraction=jnp.asarray(generator.uniform(0.05, 0.5, count)),
+        void_fraction_gradient=jnp.asarray(generator.normal(size=(count, dimension)) * 3),
+        pressure_gradient=jnp.asarray(generator.normal(size=(count, dimension)) * 1e4),
+        diameter=jnp.asarray(0.02),
+        filter_size=jnp.asarray(filter_size),
+        fluid_density=jnp.asarray(1000.0),
+        dynamic_viscosity=jnp.asarray(1e-3),
+    )
+
+
+# Everything goes through compiled calls: one by one, each small operation would be compiled on its own.
+prepare = jax.jit(lambda closure, inputs: closure.prepare(inputs))
+
+
+@jax.jit
+def evaluate(closure, inputs):
+    return closure(inputs)
+
+
+@partial(jax.jit, static_argnums=0)
+def evaluate_base(law, inputs):
+    return law(inputs)
+
+
+def shaken(closure, seed=1, size=0.3):
+    """The closure with random weights everywhere, its last layer included."""
+    leaves, structure = jax.tree.flatten(closure.weights)
+    generator = np.random.default_rng(seed)
+    moved = [leaf + size * generator.normal(size=leaf.shape).astype(leaf.dtype) for leaf in leaves]
+    return dataclasses.replace(closure, weights=jax.tree.unflatten(structure, moved))
+
+
+def normalised(closure, inputs):
+    """The invariant closure with the normalisation and range that these inputs would give it."""
+    features = np.asarray(prepare(closure, inputs).features)
+    return dataclasses.replace(
+        closure,
+        feature_mean=features.mean(axis=0),
+        feature_scale=features.std(axis=0) + 1e-3,
+        feature_low=features.min(axis=0),
+        feature_high=features.max(axis=0),
+    )
+
+
+def force(drag, inputs):
+    along = drag.coefficient[:, None] * inputs.slip_velocity
+    return along if drag.remainder is None else along + drag.remainder
+
+
+def rotated(inputs, rotation):
+    turn = {
+        name: getattr(inputs, name) @ rotation.T
+        for name in ("particle_velocity", "fluid_velocity", "void_fraction_gradient", "pressure_gradient")
+    }
+    return inputs._replace(**turn)
+
+
+def rotation_matrix(dimension, seed=3):
+    matrix, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(dimension, dimension)))
+    return jnp.asarray(matrix)
+
+
+@pytest.mark.parametrize("terms", [(), TERMS])
+def test_untrained_invariant_closure_is_its_base_law(terms):
+    inputs = make_inputs()
+    drag, base = evaluate(InvariantClosure.initial(terms=terms), inputs), evaluate_base(KochHill(), inputs)
+    np.testing.assert_allclose(drag.coefficient, base.coefficient, rtol=1e-14)
+    assert (drag.remainder is None) == (not terms)
+    if terms:
+        np.testing.assert_array_equal(drag.remainder, 0.0)
+    assert not drag.out_of_range.any()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_rotation_and_moving_frame(dimension):
+    inputs = make_inputs(dimension=dimension)
+    closure = shaken(normalised(InvariantClosure.initial(terms=TERMS), inputs))
+    before = force(evaluate(closure, inputs), inputs)
+    base = evaluate_base(KochHill(), inputs)
+    assert np.abs(before - base.coefficient[:, None] * inputs.slip_velocity).max() > 1e-3  # it does correct
+    scale = np.abs(before).max()
+    rotation = rotation_matrix(dimension)
+    turned = rotated(inputs, rotation)
+    np.testing.assert_allclose(
+        force(evaluate(closure, turned), turned), before @ rotation.T, atol=1e-6 * scale
+    )
+    frame = jnp.full((1, dimension), 0.7)
+    moving = inputs._replace(
+        particle_velocity=inputs.particle_velocity + frame, fluid_velocity=inputs.fluid_velocity + frame
+    )
+    np.testing.assert_allclose(force(evaluate(closure, moving), moving), before, atol=1e-6 * scale)
+
+
+def test_factor_is_positive_and_bounded_whatever_the_weights():
+    inputs = make_inputs(200)
+    base = evaluate_base(KochHill(), inputs).coefficient
+    closures = [shaken(InvariantClosure.initial(), seed, size=30.0) for seed in range(8)]
+    factor = np.array([evaluate(closure, inputs).coefficient / base for closure in closures])
+    assert factor.min() >= 0.1 and factor.max() <= 10
+    assert factor.min() < 0.5 and factor.max() > 2  # the weights were large enough to say something
+
+
+def test_correction_vanishes_with_the_filter():
+    """At filter/d = 1e-3 the gate is 2.5e-4, so that no bounded log factor exceeds 6e-4."""
+    inputs = make_inputs(filter_size=0.02e-3)
+    closure = shaken(InvariantClosure.initial(), size=30.0)
+    np.testing.assert_allclose(
+        evaluate(closure, inputs).coefficient, evaluate_base(KochHill(), inputs).coefficient, rtol=6e-4
+    )
+
+
+@pytest.mark.parametrize("make", [InvariantClosure.initial, lambda: PaperNetwork.initial(2)])
+def test_gradients_at_zero_slip_and_even_void_fraction(make):
+    inputs = make_inputs(4)
+    inputs = inputs._replace(
+        fluid_velocity=inputs.particle_velocity,
+        void_fraction_gradient=jnp.zeros((4, 2)),
+        solid_fraction=jnp.array([0.0, 0.2, 0.4, 0.9]),
+    )
+    closure = shaken(make())
+    gradients = jax.jit(jax.grad(lambda c, i: jnp.sum(force(c(i), i)), argnums=(0, 1)))(closure, inputs)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+
+
+@pytest.mark.parametrize("kind", ["invariant", "paper"])
+def test_weight_gradient_against_finite_differences(kind):
+    """Weights have the gradient of central differences [1e-6], normalisation and range have none."""
+    inputs = make_inputs(8)
+    start = normalised(InvariantClosure.initial(terms=TERMS), inputs) if kind == "invariant" else None
+    closure = shaken(start or PaperNetwork.initial(2, hidden=(8, 8)))
+    closure = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), closure)
+
+    @jax.jit
+    def total(closure):
+        return jnp.sum(force(closure(inputs), inputs) ** 2)
+
+    gradient = jax.jit(jax.grad(total))(closure)
+    direction = shaken(closure, seed=5).weights
+    step = 1e-6
+    ahead, behind = (
+        dataclasses.replace(
+            closure,
+            weights=jax.tree.map(
+                lambda w, d, s=sign: np.asarray(w) + s * step * np.asarray(d), closure.weights, direction
+            ),
+        )
+        for sign in (1, -1)
+    )
+    slope = sum(
+        jax.tree.leaves(jax.tree.map(lambda g, d: np.sum(np.asarray(g) * d), gradient.weights, direction))
+    )
+    assert float(slope) == pytest.approx(float(total(ahead) - total(behind)) / (2 * step), rel=1e-6)
+    for field in dataclasses.fields(closure):
+        if field.name not in ("weights", "base", "hidden", "activation", "terms"):
+            np.testing.assert_array_equal(getattr(gradient, field.name), 0.0)
+
+
+def test_invariant_falls_back_outside_its_range():
+    inputs = make_inputs()
+    closure = shaken(normalised(InvariantClosure.initial(terms=TERMS), inputs))
+    assert not evaluate(closure, inputs).out_of_range.any()
+    far = inputs._replace(fluid_velocity=inputs.fluid_velocity.at[0].set(1e4))
+    drag, base = evaluate(closure, far), evaluate_base(KochHill(), far)
+    assert drag.out_of_range.tolist() == [True] + [False] * 39
+    assert drag.coefficient[0] == pytest.approx(float(base.coefficient[0]), rel=1e-14)
+    np.testing.assert_array_equal(drag.remainder[0], 0.0)
+    other_mesh = inputs._replace(filter_size=jnp.asarray(0.32))
+    assert evaluate(closure, other_mesh).out_of_range.all()
+
+
+def test_range_has_a_margin():
+    """Constant inputs of the training data may differ by 1 %, others by 10 % of their range and that."""
+    inputs = make_inputs()
+    closure = normalised(InvariantClosure.initial(), inputs)
+    low, high = (np.asarray(getattr(closure, f"feature_{side}")) for side in ("low", "high"))
+    index = FEATURES.index("solid_fraction")
+    margin = 0.1 * (high[index] - low[index]) + 0.01 * high[index]
+    middle = prepare(closure, inputs)
+    features = jnp.tile(jnp.asarray((low + high) / 2)[None], (40, 1))
+    values = jnp.array([high[index] + 0.99 * margin, high[index] + 1.01 * margin, jnp.nan])
+    features = features.at[:3, index].set(values)
+    assert closure.evaluate(middle._replace(features=features)).out_of_range[:4].tolist() == [
+        False,
+        True,
+        True,
+        False,
+    ]
+
+
+def test_paper_network_gives_its_force_through_the_base_coefficient():
+    inputs = make_inputs()
+    closure = PaperNetwork.initial(2, base=Ergun(), seed=4)
+    drag, base = evaluate(closure, inputs), evaluate_base(Ergun(), inputs)
+    np.testing.assert_allclose(drag.coefficient, base.coefficient, rtol=1e-14)
+    network_force = closure.normalised_force(closure.features(inputs))
+    np.testing.assert_allclose(force(drag, inputs), network_force, atol=1e-12)
+    assert closure.features(inputs).shape == (40, 5)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_paper_network_falls_back_outside_its_range(dimension):
+    inputs = make_inputs(dimension=dimension)
+    values = np.asarray(PaperNetwork.features(inputs))
+    closure = dataclasses.replace(
+        PaperNetwork.initial(dimension), input_low=values.min(axis=0), input_high=values.max(axis=0)
+    )
+    assert not evaluate(closure, inputs).out_of_range.any()
+    far = inputs._replace(particle_velocity=inputs.particle_velocity.at[3].multiply(20.0))
+    drag = evaluate(closure, far)
+    assert np.flatnonzero(drag.out_of_range).tolist() == [3]
+    np.testing.assert_array_equal(drag.remainder[3], 0.0)
+
+
+def test_learned_closures_are_traced_arguments_with_static_structure():
+    """New weights of the same structure do not compile again; the dtype is that of the inputs."""
+    traces = []
+
+    @jax.jit
+    def coefficient(closure, inputs):
+        traces.append(1)
+        return closure(inputs).coefficient
+
+    inputs = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), make_inputs())
+    first = InvariantClosure.initial(seed=0)
+    assert coefficient(first, inputs).dtype == jnp.float32
+    coefficient(shaken(first), inputs)
+    assert len(traces) == 1
+    coefficient(InvariantClosure.initial(base=Ergun()), inputs)
+    assert len(traces) == 2
+
+
+CLOSURES = {
+    "invariant": lambda: shaken(InvariantClosure.initial(Ergun(), (5, 4), "softplus", TERMS)),
+    "paper": lambda: shaken(PaperNetwork.initial(3, hidden=(7, 3), activation="selu")),
+}
+
+
+@pytest.mark.parametrize("kind", CLOSURES)
+def test_file_round_trip_is_exact(kind, tmp_path):
+    closure, path = CLOSURES[kind](), tmp_path / "closure.h5"
+    metadata = {"recipe": kind, "r2": {"8": {"closure": np.float32(0.5)}}, "loss_history": [0.1] * 20_000}
+    save_closure(path, closure, metadata)
+    loaded, read = load_closure(path)
+    assert jax.tree.structure(loaded) == jax.tree.structure(closure)
+    for before, after in zip(jax.tree.leaves(closure), jax.tree.leaves(loaded), strict=True):
+        assert before.dtype == after.dtype
+        np.testing.assert_array_equal(before, after)
+    assert read == {"recipe": kind, "r2": {"8": {"closure": 0.5}}, "loss_history": [0.1] * 20_000}
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_failed_write_keeps_the_old_file(tmp_path):
+    path = tmp_path / "closure.h5"
+    save_closure(path, CLOSURES["paper"](), {"round": 1})
+    with pytest.raises(ValueError):
+        save_closure(
+            path, CLOSURES["paper"](), {"round": 2, "circular": (loop := [])} | {"x": loop.append(loop)}
+        )
+    assert load_closure(path)[1] == {"round": 1}
+    with pytest.raises(InputError, match="cannot be written"):
+        save_closure(tmp_path / "nowhere" / "closure.h5", CLOSURES["paper"](), {})
+
+
+def break_truncate(path):
+    path.write_bytes(path.read_bytes()[:3000])
+
+
+def break_foreign(path):
+    path.write_text("not HDF5")
+
+
+def break_format(path):
+    with h5py.File(path, "a") as file:
+        file.attrs["format"] = "something else"
+
+
+def break_version(path):
+    with h5py.File(path, "a") as file:
+        file.attrs["version"] = 99
+
+
+def break_shape(path):
+    with h5py.File(path, "a") as file:
+        file.attrs["hidden"] = np.array([5, 3])
+
+
+def break_array(path):
+    with h5py.File(path, "a") as file:
+        del file["arrays/weights/Dense_1/bias"]
+
+
+def break_law(path):
+    with h5py.File(path, "a") as file:
+        file.attrs["base"] = "nobody"
+
+
+def break_attribute(path):
+    with h5py.File(path, "a") as file:
+        del file.attrs["hidden"]
+
+
+def break_metadata(path):
+    with h5py.File(path, "a") as file:
+        del file["metadata"]
+        file["metadata"] = "{cut"
+
+
+def break_missing(path):
+    path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (break_truncate, "cannot be read"),
+        (break_foreign, "cannot be read"),
+        (break_format, "not a closure file"),
+        (break_version, "version 99"),
+        (break_shape, "shape"),
+        (break_array, "weights/Dense_1/bias is missing"),
+        (break_law, "nobody"),
+        (break_attribute, "cannot be read"),
+        (break_metadata, "cannot be read"),
+        (break_missing, "is not a file"),
+    ],
+)
+def test_broken_files_are_refused(damage, message, tmp_path):
+    path = tmp_path / "closure.h5"
+    save_closure(path, CLOSURES["invariant"](), {})
+    damage(path)
+    with pytest.raises(InputError, match=message):
+        load_closure(path)
+
+
+def test_bad_structure_is_refused():
+    with pytest.raises(InputError, match="activation"):
+        PaperNetwork.initial(2, activation="swish")
+    with pytest.raises(InputError, match="hidden"):
+        InvariantClosure.initial(hidden=(8, 0))
+    with pytest.raises(InputError, match="terms"):
+        InvariantClosure.initial(terms=("lift",))

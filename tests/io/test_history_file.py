@@ -1,0 +1,86 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jaxdem.errors import InputError
+from jaxdem.io import COLUMNS, History, read_history
+
+HEADER = (
+    "time,drag_force_mean,particle_velocity_mean,collision_force_mean,kinetic_energy,runoff,height,"
+    "fluid_pressure_mean,fluid_velocity_mean,fluid_velocity_median"
+)
+
+
+def test_header_is_the_contract(tmp_path):
+    History(tmp_path / "history.csv")
+    assert (tmp_path / "history.csv").read_text() == HEADER + "\n"
+    assert all(column.shape == (0,) for column in read_history(tmp_path / "history.csv").values())
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(allow_nan=False), min_size=len(COLUMNS), max_size=len(COLUMNS)))
+def test_numbers_read_back_exactly(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("h") / "history.csv"
+    history = History(path)
+    history.append(dict(zip(COLUMNS, values, strict=True)))
+    history.append({"time": np.float32(0.1)})
+    table = read_history(path)
+    for name, value in zip(COLUMNS, values, strict=True):
+        assert table[name][0] == value and math.copysign(1, table[name][0]) == math.copysign(1, value)
+    assert table["time"][1] == float(np.float32(0.1))
+
+
+def test_missing_values_are_empty_and_nan(tmp_path):
+    path = tmp_path / "history.csv"
+    History(path).append({"time": 0.5, "runoff": None, "height": math.nan, "kinetic_energy": 2.0})
+    assert path.read_text().splitlines()[1] == "0.5,,,,2.0,,,,,"
+    table = read_history(path)
+    assert np.isnan(table["runoff"][0]) and np.isnan(table["height"][0]) and table["kinetic_energy"][0] == 2.0
+
+
+@pytest.mark.parametrize("tail", ["0.3,1.0,2", "0.3,1,1,1,1,1,1,1,1,1", "\0" * 20, "0.3,1.0\n"])
+def test_a_partial_last_line_is_dropped(tmp_path, tail):
+    path = tmp_path / "history.csv"
+    history = History(path)
+    history.append({"time": 0.1, "runoff": 1.0})
+    history.append({"time": 0.2, "runoff": 2.0})
+    whole = path.read_text()
+    path.write_text(whole + tail)
+    assert read_history(path)["time"].tolist() == [0.1, 0.2]
+    resumed = History(path)
+    assert resumed.rows == 2 and path.read_text() == whole
+    resumed.append({"time": 0.3})
+    assert read_history(path)["time"].tolist() == [0.1, 0.2, 0.3]
+
+
+def test_cut(tmp_path):
+    history = History(tmp_path / "history.csv")
+    for index in range(5):
+        history.append({"time": float(index)})
+    history.cut(2)
+    history.append({"time": 7.0})
+    assert history.rows == 3
+    assert read_history(history.path)["time"].tolist() == [0, 1, 7]
+
+
+@pytest.mark.parametrize("row", [{"time": 1.0, "drag": 2.0}, {"runoff": 1.0}])
+def test_rows_with_other_columns_are_refused(tmp_path, row):
+    history = History(tmp_path / "history.csv")
+    with pytest.raises(ValueError, match="row of the history"):
+        history.append(row)
+    assert history.rows == 0 and history.path.read_text() == HEADER + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("a,b\n1,2\n", "header"), ("", "header"), (HEADER + "\nx\n0.1,,,,,,,,,\n", "line 2"), (None, "read")],
+)
+def test_foreign_files_are_refused(tmp_path, text, expected):
+    path = tmp_path / "history.csv"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=expected):
+        read_history(path)
