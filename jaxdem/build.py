@@ -117,9 +117,7 @@ class Simulation:
             number = 2 * wall.axis + (wall.inward < 0)
             side = self.fluid.solver.boundary.sides[number]
             moves = side.kind == "moving_wall" and side.start is None
-            velocities.append(
-                ramp(side, time) * parameters.fluid.side_velocity[number] if moves else still
-            )
+            velocities.append(ramp(side, time) * parameters.fluid.side_velocity[number] if moves else still)
         return tuple(velocities)
 
     def particle_report(
@@ -128,7 +126,7 @@ class Simulation:
         """Flags and figures of the particles after an interval."""
         position, velocity = particles.position, particles.velocity
         box = jnp.asarray(self.box, position.dtype)
-        outside = ((position < 0.0) | (position > box)) & ~jnp.asarray(self.periodic)
+        outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
         squared = jnp.sum(velocity**2, axis=1)
         return ParticleDiagnostics(
             collision,
@@ -198,9 +196,7 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
         fluid = FluidInterval(
             solver, half_width, steps.interval, steps.fluid_substeps, scene.fluid.courant_limit, False
         )
-    simulation = Simulation(
-        steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law
-    )
+    simulation = Simulation(steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law)
     return simulation, _parameters(scene, radius, density, closure, dtype)
 
 
@@ -285,9 +281,7 @@ def time_steps(scene: Scene) -> TimeSteps:
         contact_step = _contact_step(scene, limits)
         count = _whole(interval / contact_step)
         contact_step = interval / count
-    return TimeSteps(
-        interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap
-    )
+    return TimeSteps(interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap)
 
 
 def boundary_speed(scene: Scene) -> float:
@@ -362,7 +356,9 @@ def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, floa
     limits["contact_stability"] = stability.contact_stability_limit(mass, stiffness)
     relative = overlap / (2.0 * radius)
     if relative > contact.maximum_overlap:
-        key = "contact.normal_stiffness" if contact.law == "linear_spring_dashpot" else "contact.young_modulus"
+        key = (
+            "contact.normal_stiffness" if contact.law == "linear_spring_dashpot" else "contact.young_modulus"
+        )
         value = contact.normal_stiffness if contact.law == "linear_spring_dashpot" else contact.young_modulus
         raise InputError(
             key,
@@ -480,14 +476,13 @@ def _parameters(
         constants = ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
     if scene.fluid is not None:
         velocity = tuple(
-            jnp.asarray(scene.boundary[name].velocity or (0.0,) * scene.dimension, dtype) for name in scene.sides
+            jnp.asarray(scene.boundary[name].velocity or (0.0,) * scene.dimension, dtype)
+            for name in scene.sides
         )
         fluid = FluidProperties(number(scene.fluid.density), number(scene.fluid.viscosity), velocity)
     if scene.coupling is not None:
         drag_scale = number(1.0)
-    return Parameters(
-        jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure
-    )
+    return Parameters(jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure)
 
 
 def _initial_particles(scene: Scene, dtype: Any) -> ParticleState:
@@ -538,5 +533,3 @@ def _initial_fluid(
                 "widen coupling.kernel_width, use larger cells, or a larger domain.depth",
             )
     return FluidState(faces, jnp.zeros(grid.cells, dtype), void_fraction)
-
-

@@ -56,7 +56,7 @@ MEANING = {
     ),
     Failure.SOLVER: (
         "the pressure solve did not converge",
-        "lower fluid.time_step, widen coupling.kernel_width, or use precision = \"float64\"",
+        'lower fluid.time_step, widen coupling.kernel_width, or use precision = "float64"',
     ),
     Failure.VOID_FRACTION: (
         "a cell holds almost no fluid",

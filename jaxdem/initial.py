@@ -91,18 +91,26 @@ def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.n
     if rows.ndim == 1 and (width == 1 or rows.size == 0):
         rows = rows.reshape(-1, width)
     if rows.ndim != 2 or rows.shape[1] != width:
-        raise InputError(key, f"an array of shape {rows.shape}", f"needs rows of {width} number(s)", "correct it")
+        raise InputError(
+            key, f"an array of shape {rows.shape}", f"needs rows of {width} number(s)", "correct it"
+        )
     if not np.isfinite(rows).all():
-        raise InputError(key, f"row {int(np.argmin(np.isfinite(rows).all(axis=1)))}", "must be finite", "correct it")
+        raise InputError(
+            key, f"row {int(np.argmin(np.isfinite(rows).all(axis=1)))}", "must be finite", "correct it"
+        )
     if count is not None and len(rows) != count:
-        raise InputError(key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle")
+        raise InputError(
+            key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle"
+        )
     return rows
 
 
 def particle_column(key: str, value: float | tuple[float, ...], count: int) -> np.ndarray:
     """() for one number, else (count,)."""
     if isinstance(value, tuple) and len(value) != count:
-        raise InputError(key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}")
+        raise InputError(
+            key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}"
+        )
     return np.asarray(value, float)
 
 
@@ -115,7 +123,10 @@ def _packed(scene: Scene, pack: Pack) -> np.ndarray:
         vertices = np.asarray(pack.vertices, float)
         if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2:
             raise InputError(
-                "particles.pack.vertices", pack.vertices, "needs at least three corners (x, vertical)", "add corners"
+                "particles.pack.vertices",
+                pack.vertices,
+                "needs at least three corners (x, vertical)",
+                "add corners",
             )
         points = packing.polygon_pack(vertices, scene.domain.size, largest, spacing, jitter)
     else:
@@ -125,9 +136,7 @@ def _packed(scene: Scene, pack: Pack) -> np.ndarray:
                 raise InputError(
                     f"particles.pack.{name}", corner, f"needs {scene.dimension} numbers", "correct it"
                 )
-        points = packing.lattice_pack(
-            np.asarray(pack.start), np.asarray(pack.stop), largest, spacing, jitter
-        )
+        points = packing.lattice_pack(np.asarray(pack.start), np.asarray(pack.stop), largest, spacing, jitter)
     return packing.jittered(points, jitter, scene.seed)
 
 
@@ -137,21 +146,27 @@ def _read_rows(key: str, name: str) -> np.ndarray:
         if path.suffix == ".npy":
             return np.asarray(np.load(path, allow_pickle=False), float)
         text = path.read_text(encoding="utf-8").replace(",", " ")
-        lines = [line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+        lines = [
+            line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")
+        ]
         if lines and not _is_number(lines[0][0]):
             lines = lines[1:]  # a line of column names
         return np.asarray(lines, float)
     except FileNotFoundError:
         raise InputError(key, name, "no such file", "names are relative to the scene file") from None
     except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise InputError(key, name, f"cannot be read as rows of numbers ({error})", "correct the file") from None
+        raise InputError(
+            key, name, f"cannot be read as rows of numbers ({error})", "correct the file"
+        ) from None
 
 
 def _as_array(key: str, rows: Any) -> np.ndarray:
     try:
         return np.asarray(rows, float)
     except ValueError:
-        raise InputError(key, "rows of unequal length", "all rows need as many numbers", "correct it") from None
+        raise InputError(
+            key, "rows of unequal length", "all rows need as many numbers", "correct it"
+        ) from None
 
 
 def _is_number(text: str) -> bool:

@@ -57,9 +57,7 @@ def from_arrays(
         reference = tuple(jnp.asarray(_get(arrays, f"neighbors.reference[{k}]")) for k in range(dimension))
         low: Any = (None,) * dimension
         if state.particles.position_low is not None:
-            low = tuple(
-                jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension)
-            )
+            low = tuple(jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
         search = simulation.contact.search  # type: ignore[union-attr]
         fresh = search.allocate(reference, low, slots, int(_get(arrays, "capacity/cell_slots")))
         kept = _restored("neighbors", dataclasses.replace(fresh, search=None), arrays)

@@ -287,9 +287,7 @@ class Scene(Section):
     @property
     def periodic(self) -> tuple[bool, ...]:
         """Whether each axis is periodic."""
-        return tuple(
-            self.boundary[self.sides[2 * axis]].kind == "periodic" for axis in range(self.dimension)
-        )
+        return tuple(self.boundary[self.sides[2 * axis]].kind == "periodic" for axis in range(self.dimension))
 
     def to_toml(self) -> str:
         """The scene as TOML, every default written out."""
@@ -331,7 +329,10 @@ def parse_override(text: str) -> tuple[str, Any]:
     except tomllib.TOMLDecodeError:
         if any(mark in value for mark in "[]{}=\"'"):
             raise InputError(
-                f"--set {key}", value, "must be a TOML value", 'quote strings: --set coupling.drag=\'"koch_hill"\''
+                f"--set {key}",
+                value,
+                "must be a TOML value",
+                "quote strings: --set coupling.drag='\"koch_hill\"'",
             ) from None
         return key.strip(), value.strip()
 
@@ -378,7 +379,9 @@ def _completed(scene: Scene) -> Scene:
     if scene.fluid is not None and scene.particles is not None:
         update["coupling"] = scene.coupling or Coupling()
         if scene.fluid.viscosity == 0.0:
-            raise InputError("fluid.viscosity", 0.0, "drag needs a positive viscosity", "set fluid.viscosity > 0")
+            raise InputError(
+                "fluid.viscosity", 0.0, "drag needs a positive viscosity", "set fluid.viscosity > 0"
+            )
     elif scene.coupling is not None:
         raise InputError("coupling", "...", "needs both [fluid] and [particles]", "remove [coupling]")
     elif scene.closure.file is not None:
@@ -386,7 +389,9 @@ def _completed(scene: Scene) -> Scene:
             "closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]"
         )
     if scene.fluid is None and scene.particles is None:
-        raise InputError("particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]")
+        raise InputError(
+            "particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]"
+        )
     _check_times(scene)
     return scene.model_copy(update=update)
 
@@ -430,14 +435,18 @@ def _completed_side(scene: Scene, name: str) -> BoundarySide:
     key = f"boundary.{name}"
     if (side.from_ is None) != (side.to is None):
         given = "from" if side.to is None else "to"
-        raise InputError(f"{key}.{given}", side.from_ or side.to, "a patch has from and to", "give both or neither")
+        raise InputError(
+            f"{key}.{given}", side.from_ or side.to, "a patch has from and to", "give both or neither"
+        )
     lengths = [length for a, length in enumerate(scene.domain.size) if a != axis]
     for label, corner in (("from", side.from_), ("to", side.to)):
         if corner is not None:
             _entries(f"{key}.{label}", corner, len(lengths))
             for value, length in zip(corner, lengths, strict=True):
                 if not 0.0 <= value <= length:
-                    raise InputError(f"{key}.{label}", value, f"must lie in 0 ... {length} m", "move it into the side")
+                    raise InputError(
+                        f"{key}.{label}", value, f"must lie in 0 ... {length} m", "move it into the side"
+                    )
     if side.from_ is not None and side.to is not None:
         if any(a >= b for a, b in zip(side.from_, side.to, strict=True)):
             raise InputError(f"{key}.from", side.from_, f"must be below to = {side.to}", "swap them")
@@ -447,7 +456,9 @@ def _completed_side(scene: Scene, name: str) -> BoundarySide:
     if moving and side.velocity is None:
         raise InputError(f"{key}.velocity", None, f"is needed by kind = {side.kind}", "set it [m/s]")
     if not moving and side.velocity is not None:
-        raise InputError(f"{key}.velocity", side.velocity, f"means nothing for kind = {side.kind}", "remove it")
+        raise InputError(
+            f"{key}.velocity", side.velocity, f"means nothing for kind = {side.kind}", "remove it"
+        )
     update: dict[str, Any] = {"ramp_time": side.ramp_time}
     if side.velocity is not None:
         update["velocity"] = _side_velocity(scene, key, side, axis, upper)
@@ -466,7 +477,9 @@ def _side_velocity(scene: Scene, key: str, side: BoundarySide, axis: int, upper:
     velocity = side.velocity or ()
     _entries(f"{key}.velocity", velocity, scene.dimension)
     if side.kind == "moving_wall" and velocity[axis] != 0.0:
-        raise InputError(f"{key}.velocity", velocity, "a moving wall slides in its own plane", "set its normal part to 0")
+        raise InputError(
+            f"{key}.velocity", velocity, "a moving wall slides in its own plane", "set its normal part to 0"
+        )
     return velocity
 
 
@@ -476,7 +489,10 @@ def _check_particles(scene: Scene) -> None:
     ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
     if len(ways) != 1 and particles.count != 0:
         raise InputError(
-            "particles.pack", ways, "give either a pack or positions", "keep one of particles.pack, particles.position"
+            "particles.pack",
+            ways,
+            "give either a pack or positions",
+            "keep one of particles.pack, particles.position",
         )
     if particles.pack is not None:
         needed = {"polygon": ("vertices",), "lattice": ("start", "stop")}[particles.pack.kind]

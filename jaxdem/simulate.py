@@ -18,7 +18,7 @@ from jaxdem.build import Simulation, build, initial_state
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, failures, first_meaning
-from jaxdem.io import RunDirectory, Run, load_run
+from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
 from jaxdem.restart import from_arrays, to_arrays

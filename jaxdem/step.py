@@ -61,9 +61,9 @@ def particle_part(
     time = state.step * jnp.asarray(simulation.interval, parameters.gravity.dtype)
     with named_scope("particles"):
         mass, volume = as_column(parameters.bodies.mass), as_column(parameters.bodies.volume)
-        acting = jnp.broadcast_to(mass * parameters.gravity, particles.velocity.shape)
+        acting = jnp.broadcast_to(mass * parameters.gravity[None], particles.velocity.shape)
         if forces is not None:
-            buoyancy = -parameters.fluid.density * volume * parameters.gravity
+            buoyancy = -parameters.fluid.density * volume * parameters.gravity[None]
             particles = particles._replace(fluid_force=forces.total + buoyancy)
             acting = acting + particles.fluid_force
         walls = simulation.wall_velocity(parameters, time)

@@ -168,7 +168,7 @@ def exchange(
     step = jnp.asarray(interval.duration, solids.dtype) / count
     grip = step * drag.coefficient
     response = grip / (1.0 + grip / bodies.mass)
-    steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity
+    steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity[None]
     carry = _Carry(
         fluid,
         particles.velocity,
@@ -287,9 +287,7 @@ def _substep(
         deposit_on_faces(grid, weights, response),
         deposit_on_faces(grid, weights, gripped * reached - extra),
     )
-    result = solver.step(
-        properties, carry.fluid, void_fraction, time, step, exchange, weighting
-    )
+    result = solver.step(properties, carry.fluid, void_fraction, time, step, exchange, weighting)
     seen = interpolate_faces(weights, result.state.face_velocity)
     impulse = gripped * (seen - reached) + extra
     pressure = pressure_impulse(result.state.pressure)
@@ -300,9 +298,7 @@ def _substep(
         viscous = jnp.zeros_like(pressure)
     lost = tuple(
         r * u - f
-        for r, u, f in zip(
-            exchange.resistance, result.state.face_velocity, exchange.forcing, strict=True
-        )
+        for r, u, f in zip(exchange.resistance, result.state.face_velocity, exchange.forcing, strict=True)
     )
     balance = jnp.stack((jnp.sum(impulse, axis=0), jnp.stack(face_total(grid, lost))))
     new = _Carry(
@@ -372,5 +368,3 @@ def _finite(state: FluidState) -> Array:
 def _submerged_mass(bodies: ParticleProperties, properties: FluidProperties) -> Array:
     """Mass less that of the water displaced [kg]: gravity on it is weight less hydrostatic buoyancy."""
     return bodies.mass - properties.density * bodies.volume
-
-

@@ -57,7 +57,9 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
         half_width: of the kernel along every axis [m].
         position: (N, D) [m].
     """
-    per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)]
+    per_axis = [
+        _axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)
+    ]
     index, weight = [], []
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
         flat, product = 0, 1.0
@@ -103,9 +105,9 @@ def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> 
     scaled = position / spacing
     width = half_width / spacing
     first = jnp.floor(scaled - width).astype(jnp.int32)
-    columns = first[:, None] + jnp.arange(reach, dtype=jnp.int32)
+    columns = first[:, None] + jnp.arange(reach, dtype=jnp.int32)[None]
     # Distances from the first cell, not from the box, keep the digits of positions far from the origin.
-    offset = (scaled - first)[:, None] - jnp.arange(reach + 1, dtype=position.dtype)
+    offset = (scaled - first)[:, None] - jnp.arange(reach + 1, dtype=position.dtype)[None]
     passed = _cumulative_triangle(-offset / width)
     weight = passed[:, 1:] - passed[:, :-1]
     # Rounding leaves the sum a few ulp off one: volume is to be exact.

@@ -122,7 +122,9 @@ def set_normal_velocity(
             side = boundary.side(axis, upper)
             inner = along(component, axis, -2, -1) if upper else along(component, axis, 1, 2)
             g = void_fraction[axis]
-            at_side = g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
+            at_side = (
+                g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
+            )
             value = jnp.zeros_like(inner)
             if side.kind == "inlet":
                 covered = jnp.asarray(coverage(grid, side), component.dtype)
@@ -155,10 +157,14 @@ def with_ghosts(
         # Faces 0 and `count` are one face where the axis is periodic.
         before = (-2 % count, -1 % count) if grid.periodic[axis] else (0, 0)
         after = (1, 1 + 1 % count) if grid.periodic[axis] else (count, count)
-        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
+        return jnp.concatenate(
+            (_layers(component, axis, before), component, _layers(component, axis, after)), axis
+        )
     if grid.periodic[axis]:
         before, after = (-2 % count, -1 % count), (0, 1 % count)
-        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
+        return jnp.concatenate(
+            (_layers(component, axis, before), component, _layers(component, axis, after)), axis
+        )
     ghosts = []
     for upper in (False, True):
         side = boundary.side(axis, upper)

@@ -35,7 +35,9 @@ def stress_divergence(
         terms = []
         for axis in range(grid.dimension):
             if axis == which:
-                rate = (along(component, axis, 1, None) - along(component, axis, None, -1)) / grid.spacing[axis]
+                rate = (along(component, axis, 1, None) - along(component, axis, None, -1)) / grid.spacing[
+                    axis
+                ]
                 stress = 2.0 * rate - (2.0 / 3.0) * expansion
                 stress = _wrapped(grid, stress, axis)
                 force = (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
@@ -60,9 +62,7 @@ def _shear_rate(
     """du_which/dx_axis + du_axis/dx_which on the edges between both kinds of faces."""
     rates = []
     for component, direction in ((which, axis), (axis, which)):
-        padded = with_ghosts(
-            grid, boundary, side_velocity, velocity[component], component, direction, time
-        )
+        padded = with_ghosts(grid, boundary, side_velocity, velocity[component], component, direction, time)
         near = along(padded, direction, 1, -1)
         rates.append(
             (along(near, direction, 1, None) - along(near, direction, None, -1)) / grid.spacing[direction]

@@ -117,9 +117,7 @@ def face_control_volume(grid: Grid, axis: int) -> Array:
 
 def face_total(grid: Grid, faces: FaceField) -> tuple[Array, ...]:
     """Sum over all faces of each component, periodic doubles counted once."""
-    return tuple(
-        jnp.sum(along(f, a, None, -1) if grid.periodic[a] else f) for a, f in enumerate(faces)
-    )
+    return tuple(jnp.sum(along(f, a, None, -1) if grid.periodic[a] else f) for a, f in enumerate(faces))
 
 
 def sum_of(terms):  # type: ignore[no-untyped-def]

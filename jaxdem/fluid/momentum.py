@@ -135,9 +135,7 @@ class FluidSolver:
         mobility, shift = self._exchange_terms(properties, exchange, new)
         pull = tuple(
             g * slope / properties.density
-            for g, slope in zip(
-                weight, pressure_gradient(grid, self.boundary, state.pressure), strict=True
-            )
+            for g, slope in zip(weight, pressure_gradient(grid, self.boundary, state.pressure), strict=True)
         )
 
         def advance(rates: FaceField) -> FaceField:
@@ -147,9 +145,7 @@ class FluidSolver:
                     old, state.face_velocity, rates, pull, shift, mobility, strict=True
                 )
             )
-            return set_normal_velocity(
-                grid, self.boundary, properties.side_velocity, advanced, new, end
-            )
+            return set_normal_velocity(grid, self.boundary, properties.side_velocity, advanced, new, end)
 
         first_flux = _product(old, state.face_velocity)
         if void_fraction is not None:
@@ -202,9 +198,7 @@ class FluidSolver:
         rates = advection(*args, self.advection, properties.side_velocity, flux, velocity, time)
         if not self.viscous:
             return rates, tuple(jnp.zeros_like(u) for u in velocity)
-        stress = stress_divergence(
-            *args, properties.side_velocity, velocity, properties.viscosity, time
-        )
+        stress = stress_divergence(*args, properties.side_velocity, velocity, properties.viscosity, time)
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return total, stress
 
@@ -243,9 +237,7 @@ class FluidSolver:
         scale = sum(jnp.max(jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
         scale = scale + jnp.max(jnp.abs(growth)) + jnp.finfo(source.dtype).tiny
         tolerance = (2e-6 if source.dtype == jnp.float32 else 2e-12) * scale
-        correction, report = solve_pressure(
-            grid, boundary, _product(new, push), source, tolerance
-        )
+        correction, report = solve_pressure(grid, boundary, _product(new, push), source, tolerance)
         slope = pressure_gradient(grid, boundary, correction)
         velocity = tuple(u - c * s for u, c, s in zip(predicted, push, slope, strict=True))
         remaining = jnp.max(jnp.abs(divergence(grid, _product(new, velocity)) + growth)) / scale
@@ -279,6 +271,4 @@ def _boundary_of(grid: Grid, source: FaceField, inner: FaceField) -> FaceField:
 
 def _closed(boundary: Boundary) -> Boundary:
     """The same box without outlets."""
-    return Boundary(
-        tuple(s._replace(kind="no_slip") if s.kind == "outlet" else s for s in boundary.sides)
-    )
+    return Boundary(tuple(s._replace(kind="no_slip") if s.kind == "outlet" else s for s in boundary.sides))

@@ -34,9 +34,7 @@ class SolverReport(NamedTuple):
     converged: Array
 
 
-def pressure_gradient(
-    grid: Grid, boundary: Boundary, pressure: Array, continued: bool = False
-) -> FaceField:
+def pressure_gradient(grid: Grid, boundary: Boundary, pressure: Array, continued: bool = False) -> FaceField:
     """Gradient on the faces; on an outlet towards the zero outside.
 
     Args:

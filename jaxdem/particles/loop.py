@@ -80,9 +80,7 @@ def contact_interval(
 
     def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
         motion = drift(carry.motion, 0.5 * time_step)
-        sums, motion = contact_forces(
-            interval.model, surroundings, properties, motion, neighbors, time_step
-        )
+        sums, motion = contact_forces(interval.model, surroundings, properties, motion, neighbors, time_step)
         motion = kick(motion, vectors.add(sums.force, force), sums.torque, properties, time_step)
         impulse = vectors.add(carry.contact_impulse, vectors.scale(time_step, sums.force))
         size = vectors.safe_sqrt(vectors.dot(sums.force, sums.force))
@@ -91,13 +89,13 @@ def contact_interval(
 
     zero = jnp.zeros_like(force[0])
     count = max(state.position.shape[0], 1)
-    carry = _Carry(Motion.of(state), (zero,) * len(force), jnp.zeros((), zero.dtype), jnp.zeros((), jnp.int32))
+    carry = _Carry(
+        Motion.of(state), (zero,) * len(force), jnp.zeros((), zero.dtype), jnp.zeros((), jnp.int32)
+    )
     loop = _reversible_loop if interval.reversible else _fast_loop
     carry, neighbors = loop(interval, step, time_step, carry, neighbors)
     duration = interval.steps * time_step
-    state = carry.motion.into(state)._replace(
-        contact_force=vectors.stack(carry.contact_impulse) / duration
-    )
+    state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
     return state, neighbors, carry.collision / (interval.steps * count)
 
 

@@ -26,6 +26,9 @@ from jaxdem.particles.vectors import Vector
 EXTRA_CAPACITY = 1.25
 """Slots are allocated for this multiple of the largest number of neighbours found."""
 
+USUAL_SLOTS = {2: 8, 3: 16}
+"""Slots allocated at least, by dimension: what a dense pack of equal spheres needs once it has formed."""
+
 
 class NeighborGeometry(NamedTuple):
     """What the search needs to know; static.
@@ -132,10 +135,11 @@ class NeighborSearch:
         """
         search = None
         if position[0].shape[0] > 1:
-            search = self._jax_md().allocate(self._shifted(position))
-            missing = slots - search.idx.shape[1]
+            search = self._allocated(position, 0)
+            usual = min(USUAL_SLOTS[len(position)], position[0].shape[0] - 1)
+            missing = max(slots, usual) - search.idx.shape[1]
             if missing > 0:
-                search = self._jax_md().allocate(self._shifted(position), extra_capacity=missing)
+                search = self._allocated(position, missing)
             if cell_slots is not None:
                 search = dataclasses.replace(
                     search,
@@ -150,7 +154,8 @@ class NeighborSearch:
         position, low = lax.stop_gradient((position, low))
         search, overflow = neighbors.search, neighbors.overflow
         if search is not None:
-            search = search.update(self._shifted(position))
+            with jax.numpy_rank_promotion("allow"):  # jax-md relies on it
+                search = search.update(self._shifted(position))
             overflow = overflow | (search.did_buffer_overflow != 0)
         return self._complete(search, position, low, overflow, neighbors.builds + 1)
 
@@ -161,15 +166,13 @@ class NeighborSearch:
         if search is not None:
             own = jnp.arange(position[0].shape[0], dtype=jnp.int32)
             listed = search.idx.T
-            index = tuple(jnp.where(listed < own.shape[0], listed, own))
+            index = tuple(jnp.where(listed < own.shape[0], listed, own[None]))
         geometry = [self._pair_geometry(other, position, low) for other in index]
         separation = tuple(separation for separation, _ in geometry)
         overlap = tuple(overlap for _, overlap in geometry)
         return Neighbors(index, separation, overlap, position, low, overflow, builds, search)
 
-    def _pair_geometry(
-        self, other: Array, position: Vector, low: tuple[Low, ...]
-    ) -> tuple[Vector, Array]:
+    def _pair_geometry(self, other: Array, position: Vector, low: tuple[Low, ...]) -> tuple[Vector, Array]:
         """Separation and overlap of the pairs in one slot."""
         pairs = []
         for k, (high, trailing) in enumerate(zip(position, low, strict=True)):
@@ -191,9 +194,13 @@ class NeighborSearch:
 
     def _shifted(self, position: Vector) -> Array:
         stacked = vectors.stack(position)
-        box = jnp.asarray(self.geometry.box, stacked.dtype)
-        wrapped = jnp.where(jnp.asarray(self.geometry.periodic), jnp.mod(stacked, box), stacked)
-        return wrapped + jnp.asarray(self._margin, stacked.dtype)
+        box = jnp.asarray(self.geometry.box, stacked.dtype)[None]
+        wrapped = jnp.where(jnp.asarray(self.geometry.periodic)[None], jnp.mod(stacked, box), stacked)
+        return wrapped + jnp.asarray(self._margin, stacked.dtype)[None]
+
+    def _allocated(self, position: Vector, extra: int) -> Any:
+        with jax.numpy_rank_promotion("allow"):
+            return self._jax_md().allocate(self._shifted(position), extra_capacity=extra)
 
     def _jax_md(self) -> Any:
         if self._functions is None:
