@@ -69,11 +69,11 @@ def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) 
     position = vectors.components(state.particles.position)
     low = split_low(state.particles.position_low, len(position))
 
-    def rebuild(neighbors: Neighbors, springs: Any) -> Any:
+    def rebuild(neighbors: Neighbors, springs: Any, position: Any, low: Any) -> Any:
         new = search.update(position, low, neighbors)
         return new, carry_history(springs, neighbors, new)
 
-    return _seconds(jax.jit(rebuild), neighbors, state.particles.contact_spring)
+    return _seconds(jax.jit(rebuild), neighbors, state.particles.contact_spring, position, low)
 
 
 def _exchange_times(simulation: Simulation, parameters: Parameters, state: State) -> tuple[float, float]:

@@ -171,20 +171,21 @@ def wrapped_position(simulation: Simulation, state: State) -> np.ndarray:
     return np.where(simulation.periodic, np.mod(position, box), position)
 
 
-def sample_of(before: State, after: State, forces: FluidForces) -> dict[str, np.ndarray]:
-    """What the drag law saw and gave in the interval from `before` to `after`, and the fields of that moment.
+def sample_of(before: State, after: State, forces: FluidForces, volume: np.ndarray) -> dict[str, np.ndarray]:
+    """What the drag law saw and gave at the start of the interval from `before` to `after`, with the fields.
 
-    Positions, void fraction and everything the law saw belong to the start of the interval; the forces are
-    means over it.
+    The law's force and the pressure gradient force belong to that moment; the viscous force is the mean over
+    the interval, which the solver has at hand.
     """
     assert before.particles is not None and before.fluid is not None and after.fluid is not None
     sample = {name: np.asarray(getattr(forces.inputs, name)) for name in SAMPLE_INPUTS}
+    volume = np.asarray(volume).reshape(-1, 1)
     sample |= {
         "position": np.asarray(before.particles.position),
         "slip_velocity": np.asarray(forces.inputs.slip_velocity),
         "reynolds": np.asarray(forces.inputs.reynolds),
-        "drag_force": np.asarray(forces.drag),
-        "pressure_gradient_force": np.asarray(forces.pressure_gradient),
+        "drag_force": np.asarray(forces.law),
+        "pressure_gradient_force": -volume * sample["pressure_gradient"],
         "viscous_force": np.asarray(forces.viscous),
         "pressure": np.asarray(before.fluid.pressure),
         # The void fraction of `after` was deposited from the positions of `before`.

@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from jaxdem.errors import InputError
 
@@ -26,10 +34,23 @@ KIND_ALIASES = {
     "pressure_outlet": "outlet",
 }
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+def _sensible(value: float) -> float:
+    """Refuse numbers whose powers would leave the range of floats."""
+    if value != 0.0 and not 1e-20 <= abs(value) <= 1e20:
+        raise ValueError("a number that is not zero must lie between 1e-20 and 1e20 in size")
+    return value
+
+
+# Strict: neither true nor "1" is a number; a whole number is taken for a float.
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
+PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
 Rows = tuple[tuple[Finite, ...], ...]
+
+MOST_OUTPUTS = 1_000_000
+"""Frames that a run may write; more is a slip of the output interval's unit."""
 
 
 class Section(BaseModel):
@@ -68,8 +89,8 @@ class Pack(Section):
     vertices: Rows | None = None
     start: tuple[Finite, ...] | None = None
     stop: tuple[Finite, ...] | None = None
-    spacing: Annotated[float, Field(ge=1.0, le=100.0)] = 1.01
-    jitter: Annotated[float, Field(ge=0.0, le=0.5)] = 0.005
+    spacing: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] = 1.01
+    jitter: Annotated[float, Field(ge=0.0, le=0.5, strict=True)] = 0.005
 
 
 class Particles(Section):
@@ -85,9 +106,9 @@ class Particles(Section):
         angular_velocity: one number per particle in 2-D, rows of three in 3-D, or a file's name [rad/s].
     """
 
-    count: Annotated[int, Field(ge=0, le=100_000_000)] | None = None
-    radius: Positive | tuple[Positive, ...]
-    density: Positive | tuple[Positive, ...]
+    count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
+    radius: Positive | PerParticle
+    density: Positive | PerParticle
     pack: Pack | None = None
     position: Rows | str | None = None
     velocity: Rows | str | None = None
@@ -118,19 +139,19 @@ class Contact(Section):
 
     law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
     young_modulus: Positive = 7e7
-    poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5)] = 0.3
-    restitution: Annotated[float, Field(ge=0.0, le=1.0)] = 0.7
+    poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] = 0.3
+    restitution: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.7
     friction: NonNegative = 0.5
     rolling_friction: NonNegative = 0.0
     wall_young_modulus: Positive | Literal["rigid"] | None = None
-    wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5)] | None = None
+    wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] | None = None
     wall_friction: NonNegative | None = None
     normal_stiffness: Positive | None = None
     tangential_stiffness: NonNegative | None = None
     time_step: Positive | Literal["auto"] = "auto"
     speed: Positive | Literal["auto"] = "auto"
-    maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5)] = 0.2
-    skin: Annotated[float, Field(gt=0.0, le=2.0)] | Literal["auto"] = "auto"
+    maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
+    skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
 
 
 class Fluid(Section):
@@ -146,12 +167,14 @@ class Fluid(Section):
         velocity: initial interstitial velocity, one number per axis; at rest when not given [m/s].
     """
 
-    cells: tuple[Annotated[int, Field(ge=1, le=100_000)], ...] = Field(min_length=2, max_length=3)
+    cells: tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...] = Field(
+        min_length=2, max_length=3
+    )
     density: Positive = 1000.0
     viscosity: NonNegative = 1e-6
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "upwind"] = "limited"
-    courant_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 0.7
+    courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7
     velocity: tuple[Finite, ...] | None = None
 
 
@@ -193,7 +216,7 @@ class Width(Section):
     """Half-width of the deposition kernel, max(diameters d, cells h) per axis."""
 
     diameters: NonNegative = 1.5
-    cells: Annotated[float, Field(ge=0.0, le=20.0)] = 1.0
+    cells: Annotated[float, Field(ge=0.0, le=20.0, strict=True)] = 1.0
 
     @model_validator(mode="after")
     def _positive(self) -> Width:
@@ -262,7 +285,7 @@ class Output(Section):
 class Scene(Section):
     """A scene. `[fluid]` left out: contact mechanics alone; `[particles]` left out: a fluid alone."""
 
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**32, strict=True)] = 0
     precision: Literal["float32", "float64"] = "float32"
     domain: Domain
     particles: Particles | None = None
@@ -509,6 +532,13 @@ def _check_particles(scene: Scene) -> None:
 def _check_times(scene: Scene) -> None:
     end, interval = scene.time.end, scene.time.output_interval
     frames = end / interval
+    if frames > MOST_OUTPUTS:
+        raise InputError(
+            "time.output_interval",
+            interval,
+            f"makes {frames:.3g} outputs up to time.end = {end} s, the limit is {MOST_OUTPUTS}",
+            f"raise it, to {end / MOST_OUTPUTS:.3g} at least",
+        )
     if frames < 1.0 - 1e-9 or abs(frames - round(frames)) > 1e-6 * frames:
         nearest = end / max(1, round(frames))
         raise InputError(
@@ -536,27 +566,50 @@ def _refuse_unknown(key: str, name: str, allowed: tuple[str, ...]) -> None:
 
 def _as_input_error(error: ValidationError, tables: dict[str, Any]) -> InputError:
     """The first problem that pydantic found, in the words of the scene file."""
-    problems = error.errors(include_url=False)
-    problems.sort(key=lambda p: p["type"] != "extra_forbidden")
-    first = problems[0]
-    path = [p for p in first["loc"] if not _is_branch_label(p)]
+    problems = [
+        (tuple(part for part in problem["loc"] if not _is_branch_label(part)), problem)
+        for problem in error.errors(include_url=False)
+    ]
+    problems.sort(key=lambda found: found[1]["type"] != "extra_forbidden")
+    # Where a number or a list may stand, what is wrong inside the list tells more.
+    start = problems[0][0]
+    path, first = max((p for p in problems if p[0][: len(start)] == start), key=lambda found: len(found[0]))
     key = ".".join(str(part) for part in path)
     value = first.get("input")
+    if path[0] == "boundary" and len(path) > 1 and path[1] not in SIDES_3D:
+        _refuse_unknown(f"boundary.{path[1]}", str(path[1]), SIDES_3D)
     if first["type"] == "extra_forbidden":
-        allowed = _known_keys(path[:-1])
+        allowed = _known_keys(list(path[:-1]))
         near = difflib.get_close_matches(str(path[-1]), allowed, n=1)
         remedy = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(allowed)}"
         return InputError(key, value, "unknown key", remedy)
     if first["type"] == "missing":
         return InputError(key, None, "is missing", "add it to the scene")
-    same_place = [p["msg"] for p in problems if [q for q in p["loc"] if not _is_branch_label(q)] == path]
-    return InputError(key, value, " or ".join(dict.fromkeys(same_place)), "correct the value")
+    reasons = dict.fromkeys(_in_plain_words(found["msg"]) for place, found in problems if place == path)
+    return InputError(key, value, " or ".join(reasons), "correct the value")
+
+
+def _in_plain_words(message: str) -> str:
+    for theirs, ours in (
+        ("Value error, ", ""),
+        ("Input should be a valid tuple", "must be a list"),
+        ("Input should be a valid dictionary", "must be a table"),
+        (" or instance of BoundarySide", ""),
+        (" or instance of Width", ""),
+        ("Input should be", "must be"),
+        ("Tuple should have", "must have"),
+        (" after validation", ""),
+    ):
+        message = message.replace(theirs, ours)
+    return message
 
 
 def _is_branch_label(part: Any) -> bool:
     """Labels that pydantic adds for the branches of a union are not keys of the file."""
     return isinstance(part, str) and (
-        "[" in part or part in ("float", "str", "int", "constrained-float", "function-after", "tuple")
+        "[" in part
+        or "(" in part
+        or part in ("float", "str", "int", "constrained-float", "function-after", "tuple")
     )
 
 

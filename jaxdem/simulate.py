@@ -136,8 +136,10 @@ class TimeLoop:
             diagnostics = self._advance()
             if self.samples_every and self.done % self.samples_every == 0 and diagnostics.forces is not None:
                 with self.totals.timed("output"):
-                    sample = sample_of(self._before, self.state, diagnostics.forces)
-                    self.directory.write_sample(self.directory.samples, self.time, sample)
+                    volume = np.asarray(self.parameters.bodies.volume)
+                    sample = sample_of(self._before, self.state, diagnostics.forces, volume)
+                    start = self.time - self.simulation.interval
+                    self.directory.write_sample(self.directory.samples, start, sample)
             if self.done % per_output == 0:
                 self._write_frame(diagnostics)
                 due = clock.perf_counter() - saved >= self.scene.output.checkpoint_interval

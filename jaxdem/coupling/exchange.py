@@ -75,13 +75,15 @@ class FluidForces(NamedTuple):
         drag: (N, D) [N].
         pressure_gradient: (N, D) -V_p grad p of the reduced pressure [N].
         viscous: (N, D) V_p div(tau) [N].
-        inputs: of the drag law.
+        inputs: of the drag law, at the start of the interval.
+        law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs [N].
     """
 
     drag: Array
     pressure_gradient: Array
     viscous: Array
     inputs: DragInputs
+    law: Array
 
     @property
     def total(self) -> Array:
@@ -202,6 +204,8 @@ def exchange(
         carry.pressure_gradient / interval.duration,
         carry.viscous / interval.duration,
         inputs,
+        drag.coefficient[:, None] * inputs.slip_velocity
+        + (0.0 if drag.remainder is None else drag.remainder),
     )
     given, lost = carry.balance
     size = jnp.sum(jnp.abs(carry.drag)) + jnp.finfo(solids.dtype).tiny

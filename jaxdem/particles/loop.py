@@ -131,6 +131,8 @@ def _fast_loop(
 
 def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors) -> Array:
     """() bool: the list does not cover the positions at which the coming step takes its forces."""
+    if neighbors.search is None:  # nothing to list, so never out of date: the loop would wait for it for ever
+        return jnp.zeros((), bool)
     motion = drift(carry.motion, 0.5 * time_step)
     displacement = displacement_since_build(motion.position, motion.low, neighbors)
     return out_of_date(displacement, interval.search.geometry)

@@ -162,31 +162,38 @@ class NeighborSearch:
     def _complete(
         self, search: Any, position: Vector, low: tuple[Low, ...], overflow: Array, builds: Array
     ) -> Neighbors:
-        index: tuple[Array, ...] = ()
-        if search is not None:
-            own = jnp.arange(position[0].shape[0], dtype=jnp.int32)
-            listed = search.idx.T
-            index = tuple(jnp.where(listed < own.shape[0], listed, own[None]))
-        geometry = [self._pair_geometry(other, position, low) for other in index]
-        separation = tuple(separation for separation, _ in geometry)
-        overlap = tuple(overlap for _, overlap in geometry)
-        return Neighbors(index, separation, overlap, position, low, overflow, builds, search)
+        if search is None:
+            return Neighbors((), (), (), position, low, overflow, builds, None)
+        own = jnp.arange(position[0].shape[0], dtype=jnp.int32)
+        listed = search.idx.T
+        index = jnp.where(listed < own.shape[0], listed, own[None])
+        separation, overlap = self._pair_geometry(index, position, low)
+        return Neighbors(
+            tuple(index[slot] for slot in range(index.shape[0])),
+            tuple(tuple(x[slot] for x in separation) for slot in range(index.shape[0])),
+            tuple(overlap[slot] for slot in range(index.shape[0])),
+            position,
+            low,
+            overflow,
+            builds,
+            search,
+        )
 
     def _pair_geometry(self, other: Array, position: Vector, low: tuple[Low, ...]) -> tuple[Vector, Array]:
-        """Separation and overlap of the pairs in one slot."""
+        """Separation, D arrays (K, N), and overlap (K, N) of all pairs."""
         pairs = []
         for k, (high, trailing) in enumerate(zip(position, low, strict=True)):
             other_low = None if trailing is None else trailing[other]
-            separation = compensated.difference(high, trailing, high[other], other_low)
+            separation = compensated.difference(high[None], _row(trailing), high[other], other_low)
             if self.geometry.periodic[k]:
                 box = jnp.asarray(self.geometry.box[k], high.dtype)
                 image = box * jnp.round(separation[0] / box)
                 image_low = None if trailing is None else jnp.zeros_like(image)
                 separation = compensated.difference(*separation, image, image_low)
             pairs.append(separation)
-        radius_sum = 2.0 * self.radius if self.radius.ndim == 0 else self.radius + self.radius[other]
+        radius_sum = 2.0 * self.radius if self.radius.ndim == 0 else self.radius[None] + self.radius[other]
         # An empty slot pairs a particle with itself: place it out of reach, so that it never touches.
-        empty = other == jnp.arange(other.shape[0], dtype=jnp.int32)
+        empty = other == jnp.arange(other.shape[1], dtype=jnp.int32)[None]
         far = jnp.asarray(2.0 * (self.geometry.cutoff + self.geometry.skin), position[0].dtype)
         first_low = None if pairs[0][1] is None else jnp.where(empty, 0.0, pairs[0][1])
         pairs[0] = (jnp.where(empty, far, pairs[0][0]), first_low)
@@ -232,14 +239,20 @@ def carry_history(history: tuple[Vector, ...], old: Neighbors, new: Neighbors) -
     Returns:
         K' slots of vectors; zero for pairs that were not listed before.
     """
-    slots = []
-    for index in new.index:
-        own = jnp.arange(index.shape[0], dtype=index.dtype)
-        value = tuple(jnp.zeros_like(x) for x in old.reference)
-        for previous, kept in zip(old.index, history, strict=True):
-            value = vectors.where((previous == index) & (index != own), kept, value)
-        slots.append(value)
-    return tuple(slots)
+    if not (old.capacity and new.capacity):
+        return (tuple(jnp.zeros_like(x) for x in old.reference),) * new.capacity
+    # An empty slot matches empty slots, whose springs are zero. A pair stands once in a list, so the sum
+    # has one term.
+    same = jnp.stack(old.index)[None] == jnp.stack(new.index)[:, None]
+    moved = [
+        jnp.sum(jnp.where(same, jnp.stack(component)[None], 0.0), axis=1)
+        for component in zip(*history, strict=True)
+    ]
+    return tuple(tuple(component[slot] for component in moved) for slot in range(new.capacity))
+
+
+def _row(low: Low) -> Low:
+    return None if low is None else low[None]
 
 
 def _import_partition() -> Any:

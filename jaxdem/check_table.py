@@ -1,0 +1,114 @@
+"""The scene check as tables for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from rich.console import Group
+from rich.markup import escape
+from rich.table import Table
+
+from jaxdem.check import CheckReport
+
+LIMIT_NAMES = {
+    "rayleigh": "Rayleigh time",
+    "contact_duration": "duration of an impact",
+    "contact_stability": "contact stability 2/omega_max",
+    "contact_automatic": "automatic contact step",
+    "courant": "Courant limit",
+    "viscous": "viscous limit",
+}
+
+
+def render(report: CheckReport) -> Group:
+    """Tables of what, how long a step, how well resolved, how much memory, which parts."""
+    sections = {
+        "Scene": _scene(report),
+        "Time steps": _steps(report),
+        "Resolution": _resolution(report),
+        "Memory (estimate)": [(name, _size(number)) for name, number in report.memory.items()],
+        "Program": [
+            ("compiled in", ", ".join(report.compiled_in)),
+            ("left out", ", ".join(report.left_out) or "nothing"),
+        ],
+    }
+    tables = []
+    for title, rows in sections.items():
+        table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None)
+        table.add_column(width=30)
+        table.add_column(overflow="fold")
+        for name, text in rows:
+            table.add_row(escape(name), escape(text))
+        tables.append(table)
+    return Group(*tables)
+
+
+def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
+    yield "box", f"{_times(report.size)} m"
+    yield "precision", report.precision
+    if report.particles is not None:
+        yield "particles", str(report.particles)
+    if report.cells is not None and report.spacing is not None:
+        yield "mesh", f"{_times(report.cells)} cells of {_times(report.spacing)} m"
+    if report.cells_per_diameter is not None:
+        low, high = report.cells_per_diameter
+        yield "cell / diameter", f"{low:.3g}" if math.isclose(low, high) else f"{low:.3g} to {high:.3g}"
+    if report.kernel_half_width is not None:
+        yield "kernel half-width", f"{_times(report.kernel_half_width)} m"
+    if report.void_fraction is not None:
+        low, mean = report.void_fraction
+        yield "void fraction at the start", f"min {low:.3f}, mean {mean:.3f}"
+
+
+def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
+    steps = report.time_steps
+    for name, value in report.limits.items():
+        text = f"{value:.4g} s" if math.isfinite(value) else "none (nothing moves, or no viscosity)"
+        if name == "courant" and math.isfinite(value):
+            text += " at the largest boundary speed; faster flow is cut into up to 8 fluid steps"
+        yield LIMIT_NAMES.get(name, name), text
+    if "contact" in steps:
+        duration = report.limits["contact_duration"] / steps["contact"]
+        yield "contact step", f"{steps['contact']:.4g} s, 1/{duration:.0f} of an impact"
+        yield "contact steps per interval", f"{steps['contacts_per_interval']:.0f}"
+    if "fluid" in steps:
+        yield "fluid step", f"{steps['fluid']:.4g} s, {steps['fluid_substeps']:.0f} per interval at least"
+    if report.relaxation_time is not None:
+        ratio = report.relaxation_time / steps["fluid"]
+        text = f"{report.relaxation_time:.4g} s, {ratio:.3g} fluid steps (drag is implicit: no limit)"
+        yield "Stokes relaxation time", text
+    yield "coupling interval", f"{steps['interval']:.4g} s"
+    total = f"{steps['intervals']:.0f} intervals, {steps['outputs']:.0f} outputs after the first"
+    if "contacts_per_interval" in steps:
+        total += f", {steps['intervals'] * steps['contacts_per_interval']:.3g} contact steps"
+    yield "whole run", total
+
+
+def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
+    if report.expected_speed is not None and report.expected_overlap is not None:
+        yield "largest speed expected", f"{report.expected_speed:.3g} m/s (contact.speed)"
+        yield "overlap at that speed", f"{100 * report.expected_overlap:.2g} % of a diameter"
+    if report.restitution_error is not None:
+        yield "error of the restitution", f"about {report.restitution_error:.2g}"
+    if report.resting_overlap is not None:
+        yield "overlap under own weight", f"{100 * report.resting_overlap:.2g} % of a diameter"
+    if report.overlap_resolution is not None:
+        text = f"{report.overlap_resolution:.1g} of the overlap under own weight"
+        if report.overlap_resolution > 1e-2:
+            text += '; resting grains will tremble: soften the contact or use precision = "float64"'
+        yield "float32 resolves overlaps to", text
+    if report.particles is None:
+        yield "particles", "none"
+
+
+def _times(values: Iterable[float]) -> str:
+    return " x ".join(f"{value:.4g}" for value in values)
+
+
+def _size(number: float) -> str:
+    for unit in ("B", "KiB", "MiB", "GiB"):
+        if number < 1024.0 or unit == "GiB":
+            break
+        number /= 1024.0
+    return f"{number:.3g} {unit}"

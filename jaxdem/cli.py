@@ -1,0 +1,298 @@
+"""The command line: reads files and options, calls the library, says what happened.
+
+Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SIGINT and SIGTERM.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from jaxdem.errors import InputError, JaxdemError
+from jaxdem.terminal import counted, fail, fit_table, output, print_run, simulated_time
+
+if TYPE_CHECKING:
+    from jaxdem.scene import Scene
+
+OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
+
+
+class Recipe(StrEnum):
+    """How a closure is fitted."""
+
+    paper = "paper"
+    filtered = "filtered"
+
+
+class Scale(StrEnum):
+    """Size of a study."""
+
+    demo = "demo"
+    paper = "paper"
+
+
+class Commands(TyperGroup):
+    """The commands; what jaxdem raises on purpose becomes one message and an exit code."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except JaxdemError as error:
+            fail(str(error), error.exit_code)
+        except (MemoryError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
+                raise
+            first = (str(error).splitlines() or ["out of memory"])[0]
+            fail(
+                f"Out of memory ({first}). See `jaxdem check` for the estimate; lower the count or cells.", 1
+            )
+
+
+app = typer.Typer(
+    cls=Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Particles in a fluid (unresolved CFD-DEM), with learned drag closures.",
+)
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene; may be given many times."),
+]
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    # A run writes a checkpoint at a signal; before and after it, SIGTERM ends the program as SIGINT does.
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    app(prog_name="jaxdem")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from jaxdem import __version__
+
+        typer.echo(f"jaxdem {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def check(scene: SceneFile, settings: Settings = None) -> None:
+    """Time-step limits, memory, and what is compiled in or left out; exit code 2 where `run` would refuse."""
+    description = _load(scene, settings)
+    _use_compilation_cache()
+    from jaxdem.check import check_scene
+    from jaxdem.check_table import render
+
+    output().print(render(check_scene(description)))
+
+
+@app.command()
+def run(
+    scene: SceneFile,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Run directory: new or empty.")],
+    closure: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Learned drag closure; replaces closure.file.")
+    ] = None,
+    settings: Settings = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
+) -> None:
+    """Run a scene and write a run directory."""
+    description = _load(scene, settings, closure)
+    _use_compilation_cache()
+    from jaxdem.io import RunDirectory
+    from jaxdem.simulate import Interrupted, simulate
+
+    complete = resume and RunDirectory.is_complete(out)
+    try:
+        with simulated_time() as progress:
+            result = simulate(description, out, resume=resume, progress=progress)
+    except Interrupted as stop:
+        command = ["jaxdem", "run", str(scene), "--out", str(out)]
+        command += ["--closure", str(closure)] if closure else []
+        command += [part for setting in settings or () for part in ("--set", setting)]
+        hint = f"A checkpoint is in {out}; go on with: {shlex.join([*command, '--resume'])}"
+        fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
+    if complete:
+        output().print(f"The run in {out} is complete; there is nothing to resume.", markup=False)
+    print_run(result)
+    if not result.summary.get("valid"):
+        fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
+
+
+@app.command()
+def dataset(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory with samples.h5.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Dataset file to write (HDF5).")],
+    coarsen: Annotated[
+        str, typer.Option(metavar="N,N,...", help="Fine cells along a side of the coarse cell.")
+    ] = "1,2,4,8",
+) -> None:
+    """Make training data from a run: what the drag law would see on coarser meshes, and should give."""
+    factors = _whole_numbers("--coarsen", coarsen, ",")
+    _prepare_file(out)
+    _use_compilation_cache()
+    from jaxdem.train.dataset import make_dataset
+
+    with counted("coarsening") as progress:
+        make_dataset(run, out, factors, progress=progress)
+    output().print(f"Wrote {out}", markup=False)
+
+
+@app.command()
+def train(
+    datasets: Annotated[list[Path], typer.Argument(metavar="DATASET...", help="From `jaxdem dataset`.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Closure file to write (HDF5).")],
+    recipe: Annotated[Recipe, typer.Option(help="The source paper's, or the one on filtered inputs.")] = (
+        Recipe.filtered
+    ),
+    seed: Annotated[int | None, typer.Option(min=0, help="Of weights, shuffling and choice of rows.")] = None,
+    epochs: Annotated[int | None, typer.Option(min=1, help="Passes through the data.")] = None,
+    samples: Annotated[int | None, typer.Option(min=1, help="Largest number of training rows.")] = None,
+    hidden: Annotated[
+        str | None, typer.Option(metavar="N-N-...", help="Widths of the hidden layers: 170-70-30.")
+    ] = None,
+    activation: Annotated[str | None, typer.Option(help="Of the hidden layers, e.g. elu.")] = None,
+    loss: Annotated[str | None, typer.Option(help="mse, mae, ...; the filtered recipe has its own.")] = None,
+) -> None:
+    """Fit a learned drag closure to datasets; the last dataset's run is held out."""
+    changes: dict[str, Any] = {
+        "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
+        "hidden": None if hidden is None else _whole_numbers("--hidden", hidden, "-"),
+    }  # fmt: skip
+    _prepare_file(out)
+    _use_compilation_cache()
+    from jaxdem.closures import save_closure
+    from jaxdem.train.dataset_file import read_dataset
+    from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
+
+    make = FitSettings if recipe is Recipe.paper else FitSettings.filtered
+    chosen = make(**{name: value for name, value in changes.items() if value is not None})
+    data = [read_dataset(path) for path in datasets]
+    with counted("epoch") as progress:
+        fit = fit_paper if recipe is Recipe.paper else fit_filtered
+        result = fit(data, chosen, progress)
+    save_closure(out, result.closure, result.metadata)
+    console = output()
+    console.print(fit_table(result.metadata))
+    console.print(f"Split {result.split}", markup=False, highlight=False)
+    seconds = result.metadata["seconds"]
+    console.print(f"Wrote {out} after {seconds:.3g} s of training", markup=False, highlight=False)
+
+
+@app.command()
+def compare(
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Run directory to compare with.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv, PNGs.")],
+) -> None:
+    """Compare runs with a reference: the nine metrics, and error against run time."""
+    if out.exists() and not out.is_dir():
+        raise InputError("--out", str(out), "is not a folder", "Name a folder.")
+    from jaxdem.io import load_run
+    from jaxdem.report import compare as compare_runs
+    from jaxdem.report import terminal_table
+
+    loaded = [load_run(path) for path in (reference, *runs)]
+    comparison = compare_runs(loaded[0], loaded[1:], out)
+    console = output()
+    console.print(terminal_table(comparison))
+    for warning in comparison.warnings:
+        console.print(f"Note: {warning}", markup=False, highlight=False)
+    console.print(f"Report: {comparison.files['html']}", markup=False, highlight=False, soft_wrap=True)
+
+
+@app.command()
+def study(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the study, e.g. injection.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html and all runs.")],
+    scale: Annotated[
+        Scale, typer.Option(help="A demonstration of minutes, or the paper's size.")
+    ] = Scale.demo,
+) -> None:
+    """Run, dataset, train, run with the closure, compare: the whole chain; goes on where it was stopped."""
+    _use_compilation_cache()
+    from jaxdem.simulate import Interrupted
+    from jaxdem.study import run_study
+
+    try:
+        run_study(name, scale.value, out, output())
+    except Interrupted as stop:
+        hint = shlex.join(["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)])
+        fail(f"{str(stop).capitalize()} of a run of the study. Go on with: {hint}", 128 + stop.number)
+
+
+def _load(path: Path, settings: list[str] | None, closure: Path | None = None) -> Scene:
+    """The scene with the options applied; JAX set to its precision."""
+    from jaxdem.scene import load_scene, parse_override
+
+    overrides = dict(parse_override(text) for text in settings or ())
+    if closure is not None:
+        # Names in a scene are relative to it, names on the command line to the working directory.
+        overrides["closure.file"] = str(closure.resolve())
+    scene = load_scene(path, overrides)
+    import jax
+
+    jax.config.update("jax_enable_x64", scene.precision == "float64")
+    return scene
+
+
+def _use_compilation_cache() -> None:
+    """Compiled programs are kept in the user's cache folder between calls of the command line."""
+    import jax
+
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        jax.config.update("jax_compilation_cache_dir", str(Path(base) / "jaxdem" / "xla"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def _prepare_file(path: Path) -> None:
+    """Refuse a place that cannot be written before hours of work, not after them."""
+    if path.is_dir():
+        raise InputError("--out", str(path), "is a folder", "Name a file in it.")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            "--out", str(path), f"cannot be written ({error.strerror})", "Choose another place."
+        ) from None
+    if not os.access(path.parent, os.W_OK):
+        raise InputError("--out", str(path), "its folder cannot be written", "Choose another place.")
+
+
+def _whole_numbers(option: str, text: str, separator: str) -> tuple[int, ...]:
+    try:
+        numbers = tuple(int(part) for part in text.split(separator))
+    except ValueError:
+        numbers = (0,)
+    if min(numbers) < 1:
+        example = separator.join("421" if separator == "-" else "124")
+        limit = f"must be positive whole numbers separated by {separator!r}"
+        raise InputError(option, text, limit, f"For example {option} {example}.")
+    return numbers
+
+
+if __name__ == "__main__":
+    main()

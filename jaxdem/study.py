@@ -1,0 +1,261 @@
+"""The study of a learned drag closure, run -> dataset -> train -> run -> compare, stage by stage and resumable.
+
+A stage that is done is not done again; a run that was stopped goes on from its checkpoint. Everything that
+a stage needs is in the study's folder, so that it can be looked at, moved, and gone on with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import time as clock
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from jaxdem.closures import load_closure, save_closure
+from jaxdem.errors import InputError
+from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.report import Comparison, compare
+from jaxdem.scene import Scene, load_scene
+from jaxdem.simulate import simulate
+from jaxdem.train.dataset import make_dataset
+from jaxdem.train.dataset_file import read_dataset
+from jaxdem.train.fit import FitResult, FitSettings, fit_filtered, fit_paper
+
+SCENES = Path(__file__).parent / "scenes"
+
+
+class Listener(Protocol):
+    """Who hears how the study goes on; the command line draws bars."""
+
+    def stage(self, name: str, total: float) -> Callable[[float], None]:
+        """A stage of the given length starts; the result is called with how much of it is done."""
+        ...
+
+    def say(self, message: str) -> None:
+        """A line for the reader."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a study does at one scale.
+
+    Attributes:
+        scene: name of the scene's file.
+        factors: coarse meshes, by the factor on the cell side.
+        samples: time between samples of the reference run [s].
+        noise_seeds: seeds of reference runs that differ in the jitter of the pack alone.
+        filtered: settings of the recipe `filtered`.
+        paper: settings of the recipe `paper`, or None to leave it out.
+    """
+
+    scene: str
+    factors: tuple[int, ...]
+    samples: float
+    noise_seeds: tuple[int, ...]
+    filtered: FitSettings
+    paper: FitSettings | None
+
+
+PLANS: dict[str, dict[str, Plan]] = {
+    "injection": {
+        "demo": Plan(
+            scene="injection_demo.toml",
+            factors=(4,),
+            samples=0.02,
+            noise_seeds=(),
+            filtered=FitSettings.filtered(epochs=60, samples=60_000),
+            paper=None,
+        ),
+        "paper": Plan(
+            scene="injection.toml",
+            factors=(2, 4, 8),
+            samples=0.05,
+            noise_seeds=(1,),
+            filtered=FitSettings.filtered(),
+            paper=FitSettings(),
+        ),
+    }
+}
+"""Studies by name and scale."""
+
+
+@dataclasses.dataclass
+class Study:
+    """A study in its folder."""
+
+    plan: Plan
+    scene: Scene
+    out: Path
+    listener: Listener
+
+    def run(self) -> Comparison:
+        """All stages; returns the comparison that the report shows."""
+        reference = self.simulation("fine", self.scene, {"output.samples": self.plan.samples})
+        noise = [
+            self.simulation(f"fine_seed_{seed}", self.scene, {"seed": seed}) for seed in self.plan.noise_seeds
+        ]
+        coarse = {factor: self._coarse_run(factor, None) for factor in self.plan.factors}
+        dataset = self.dataset(reference)
+        fits = {"filtered": self.fit("filtered", dataset, self.plan.filtered)}
+        if self.plan.paper is not None:
+            fits["paper"] = self.fit("paper", dataset, self.plan.paper)
+        runs, names, cost = [], ["fine"], {}
+        for factor, plain in coarse.items():
+            runs.append(plain)
+            names.append(f"coarse {factor}x")
+            for recipe, fit in fits.items():
+                runs.append(self._coarse_run(factor, fit))
+                names.append(f"coarse {factor}x + {recipe}")
+                cost[names[-1]] = fit.seconds
+        return compare(
+            reference,
+            runs,
+            self.out,
+            names=names,
+            noise=noise,
+            parity=self._parity(fits["filtered"]),
+            training_cost=cost,
+            notes=self._notes(fits),
+            title=f"{self.scene_name}: a learned drag closure on coarse meshes",
+        )
+
+    @property
+    def scene_name(self) -> str:
+        """Name of the scene without its ending."""
+        return Path(self.plan.scene).stem
+
+    def simulation(
+        self, name: str, scene: Scene, overrides: dict[str, Any], closure: Path | None = None
+    ) -> Run:
+        """A run in the study's folder, made, gone on with, or taken as it is."""
+        path = self.out / name
+        if closure is not None:
+            overrides = overrides | {"closure.file": str(closure)}
+        scene = load_scene(scene.model_dump(by_alias=True, exclude_none=True), overrides)
+        if RunDirectory.is_complete(path):
+            return load_run(path)
+        resume = (path / "checkpoint.h5").is_file()
+        if path.exists() and not resume:
+            shutil.rmtree(path)  # stopped before its first checkpoint: nothing to go on from
+        advance = self.listener.stage(f"run {name}", scene.time.end)
+        return simulate(scene, path, resume=resume, progress=lambda time, _: advance(time))
+
+    def dataset(self, reference: Run) -> Path:
+        """Training data from the reference run, averaged to its own mesh and to every coarse one."""
+        path = self.out / "dataset.h5"
+        if not path.is_file():
+            factors = (1, *self.plan.factors)
+            assert reference.samples is not None
+            advance = self.listener.stage("dataset", len(factors) * len(reference.samples.times))
+            make_dataset(reference.path, path, factors, lambda done, _: advance(done))
+        return path
+
+    def fit(self, recipe: str, dataset: Path, settings: FitSettings) -> StudyFit:
+        """A closure trained on the dataset, with its parity figures beside it."""
+        path, beside = self.out / f"{recipe}.closure.h5", self.out / f"{recipe}.parity.npz"
+        if not (path.is_file() and beside.is_file()):
+            advance = self.listener.stage(f"train {recipe}", settings.epochs)
+            fit = {"filtered": fit_filtered, "paper": fit_paper}[recipe]
+            begin = clock.perf_counter()
+            result: FitResult = fit(
+                [read_dataset(dataset)], settings, progress=lambda epoch, *_: advance(epoch)
+            )
+            seconds = clock.perf_counter() - begin
+            arrays = {
+                f"{factor}/{name}": array
+                for factor, figures in result.parity.items()
+                for name, array in figures.items()
+            }
+            with beside.open("wb") as file:
+                np.savez(file, **arrays)
+            save_closure(path, result.closure, {**result.metadata, "study_seconds": seconds})
+        metadata = load_closure(path)[1]
+        with np.load(beside, allow_pickle=False) as stored:
+            parity = {name: stored[name] for name in stored.files}
+        return StudyFit(recipe, path, metadata, parity)
+
+    def _coarse_run(self, factor: int, fit: StudyFit | None) -> Run:
+        assert self.scene.fluid is not None
+        cells = [max(1, round(count / factor)) for count in self.scene.fluid.cells]
+        name = f"coarse_{factor}" if fit is None else f"coarse_{factor}_{fit.recipe}"
+        return self.simulation(name, self.scene, {"fluid.cells": cells}, None if fit is None else fit.path)
+
+    def _parity(self, fit: StudyFit) -> dict[str, dict[str, np.ndarray]]:
+        figures: dict[str, dict[str, np.ndarray]] = {}
+        for name, array in fit.parity.items():
+            factor, kind = name.split("/")
+            figures.setdefault(f"inputs averaged {factor}x" if factor != "1" else "fine inputs", {})[kind] = (
+                array
+            )
+        return figures
+
+    def _notes(self, fits: dict[str, StudyFit]) -> list[str]:
+        notes = [
+            "The closures are trained on the fine run that is also the reference: a test of recall, not of transfer."
+        ]
+        for fit in fits.values():
+            for factor, figures in fit.metadata.get("r2", {}).items():
+                notes.append(
+                    f"Recipe {fit.recipe}, inputs averaged {factor}x, held out ({fit.metadata.get('split', '')}): "
+                    f"R2 {figures['closure']:.4f}, base law {figures['base']:.4f}, "
+                    f"regression {figures['regression']:.4f}."
+                )
+        return notes
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyFit:
+    """A trained closure: recipe, file, metadata, and arrays "factor/name" for the parity plot."""
+
+    recipe: str
+    path: Path
+    metadata: dict[str, Any]
+    parity: dict[str, np.ndarray]
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of the training [s]."""
+        return float(self.metadata["study_seconds"])
+
+
+def run_study(name: str, scale: str, out: str | Path, listener: Listener) -> Comparison:
+    """A study by name, at the scale "demo" or "paper", in the folder `out`.
+
+    Raises:
+        InputError: unknown name or scale, or the folder holds another study.
+    """
+    for key, value, known in (("NAME", name, PLANS), ("--scale", scale, PLANS.get(name, {}))):
+        if value not in known:
+            raise InputError(key, value, "is not known", f"known: {', '.join(sorted(known))}")
+    plan, out = PLANS[name][scale], Path(out)
+    _claim(out, {"study": name, "scale": scale})
+    begin = clock.perf_counter()
+    study = Study(plan, load_scene(SCENES / plan.scene), out, listener)
+    comparison = study.run()
+    listener.say(f"The study took {clock.perf_counter() - begin:.0f} s.")
+    return comparison
+
+
+def _claim(out: Path, identity: dict[str, str]) -> None:
+    """Marks the folder as this study's; refuses a folder that holds something else."""
+    marker = out / "study.json"
+    if marker.is_file():
+        found = json.loads(marker.read_text(encoding="utf-8"))
+        if found != identity:
+            raise InputError("--out", str(out), f"holds the study {found}", "choose another folder")
+        return
+    if out.is_dir() and any(out.iterdir()):
+        raise InputError("--out", str(out), "is not empty and holds no study", "choose another folder")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        marker.write_text(json.dumps(identity) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(
+            "--out", str(out), f"cannot be written ({error.strerror})", "choose another folder"
+        ) from None

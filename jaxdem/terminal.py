@@ -1,0 +1,110 @@
+"""What the command line shows: messages, tables and progress bars."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from jaxdem.io import Run
+
+
+def output() -> Console:
+    """Console on standard output; tables are not wrapped to 80 columns in a file."""
+    return Console() if sys.stdout.isatty() else Console(width=120)
+
+
+def fail(message: str, code: int) -> NoReturn:
+    """One message on standard error, and the exit code."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console.print(Text.assemble(("jaxdem: ", "bold red"), message))
+    raise typer.Exit(code)
+
+
+def print_run(result: Run) -> None:
+    """Whether the run is valid, its wall time by stage and its folder."""
+    summary = result.summary
+    stages = summary.get("stages_s", {})
+    marked = summary.get("estimated", ())
+    parts = [
+        f"{name} {seconds:.3g} s{' (estimated)' if name in marked else ''}"
+        for name, seconds in stages.items()
+        if seconds is not None
+    ]
+    console = output()
+
+    def line(label: str, text: str) -> None:
+        console.print(f"{label:<10}{text}", markup=False, highlight=False, soft_wrap=True)
+
+    line("valid", "yes" if summary.get("valid") else "no")
+    line("wall time", f"{summary.get('wall_time_s', 0.0):.3g} s")
+    line("stages", ", ".join(parts))
+    line("output", str(result.path))
+
+
+def fit_table(metadata: dict[str, Any]) -> Table:
+    """R2 on held-out rows by coarsening."""
+    table = Table(title="R2 on held-out rows", title_justify="left")
+    names = ("closure", "base", "regression")
+    headings = ("coarsening", "closure", metadata["base_law"], "regression", "out of range", "rows")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for coarsening, row in metadata["r2"].items():
+        values = [f"{row[name]:.4f}" for name in names]
+        table.add_row(str(coarsening), *values, f"{100 * row['out_of_range']:.2g} %", str(row["samples"]))
+    return table
+
+
+class _Rate(ProgressColumn):
+    """Progress per second of wall time and the time left, counted from the first report."""
+
+    def __init__(self, unit: str):
+        super().__init__()
+        self.unit = unit
+
+    def render(self, task: Task) -> Text:
+        """Text of the column."""
+        rate = task.speed
+        if not rate or task.total is None:
+            return Text("")
+        left = (task.total - task.completed) / rate
+        hours, rest = divmod(round(left), 3600)
+        return Text(f"{rate:.3g} {self.unit}/s  {hours:d}:{rest // 60:02d}:{rest % 60:02d} left")
+
+
+@contextmanager
+def _bar(unit: str, pattern: str, waiting: str) -> Iterator[Callable[[float, float, str], None]]:
+    """A progress bar; silent when standard output is not a terminal."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), _Rate(unit))
+    # The rate is a mean over the last minute, as far as there are not more than a thousand reports in it.
+    with Progress(*columns, speed_estimate_period=60.0, disable=not sys.stdout.isatty()) as progress:
+        task = progress.add_task(waiting, total=None)
+
+        def report(done: float, end: float, note: str) -> None:
+            if progress.disable:
+                return
+            progress.update(task, total=end, completed=done, description=pattern.format(done, end) + note)
+
+        yield report
+
+
+@contextmanager
+def simulated_time() -> Iterator[Callable[[float, float], None]]:
+    """Bar of a run: a function of the simulated time and the end [s]."""
+    with _bar("s", "t = {:.4g} of {:g} s", "compiling") as report:
+        yield lambda time, end: report(time, end, "")
+
+
+@contextmanager
+def counted(what: str) -> Iterator[Callable[..., None]]:
+    """Bar of counted work: a function of the number done, the number in all and, for a fit, the loss."""
+    with _bar(what, what + " {:g} of {:g}", "starting") as report:
+        yield lambda done, total, loss=None: report(done, total, "" if loss is None else f", loss {loss:.4g}")

@@ -1,0 +1,178 @@
+"""Training data from a run: what a coarse mesh would show the drag law, and the force it should give.
+
+The fluid fields of each sample are averaged to the coarse mesh, the flux g u and the pressure by area and
+volume; the void fraction is deposited from the particles as the coarse solver deposits it, with its kernel;
+and all are seen by the particles through the coarse solver's own weights. The target is the fluid force of
+the fine run less the pressure and viscous force that the coarse run applies itself:
+
+    F_target = F_drag + (-V grad p + V div tau)_fine - (-V grad p + V div tau)_coarse
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxdem.build import Simulation, build
+from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.interpolation import interpolate_faces, kernel_weights
+from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.errors import InputError
+from jaxdem.fluid.diffusion import stress_divergence
+from jaxdem.fluid.grid import face_average
+from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.remap import coarsened, remap_cells, remap_flux
+from jaxdem.io import Run, load_run
+from jaxdem.io.samples import Samples
+from jaxdem.scene import Scene, load_scene
+from jaxdem.train.dataset_file import write_dataset
+
+COLUMNS = (
+    "particle_velocity",
+    "fluid_velocity",
+    "solid_fraction",
+    "void_fraction_gradient",
+    "pressure_gradient",
+)
+
+
+def make_dataset(
+    run: str | Path,
+    out: str | Path,
+    coarsen: tuple[int, ...] = (1, 2, 4, 8),
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Writes the dataset file of a run.
+
+    Args:
+        run: run directory with samples (scene key `output.samples`).
+        out: dataset file.
+        coarsen: factors of the mesh; 1 is the run's own mesh.
+        progress: called with the samples done and their number, all factors together.
+
+    Raises:
+        InputError: the run has no samples, or a factor is not usable.
+    """
+    source = load_run(run)
+    samples = _samples(source)
+    scene = load_scene(source.scene)
+    if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
+        raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "for example 1,2,4,8")
+    groups, done = {}, 0
+    for factor in coarsen:
+        view = _CoarseView(scene, factor)
+        collected = []
+        for number in range(len(samples.times)):
+            collected.append(view.rows(samples.frame(number), float(samples.times[number])))
+            done += 1
+            if progress is not None:
+                progress(done, len(coarsen) * len(samples.times))
+        groups[factor] = view.group(collected)
+    assert scene.fluid is not None
+    attributes = {
+        "drag": str(samples.attributes["drag"]),
+        "fluid_density": scene.fluid.density,
+        "dynamic_viscosity": scene.fluid.density * scene.fluid.viscosity,
+        "dimension": scene.dimension,
+        "run": Path(run).name,
+        "scene_toml": source.scene_toml,
+    }
+    write_dataset(out, attributes, groups)
+
+
+class _CoarseView:
+    """A mesh of the run's box, and the fields as its solver would see them."""
+
+    def __init__(self, scene: Scene, factor: int):
+        simulation, parameters = build(scene)
+        assert simulation.fluid is not None and parameters.bodies is not None
+        self.fine = simulation.fluid.solver.grid
+        self.coarse = coarsened(self.fine, factor)
+        overrides = {"fluid.cells": list(self.coarse.cells)}
+        coarse, _ = build(load_scene(scene.model_dump(by_alias=True, exclude_none=True), overrides))
+        self.simulation: Simulation = coarse
+        self.parameters = parameters
+        self._see = jax.jit(self._seen)
+
+    def rows(self, sample: dict[str, np.ndarray], time: float) -> dict[str, np.ndarray]:
+        """One row per particle of everything in the dataset."""
+        void_fraction = sample["void_fraction"].astype(float)
+        faces = face_average(self.fine, jnp.asarray(void_fraction))
+        flux = tuple(np.asarray(g) * sample[f"face_velocity_{a}"].astype(float) for a, g in enumerate(faces))
+        seen = self._see(
+            tuple(jnp.asarray(f) for f in remap_flux(self.fine, self.coarse, flux)),
+            jnp.asarray(remap_cells(self.fine, self.coarse, sample["pressure"].astype(float))),
+            jnp.asarray(sample["position"]),
+            jnp.asarray(sample["particle_velocity"]),
+            jnp.asarray(time, sample["position"].dtype),
+        )
+        rows = {name: np.asarray(value) for name, value in seen.items() if name != "applied"}
+        total = sample["drag_force"] + sample["pressure_gradient_force"] + sample["viscous_force"]
+        count = len(sample["position"])
+        assert self.parameters.bodies is not None
+        return rows | {
+            "time": np.full(count, time),
+            "diameter": np.broadcast_to(2.0 * np.asarray(self.parameters.bodies.radius), count).copy(),
+            "drag_force": sample["drag_force"],
+            "target_force": total - np.asarray(seen["applied"]),
+        }
+
+    def group(self, collected: list[dict[str, np.ndarray]]) -> dict[str, Any]:
+        """The samples of all times, one after the other, with the group's attributes."""
+        arrays = {name: np.concatenate([rows[name] for rows in collected]) for name in collected[0]}
+        assert self.simulation.fluid is not None and self.simulation.fluid.half_width is not None
+        return arrays | {
+            "filter_size": self.coarse.filter_size,
+            "kernel_width": float(np.mean(self.simulation.fluid.half_width)),
+        }
+
+    def _seen(
+        self, flux: tuple[Array, ...], pressure: Array, position: Array, velocity: Array, time: Array
+    ) -> dict[str, Array]:
+        """Inputs of the drag law on the coarse mesh, and the force that this mesh applies by itself."""
+        assert self.simulation.fluid is not None and self.simulation.fluid.half_width is not None
+        bodies, fluid = self.parameters.bodies, self.parameters.fluid
+        assert bodies is not None and fluid is not None
+        solver = self.simulation.fluid.solver
+        dtype = position.dtype
+        weights = kernel_weights(self.coarse, self.simulation.fluid.half_width, position)
+        solids = solid_fraction(self.coarse, weights, bodies.volume)
+        fractions = face_average(self.coarse, 1.0 - solids)
+        faces = tuple(f.astype(dtype) / g for f, g in zip(flux, fractions, strict=True))
+        slope = pressure_gradient(self.coarse, solver.boundary, pressure.astype(dtype), continued=True)
+        inputs = drag_inputs(
+            self.coarse,
+            weights,
+            velocity,
+            2.0 * bodies.radius,
+            faces,
+            slope,
+            solids,
+            fluid.density,
+            fluid.viscosity,
+        )
+        volume = bodies.volume if bodies.volume.ndim == 0 else bodies.volume[:, None]
+        applied = -volume * inputs.pressure_gradient
+        if solver.viscous:
+            stress = stress_divergence(
+                self.coarse, solver.boundary, fluid.side_velocity, faces, fluid.viscosity, time
+            )
+            applied = applied + volume * fluid.density * interpolate_faces(weights, stress)
+        return {name: getattr(inputs, name) for name in COLUMNS} | {"applied": applied}
+
+
+def _samples(run: Run) -> Samples:
+    if run.samples is None or len(run.samples.times) == 0:
+        raise InputError(
+            "RUN",
+            str(run.path),
+            "holds no samples",
+            "run the scene again with --set output.samples=0.05 (a multiple of the coupling interval)",
+        )
+    return run.samples

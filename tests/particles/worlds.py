@@ -1,0 +1,174 @@
+"""Small scenes for the contact tests: particles, walls and materials, run through `contact_interval`."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.particles.contact import HertzMindlin
+from jaxdem.particles.forces import ContactModel, contact_forces
+from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
+from jaxdem.particles.loop import ContactInterval, contact_interval
+from jaxdem.particles.materials import ContactParameters, surroundings
+from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
+from jaxdem.particles.walls import box_sides
+
+DEFAULTS = {
+    "young_modulus": 1e7, "poisson_ratio": 0.3, "restitution": 1.0, "friction": 0.0, "rolling_friction": 0.0,
+    "wall_young_modulus": None, "wall_poisson_ratio": None, "wall_friction": None,
+    "normal_stiffness": 1e4, "tangential_stiffness": 2e4 / 7,
+}  # fmt: skip
+
+
+def constants(dtype=jnp.float64, **given) -> ContactParameters:
+    """Contact constants; walls take the particles' where they have none; arrays are kept for vmap."""
+    values = DEFAULTS | given
+    for name in ("young_modulus", "poisson_ratio", "friction"):
+        if values["wall_" + name] is None:
+            values["wall_" + name] = values[name]
+    shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
+    return ContactParameters(
+        **{name: jnp.broadcast_to(jnp.asarray(value, dtype), shape) for name, value in values.items()}
+    )
+
+
+class World(NamedTuple):
+    """What `contact_interval` needs; `interval` is static, the rest arrays."""
+
+    interval: ContactInterval
+    constants: ContactParameters
+    properties: ParticleProperties
+    state: ParticleState
+    neighbors: Neighbors
+    gravity: jax.Array
+    wall_velocity: tuple[jax.Array, ...]
+
+
+def world(
+    position, velocity=None, spin=None, *, radius=0.01, density=2500.0, box=None, periodic=None, skin=0.2,
+    law=None, rolling=None, gravity=None, material=None, walls=True, rebuild=True, slots=0,
+    dtype=jnp.float64, precise=None, wall_velocity=None,
+) -> World:  # fmt: skip
+    """A world of N particles; positions as float64 rows, split into pairs in float32.
+
+    `rebuild=False` makes a list that is never rebuilt: a good deal less to compile. `skin` counts largest
+    diameters. `precise=False` leaves the low parts of a float32 world at zero, as plain float32 would.
+    """
+    position = np.atleast_2d(np.asarray(position, float))
+    count, dimension = position.shape
+    box = (1.0,) * dimension if box is None else tuple(box)
+    periodic = (False,) * dimension if periodic is None else tuple(periodic)
+    largest = 2.0 * float(np.max(radius))
+    geometry = NeighborGeometry(box, periodic, largest, skin * largest)
+    search = NeighborSearch(geometry, jnp.asarray(radius, dtype))
+    model = ContactModel(law or HertzMindlin(), rolling, box_sides(box, periodic) if walls else ())
+    leading = jnp.asarray(position.astype(dtype))
+    low = None
+    if dtype == jnp.float32:
+        low = jnp.asarray((position - np.asarray(leading, np.float64)).astype(np.float32))
+        low = low if precise is None or precise else jnp.zeros_like(low)
+    turning = 1 if dimension == 2 else 3
+
+    def rows(given, width):
+        return jnp.zeros((count, width), dtype) if given is None else jnp.asarray(
+            np.reshape(given, (count, width)), dtype)  # fmt: skip
+
+    state = ParticleState(
+        leading, low, rows(velocity, dimension), rows(spin, turning), (), (), rows(None, dimension), None
+    )
+    motion = Motion.of(state)
+    neighbors = search.allocate(motion.position, motion.low, slots)
+    if not rebuild:
+        neighbors = dataclasses.replace(neighbors, search=None)
+    zero = (jnp.zeros(count, dtype),) * dimension
+    state = state._replace(
+        contact_spring=(zero,) * neighbors.capacity, wall_spring=(zero,) * len(model.sides)
+    )
+    gravity = jnp.zeros(dimension, dtype) if gravity is None else jnp.asarray(gravity, dtype)
+    still = (jnp.zeros(dimension, dtype),) * len(model.sides)
+    if wall_velocity is not None:
+        still = tuple(jnp.asarray(v, dtype) for v in wall_velocity)
+    return World(
+        ContactInterval(model, search, 1, False),
+        material or constants(dtype),
+        ParticleProperties(jnp.asarray(radius, dtype), jnp.asarray(density, dtype)),
+        state, neighbors, gravity, still,
+    )  # fmt: skip
+
+
+def weights(scene: World) -> jax.Array:
+    """(N, D) forces of gravity [N]."""
+    mass = jnp.broadcast_to(scene.properties.mass, scene.state.position.shape[:1])
+    return mass[:, None] * scene.gravity[None]
+
+
+def advance(scene: World, time_step, steps: int, reversible: bool = False) -> World:
+    """The world after `steps` contact steps; not yet compiled."""
+    state, neighbors, _ = contact_interval(
+        scene.interval._replace(steps=steps, reversible=reversible),
+        surroundings(scene.constants, scene.wall_velocity),
+        scene.properties, scene.state, scene.neighbors, weights(scene), time_step,
+    )  # fmt: skip
+    return scene._replace(state=state, neighbors=neighbors)
+
+
+def forces(scene: World, time_step=0.0):
+    """Contact force (N, D) and torque (N, A) where the particles stand, by the list of the scene."""
+    motion = Motion.of(scene.state)
+    sums, _ = contact_forces(
+        scene.interval.model, surroundings(scene.constants, scene.wall_velocity), scene.properties,
+        motion, scene.neighbors, jnp.asarray(time_step, motion.position[0].dtype),
+    )  # fmt: skip
+    return jnp.stack(sums.force, axis=1), jnp.stack(sums.torque, axis=1)
+
+
+class Track(NamedTuple):
+    """Position, velocity, spin and mean contact force of every recorded frame (first axis)."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+    force: np.ndarray
+
+
+@functools.cache
+def runner(interval: ContactInterval, frames: int, every: int, batched: bool):
+    """Compiled `track` for one static description."""
+
+    def one(arrays, time_step):
+        scene = World(interval, *arrays)
+
+        def frame(scene_arrays, _):
+            new = advance(World(interval, *scene_arrays), time_step, every)
+            state = new.state
+            position = state.position if state.position_low is None else state.position + state.position_low
+            seen = Track(position, state.velocity, state.angular_velocity, state.contact_force)
+            return tuple(new[1:]), seen
+
+        arrays, seen = jax.lax.scan(frame, tuple(scene[1:]), None, length=frames)
+        return arrays, seen
+
+    return jax.jit(jax.vmap(one) if batched else one)
+
+
+def track(scene: World, time_step, frames: int, every: int = 1) -> tuple[World, Track]:
+    """The world after frames x every contact steps, and what was seen after every `every` of them.
+
+    With a time step (B,) all arrays of the scene have a first axis B (see `batch`): B worlds at once.
+    """
+    time_step = jnp.asarray(time_step, scene.state.position.dtype)
+    compiled = runner(scene.interval, frames, every, time_step.ndim == 1)
+    arrays, seen = compiled(tuple(scene[1:]), time_step)
+    return World(scene.interval, *arrays), Track(*(np.asarray(x) for x in seen))
+
+
+def batch(scenes: list[World]) -> World:
+    """Worlds of the same shapes stacked for `track`; the static part is that of the first."""
+    arrays = [tuple(scene[1:]) for scene in scenes]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *arrays)
+    return World(scenes[0].interval, *stacked)

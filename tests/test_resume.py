@@ -1,0 +1,197 @@
+"""A run that was stopped and resumed is the uninterrupted run, bit for bit; so is one that ran out of slots."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from jaxdem import RunError, load_run, load_scene, simulate
+from jaxdem.particles import neighbors as neighbor_module
+from jaxdem.simulate import Interrupted, TimeLoop
+
+SCENE = {
+    "domain": {"size": [0.2, 0.2], "depth": 0.04},
+    "particles": {
+        "radius": 0.01,
+        "density": 2650.0,
+        "pack": {
+            "kind": "lattice",
+            "start": [0.01, 0.02],
+            "stop": [0.15, 0.15],
+            "spacing": 1.05,
+            "jitter": 0.04,
+        },
+    },
+    "contact": {"young_modulus": 5e5, "restitution": 0.6, "friction": 0.4, "skin": 0.06, "speed": 1.0},
+    "fluid": {"cells": [5, 5], "time_step": 0.01},
+    "boundary": {
+        "left": {"kind": "inlet", "velocity": 0.2, "from": 0.0, "to": 0.08, "ramp_time": 0.0},
+        "right": {"kind": "outlet"},
+    },
+    "coupling": {"drag": "koch_hill"},
+    "time": {"end": 0.2, "output_interval": 0.02},
+    "output": {"samples": 0.02, "checkpoint_interval": 0.0},
+}
+INTERVALS, STOPPED_AT = 20, 9
+"""The stop lies between two outputs, so that the sums since the last output must be in the checkpoint."""
+
+
+@pytest.fixture(scope="session")
+def scene():
+    return load_scene(SCENE)
+
+
+@pytest.fixture(scope="session")
+def whole(scene, tmp_path_factory):
+    """The uninterrupted run."""
+    return simulate(scene, tmp_path_factory.mktemp("whole") / "run")
+
+
+def stop_at(interval, action):
+    """A progress function that acts after so many intervals of the scene."""
+
+    def progress(time, end):
+        if round(time / end * INTERVALS) == interval:
+            action()
+
+    return progress
+
+
+@pytest.fixture(scope="session")
+def resumed(scene, tmp_path_factory):
+    """Stopped by a signal between two outputs, then resumed."""
+    out = tmp_path_factory.mktemp("resumed") / "run"
+    with pytest.raises(Interrupted) as caught:
+        simulate(scene, out, progress=stop_at(STOPPED_AT, lambda: os.kill(os.getpid(), signal.SIGTERM)))
+    assert caught.value.number == signal.SIGTERM
+    half = load_run(out)
+    assert not half.summary["valid"]
+    assert not half.summary["complete"]
+    assert "--resume" in half.summary["reason"]
+    assert half.number_of_frames == 1 + STOPPED_AT // 2
+    return simulate(scene, out, resume=True)
+
+
+def file_bytes(run, name):
+    return (Path(run.path) / name).read_bytes()
+
+
+def assert_same_frames(first, second):
+    """Every array of every frame, bit for bit."""
+    assert first.number_of_frames == second.number_of_frames == 11
+    for index in range(first.number_of_frames):
+        for kind in ("particles", "fluid"):
+            ours, theirs = getattr(first, kind)(index), getattr(second, kind)(index)
+            assert ours.keys() == theirs.keys()
+            for name in ours:
+                assert ours[name].tobytes() == theirs[name].tobytes(), f"{kind} frame {index}: {name}"
+
+
+def checkpoint_arrays(run):
+    """Arrays of the checkpoint, without the wall times."""
+    arrays = {}
+    with h5py.File(Path(run.path) / "checkpoint.h5") as file:
+        file.visititems(
+            lambda name, item: arrays.update({name: item[()]} if isinstance(item, h5py.Dataset) else {})
+        )
+    timed = ("extra/wall", "extra/start", "extra/stage_")
+    return {name: value for name, value in arrays.items() if not any(part in name for part in timed)}
+
+
+def test_the_run_is_worth_resuming(whole):
+    """Contacts, a moving fluid and rebuilt neighbour lists, or the other tests would show nothing."""
+    counts = whole.summary["counts"]
+    assert whole.summary["valid"]
+    assert counts["neighbor_builds"] >= 5
+    assert whole.history["collision_force_mean"][-1] > 0.0
+    assert whole.history["drag_force_mean"][-1] > 0.0
+    assert np.abs(whole.particles(-1)["contact_force"]).max() > 0.0
+    assert np.abs(whole.particles(-1)["angular_velocity"]).max() > 0.0
+    assert whole.history["fluid_velocity_mean"][-1] > 0.0
+
+
+def test_resumed_by_signal_the_run_is_the_same(whole, resumed):
+    assert resumed.summary["valid"]
+    assert file_bytes(whole, "history.csv") == file_bytes(resumed, "history.csv")
+    assert_same_frames(whole, resumed)
+
+
+def test_the_last_checkpoints_agree_bit_for_bit(whole, resumed):
+    ours, theirs = checkpoint_arrays(whole), checkpoint_arrays(resumed)
+    assert ours.keys() == theirs.keys()
+    assert len(ours) > 20
+    for name in ours:
+        assert np.asarray(ours[name]).tobytes() == np.asarray(theirs[name]).tobytes(), name
+
+
+def test_samples_agree_bit_for_bit(whole, resumed):
+    with h5py.File(whole.path / "samples.h5") as ours, h5py.File(resumed.path / "samples.h5") as theirs:
+        names = []
+        ours.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        assert names
+        for name in names:
+            assert np.asarray(ours[name]).tobytes() == np.asarray(theirs[name]).tobytes(), name
+
+
+def test_counts_go_on_over_the_stop(whole, resumed):
+    assert resumed.summary["counts"] == whole.summary["counts"]
+    assert resumed.summary["residuals"] == whole.summary["residuals"]
+
+
+def test_a_complete_run_is_given_back_unchanged(scene, resumed):
+    before = file_bytes(resumed, "summary.json")
+    again = simulate(scene, resumed.path, resume=True)
+    assert again.summary["valid"]
+    assert file_bytes(resumed, "summary.json") == before
+
+
+def test_an_exception_leaves_what_a_resume_needs(scene, whole, tmp_path):
+    """As after a kill: nothing is closed or joined; frames beyond the checkpoint are cut off and done again."""
+
+    def fail():
+        raise KeyError("from outside")
+
+    out = tmp_path / "run"
+    with pytest.raises(KeyError):
+        simulate(scene, out, progress=stop_at(13, fail))
+    assert not (out / "summary.json").exists()
+    assert load_run(out).number_of_frames == 7
+    again = simulate(scene, out, resume=True)
+    assert file_bytes(whole, "history.csv") == file_bytes(again, "history.csv")
+    assert_same_frames(whole, again)
+
+
+def test_too_few_neighbour_slots_change_nothing(scene, whole, tmp_path, monkeypatch):
+    """Slots are added and the interval done again: same numbers, bit for bit, as with slots to spare."""
+    monkeypatch.setattr(neighbor_module, "USUAL_SLOTS", {2: 1, 3: 1})
+    monkeypatch.setattr(neighbor_module, "EXTRA_CAPACITY", 1.0)
+    tight = simulate(scene, tmp_path / "run")
+    counts = tight.summary["counts"]
+    assert counts["neighbor_resizes"] > 0
+    assert whole.summary["counts"]["neighbor_resizes"] == 0
+    assert counts["neighbor_builds"] == whole.summary["counts"]["neighbor_builds"]
+    assert file_bytes(whole, "history.csv") == file_bytes(tight, "history.csv")
+    assert_same_frames(whole, tight)
+
+
+def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch):
+    advance = TimeLoop._advance
+
+    def failing(loop):
+        if loop.done == 5:
+            loop._raise(4, loop.state)
+        return advance(loop)
+
+    monkeypatch.setattr(TimeLoop, "_advance", failing)
+    with pytest.raises(RunError, match="left the box") as caught:
+        simulate(scene, tmp_path / "run")
+    assert "particle" in caught.value.where
+    run = load_run(tmp_path / "run")
+    assert run.number_of_frames == 3
+    assert not run.summary["valid"]
+    assert "left the box" in run.summary["reason"]

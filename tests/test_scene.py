@@ -1,0 +1,369 @@
+"""The scene file: what is refused, in which words, and that reading and writing agree."""
+
+from __future__ import annotations
+
+import copy
+import math
+import re
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from jaxdem import InputError, build, initial_state, load_scene
+from jaxdem.build import time_steps
+from jaxdem.initial import check_initial_positions, initial_positions
+from jaxdem.scene import parse_override
+
+VALID = {
+    "seed": 3,
+    "domain": {"size": [0.4, 0.4], "depth": 0.04, "gravity": [0.0, -9.81]},
+    "particles": {
+        "count": 20,
+        "radius": 0.01,
+        "density": 2650.0,
+        "pack": {"kind": "lattice", "start": [0.05, 0.05], "stop": [0.3, 0.3], "spacing": 1.2},
+    },
+    "contact": {"young_modulus": 5e6, "restitution": 0.7, "friction": 0.4, "time_step": "auto"},
+    "fluid": {"cells": [8, 8], "density": 1000.0, "viscosity": 1e-6, "time_step": 0.005},
+    "boundary": {
+        "left": {"kind": "inlet", "velocity": 0.1, "from": 0.1, "to": 0.2},
+        "right": {"kind": "outlet"},
+    },
+    "coupling": {"drag": "koch_hill", "kernel_width": {"diameters": 1.5, "cells": 1.0}},
+    "time": {"end": 0.1, "output_interval": 0.05},
+    "output": {"samples": 0.0},
+}
+
+
+def changed(key, value):
+    """The valid tables with one dotted key set, or removed where the value is `...`."""
+    tables = copy.deepcopy(VALID)
+    *parents, last = key.split(".")
+    table = tables
+    for part in parents:
+        table = table.setdefault(part, {})
+    if value is ...:
+        del table[last]
+    else:
+        table[last] = value
+    return tables
+
+
+def refusal(tables, **options):
+    with pytest.raises(InputError) as caught:
+        load_scene(tables, **options)
+    assert caught.value.exit_code == 2
+    assert caught.value.remedy
+    return caught.value
+
+
+def placed(*positions, **more):
+    """A valid scene with particles at given positions."""
+    tables = changed(
+        "particles", {"radius": 0.01, "density": 2650.0, "position": [list(p) for p in positions]}
+    )
+    tables["particles"] |= more
+    return tables
+
+
+def test_the_valid_scene_is_accepted():
+    scene = load_scene(VALID)
+    assert scene.boundary["left"].velocity == (0.1, 0.0)
+    assert scene.boundary["top"].kind == "no_slip"
+    assert scene.contact.wall_friction == scene.contact.friction
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("particles.radus", "radius"),
+        ("fluid.viscocity", "viscosity"),
+        ("contact.youngs_modulus", "young_modulus"),
+        ("particles.pack.spacng", "spacing"),
+        ("boundary.left.velcity", "velocity"),
+        ("boundary.lefft.kind", "left"),
+        ("coupling.kernel_width.diameter", "diameters"),
+        ("time.ende", "end"),
+        ("flud", "fluid"),
+    ],
+)
+def test_an_unknown_key_is_refused_with_the_nearest_name(key, meant):
+    error = refusal(changed(key, "no_slip" if key.endswith("kind") else 1.0))
+    named = key if not key.startswith("boundary.lefft") else "boundary.lefft"
+    assert error.key == named
+    assert repr(meant) in str(error)
+
+
+@pytest.mark.parametrize("value", ["abc", True, None, [], {}, math.nan, math.inf, -math.inf, -1.0, 0.0])
+@pytest.mark.parametrize("key", ["time.end", "fluid.density", "particles.density", "contact.young_modulus"])
+def test_a_positive_number_must_be_one(key, value):
+    if value is None:
+        pytest.skip("TOML has no null")
+    assert refusal(changed(key, value)).key.startswith(key)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("particles.radius", 0.0),
+        ("particles.radius", [0.01, -0.01]),
+        ("particles.count", -1),
+        ("particles.count", 2.5),
+        ("domain.size", [0.4, 0.0]),
+        ("domain.size", [0.4]),
+        ("domain.size", [0.4, 0.4, 0.4, 0.4]),
+        ("domain.gravity", [0.0, 0.0, -9.81]),
+        ("domain.gravity", [0.0, math.nan]),
+        ("fluid.cells", [8, 8, 8]),
+        ("fluid.cells", [8, 0]),
+        ("fluid.cells", [8.5, 8]),
+        ("fluid.viscosity", 0.0),
+        ("fluid.viscosity", -1e-6),
+        ("fluid.velocity", [0.0]),
+        ("fluid.advection", "quick"),
+        ("contact.restitution", 1.5),
+        ("contact.poisson_ratio", 0.7),
+        ("contact.law", "hooke"),
+        ("contact.law", "linear_spring_dashpot"),
+        ("boundary.left.velocity", [0.1, 0.0, 0.0]),
+        ("boundary.left.velocity", ...),
+        ("boundary.right.velocity", 1.0),
+        ("boundary.left.from", ...),
+        ("boundary.left.to", 0.5),
+        ("boundary.left.from", -0.1),
+        ("boundary.left.from", 0.3),
+        ("boundary.left.from", [0.1, 0.1]),
+        ("boundary.front", {"kind": "no_slip"}),
+        ("boundary.top", {"kind": "moving_wall", "velocity": 1.0}),
+        ("boundary.top", {"kind": "moving_wall", "velocity": [0.0, 1.0]}),
+        ("coupling.kernel_width", 0.0),
+        ("time.output_interval", 0.03),
+        ("time.output_interval", 0.2),
+        ("time.output_interval", 1e-300),
+        ("precision", "float16"),
+        ("seed", -1),
+        ("particles.pack", ...),
+        ("particles.position", [[0.1, 0.1]]),
+        ("particles.pack.vertices", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]]),
+        ("particles.pack.start", ...),
+        ("particles", ...),
+        ("fluid", ...),
+    ],
+)
+def test_what_cannot_work_is_refused_naming_the_key(key, value):
+    error = refusal(changed(key, value))
+    section = key.split(".")[0]
+    owners = {"particles": ("particles", "contact"), "fluid": ("fluid", "coupling")}
+    assert error.key.startswith(owners.get(section, (section,)))
+
+
+@pytest.mark.parametrize(
+    "key", ["domain", "time", "domain.size", "particles.radius", "particles.density", "time.end"]
+)
+def test_a_missing_key_is_named(key):
+    error = refusal(changed(key, ...))
+    assert error.key == key
+    assert "missing" in str(error)
+
+
+def test_one_periodic_side_is_refused_naming_the_other():
+    error = refusal(changed("boundary.bottom", {"kind": "periodic"}))
+    assert error.key == "boundary.top.kind"
+    assert "both be periodic" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"[domain\nsize = 1", "not valid TOML"),
+        (b"size = [1, 2", "not valid TOML"),
+        ("[domain] # Größe".encode("latin-1"), "not UTF-8"),
+        (b"\xff\xfe\x00", "not UTF-8"),
+        (b"", "missing"),
+    ],
+)
+def test_a_broken_file_is_refused(tmp_path, content, words):
+    path = tmp_path / "scene.toml"
+    path.write_bytes(content)
+    assert words in str(refusal(path))
+
+
+def test_a_file_that_is_not_there_or_a_folder_is_refused(tmp_path):
+    assert "no such file" in str(refusal(tmp_path / "absent.toml"))
+    assert "cannot be read" in str(refusal(tmp_path))
+
+
+def test_overlapping_particles_are_refused_by_number_and_place():
+    scene = load_scene(placed((0.1, 0.1), (0.2, 0.2), (0.215, 0.2)))
+    with pytest.raises(InputError, match=r"particles 1 and 2 at .*overlap by 25 %"):
+        check_initial_positions(scene, initial_positions(scene))
+
+
+@pytest.mark.parametrize(
+    ("point", "wall"), [((0.005, 0.2), "left"), ((0.2, 0.5), "top"), ((-1.0, 0.2), "left")]
+)
+def test_a_particle_outside_the_box_is_refused(point, wall):
+    scene = load_scene(placed((0.1, 0.1), point))
+    with pytest.raises(InputError, match=rf"particle 1 at .*{wall}"):
+        check_initial_positions(scene, initial_positions(scene))
+
+
+def test_a_pack_that_is_too_small_is_refused_with_what_it_holds():
+    scene = load_scene(changed("particles.count", 500))
+    with pytest.raises(InputError, match=r"the pack holds \d+ particles") as caught:
+        initial_positions(scene)
+    assert caught.value.key == "particles.count"
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ({"count": 3}, "particles.count"),
+        ({"velocity": [[0.0, 0.0]]}, "particles.velocity"),
+        ({"velocity": [[0.0], [0.0]]}, "particles.velocity"),
+        ({"angular_velocity": [1.0]}, "particles.angular_velocity"),
+        ({"radius": [0.01, 0.01, 0.01]}, "particles.radius"),
+        ({"velocity": "absent.csv"}, "particles.velocity"),
+    ],
+)
+def test_rows_that_do_not_agree_are_refused(more, key):
+    with pytest.raises(InputError) as caught:
+        scene = load_scene(placed((0.1, 0.1), (0.2, 0.2), **more))
+        initial_state(scene, *build(scene))
+    assert caught.value.key == key
+
+
+def test_rows_from_a_file_are_named_relative_to_the_scene(tmp_path):
+    (tmp_path / "grains.csv").write_text("x,y\n0.1,0.1\n0.2,0.2\n")
+    tables = changed("particles", {"radius": 0.01, "density": 2650.0, "position": "grains.csv"})
+    path = tmp_path / "scene.toml"
+    path.write_text(load_scene(placed((0.1, 0.1))).to_toml().replace("placed", ""))
+    scene = load_scene(path, {"particles": tables["particles"]})
+    assert initial_positions(scene).tolist() == [[0.1, 0.1], [0.2, 0.2]]
+
+
+def test_the_papers_unstable_step_is_refused_naming_the_stable_one():
+    tables = placed((0.1, 0.1), density=5650.0)
+    tables["contact"] = {"young_modulus": 70e9, "poisson_ratio": 0.3, "time_step": 2e-4}
+    with pytest.raises(InputError) as caught:
+        time_steps(load_scene(tables))
+    assert caught.value.key == "contact.time_step"
+    assert caught.value.value == 2e-4
+    stable = float(re.search(r"stable step is (\S+) s", str(caught.value)).group(1))
+    # Half the lattice frequency's limit at most, and under the Rayleigh time of 1.55e-5 s.
+    assert 1e-6 < stable < 1.56e-5
+    assert '"auto"' in caught.value.remedy
+    tables["contact"]["time_step"] = stable
+    assert time_steps(load_scene(tables)).contact <= stable
+
+
+def test_a_soft_contact_is_refused_for_its_overlap():
+    tables = changed("contact.young_modulus", 1e4)
+    with pytest.raises(InputError, match=r"would overlap by \d+ %"):
+        time_steps(load_scene(tables))
+
+
+@pytest.mark.parametrize(
+    "change", [("seed", 7), ("boundary.left.ramp_time", 0.2), ("contact.time_step", 1e-5)]
+)
+def test_written_and_read_again_the_scene_is_the_same(tmp_path, change):
+    scene = load_scene(changed(*change))
+    path = tmp_path / "scene.toml"
+    path.write_text(scene.to_toml())
+    again = load_scene(path)
+    assert again == scene
+    assert again.boundary["left"].from_ == (0.1,)
+    assert again.boundary["left"].to == (0.2,)
+    assert again.to_toml() == scene.to_toml()
+    assert "ramp_time" in scene.to_toml(), "every default is written out"
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "value"),
+    [
+        ("time.end=1", "time.end", 1),
+        ("time.end = 1e-1", "time.end", 0.1),
+        ("fluid.cells=[3, 4]", "fluid.cells", [3, 4]),
+        ("coupling.drag=ergun", "coupling.drag", "ergun"),
+        ('coupling.drag="ergun"', "coupling.drag", "ergun"),
+        ("boundary.left={kind='outlet'}", "boundary.left", {"kind": "outlet"}),
+    ],
+)
+def test_overrides_are_toml_values(text, key, value):
+    assert parse_override(text) == (key, value)
+
+
+@pytest.mark.parametrize("text", ["time.end", "=3", "fluid.cells=[3", "a={", ""])
+def test_a_malformed_override_is_refused(text):
+    with pytest.raises(InputError):
+        parse_override(text)
+
+
+def test_overrides_reach_new_and_old_tables():
+    scene = load_scene(
+        VALID, {"time.end": 0.2, "output.checkpoint_interval": 5.0, "boundary.top.kind": "outlet"}
+    )
+    assert (scene.time.end, scene.output.checkpoint_interval) == (0.2, 5.0)
+    assert scene.boundary["top"].kind == "outlet"
+    assert "not a table" in str(refusal(VALID, overrides={"seed.x": 1}))
+    assert "did you mean 'end'" in str(refusal(VALID, overrides={"time.ent": 1}))
+
+
+ODD_VALUES = st.one_of(
+    st.sampled_from(
+        [math.nan, math.inf, -math.inf, 0, -1, 1e308, 5e-324, 10**30, True, "", "auto", "inf", [], {}]
+    ),
+    st.floats(),
+    st.integers(),
+    st.text(max_size=5),
+    st.lists(st.one_of(st.floats(), st.text(max_size=2)), max_size=4),
+    st.dictionaries(st.sampled_from(["kind", "velocity", "from", "x", "diameters"]), st.floats(), max_size=2),
+)
+
+
+def dotted_keys(tables, prefix=""):
+    for key, value in tables.items():
+        yield prefix + key
+        if isinstance(value, dict):
+            yield from dotted_keys(value, f"{prefix}{key}.")
+
+
+@settings(max_examples=400, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.dictionaries(
+        st.sampled_from(
+            [*dotted_keys(VALID), "boundary.top", "closure.file", "fluid.velocity", "particles.velocity"]
+        ),
+        st.one_of(ODD_VALUES, st.just(...)),
+        min_size=1,
+        max_size=3,
+    )
+)
+def test_any_mutation_loads_or_is_refused(mutations):
+    tables = copy.deepcopy(VALID)
+    for key, value in mutations.items():
+        *parents, last = key.split(".")
+        table = tables
+        for part in parents:
+            table = table.get(part) if isinstance(table, dict) else None
+        if not isinstance(table, dict):
+            continue
+        if value is ...:
+            table.pop(last, None)
+        else:
+            table[last] = copy.deepcopy(value)
+    try:
+        scene = load_scene(tables)
+        # A scene that loads can be written, and its steps either be found or be refused.
+        assert load_scene_text(scene.to_toml()) == scene
+        time_steps(scene)
+    except InputError as error:
+        assert error.key, "an error names its key"
+        assert len(str(error)) < 1000
+
+
+def load_scene_text(text):
+    import tomllib
+
+    return load_scene(tomllib.loads(text))
