@@ -233,9 +233,13 @@ def drag_law(scene: Scene) -> DragClosure:
 
 
 def neighbor_geometry(scene: Scene, largest_radius: float) -> NeighborGeometry:
-    """Reach of the neighbour list; the automatic skin is 0.2 diameters, the fastest in the pile benchmark."""
+    """Reach of the neighbour list; the automatic skin is 0.4 diameters.
+
+    That is the widest at which a dense layer still has fewer neighbours than `USUAL_SLOTS`: the list is
+    rebuilt half as often as with 0.2, and no wider.
+    """
     contact = scene.contact or Contact()
-    skin = (0.2 if contact.skin == "auto" else contact.skin) * 2.0 * largest_radius
+    skin = (0.4 if contact.skin == "auto" else contact.skin) * 2.0 * largest_radius
     cutoff = 2.0 * largest_radius
     for axis, wraps in enumerate(scene.periodic):
         needed = 3.0 * (cutoff + skin)

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from jaxdem import terminal
 from jaxdem.errors import InputError, JaxdemError
-from jaxdem.terminal import counted, fail, fit_table, output, print_run, simulated_time
 
 if TYPE_CHECKING:
     from jaxdem.scene import Scene
@@ -47,12 +47,12 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except JaxdemError as error:
-            fail(str(error), error.exit_code)
+            terminal.fail(str(error), error.exit_code)
         except (MemoryError, RuntimeError) as error:
             if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
                 raise
             first = (str(error).splitlines() or ["out of memory"])[0]
-            fail(
+            terminal.fail(
                 f"Out of memory ({first}). See `jaxdem check` for the estimate; lower the count or cells.", 1
             )
 
@@ -105,7 +105,7 @@ def check(scene: SceneFile, settings: Settings = None) -> None:
     from jaxdem.check import check_scene
     from jaxdem.check_table import render
 
-    output().print(render(check_scene(description)))
+    terminal.output().print(render(check_scene(description)))
 
 
 @app.command()
@@ -126,19 +126,19 @@ def run(
 
     complete = resume and RunDirectory.is_complete(out)
     try:
-        with simulated_time() as progress:
+        with terminal.simulated_time() as progress:
             result = simulate(description, out, resume=resume, progress=progress)
     except Interrupted as stop:
         command = ["jaxdem", "run", str(scene), "--out", str(out)]
         command += ["--closure", str(closure)] if closure else []
         command += [part for setting in settings or () for part in ("--set", setting)]
         hint = f"A checkpoint is in {out}; go on with: {shlex.join([*command, '--resume'])}"
-        fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
+        terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
     if complete:
-        output().print(f"The run in {out} is complete; there is nothing to resume.", markup=False)
-    print_run(result)
+        terminal.output().print(f"The run in {out} is complete; there is nothing to resume.", markup=False)
+    terminal.print_run(result)
     if not result.summary.get("valid"):
-        fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
+        terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
 
 
 @app.command()
@@ -155,9 +155,9 @@ def dataset(
     _use_compilation_cache()
     from jaxdem.train.dataset import make_dataset
 
-    with counted("coarsening") as progress:
+    with terminal.counted("sample") as progress:
         make_dataset(run, out, factors, progress=progress)
-    output().print(f"Wrote {out}", markup=False)
+    terminal.output().print(f"Wrote {out}", markup=False)
 
 
 @app.command()
@@ -190,12 +190,12 @@ def train(
     make = FitSettings if recipe is Recipe.paper else FitSettings.filtered
     chosen = make(**{name: value for name, value in changes.items() if value is not None})
     data = [read_dataset(path) for path in datasets]
-    with counted("epoch") as progress:
+    with terminal.counted("epoch") as progress:
         fit = fit_paper if recipe is Recipe.paper else fit_filtered
         result = fit(data, chosen, progress)
     save_closure(out, result.closure, result.metadata)
-    console = output()
-    console.print(fit_table(result.metadata))
+    console = terminal.output()
+    console.print(terminal.fit_table(result.metadata))
     console.print(f"Split {result.split}", markup=False, highlight=False)
     seconds = result.metadata["seconds"]
     console.print(f"Wrote {out} after {seconds:.3g} s of training", markup=False, highlight=False)
@@ -212,15 +212,10 @@ def compare(
         raise InputError("--out", str(out), "is not a folder", "Name a folder.")
     from jaxdem.io import load_run
     from jaxdem.report import compare as compare_runs
-    from jaxdem.report import terminal_table
 
     loaded = [load_run(path) for path in (reference, *runs)]
     comparison = compare_runs(loaded[0], loaded[1:], out)
-    console = output()
-    console.print(terminal_table(comparison))
-    for warning in comparison.warnings:
-        console.print(f"Note: {warning}", markup=False, highlight=False)
-    console.print(f"Report: {comparison.files['html']}", markup=False, highlight=False, soft_wrap=True)
+    terminal.print_comparison(comparison)
 
 
 @app.command()
@@ -237,10 +232,14 @@ def study(
     from jaxdem.study import run_study
 
     try:
-        run_study(name, scale.value, out, output())
+        with terminal.study_display() as display:
+            comparison = run_study(name, scale.value, out, display)
     except Interrupted as stop:
         hint = shlex.join(["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)])
-        fail(f"{str(stop).capitalize()} of a run of the study. Go on with: {hint}", 128 + stop.number)
+        terminal.fail(
+            f"{str(stop).capitalize()} of a run of the study. Go on with: {hint}", 128 + stop.number
+        )
+    terminal.print_comparison(comparison)
 
 
 def _load(path: Path, settings: list[str] | None, closure: Path | None = None) -> Scene:
@@ -254,7 +253,8 @@ def _load(path: Path, settings: list[str] | None, closure: Path | None = None) -
     scene = load_scene(path, overrides)
     import jax
 
-    jax.config.update("jax_enable_x64", scene.precision == "float64")
+    if scene.precision == "float64":
+        jax.config.update("jax_enable_x64", True)
     return scene
 
 

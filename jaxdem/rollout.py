@@ -15,6 +15,10 @@ from jaxdem.failures import failures
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.state import Parameters, State
 
+KEPT_STEPS = 128
+"""Up to this length reverse mode keeps the state of every step. The contact steps within a single interval
+keep 50 to 250 states anyway; a second level of checkpoints costs a fourth forward run, and its compilation."""
+
 
 class Rollout(NamedTuple):
     """Result of a rollout.
@@ -42,8 +46,9 @@ def rollout(
 ) -> Rollout:
     """The simulation run for `steps` coupling intervals; pure, for jit, grad and vmap.
 
-    Reverse mode keeps the state at about sqrt(steps) checkpoints and computes the stretches between them
-    again, so memory grows with the square root of the length. Nothing is raised inside: look at `failures`.
+    Reverse mode keeps the state of every step of a rollout up to `KEPT_STEPS`; of a longer one it keeps about
+    sqrt(steps) states and computes the stretches between them again, so memory grows with the square root of
+    the length. Nothing is raised inside: look at `failures`.
 
     Args:
         simulation: from `jaxdem.build`.
@@ -55,23 +60,28 @@ def rollout(
     """
     simulation = simulation.reversible()
 
-    def one(carry: Any, _: None) -> tuple[Any, Any]:
+    def one(carry: Any) -> Any:
         state, neighbors, code = carry
         state, neighbors, diagnostics = simulation.step(parameters, state, neighbors)
-        code = code | failures(simulation, diagnostics)
-        return (state, neighbors, code), None if observe is None else observe(state)
+        return state, neighbors, code | failures(simulation, diagnostics)
 
-    def stretch(length: int) -> Callable[[Any, None], tuple[Any, Any]]:
-        return jax.checkpoint(lambda carry, _: lax.scan(jax.checkpoint(one), carry, None, length=length))
+    length = steps if steps <= KEPT_STEPS else math.isqrt(steps)
+    count = -(-steps // max(length, 1))
 
-    length = max(1, math.isqrt(steps))
-    count, rest = divmod(steps, length)
-    carry = (state, neighbors, jnp.zeros((), jnp.int32))
-    carry, seen = lax.scan(stretch(length), carry, None, length=count)
-    carry, last = lax.scan(jax.checkpoint(one), carry, None, length=rest)
-    observations = None
-    if observe is not None:
-        observations = jax.tree.map(
-            lambda a, b: jnp.concatenate((a.reshape(-1, *a.shape[2:]), b)), seen, last
-        )
+    @jax.checkpoint
+    def checked(carry: Any, number: Array) -> tuple[Any, Any]:
+        # The last stretch is filled up with steps left out: a loop of its own would compile it all once more.
+        filled = count * length != steps
+        carry = lax.cond(number < steps, one, lambda c: c, carry) if filled else one(carry)
+        return carry, None if observe is None else observe(carry[0])
+
+    def stretch(carry: Any, numbers: Array) -> tuple[Any, Any]:
+        return lax.scan(checked, carry, numbers)
+
+    carry, numbers = (state, neighbors, jnp.zeros((), jnp.int32)), jnp.arange(count * length)
+    if count <= 1:
+        carry, observations = stretch(carry, numbers)
+        return Rollout(*carry, observations)
+    carry, seen = lax.scan(jax.checkpoint(stretch), carry, numbers.reshape(count, length))
+    observations = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:steps], seen)
     return Rollout(*carry, observations)

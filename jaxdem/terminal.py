@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
 from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
     from jaxdem.io import Run
+    from jaxdem.report import Comparison
 
 
 def output() -> Console:
@@ -63,6 +64,17 @@ def fit_table(metadata: dict[str, Any]) -> Table:
     return table
 
 
+def print_comparison(comparison: Comparison) -> None:
+    """The table, what to beware of, and where the page is."""
+    from jaxdem.report import terminal_table
+
+    console = output()
+    console.print(terminal_table(comparison))
+    for warning in comparison.warnings:
+        console.print(f"Note: {warning}", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"Report: {comparison.files['html']}", markup=False, highlight=False, soft_wrap=True)
+
+
 class _Rate(ProgressColumn):
     """Progress per second of wall time and the time left, counted from the first report."""
 
@@ -73,19 +85,19 @@ class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
         """Text of the column."""
         rate = task.speed
-        if not rate or task.total is None:
+        if not rate or task.total is None or task.finished or task.stop_time is not None:
             return Text("")
         left = (task.total - task.completed) / rate
         hours, rest = divmod(round(left), 3600)
-        return Text(f"{rate:.3g} {self.unit}/s  {hours:d}:{rest // 60:02d}:{rest % 60:02d} left")
+        pace = f"{rate:.3g} {self.unit}/s  " if self.unit else ""
+        return Text(f"{pace}{hours:d}:{rest // 60:02d}:{rest % 60:02d} left")
 
 
 @contextmanager
 def _bar(unit: str, pattern: str, waiting: str) -> Iterator[Callable[[float, float, str], None]]:
     """A progress bar; silent when standard output is not a terminal."""
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), _Rate(unit))
     # The rate is a mean over the last minute, as far as there are not more than a thousand reports in it.
-    with Progress(*columns, speed_estimate_period=60.0, disable=not sys.stdout.isatty()) as progress:
+    with _progress(unit) as progress:
         task = progress.add_task(waiting, total=None)
 
         def report(done: float, end: float, note: str) -> None:
@@ -108,3 +120,45 @@ def counted(what: str) -> Iterator[Callable[..., None]]:
     """Bar of counted work: a function of the number done, the number in all and, for a fit, the loss."""
     with _bar(what, what + " {:g} of {:g}", "starting") as report:
         yield lambda done, total, loss=None: report(done, total, "" if loss is None else f", loss {loss:.4g}")
+
+
+class StudyDisplay:
+    """Shows the stages of a study: a bar each where standard output is a terminal, the messages always."""
+
+    def __init__(self, progress: Progress):
+        self._progress = progress
+        self._task: TaskID | None = None
+
+    def stage(self, name: str, total: float) -> Callable[[float], None]:
+        """A stage of the given length starts; the result is called with how much of it is done."""
+        self._finish()
+        task = self._task = self._progress.add_task(name, total=total)
+
+        def advance(done: float) -> None:
+            if not self._progress.disable:
+                self._progress.update(task, completed=done)
+
+        return advance
+
+    def say(self, message: str) -> None:
+        """A line for the reader."""
+        self._finish()
+        self._progress.console.print(message, markup=False, highlight=False, soft_wrap=True)
+
+    def _finish(self) -> None:
+        """A stage that is over has no time left to show."""
+        if self._task is not None:
+            self._progress.stop_task(self._task)
+            self._task = None
+
+
+@contextmanager
+def study_display() -> Iterator[StudyDisplay]:
+    """Display of a study; no bars where standard output is not a terminal."""
+    with _progress("") as progress:
+        yield StudyDisplay(progress)
+
+
+def _progress(unit: str) -> Progress:
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), _Rate(unit))
+    return Progress(*columns, console=output(), speed_estimate_period=60.0, disable=not sys.stdout.isatty())

@@ -7,6 +7,7 @@ iterations depends on how much the void fraction varies and not on the mesh.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -136,7 +137,8 @@ def fast_inverse(grid: Grid, boundary: Boundary | None):  # type: ignore[no-unty
     Args:
         grid: the grid.
         boundary: a side that is outlet on most of its faces has p = 0, all others no flux; with None, no
-            side has an outlet. Where nothing fixes the level, the mean is dropped.
+            side has an outlet. Where nothing fixes the level the mean is dropped, and where only smaller
+            outlets do it is divided by what they make of it on average.
     """
     ends = tuple(
         tuple(
@@ -145,7 +147,12 @@ def fast_inverse(grid: Grid, boundary: Boundary | None):  # type: ignore[no-unty
         )
         for axis in range(grid.dimension)
     )
-    vectors, weights = _eigen_systems(grid, ends)
+    level = 0.0
+    for side in () if boundary is None else boundary.sides:
+        # An outlet face turns a constant p = 1 into 2 / h^2 in its cell.
+        share = float(np.sum(open_fraction(grid, side)))
+        level += 2.0 * share / grid.spacing[side.axis] ** 2 / math.prod(grid.cells)
+    vectors, weights = _eigen_systems(grid, ends, level)
 
     def inverse(b: Array) -> Array:
         for axis, matrix in enumerate(vectors):
@@ -166,9 +173,12 @@ def _apply(matrix: Array, array: Array, axis: int) -> Array:
 
 @lru_cache(maxsize=32)
 def _eigen_systems(
-    grid: Grid, ends: tuple[tuple[bool, bool], ...]
+    grid: Grid, ends: tuple[tuple[bool, bool], ...], level: float
 ) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Eigenvectors of every axis, and one over the sum of eigenvalues on the cells (0 for the mean)."""
+    """Eigenvectors of every axis, and one over the sum of eigenvalues on the cells.
+
+    Where that sum is zero, for the mean of a box without outlet sides, `level` stands in (0: the mean is dropped).
+    """
     vectors, total = [], np.zeros([1] * grid.dimension)
     for axis, count in enumerate(grid.cells):
         matrix = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
@@ -183,5 +193,6 @@ def _eigen_systems(
         shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
         total = total + values.reshape(shape)
     null = total < 1e-10 * total.max()
-    weights = np.where(null, 0.0, 1.0 / np.where(null, 1.0, total))
+    of_mean = 1.0 / level if level > 0.0 else 0.0
+    weights = np.where(null, of_mean, 1.0 / np.where(null, 1.0, total))
     return tuple(vectors), weights

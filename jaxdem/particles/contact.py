@@ -52,7 +52,8 @@ class Contact(NamedTuple):
 
     Attributes:
         overlap: positive; where nothing touches an arbitrary small number [m].
-        approach_speed: rate of the overlap, positive while approaching [m/s].
+        approach_speed: rate of the overlap, positive while approaching, times the part of the step for which
+            the bodies touch [m/s].
         tangential_velocity: velocity of the particle's surface relative to the other's, in the contact plane [m/s].
         spring: elastic tangential displacement in the contact plane, this step's slip included [m].
         effective_radius: R*, 1/R* = 1/R1 + 1/R2 [m].

@@ -55,6 +55,7 @@ class _Body(NamedTuple):
 
     arm: Array
     velocity: Vector
+    mid_velocity: Vector
     angular_velocity: Vector | None
     effective_radius: Array
     effective_mass: Array
@@ -67,6 +68,7 @@ def contact_forces(
     motion: Motion,
     neighbors: Neighbors,
     time_step: Array,
+    mid_velocity: Vector | None = None,
 ) -> tuple[Sums, Motion]:
     """Force and torque of all contacts on every particle, and the motion with its new contact history.
 
@@ -77,8 +79,11 @@ def contact_forces(
         motion: of the particles at this moment.
         neighbors: list in date.
         time_step: over which the springs grow [s].
+        mid_velocity: D arrays (N,), velocity expected in the middle of the step, where `motion` has the
+            positions: the normal dashpots act on it. The velocity in `motion`, at the step's start, if not
+            given; the springs grow by that one, which is in the middle between two forces [m/s].
     """
-    loop = _Loop(model, surroundings, properties, motion, time_step)
+    loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step)
     displacement = displacement_since_build(motion.position, motion.low, neighbors)
     zero = jnp.zeros_like(motion.position[0])
     sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity))
@@ -99,6 +104,7 @@ class _Loop(NamedTuple):
     surroundings: Surroundings
     properties: ParticleProperties
     motion: Motion
+    mid_velocity: Vector
     time_step: Array
 
     def add_pairs(
@@ -113,6 +119,7 @@ class _Loop(NamedTuple):
         body = _Body(
             arm=other_radius,
             velocity=tuple(x[other] for x in motion.velocity),
+            mid_velocity=tuple(x[other] for x in self.mid_velocity),
             angular_velocity=tuple(x[other] for x in motion.angular_velocity),
             effective_radius=radius * other_radius / (radius + other_radius),
             effective_mass=mass * other_mass / (mass + other_mass),
@@ -124,9 +131,11 @@ class _Loop(NamedTuple):
         side, motion, radius = self.model.sides[number], self.motion, self.properties.radius
         overlap = walls.wall_overlap(side, motion.position, motion.low, radius)
         wall_velocity = self.surroundings.wall_velocity[number]
+        velocity = tuple(wall_velocity[k] for k in range(len(motion.position)))
         body = _Body(
             arm=jnp.zeros((), overlap.dtype),
-            velocity=tuple(wall_velocity[k] for k in range(len(motion.position))),
+            velocity=velocity,
+            mid_velocity=velocity,
             angular_velocity=None,
             effective_radius=radius,
             effective_mass=self.properties.mass,
@@ -145,9 +154,11 @@ class _Loop(NamedTuple):
     ) -> tuple[Sums, Vector]:
         """Force and torque of one contact per particle, added to the sums; and its new spring."""
         motion, radius = self.motion, self.properties.radius
+        approach_speed = -vectors.dot(vectors.subtract(self.mid_velocity, body.mid_velocity), normal)
+        share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
         touching = overlap > 0
         # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite.
-        overlap = jnp.where(touching, overlap, 1e-6 * radius)
+        overlap = jnp.where(touching, overlap, 1e-12 * radius)
         arm = radius - 0.5 * overlap
         spin, relative_spin = vectors.scale(arm, motion.angular_velocity), motion.angular_velocity
         if body.angular_velocity is not None:
@@ -160,23 +171,39 @@ class _Loop(NamedTuple):
         grown = vectors.add(_into_plane(spring, normal), vectors.scale(self.time_step, surface))
         contact = Contact(
             overlap=overlap,
-            approach_speed=-separation_rate,
+            approach_speed=share * approach_speed,
             tangential_velocity=surface,
             spring=grown,
             effective_radius=body.effective_radius,
             effective_mass=body.effective_mass,
         )
         result = self.model.law(contact, material)
-        force = vectors.add(vectors.scale(result.normal, normal), result.tangential)
+        # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
+        along = jnp.where(touching, result.normal, result.normal - result.elastic)
+        across = vectors.where(touching, result.tangential, 0.0)
+        force = vectors.add(vectors.scale(along, normal), across)
         torque = vectors.scale(-arm, vectors.moment(normal, result.tangential))
         if self.model.rolling is not None:
             resistance = self.model.rolling(contact, result, material, relative_spin, self.time_step)
             torque = vectors.add(torque, resistance)
         sums = Sums(
-            vectors.add(sums.force, vectors.where(touching, force, 0.0)),
+            vectors.add(sums.force, force),
             vectors.add(sums.torque, vectors.where(touching, torque, 0.0)),
         )
         return sums, vectors.where(touching, result.spring, 0.0)
+
+
+def _share_of_step(overlap: Array, reach: Array) -> Array:
+    """Part of the step for which a pair touches [-].
+
+    `overlap` is that in the middle of the step, `reach` how far it changes in half a step. Without this the
+    impulse of a dashpot that starts at full strength, as that of the linear law, depends on where in a step
+    the contact begins: 0.3 % of the rebound speed at a hundred steps per contact. It also makes the force a
+    continuous function of the position.
+    """
+    changes = jnp.abs(overlap) < reach
+    within = 0.5 + 0.5 * overlap / jnp.where(changes, reach, 1.0)
+    return jnp.where(changes, within, (overlap > 0).astype(overlap.dtype))
 
 
 def _pair_geometry(

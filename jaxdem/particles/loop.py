@@ -41,6 +41,7 @@ class ContactInterval(NamedTuple):
 
 class _Carry(NamedTuple):
     motion: Motion
+    acceleration: Vector
     contact_impulse: Vector
     collision: Array
     step: Array
@@ -60,8 +61,11 @@ def contact_interval(
 ) -> tuple[ParticleState, Neighbors, Array]:
     """Particles moved through `interval.steps` contact steps of position Verlet.
 
-    x += v dt/2;  F(x, v);  v += F dt/m;  x += v dt/2. Symplectic and of second order for forces without
-    damping; it starts without a stored force, so that a changed fluid force or a restart needs no care.
+    x += v dt/2;  F(x, v');  v += F dt/m;  x += v dt/2. Symplectic and of second order for forces without
+    damping. The normal dashpots act on v' = v + a dt/2, the velocity to expect in the middle of the step, with
+    the acceleration a of the step before; that makes restitution second order too (with v for v' the rebound is
+    1 % off at a hundred steps per contact, e = 0.5). An interval starts from the state's mean contact
+    force: exact at rest and in free flight, and elsewhere one step in many is of first order.
 
     Args:
         interval: static description.
@@ -77,20 +81,30 @@ def contact_interval(
         particles and steps of |sum of contact forces| () [N].
     """
     force = vectors.components(body_force)
+    resting = vectors.add(force, vectors.components(state.contact_force))
 
     def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
         motion = drift(carry.motion, 0.5 * time_step)
-        sums, motion = contact_forces(interval.model, surroundings, properties, motion, neighbors, time_step)
-        motion = kick(motion, vectors.add(sums.force, force), sums.torque, properties, time_step)
+        expected = vectors.add(motion.velocity, vectors.scale(0.5 * time_step, carry.acceleration))
+        sums, motion = contact_forces(
+            interval.model, surroundings, properties, motion, neighbors, time_step, expected
+        )
+        total = vectors.add(sums.force, force)
+        motion = kick(motion, total, sums.torque, properties, time_step)
         impulse = vectors.add(carry.contact_impulse, vectors.scale(time_step, sums.force))
         size = vectors.safe_sqrt(vectors.dot(sums.force, sums.force))
         collision = carry.collision + jnp.sum(size)
-        return _Carry(drift(motion, 0.5 * time_step), impulse, collision, carry.step + 1)
+        acceleration = vectors.scale(1.0 / properties.mass, total)
+        return _Carry(drift(motion, 0.5 * time_step), acceleration, impulse, collision, carry.step + 1)
 
     zero = jnp.zeros_like(force[0])
     count = max(state.position.shape[0], 1)
     carry = _Carry(
-        Motion.of(state), (zero,) * len(force), jnp.zeros((), zero.dtype), jnp.zeros((), jnp.int32)
+        Motion.of(state),
+        vectors.scale(1.0 / properties.mass, resting),
+        (zero,) * len(force),
+        jnp.zeros((), zero.dtype),
+        jnp.zeros((), jnp.int32),
     )
     loop = _reversible_loop if interval.reversible else _fast_loop
     carry, neighbors = loop(interval, step, time_step, carry, neighbors)
@@ -130,10 +144,10 @@ def _fast_loop(
 
 
 def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors) -> Array:
-    """() bool: the list does not cover the positions at which the coming step takes its forces."""
+    """() bool: the list does not cover the coming step, up to its end."""
     if neighbors.search is None:  # nothing to list, so never out of date: the loop would wait for it for ever
         return jnp.zeros((), bool)
-    motion = drift(carry.motion, 0.5 * time_step)
+    motion = drift(carry.motion, time_step)
     displacement = displacement_since_build(motion.position, motion.low, neighbors)
     return out_of_date(displacement, interval.search.geometry)
 
@@ -144,7 +158,8 @@ def _with_list_in_date(
     """The list rebuilt if it is stale, and the springs moved to its slots."""
 
     def rebuild(carry: _Carry, neighbors: Neighbors) -> tuple[_Carry, Neighbors]:
-        motion = drift(carry.motion, 0.5 * time_step)
+        # Where `_stale` looks: the new list is in date whatever the speed, and the loop goes on.
+        motion = drift(carry.motion, time_step)
         new = interval.search.update(motion.position, motion.low, neighbors)
         springs = carry_history(carry.motion.contact_spring, neighbors, new)
         return carry._replace(motion=carry.motion._replace(contact_spring=springs)), new

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -56,8 +55,8 @@ def world(
 ) -> World:  # fmt: skip
     """A world of N particles; positions as float64 rows, split into pairs in float32.
 
-    `rebuild=False` makes a list that is never rebuilt: a good deal less to compile. `skin` counts largest
-    diameters. `precise=False` leaves the low parts of a float32 world at zero, as plain float32 would.
+    `rebuild=False` lists all pairs once and for ever, by numpy: a good deal less to compile, and the reference
+    for the search. `skin` counts largest diameters. `precise=False` leaves the low parts of a float32 world at zero, as plain float32 would.
     """
     position = np.atleast_2d(np.asarray(position, float))
     count, dimension = position.shape
@@ -82,9 +81,10 @@ def world(
         leading, low, rows(velocity, dimension), rows(spin, turning), (), (), rows(None, dimension), None
     )
     motion = Motion.of(state)
-    neighbors = search.allocate(motion.position, motion.low, slots)
-    if not rebuild:
-        neighbors = dataclasses.replace(neighbors, search=None)
+    if rebuild:
+        neighbors = search.allocate(motion.position, motion.low, slots)
+    else:
+        neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
     zero = (jnp.zeros(count, dtype),) * dimension
     state = state._replace(
         contact_spring=(zero,) * neighbors.capacity, wall_spring=(zero,) * len(model.sides)
@@ -98,6 +98,24 @@ def world(
         material or constants(dtype),
         ParticleProperties(jnp.asarray(radius, dtype), jnp.asarray(density, dtype)),
         state, neighbors, gravity, still,
+    )  # fmt: skip
+
+
+def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
+    """A list of all N - 1 others of every particle, nearest images, in float64; never rebuilt."""
+    count, dimension = position.shape
+    others = np.array([[j for j in range(count) if j != i] for i in range(count)], int).reshape(count, -1).T
+    difference = position[None] - position[others]
+    for axis in range(dimension):
+        if periodic[axis]:
+            difference[..., axis] -= box[axis] * np.round(difference[..., axis] / box[axis])
+    overlap = radius[None] + radius[others] - np.linalg.norm(difference, axis=2)
+    dtype = motion.position[0].dtype
+    return Neighbors(
+        tuple(jnp.asarray(row, jnp.int32) for row in others),
+        tuple(tuple(jnp.asarray(row[:, k], dtype) for k in range(dimension)) for row in difference),
+        tuple(jnp.asarray(row, dtype) for row in overlap),
+        motion.position, motion.low, jnp.zeros((), bool), jnp.ones((), jnp.int32), None,
     )  # fmt: skip
 
 

@@ -1,0 +1,108 @@
+"""Patches and ghosts: fractional faces, mirrors about the side's velocity, ramps."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxdem.fluid.advection import Upwind, VanLeer
+from jaxdem.fluid.boundary import (
+    Boundary,
+    Side,
+    coverage,
+    open_fraction,
+    ramp,
+    set_normal_velocity,
+    with_ghosts,
+)
+from jaxdem.fluid.grid import Grid
+
+
+def box(cells, kinds, periodic=(False, False), velocity=None, **patch):
+    grid = Grid(cells, (1.0, 1.0), 1.0, periodic)
+    sides = tuple(
+        Side(n // 2, bool(n % 2), kind, **(patch if n == 0 else {})) for n, kind in enumerate(kinds)
+    )
+    velocity = (np.zeros(2),) * 4 if velocity is None else velocity
+    return grid, Boundary(sides), tuple(jnp.asarray(v) for v in velocity)
+
+
+WALLS = ("no_slip",) * 4
+
+
+@pytest.mark.parametrize("count", [4, 7, 8, 16, 33])
+def test_patch_covers_the_same_length_on_every_mesh(count):
+    grid, boundary, _ = box((3, count), ("inlet", *WALLS[1:]), start=(0.13,), stop=(0.555,))
+    covered = coverage(grid, boundary.sides[0])
+    assert covered.shape == (1, count)
+    assert covered.sum() * grid.spacing[1] == pytest.approx(0.425, rel=1e-14)
+    assert covered.min() >= 0.0 and covered.max() <= 1.0
+    # On the faces of the tangential velocity, too, whose control volumes are half ones at the ends.
+    tangential = coverage(grid, boundary.sides[0], staggered=1)
+    lengths = np.r_[0.5, np.ones(count - 1), 0.5] * grid.spacing[1]
+    assert (tangential * lengths).sum() == pytest.approx(0.425, rel=1e-14)
+
+
+def test_inflow_is_that_of_the_patch_over_the_void_fraction():
+    """Superficial velocity in: g u summed over the faces is patch length times speed, with any void fraction."""
+    velocity = (np.array([0.4, 0.0]), *(np.zeros(2),) * 3)
+    grid, boundary, speeds = box((3, 7), ("inlet", *WALLS[1:]), velocity=velocity, start=(0.2,), stop=(0.9,))
+    g = tuple(jnp.asarray(np.random.default_rng(0).uniform(0.4, 1.0, grid.face_shape(a))) for a in range(2))
+    faces = tuple(jnp.ones(grid.face_shape(a)) for a in range(2))
+    u, w = set_normal_velocity(grid, boundary, speeds, faces, g, jnp.asarray(1.0))
+    assert float(jnp.sum((g[0] * u)[0])) * grid.spacing[1] == pytest.approx(0.28, rel=1e-14)
+    for wall in (u[-1], w[:, 0], w[:, -1]):
+        assert not np.any(wall)
+
+
+def test_outlet_lets_nothing_in():
+    grid, boundary, speeds = box((3, 4), ("no_slip", "outlet", "no_slip", "no_slip"))
+    inner = np.array([0.5, -0.3, 0.0, 2.0])
+    faces = (jnp.asarray(np.tile(inner, (4, 1))), jnp.zeros((3, 5)))
+    u, _ = set_normal_velocity(grid, boundary, speeds, faces, (1.0, 1.0), jnp.asarray(0.0))
+    np.testing.assert_array_equal(u[-1], [0.5, 0.0, 0.0, 2.0])
+
+
+def test_half_covered_faces_decide_for_an_outlet():
+    grid, boundary, _ = box((3, 4), ("outlet", *WALLS[1:]), start=(0.0,), stop=(0.6,))
+    np.testing.assert_array_equal(open_fraction(grid, boundary.sides[0])[0], [1.0, 1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "below"),
+    [("no_slip", -1.0), ("free_slip", 1.0), ("outlet", 1.0), ("moving_wall", 2 * 0.7 - 1.0)],
+)
+def test_ghosts_of_a_tangential_velocity(kind, below):
+    """Mirrored about the side's velocity at walls, even at free slip and outlets."""
+    velocity = (np.zeros(2), np.zeros(2), np.array([0.7 * (kind == "moving_wall"), 0.0]), np.zeros(2))
+    grid, boundary, speeds = box((3, 4), ("no_slip", "no_slip", kind, "no_slip"), velocity=velocity)
+    padded = with_ghosts(grid, boundary, speeds, jnp.ones((4, 4)), 0, 1, jnp.asarray(0.0))
+    np.testing.assert_allclose(padded[:, 0], below, atol=1e-15)
+    np.testing.assert_allclose(padded[:, 1], below, atol=1e-15)
+    np.testing.assert_allclose(padded[:, -1], -1.0, atol=1e-15)
+
+
+def test_ghosts_of_a_periodic_axis_repeat_it():
+    grid, boundary, speeds = box((3, 4), ("no_slip", "no_slip", "periodic", "periodic"), (False, True))
+    u = jnp.arange(16.0).reshape(4, 4)
+    padded = with_ghosts(grid, boundary, speeds, u, 0, 1, jnp.asarray(0.0))
+    np.testing.assert_array_equal(padded, np.pad(u, ((0, 0), (2, 2)), mode="wrap"))
+    w = jnp.arange(12.0).reshape(3, 4)
+    w = jnp.concatenate((w, w[:, :1]), axis=1)
+    padded = with_ghosts(grid, boundary, speeds, w, 1, 1, jnp.asarray(0.0))
+    np.testing.assert_array_equal(padded[:, :-1], np.pad(w[:, :-1], ((0, 0), (2, 2)), mode="wrap"))
+    np.testing.assert_array_equal(padded[:, -3:], w[:, :3])
+
+
+def test_ramp_is_linear_and_ends():
+    side = Side(0, False, "inlet", ramp_time=0.05)
+    seen = [float(ramp(side, jnp.asarray(t))) for t in (-1.0, 0.0, 0.01, 0.05, 9.0)]
+    np.testing.assert_allclose(seen, [0.0, 0.0, 0.2, 1.0, 1.0], atol=1e-15)
+    assert float(ramp(side._replace(ramp_time=0.0), jnp.asarray(0.0))) == 1.0
+
+
+def test_limiter_is_zero_at_extrema_exact_on_lines_and_bounded():
+    """Van Leer's slope: harmonic mean, never more than twice the smaller difference; upwind none at all."""
+    a = jnp.asarray([1.0, 1.0, 1.0, -2.0, 0.0, 0.0, 1.0])
+    b = jnp.asarray([1.0, -1.0, 3.0, -6.0, 0.0, 5.0, 1e9])
+    np.testing.assert_allclose(VanLeer().slope(a, b), [1.0, 0.0, 1.5, -3.0, 0.0, 0.0, 2.0], rtol=1e-8)
+    assert not np.any(Upwind().slope(a, b))

@@ -1,0 +1,6 @@
+"""Lets the tests here and in `tests/physics` import `worlds`."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
