@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem import stability
 from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragClosure
-from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT, FluidInterval
+from jaxdem.coupling.exchange import FluidInterval
 from jaxdem.coupling.interpolation import KernelWidth, kernel_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
@@ -35,38 +34,10 @@ from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.walls import box_sides
 from jaxdem.scene import Contact, Scene
 from jaxdem.state import Parameters, ParticleDiagnostics, State
+from jaxdem.time_steps import TimeSteps, time_steps
 
-AUTO_COURANT = 0.5
-"""Courant number of the automatic fluid step at the largest boundary speed."""
-
-CONTACT_LAWS = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
-ADVECTION = {"limited": VanLeer, "upwind": Upwind}
-
-
-class TimeSteps(NamedTuple):
-    """The steps of a run and what they were chosen from; None where a part does not exist.
-
-    Attributes:
-        interval: coupling interval, the step of the time loop [s].
-        intervals_per_output: number of intervals between frames.
-        outputs: number of frames after the first.
-        contact: contact step [s].
-        contacts_per_interval: number of contact steps in an interval.
-        fluid_substeps: smallest number of fluid steps in an interval.
-        limits: named limits [s], for the check and the summary.
-        expected_speed: that the contact limits stand on [m/s].
-        expected_overlap: at that speed, over the diameter [-].
-    """
-
-    interval: float
-    intervals_per_output: int
-    outputs: int
-    contact: float | None
-    contacts_per_interval: int
-    fluid_substeps: int
-    limits: dict[str, float]
-    expected_speed: float | None
-    expected_overlap: float | None
+CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
+ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -253,169 +224,8 @@ def neighbor_geometry(scene: Scene, largest_radius: float) -> NeighborGeometry:
     return NeighborGeometry(scene.domain.size, scene.periodic, cutoff, skin)
 
 
-def time_steps(scene: Scene) -> TimeSteps:
-    """The steps of a scene, the automatic ones chosen, the given ones checked.
-
-    Raises:
-        InputError: a given step is unstable or does not fit the others.
-    """
-    limits: dict[str, float] = {}
-    output = scene.time.output_interval
-    outputs = round(scene.time.end / output)
-    substeps = 1
-    speed = overlap = contact_step = None
-    if scene.fluid is not None:
-        interval, fluid_step = _fluid_steps(scene, limits)
-        substeps = _substeps_for(interval, fluid_step, limits)
-    else:
-        interval = min(output, 0.01)
-    per_output = _whole(output / interval)
-    given = scene.coupling is not None and scene.coupling.interval != "auto"
-    if given and abs(per_output * interval - output) > 1e-9 * output:
-        raise InputError(
-            "coupling.interval",
-            interval,
-            f"must divide time.output_interval = {output} s",
-            f"for example coupling.interval = {output / per_output:.6g}",
-        )
-    interval = output / per_output
-    count = 0
-    if scene.particles is not None and scene.contact is not None:
-        speed, overlap = _contact_limits(scene, limits)
-        contact_step = _contact_step(scene, limits)
-        count = _whole(interval / contact_step)
-        contact_step = interval / count
-    return TimeSteps(interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap)
-
-
-def boundary_speed(scene: Scene) -> float:
-    """Largest speed that a boundary, or the initial fluid, imposes [m/s]."""
-    speeds = [0.0]
-    for side in scene.boundary.values():
-        if isinstance(side.velocity, tuple):
-            speeds.append(math.hypot(*side.velocity))
-    if scene.fluid is not None and scene.fluid.velocity is not None:
-        speeds.append(math.hypot(*scene.fluid.velocity))
-    return max(speeds)
-
-
-def _fluid_steps(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
-    """Coupling interval and fluid step [s], and their limits."""
-    fluid, output = scene.fluid, scene.time.output_interval
-    assert fluid is not None
-    spacing = tuple(length / n for length, n in zip(scene.domain.size, fluid.cells, strict=True))
-    speed = boundary_speed(scene)
-    limits["courant"] = stability.courant_time(speed, spacing, fluid.courant_limit)
-    limits["viscous"] = stability.viscous_time(fluid.viscosity, spacing, VISCOUS_LIMIT)
-    if fluid.time_step != "auto":
-        step = fluid.time_step
-    else:
-        step = min(stability.courant_time(speed, spacing, AUTO_COURANT), limits["viscous"], output, 0.01)
-    given = scene.coupling.interval if scene.coupling is not None else "auto"
-    interval = step if given == "auto" else given
-    if interval > output * (1.0 + 1e-9):
-        key = "fluid.time_step" if given == "auto" else "coupling.interval"
-        raise InputError(key, interval, f"must not exceed time.output_interval = {output} s", "lower it")
-    return output / _whole(output / interval) if given == "auto" else interval, step
-
-
-def _substeps_for(interval: float, fluid_step: float, limits: dict[str, float]) -> int:
-    """Smallest number of fluid steps in an interval; refuses what 8 of them cannot do."""
-    needed = interval / min(fluid_step, limits["viscous"])
-    for count in SUBSTEPS:
-        if count >= needed - 1e-6:
-            return count
-    allowed = SUBSTEPS[-1] * min(fluid_step, limits["viscous"])
-    raise InputError(
-        "fluid.time_step" if limits["viscous"] < fluid_step else "coupling.interval",
-        interval,
-        f"a coupling interval has at most {SUBSTEPS[-1]} fluid steps, so it is at most {allowed:.4g} s here "
-        f"(viscous limit {limits['viscous']:.4g} s)",
-        f"set coupling.interval or fluid.time_step to {allowed:.3g} or less, or use larger cells",
-    )
-
-
-def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
-    """Limits of the contact step [s], into `limits`; returns expected speed and overlap over diameter."""
-    contact, particles = scene.contact, scene.particles
-    assert contact is not None and particles is not None
-    radius = float(np.min(particles.radius))
-    density = float(np.min(particles.density))
-    heaviest = 4.0 / 3.0 * math.pi * float(np.max(particles.radius)) ** 3 * float(np.max(particles.density))
-    mass = 4.0 / 3.0 * math.pi * radius**3 * density
-    speed = expected_speed(scene)
-    ratio = stability.damping_ratio(contact.restitution)
-    if contact.law == "linear_spring_dashpot":
-        stiffness = contact.normal_stiffness or 0.0
-        limits["contact_duration"] = stability.linear_duration(0.5 * mass, stiffness, ratio)
-        overlap = stability.linear_overlap(heaviest, stiffness, speed)
-    else:
-        modulus = 0.5 * contact.young_modulus / (1.0 - contact.poisson_ratio**2)
-        limits["rayleigh"] = stability.rayleigh_time(
-            radius, density, contact.young_modulus, contact.poisson_ratio
-        )
-        limits["contact_duration"] = stability.hertz_duration(0.5 * mass, 0.5 * radius, modulus, speed)
-        overlap = stability.hertz_overlap(0.5 * mass, 0.5 * radius, modulus, speed)
-        stiffness = stability.hertz_stiffness(0.5 * radius, modulus, overlap)
-    limits["contact_stability"] = stability.contact_stability_limit(mass, stiffness)
-    relative = overlap / (2.0 * radius)
-    if relative > contact.maximum_overlap:
-        key = (
-            "contact.normal_stiffness" if contact.law == "linear_spring_dashpot" else "contact.young_modulus"
-        )
-        value = contact.normal_stiffness if contact.law == "linear_spring_dashpot" else contact.young_modulus
-        raise InputError(
-            key,
-            value,
-            f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.0f} % of a diameter, "
-            f"the limit is {100 * contact.maximum_overlap:.0f} %",
-            "stiffen the contact, lower contact.speed, or raise contact.maximum_overlap",
-        )
-    return speed, relative
-
-
-def expected_speed(scene: Scene) -> float:
-    """Largest speed to expect of particles [m/s]: boundary, initial velocities, a fall through the box."""
-    contact, particles = scene.contact, scene.particles
-    assert contact is not None and particles is not None
-    if contact.speed != "auto":
-        return contact.speed
-    gravity = scene.domain.gravity or ()
-    fall = math.sqrt(2.0 * sum(abs(g) * length for g, length in zip(gravity, scene.domain.size, strict=True)))
-    given = rows_of("particles.velocity", particles.velocity, scene.dimension)
-    fastest = 0.0 if given is None or len(given) == 0 else float(np.linalg.norm(given, axis=1).max())
-    return max(boundary_speed(scene), fall, 2.0 * fastest, 1e-3)
-
-
-def _contact_step(scene: Scene, limits: dict[str, float]) -> float:
-    contact = scene.contact
-    assert contact is not None
-    limits["contact_automatic"] = min(
-        0.2 * limits.get("rayleigh", math.inf),
-        limits["contact_duration"] / 20.0,
-        0.5 * limits["contact_stability"],
-    )
-    if contact.time_step == "auto":
-        return limits["contact_automatic"]
-    stable = min(limits["contact_stability"], limits.get("rayleigh", math.inf))
-    if contact.time_step > stable:
-        raise InputError(
-            "contact.time_step",
-            contact.time_step,
-            f"the stable step is {stable:.4g} s (2/omega_max {limits['contact_stability']:.4g} s, "
-            f"Rayleigh {limits.get('rayleigh', math.inf):.4g} s)",
-            f'set contact.time_step = "auto" ({limits["contact_automatic"]:.4g} s) or soften the contact',
-        )
-    return contact.time_step
-
-
-def _whole(ratio: float) -> int:
-    """The ratio rounded up to a whole number, unless it is one up to round-off."""
-    return max(1, math.ceil(ratio - 1e-9 * max(ratio, 1.0)))
-
-
 def _dtype(scene: Scene) -> Any:
-    if scene.precision == "float64" and not jax.config.jax_enable_x64:
+    if scene.precision == "float64" and not jax.config.read("jax_enable_x64"):
         raise InputError(
             "precision",
             "float64",

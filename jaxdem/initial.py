@@ -26,16 +26,16 @@ def initial_positions(scene: Scene) -> np.ndarray:
     if particles.count == 0:
         return np.zeros((0, scene.dimension))
     if particles.pack is not None:
-        position = _packed(scene, particles.pack)
-        if particles.count is not None and len(position) < particles.count:
+        packed = _packed(scene, particles.pack)
+        if particles.count is not None and len(packed) < particles.count:
             raise InputError(
                 "particles.count",
                 particles.count,
-                f"the pack holds {len(position)} particles",
+                f"the pack holds {len(packed)} particles",
                 "enlarge the pack, lower particles.pack.spacing, or lower the count",
             )
         # Rows are filled from below, so a pack that is not full has a level top.
-        return position[: particles.count]
+        return packed[: particles.count]
     position = rows_of("particles.position", particles.position, scene.dimension)
     assert position is not None
     if particles.count is not None and len(position) != particles.count:

@@ -158,7 +158,8 @@ def history_of(
         frame = frame_of(simulation, parameters, state._replace(particles=None), None)[1]
         assert frame is not None
         values |= {"fluid_pressure": frame["pressure"], "fluid_velocity": frame["velocity"]}
-    return metrics.history_row(time, **{name: np.asarray(v) for name, v in values.items()})
+    arrays: dict[str, Any] = {name: np.asarray(value) for name, value in values.items()}
+    return metrics.history_row(time, **arrays)
 
 
 def wrapped_position(simulation: Simulation, state: State) -> np.ndarray:

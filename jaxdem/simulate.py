@@ -136,7 +136,7 @@ class TimeLoop:
             diagnostics = self._advance()
             if self.samples_every and self.done % self.samples_every == 0 and diagnostics.forces is not None:
                 with self.totals.timed("output"):
-                    volume = np.asarray(self.parameters.bodies.volume)
+                    volume = np.asarray(self.parameters.bodies.volume)  # type: ignore[union-attr]
                     sample = sample_of(self._before, self.state, diagnostics.forces, volume)
                     start = self.time - self.simulation.interval
                     self.directory.write_sample(self.directory.samples, start, sample)
@@ -280,7 +280,7 @@ def _where(simulation: Simulation, failure: Failure, before: State, reached: Sta
 def _signals() -> Iterator[list[int]]:
     """SIGINT and SIGTERM noted in a list; a second one acts as usual."""
     caught: list[int] = []
-    previous = {}
+    previous: dict[int, Any] = {}
 
     def note(number: int, _: Any) -> None:
         caught.append(number)
@@ -296,5 +296,5 @@ def _signals() -> Iterator[list[int]]:
     try:
         yield caught
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        for caught_by, handler in previous.items():
+            signal.signal(caught_by, handler)

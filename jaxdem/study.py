@@ -173,7 +173,7 @@ class Study:
                 for name, array in figures.items()
             }
             with beside.open("wb") as file:
-                np.savez(file, **arrays)
+                np.savez(file, **arrays)  # type: ignore[arg-type]
             save_closure(path, result.closure, {**result.metadata, "study_seconds": seconds})
         metadata = load_closure(path)[1]
         with np.load(beside, allow_pickle=False) as stored:

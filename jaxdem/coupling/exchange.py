@@ -351,7 +351,7 @@ def _choose_substeps(
         inflow = jnp.abs(properties.side_velocity[2 * side.axis + side.upper][side.axis])
         if side.kind == "inlet" and state.void_fraction is None:
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
-    courant = interval.duration * sum(speeds)
+    courant = interval.duration * jnp.sum(jnp.stack(speeds))
     viscous = interval.duration * properties.viscosity * sum(1.0 / h**2 for h in grid.spacing)
     viscous = jnp.asarray(viscous if interval.solver.viscous else 0.0, dtype)
     needed = jnp.maximum(courant / interval.courant_limit, viscous / VISCOUS_LIMIT)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -45,7 +45,7 @@ class Weights(NamedTuple):
         weight: (N, S), each row adds up to one [-].
     """
 
-    index: Array
+    index: Array  # type: ignore[assignment]
     weight: Array
 
 
@@ -62,7 +62,8 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
     ]
     index, weight = [], []
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
-        flat, product = 0, 1.0
+        flat: Any = 0
+        product: Any = 1.0
         for axis, column in enumerate(combination):
             flat = flat * grid.cells[axis] + per_axis[axis][0][:, column]
             product = product * per_axis[axis][1][:, column]

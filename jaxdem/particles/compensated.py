@@ -80,6 +80,6 @@ def overlap_of_spheres(separation: tuple[tuple[Array, Low], ...], radius_sum: Ar
         total, rounding = two_sum(total, term)
         error = error + rounding
     for high, low in separation:
-        error = error - 2.0 * high * low
+        error = error - 2.0 * high * low  # type: ignore[operator]
     distance_squared = sum(high * high for high, _ in separation)
     return (total + error) / (radius_sum + jnp.sqrt(distance_squared))

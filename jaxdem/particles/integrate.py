@@ -89,7 +89,7 @@ def split_low(low: Low, dimension: int) -> tuple[Low, ...]:
 
 def stack_low(low: tuple[Low, ...]) -> Low:
     """The inverse of `split_low`."""
-    return None if low[0] is None else jnp.stack(low, axis=1)
+    return None if low[0] is None else jnp.stack(low, axis=1)  # type: ignore[arg-type]
 
 
 class ParticleProperties(NamedTuple):

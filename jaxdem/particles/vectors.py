@@ -48,7 +48,7 @@ def scale(factor: Array | float, a: Vector) -> Vector:
 
 def where(condition: Array, a: Vector, b: Vector | float) -> Vector:
     """Components of `a` where the condition holds, of `b` (a vector or a number) elsewhere."""
-    others = b if isinstance(b, tuple) else (b,) * len(a)
+    others: tuple[Array | float, ...] = b if isinstance(b, tuple) else (b,) * len(a)
     return tuple(jnp.where(condition, x, y) for x, y in zip(a, others, strict=True))
 
 
