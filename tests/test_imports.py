@@ -15,7 +15,19 @@ MODULES = {
     for path in sorted(PACKAGE.rglob("*.py"))
 }
 
-HOST = {"build", "initial", "simulate", "records", "check", "study", "cli", "train", "report", "io"}
+HOST = {
+    "build",
+    "initial",
+    "time_steps",
+    "simulate",
+    "records",
+    "check",
+    "study",
+    "cli",
+    "train",
+    "report",
+    "io",
+}
 """Modules and packages of the host side, at or above `build`: they may know the description of a scene.
 
 Everything else is below `build` and gets arrays and instances. Of these, `io` and `report` know the scene as

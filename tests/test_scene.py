@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from jaxdem import InputError, build, initial_state, load_scene
-from jaxdem.build import time_steps
 from jaxdem.initial import check_initial_positions, initial_positions
 from jaxdem.scene import parse_override
+from jaxdem.time_steps import time_steps
 
 VALID = {
     "seed": 3,

@@ -234,7 +234,7 @@ class FluidSolver:
         push = tuple(factor * w * m for w, m in zip(weight, mobility, strict=True))
         # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
         scale = sum(jnp.max(jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
-        scale = scale + jnp.max(jnp.abs(growth)) + jnp.finfo(flux[0].dtype).tiny
+        scale = scale + jnp.max(jnp.abs(jnp.asarray(growth, flux[0].dtype))) + jnp.finfo(flux[0].dtype).tiny
         velocity, pressure, iterations = predicted, state.pressure, jnp.zeros((), jnp.int32)
         # A pressure of many cells' worth of head hides its own differences in float32. The second pass
         # solves for the divergence that the first has left, whose pressure is small and well resolved.

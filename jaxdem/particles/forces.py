@@ -157,8 +157,9 @@ class _Loop(NamedTuple):
         approach_speed = -vectors.dot(vectors.subtract(self.mid_velocity, body.mid_velocity), normal)
         share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
         touching = overlap > 0
-        # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite.
-        overlap = jnp.where(touching, overlap, 1e-12 * radius)
+        # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
+        # the same from either side, for a dashpot may act already.
+        overlap = jnp.where(touching, overlap, 1e-12 * body.effective_radius)
         arm = radius - 0.5 * overlap
         spin, relative_spin = vectors.scale(arm, motion.angular_velocity), motion.angular_velocity
         if body.angular_velocity is not None:
