@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from worlds import constants, forces, track, world
+from worlds import constants, track, world
 
 from jaxdem.particles import loop
 from jaxdem.particles.neighbors import carry_history
@@ -77,13 +77,13 @@ def test_list_is_all_pairs_in_reach(name, radius):
         assert (np.asarray(neighbors.overlap[slot])[~full] < -largest).all()  # empty slots never touch
 
 
-def gas(rebuild, count=24):
-    """Fast discs in a small box, one side periodic, with friction: dozens of rebuilds in a thousand steps."""
+def gas(rebuild):
+    """Nine fast discs in a small box, one side periodic, with friction: dozens of rebuilds in a thousand steps."""
     generator = np.random.default_rng(11)
-    grid = (np.stack(np.meshgrid(np.arange(6), np.arange(4), indexing="ij"), -1).reshape(-1, 2) + 0.5) * 0.025
-    velocity = generator.normal(0.0, 3.0, (count, 2))
+    grid = (np.stack(np.meshgrid(np.arange(3), np.arange(3), indexing="ij"), -1).reshape(-1, 2) + 0.5) * 0.027
+    velocity = generator.normal(0.0, 3.0, (9, 2))
     return world(
-        grid[:count], velocity, radius=np.where(np.arange(count) % 3 == 0, 0.005, 0.01), box=(0.15, 0.1),
+        grid, velocity, radius=np.where(np.arange(9) % 3 == 0, 0.005, 0.01), box=(0.081, 0.081),
         periodic=(True, False), rebuild=rebuild, material=constants(friction=0.3, restitution=0.8),
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ def test_list_is_rebuilt_in_time(trajectory):
     end, seen = trajectory
     _, reference = track(gas(False), 1e-5, 120, 5)
     assert int(end.neighbors.builds) > 5
-    assert np.count_nonzero(np.abs(reference.force).max(axis=2)) > 100
+    assert np.count_nonzero(np.abs(reference.force).max(axis=2)) > 50
     np.testing.assert_allclose(seen.position, reference.position, rtol=0, atol=1e-9)
     np.testing.assert_allclose(seen.spin, reference.spin, rtol=0, atol=1e-5)
 
@@ -167,11 +167,11 @@ def test_history_follows_the_identity_of_the_pair():
     new = world(moved, box=(0.08, 0.08), slots=scene.neighbors.capacity + 3).neighbors
     carried = carry_history(history, scene.neighbors, new)
     old_pairs, kept, lost = listed_pairs(scene.neighbors), 0, 0
-    for index, vector in zip(new.index, carried, strict=True):
+    for index, vector in zip(new.index, np.asarray(carried), strict=True):
         for i, j in enumerate(np.asarray(index)):
             known = (i, int(j)) in old_pairs
             expected = value(i, j) if known else (0.0, 0.0)
-            np.testing.assert_array_equal([float(x[i]) for x in vector], expected)
+            np.testing.assert_array_equal(vector[:, i], expected)
             kept, lost = kept + known, lost + (not known and i != j)
     assert kept > 100 and lost > 5
 
@@ -225,5 +225,3 @@ def test_few_particles(count):
     end, _ = track(scene, 1e-3, 1, 300)
     # 300 roundings of numbers below 1.
     np.testing.assert_allclose(end.state.position, position + 0.3 * velocity, atol=300 * 1.2e-16)
-    force, torque = forces(end)
-    assert force.shape == (count, 2) and torque.shape == (count, 1)

@@ -35,9 +35,7 @@ def cluster(dimension):
     radius = np.where(np.arange(count) % 2 == 0, 0.01, 0.007)
     spin = generator.uniform(-30, 30, (count, 1 if dimension == 2 else 3))
     velocity = -30.0 * position + generator.uniform(-0.2, 0.2, position.shape)
-    return world(
-        position, velocity, spin, radius=radius, walls=False, rebuild=False, material=FRICTION
-    )
+    return world(position, velocity, spin, radius=radius, walls=False, rebuild=False, material=FRICTION)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -55,7 +53,9 @@ def test_momentum_is_conserved_to_round_off(dimension):
     assert np.abs(seen.force).max() > 0.1  # they do touch
     assert np.ptp(seen.spin, axis=0).max() > 5.0  # and turn each other
     np.testing.assert_allclose(linear, np.broadcast_to(linear[:1], linear.shape), rtol=0, atol=1e-13 * scale)
-    np.testing.assert_allclose(angular, np.broadcast_to(angular[:1], angular.shape), rtol=0, atol=1e-14 * scale)
+    np.testing.assert_allclose(
+        angular, np.broadcast_to(angular[:1], angular.shape), rtol=0, atol=1e-14 * scale
+    )
 
 
 def test_full_arm_would_lose_angular_momentum(monkeypatch):

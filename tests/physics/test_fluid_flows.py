@@ -84,7 +84,7 @@ PERIODIC = ("periodic",) * 4
 # --- Taylor-Green vortices carried by a mean stream -------------------------------------------------------
 
 STREAM = np.array([0.7, -0.4])
-NU = 0.02
+NU = 0.01
 
 
 def taylor_green(flow, time):

@@ -1,0 +1,101 @@
+"""Degenerate contacts: coincident centres, exact touching, no slip. Values and gradients stay finite."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from worlds import advance, constants, forces, world
+
+from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.rolling import ConstantDirectionalTorque
+
+RADIUS = 0.01
+PLACES = {
+    "coincident": [[0.1, 0.1], [0.1, 0.1]],
+    "touching": [[0.1, 0.1], [0.1 + 2 * RADIUS, 0.1]],
+    "apart": [[0.1, 0.1], [0.2, 0.1]],
+    "on the wall": [[RADIUS, 0.1], [0.2, RADIUS]],
+    "in a corner, overlapping": [[RADIUS / 2, RADIUS / 2], [RADIUS / 2, RADIUS * 2]],
+}
+STEPS = 3
+
+
+def pair(place, law):
+    material = constants(restitution=0.5, friction=0.4, rolling_friction=0.1)
+    return world(
+        PLACES[place], radius=RADIUS, law=law, rolling=ConstantDirectionalTorque(), gravity=(0.0, -9.81),
+        rebuild=False, material=material,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=[HertzMindlin(), LinearSpringDashpot()], ids=["hertz", "linear"])
+def differentiated(request):
+    """Compiled: sums of where two particles are after three steps, and gradients by start and constants."""
+    static = pair("apart", request.param)
+
+    def end(position, velocity, spin, material, neighbors):
+        state = static.state._replace(position=position, velocity=velocity, angular_velocity=spin)
+        scene = static._replace(state=state, constants=material, neighbors=neighbors)
+        new = advance(scene, 1e-5, STEPS, reversible=True).state
+        weights = jnp.asarray([[1.0, 2.0], [3.0, 5.0]])
+        total = jnp.sum(weights * (new.position + new.velocity)) + jnp.sum(new.angular_velocity[:, 0])
+        return total, new
+
+    compiled = jax.jit(jax.grad(end, (0, 1, 2, 3), has_aux=True))
+
+    def evaluate(place):
+        scene = pair(place, request.param)
+        s = scene.state
+        return compiled(s.position, s.velocity, s.angular_velocity, scene.constants, scene.neighbors)
+
+    return request.param, evaluate
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_values_and_gradients_are_finite(differentiated, place):
+    """Reverse mode through three steps from rest, by positions, velocities, spins and material constants."""
+    _, evaluate = differentiated
+    gradients, state = evaluate(place)
+    for leaf in jax.tree.leaves(gradients) + jax.tree.leaves(state):
+        assert np.isfinite(np.asarray(leaf)).all()
+    if place == "apart":
+        # Free flight: x = x0 + v0 t + ..., so d/dx = 1 and d/dv = 1 + t times the weights, exactly.
+        np.testing.assert_allclose(gradients[0], [[1.0, 2.0], [3.0, 5.0]], rtol=1e-12)
+        np.testing.assert_allclose(gradients[1], (1 + STEPS * 1e-5) * np.array([[1, 2], [3, 5]]), rtol=1e-12)
+
+
+def test_coincident_particles_part(differentiated):
+    """They are pushed apart along the first axis with opposite forces, the lower index backwards."""
+    law, evaluate = differentiated
+    _, state = evaluate("coincident")
+    velocity = np.asarray(state.velocity)
+    assert velocity[0, 0] < 0 < velocity[1, 0]
+    np.testing.assert_allclose(velocity[0, 0], -velocity[1, 0], rtol=1e-12)
+    force, _ = forces(pair("coincident", law))
+    effective = 1e7 / (2 * (1 - 0.3**2))
+    expected = 4 / 3 * effective * np.sqrt(RADIUS / 2) * (2 * RADIUS) ** 1.5
+    expected = expected if isinstance(law, HertzMindlin) else 1e4 * 2 * RADIUS
+    np.testing.assert_allclose(force, [[-expected, 0.0], [expected, 0.0]], rtol=1e-12)
+
+
+def test_exactly_touching_has_no_force(differentiated):
+    """At zero overlap and at rest both laws give exactly nothing."""
+    scene = pair("touching", differentiated[0])
+    # 0.12 - 0.1 is not 0.02 in binary: the overlap is put to zero.
+    neighbors = scene.neighbors
+    zero = tuple(jnp.zeros_like(x) for x in neighbors.overlap)
+    scene = scene._replace(neighbors=type(neighbors)(**(neighbors.__dict__ | {"overlap": zero})))
+    force, torque = forces(scene)
+    np.testing.assert_array_equal(force, 0.0)
+    np.testing.assert_array_equal(torque, 0.0)
+
+
+def test_both_loops_give_the_same_numbers(differentiated):
+    """The reversible loop and the fast one: the same operations, so equal to round-off of fused ones."""
+    law, evaluate = differentiated
+    _, there = evaluate("in a corner, overlapping")
+    here = jax.jit(lambda: advance(pair("in a corner, overlapping", law), 1e-5, STEPS))().state
+    np.testing.assert_allclose(here.position, there.position, rtol=1e-13)
+    np.testing.assert_allclose(here.velocity, there.velocity, rtol=1e-11, atol=1e-13)
