@@ -120,13 +120,17 @@ class Simulation:
         wider = search.allocate(neighbors.reference, neighbors.reference_low, slots)
         kept, particles = neighbors.capacity, state.particles
         assert particles is not None
-        zero = tuple(jnp.zeros_like(x) for x in neighbors.reference)
-        springs = particles.contact_spring + (zero,) * (wider.capacity - kept)
+        blank = jnp.zeros((wider.capacity - kept, particles.position.shape[0]), particles.position.dtype)
+        springs = tuple(jnp.concatenate((spring, blank)) for spring in particles.contact_spring)
+
+        def extended(old: Array, new: Array) -> Array:
+            return jnp.concatenate((old, new[kept:]))
+
         neighbors = dataclasses.replace(
             wider,
-            index=neighbors.index + wider.index[kept:],
-            separation=neighbors.separation + wider.separation[kept:],
-            overlap=neighbors.overlap + wider.overlap[kept:],
+            index=extended(neighbors.index, wider.index),
+            separation=tuple(map(extended, neighbors.separation, wider.separation)),
+            overlap=extended(neighbors.overlap, wider.overlap),
             builds=neighbors.builds,
         )
         return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
@@ -184,10 +188,10 @@ def initial_state(
     if scene.particles is not None:
         bare = _initial_particles(scene, dtype)
         neighbors = simulation.allocate(bare)
-        zero = (jnp.zeros(bare.position.shape[0], dtype),) * scene.dimension
-        sides = simulation.contact.model.sides  # type: ignore[union-attr]
+        count, walls = bare.position.shape[0], len(simulation.contact.model.sides)
         particles = bare._replace(
-            contact_spring=(zero,) * neighbors.capacity, wall_spring=(zero,) * len(sides)
+            contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * scene.dimension,
+            wall_spring=(jnp.zeros((walls, count), dtype),) * scene.dimension,
         )
     fluid = None
     if scene.fluid is not None and simulation.fluid is not None:

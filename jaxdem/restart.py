@@ -48,8 +48,9 @@ def from_arrays(
     if template.particles is not None:
         slots = int(_get(arrays, "capacity/slots"))
         particles = template.particles
-        zero = (jnp.zeros_like(particles.position[:, 0]),) * particles.position.shape[1]
-        template = template._replace(particles=particles._replace(contact_spring=(zero,) * slots))
+        count, dimension = particles.position.shape
+        springs = (jnp.zeros((slots, count), particles.position.dtype),) * dimension
+        template = template._replace(particles=particles._replace(contact_spring=springs))
     state = _restored("state", template, arrays)
     if state.particles is not None:
         positions = state.particles.position

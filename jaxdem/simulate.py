@@ -68,6 +68,7 @@ def simulate(
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
     if resume and RunDirectory.is_complete(out):
+        RunDirectory.require_same_scene(out, scene.to_toml())
         return load_run(out)
     simulation, parameters = build(scene, closure)
     samples_every = _samples_every(scene, simulation)
@@ -109,9 +110,10 @@ class TimeLoop:
     def run(self, progress: Progress | None) -> None:
         """From the present state to the end of the scene, with everything written."""
         self.totals.start = clock.perf_counter()
-        self._compile()
+        # A signal while it compiles is noted too: the first interval is done, and a checkpoint is left.
         with _signals() as caught:
             try:
+                self._compile()
                 if self.done == 0 and self.directory.frames == 0:
                     self._write_frame(None)
                 self._advance_to_end(progress, caught)

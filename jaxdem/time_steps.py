@@ -157,8 +157,8 @@ def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, floa
         raise InputError(
             key,
             value,
-            f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.0f} % of a diameter, "
-            f"the limit is {100 * contact.maximum_overlap:.0f} %",
+            f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.3g} % of a diameter, "
+            f"the limit is {100 * contact.maximum_overlap:.3g} %",
             "stiffen the contact, lower contact.speed, or raise contact.maximum_overlap",
         )
     return speed, relative
@@ -188,7 +188,8 @@ def _contact_step(scene: Scene, limits: dict[str, float]) -> float:
     if contact.time_step == "auto":
         return limits["contact_automatic"]
     stable = min(limits["contact_stability"], limits.get("rayleigh", math.inf))
-    if contact.time_step > stable:
+    # The message gives four digits; the step that it names must be accepted.
+    if contact.time_step > stable * (1.0 + 5e-4):
         raise InputError(
             "contact.time_step",
             contact.time_step,

@@ -96,7 +96,7 @@ class RunDirectory:
         if not (path / CHECKPOINT).is_file():
             limit = f"--resume needs {CHECKPOINT} in it, and there is none"
             raise InputError(OPTION, str(path), limit, "Start the run without --resume in an empty folder.")
-        _require_same_scene(path, scene_toml)
+        cls.require_same_scene(path, scene_toml)
         lock = acquire_lock(path)
         try:
             with input_errors(path):
@@ -115,6 +115,15 @@ class RunDirectory:
         except InputError:
             return False
         return summary.get("valid") is True and summary.get("complete") is True
+
+    @staticmethod
+    def require_same_scene(path: str | Path, scene_toml: str) -> None:
+        """Refuse to go on with another scene than the stored one.
+
+        Raises:
+            InputError: naming the first key that differs, or the stored scene cannot be read.
+        """
+        _require_same_scene(Path(path), scene_toml)
 
     def write_frame(
         self,

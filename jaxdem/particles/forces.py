@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from jaxdem.particles import vectors, walls
 from jaxdem.particles.contact import Contact, ContactLaw, ContactMaterial
@@ -84,21 +85,18 @@ def contact_forces(
             given; the springs grow by that one, which is in the middle between two forces [m/s].
     """
     loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step)
-    displacement = displacement_since_build(motion.position, motion.low, neighbors)
     zero = jnp.zeros_like(motion.position[0])
     sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity))
-    springs, wall_springs = [], []
-    for slot in range(neighbors.capacity):
-        sums, spring = loop.add_pairs(neighbors, slot, displacement, sums)
-        springs.append(spring)
-    for number in range(len(model.sides)):
-        sums, spring = loop.add_wall(number, sums)
-        wall_springs.append(spring)
-    return sums, motion._replace(contact_spring=tuple(springs), wall_spring=tuple(wall_springs))
+    spring, wall_spring = motion.contact_spring, motion.wall_spring
+    if neighbors.capacity:
+        sums, spring = loop.add_pairs(neighbors, sums)
+    if model.sides:
+        sums, wall_spring = loop.add_walls(sums)
+    return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring)
 
 
 class _Loop(NamedTuple):
-    """What all contacts of a step share."""
+    """What all contacts of a step share. All K slots of all N particles, then all S walls, are one array each."""
 
     model: ContactModel
     surroundings: Surroundings
@@ -107,41 +105,42 @@ class _Loop(NamedTuple):
     mid_velocity: Vector
     time_step: Array
 
-    def add_pairs(
-        self, neighbors: Neighbors, slot: int, displacement: Vector, sums: Sums
-    ) -> tuple[Sums, Vector]:
-        """Adds the contacts with the neighbours in one slot; returns their new springs too."""
-        other, motion = neighbors.index[slot], self.motion
+    def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
+        """Adds the contacts between particles; returns their new springs too."""
+        other, motion = neighbors.index, self.motion
         radius, mass = self.properties.radius, self.properties.mass
         other_radius = radius if radius.ndim == 0 else radius[other]
         other_mass = mass if mass.ndim == 0 else mass[other]
-        overlap, normal = _pair_geometry(neighbors, slot, displacement, radius + other_radius)
+        displacement = displacement_since_build(motion.position, motion.low, neighbors)
+        overlap, normal = _pair_geometry(neighbors, displacement, _row(radius) + other_radius)
         body = _Body(
             arm=other_radius,
             velocity=tuple(x[other] for x in motion.velocity),
             mid_velocity=tuple(x[other] for x in self.mid_velocity),
             angular_velocity=tuple(x[other] for x in motion.angular_velocity),
-            effective_radius=radius * other_radius / (radius + other_radius),
-            effective_mass=mass * other_mass / (mass + other_mass),
+            effective_radius=_row(radius) * other_radius / (_row(radius) + other_radius),
+            effective_mass=_row(mass) * other_mass / (_row(mass) + other_mass),
         )
-        return self._add(self.surroundings.pair, body, overlap, normal, motion.contact_spring[slot], sums)
+        return self._add(self.surroundings.pair, body, overlap, normal, motion.contact_spring, sums)
 
-    def add_wall(self, number: int, sums: Sums) -> tuple[Sums, Vector]:
-        """Adds the contacts with one side of the box, a body of infinite radius and mass."""
-        side, motion, radius = self.model.sides[number], self.motion, self.properties.radius
-        overlap = walls.wall_overlap(side, motion.position, motion.low, radius)
-        wall_velocity = self.surroundings.wall_velocity[number]
-        velocity = tuple(wall_velocity[k] for k in range(len(motion.position)))
+    def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
+        """Adds the contacts with the sides of the box, bodies of infinite radius and mass."""
+        sides, motion, radius = self.model.sides, self.motion, self.properties.radius
+        overlap = jnp.stack([walls.wall_overlap(side, motion.position, motion.low, radius) for side in sides])
+        velocity = tuple(
+            jnp.stack(components)[:, None]
+            for components in zip(*self.surroundings.wall_velocity, strict=True)
+        )
         body = _Body(
             arm=jnp.zeros((), overlap.dtype),
             velocity=velocity,
             mid_velocity=velocity,
             angular_velocity=None,
-            effective_radius=radius,
-            effective_mass=self.properties.mass,
+            effective_radius=_row(radius),
+            effective_mass=_row(self.properties.mass),
         )
-        normal = walls.wall_normal(side, overlap.dtype, len(motion.position))
-        return self._add(self.surroundings.wall, body, overlap, normal, motion.wall_spring[number], sums)
+        normal = walls.wall_normals(sides, overlap.dtype, len(motion.position))
+        return self._add(self.surroundings.wall, body, overlap, normal, motion.wall_spring, sums)
 
     def _add(
         self,
@@ -152,20 +151,22 @@ class _Loop(NamedTuple):
         spring: Vector,
         sums: Sums,
     ) -> tuple[Sums, Vector]:
-        """Force and torque of one contact per particle, added to the sums; and its new spring."""
-        motion, radius = self.motion, self.properties.radius
-        approach_speed = -vectors.dot(vectors.subtract(self.mid_velocity, body.mid_velocity), normal)
+        """Forces and torques of the contacts in all slots, added to the sums; and their new springs."""
+        radius, own_velocity = _row(self.properties.radius), _rows(self.motion.velocity)
+        own_spin = _rows(self.motion.angular_velocity)
+        approach = vectors.subtract(_rows(self.mid_velocity), body.mid_velocity)
+        approach_speed = -vectors.dot(approach, normal)
         share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
         touching = overlap > 0
         # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
         # the same from either side, for a dashpot may act already.
         overlap = jnp.where(touching, overlap, 1e-12 * body.effective_radius)
         arm = radius - 0.5 * overlap
-        spin, relative_spin = vectors.scale(arm, motion.angular_velocity), motion.angular_velocity
+        spin, relative_spin = vectors.scale(arm, own_spin), own_spin
         if body.angular_velocity is not None:
             spin = vectors.add(spin, vectors.scale(body.arm - 0.5 * overlap, body.angular_velocity))
             relative_spin = vectors.subtract(relative_spin, body.angular_velocity)
-        relative = vectors.subtract(motion.velocity, body.velocity)
+        relative = vectors.subtract(own_velocity, body.velocity)
         separation_rate = vectors.dot(relative, normal)
         surface = vectors.subtract(relative, vectors.scale(separation_rate, normal))
         surface = vectors.subtract(surface, vectors.rotate(spin, normal))
@@ -187,11 +188,31 @@ class _Loop(NamedTuple):
         if self.model.rolling is not None:
             resistance = self.model.rolling(contact, result, material, relative_spin, self.time_step)
             torque = vectors.add(torque, resistance)
-        sums = Sums(
-            vectors.add(sums.force, force),
-            vectors.add(sums.torque, vectors.where(touching, torque, 0.0)),
-        )
+        totals = _sum_slots((*force, *vectors.where(touching, torque, 0.0)))
+        dimension = len(force)
+        sums = Sums(vectors.add(sums.force, totals[:dimension]), vectors.add(sums.torque, totals[dimension:]))
         return sums, vectors.where(touching, result.spring, 0.0)
+
+
+@jax.custom_jvp
+def _sum_slots(arrays: Vector) -> Vector:
+    """Sums of (K, N) arrays over the slots, in one pass: apart, each would compute all contacts again."""
+    zeros = tuple(jnp.zeros((), x.dtype) for x in arrays)
+    return tuple(lax.reduce(arrays, zeros, vectors.add, (0,)))
+
+
+@_sum_slots.defjvp
+def _sum_slots_jvp(primals: tuple[Vector], tangents: tuple[Vector]) -> tuple[Vector, Vector]:
+    return _sum_slots(*primals), tuple(jnp.sum(x, axis=0) for x in tangents[0])
+
+
+def _row(quantity: Array) -> Array:
+    """() unchanged, (N,) as (1, N)."""
+    return quantity if quantity.ndim == 0 else quantity[None]
+
+
+def _rows(vector: Vector) -> Vector:
+    return tuple(x[None] for x in vector)
 
 
 def _share_of_step(overlap: Array, reach: Array) -> Array:
@@ -207,25 +228,23 @@ def _share_of_step(overlap: Array, reach: Array) -> Array:
     return jnp.where(changes, within, (overlap > 0).astype(overlap.dtype))
 
 
-def _pair_geometry(
-    neighbors: Neighbors, slot: int, displacement: Vector, radius_sum: Array
-) -> tuple[Array, Vector]:
-    """Overlap now, and unit normal towards the particle, of the pairs in one slot.
+def _pair_geometry(neighbors: Neighbors, displacement: Vector, radius_sum: Array) -> tuple[Array, Vector]:
+    """Overlap now, and unit normal towards the particle, of all pairs.
 
     |r0 + D| - |r0| = D.(2 r0 + D) / (|r0 + D| + |r0|), D the change of the separation since the build:
     so the overlap keeps its leading digits.
     """
-    other, initial = neighbors.index[slot], neighbors.separation[slot]
-    change = vectors.subtract(displacement, tuple(x[other] for x in displacement))
+    other, initial = neighbors.index, neighbors.separation
+    change = vectors.subtract(_rows(displacement), tuple(x[other] for x in displacement))
     separation = vectors.add(initial, change)
     distance = vectors.safe_sqrt(vectors.dot(separation, separation))
     apart = distance > 0
     distance = jnp.where(apart, distance, 1.0)
     growth = vectors.dot(change, vectors.add(initial, separation))
-    initial_distance = radius_sum - neighbors.overlap[slot]
-    overlap = neighbors.overlap[slot] - growth / (distance + initial_distance)
+    initial_distance = radius_sum - neighbors.overlap
+    overlap = neighbors.overlap - growth / (distance + initial_distance)
     # Coincident centres have no direction: they part along the first axis, the lower index backwards.
-    own = jnp.arange(other.shape[0], dtype=other.dtype)
+    own = jnp.arange(other.shape[1], dtype=other.dtype)[None]
     first = jnp.where(apart, separation[0] / distance, jnp.where(own < other, -1.0, 1.0))
     return overlap, (first.astype(distance.dtype), *(x / distance for x in separation[1:]))
 

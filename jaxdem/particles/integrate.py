@@ -15,16 +15,13 @@ from jaxdem.particles.vectors import Vector
 class ParticleState(NamedTuple):
     """What evolves of N particles in D dimensions (A = 1 angular component in 2-D, 3 in 3-D).
 
-    Histories are one array (N,) per slot and component: the contact loop updates them in place, which
-    stacked arrays would turn into copies.
-
     Attributes:
         position: (N, D) centres, leading part [m].
         position_low: (N, D) trailing part, position + position_low is the centre; None in float64 [m].
         velocity: (N, D) [m/s].
         angular_velocity: (N, A) [rad/s].
-        contact_spring: K slots of D arrays (N,), elastic tangential displacement of every listed pair [m].
-        wall_spring: S walls of D arrays (N,), the same at the walls [m].
+        contact_spring: D arrays (K, N), elastic tangential displacement of the pairs in K slots [m].
+        wall_spring: D arrays (S, N), the same at the S walls [m].
         contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
     """
@@ -33,8 +30,8 @@ class ParticleState(NamedTuple):
     position_low: Low
     velocity: Array
     angular_velocity: Array
-    contact_spring: tuple[Vector, ...]
-    wall_spring: tuple[Vector, ...]
+    contact_spring: Vector
+    wall_spring: Vector
     contact_force: Array
     fluid_force: Array | None
 
@@ -47,16 +44,16 @@ class Motion(NamedTuple):
         low: D arrays (N,) or Nones, trailing part [m].
         velocity: D arrays (N,) [m/s].
         angular_velocity: A arrays (N,) [rad/s].
-        contact_spring: K slots of D arrays (N,) [m].
-        wall_spring: S walls of D arrays (N,) [m].
+        contact_spring: D arrays (K, N) [m].
+        wall_spring: D arrays (S, N) [m].
     """
 
     position: Vector
     low: tuple[Low, ...]
     velocity: Vector
     angular_velocity: Vector
-    contact_spring: tuple[Vector, ...]
-    wall_spring: tuple[Vector, ...]
+    contact_spring: Vector
+    wall_spring: Vector
 
     @classmethod
     def of(cls, state: ParticleState) -> Motion:

@@ -52,9 +52,9 @@ class Neighbors:
     """Pairs in reach (K slots for each of N particles; every pair stands twice, once from either side).
 
     Attributes:
-        index: K arrays (N,) int32, the other particle; an empty slot holds the particle itself.
-        separation: K slots of D arrays (N,), centre of the particle less centre of the other, at the build [m].
-        overlap: K arrays (N,), overlap at the build, negative for a gap [m].
+        index: (K, N) int32, the other particle; an empty slot holds the particle itself.
+        separation: D arrays (K, N), centre of the particle less centre of the other, at the build [m].
+        overlap: (K, N) overlap at the build, negative for a gap [m].
         reference: D arrays (N,), positions at the build, leading part [m].
         reference_low: D arrays (N,), trailing part, or Nones in float64.
         overflow: () bool, a particle had more neighbours than slots; the list is then incomplete.
@@ -62,9 +62,9 @@ class Neighbors:
         search: jax-md's own list, with its capacities.
     """
 
-    index: tuple[Array, ...]
-    separation: tuple[Vector, ...]
-    overlap: tuple[Array, ...]
+    index: Array
+    separation: Vector
+    overlap: Array
     reference: Vector
     reference_low: tuple[Low, ...]
     overflow: Array
@@ -74,7 +74,7 @@ class Neighbors:
     @property
     def capacity(self) -> int:
         """Number of slots per particle."""
-        return len(self.index)
+        return self.index.shape[0]
 
     @property
     def cell_capacity(self) -> int:
@@ -163,21 +163,15 @@ class NeighborSearch:
         self, search: Any, position: Vector, low: tuple[Low, ...], overflow: Array, builds: Array
     ) -> Neighbors:
         if search is None:
-            return Neighbors((), (), (), position, low, overflow, builds, None)
+            nothing = jnp.zeros((0, *position[0].shape), position[0].dtype)
+            index = nothing.astype(jnp.int32)
+            separation = (nothing,) * len(position)
+            return Neighbors(index, separation, nothing, position, low, overflow, builds, None)
         own = jnp.arange(position[0].shape[0], dtype=jnp.int32)
         listed = search.idx.T
         index = jnp.where(listed < own.shape[0], listed, own[None])
         separation, overlap = self._pair_geometry(index, position, low)
-        return Neighbors(
-            tuple(index[slot] for slot in range(index.shape[0])),
-            tuple(tuple(x[slot] for x in separation) for slot in range(index.shape[0])),
-            tuple(overlap[slot] for slot in range(index.shape[0])),
-            position,
-            low,
-            overflow,
-            builds,
-            search,
-        )
+        return Neighbors(index, separation, overlap, position, low, overflow, builds, search)
 
     def _pair_geometry(self, other: Array, position: Vector, low: tuple[Low, ...]) -> tuple[Vector, Array]:
         """Separation, D arrays (K, N), and overlap (K, N) of all pairs."""
@@ -228,27 +222,21 @@ class NeighborSearch:
         return self._functions
 
 
-def carry_history(history: tuple[Vector, ...], old: Neighbors, new: Neighbors) -> tuple[Vector, ...]:
+def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:
     """Values kept per pair, moved to the slots of a new list by the identity of the other particle.
 
     Args:
-        history: K slots of vectors, the value of each pair in the old list.
+        history: components (K, N), the value of each pair in the old list.
         old: list that `history` belongs to.
         new: list with K' slots.
 
     Returns:
-        K' slots of vectors; zero for pairs that were not listed before.
+        Components (K', N); zero for pairs that were not listed before.
     """
-    if not (old.capacity and new.capacity):
-        return (tuple(jnp.zeros_like(x) for x in old.reference),) * new.capacity
-    # An empty slot matches empty slots, whose springs are zero. A pair stands once in a list, so the sum
-    # has one term.
-    same = jnp.stack(old.index)[None] == jnp.stack(new.index)[:, None]
-    moved = [
-        jnp.sum(jnp.where(same, jnp.stack(component)[None], 0.0), axis=1)
-        for component in zip(*history, strict=True)
-    ]
-    return tuple(tuple(component[slot] for component in moved) for slot in range(new.capacity))
+    # An empty slot matches empty slots, whose values are zero. A pair stands once in a list, so the sum has
+    # one term.
+    same = old.index[None] == new.index[:, None]
+    return tuple(jnp.sum(jnp.where(same, component[None], 0.0), axis=1) for component in history)
 
 
 def _row(low: Low) -> Low:

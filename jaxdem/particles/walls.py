@@ -49,8 +49,9 @@ def wall_overlap(side: BoxSide, position: Vector, low: tuple[Low, ...], radius: 
     return overlap if trailing is None else overlap - side.inward * trailing
 
 
-def wall_normal(side: BoxSide, dtype: DTypeLike, dimension: int) -> Vector:
-    """Unit vector from the wall into the box, D numbers."""
+def wall_normals(sides: tuple[BoxSide, ...], dtype: DTypeLike, dimension: int) -> Vector:
+    """Unit vectors from the walls into the box, D arrays (S, 1)."""
     return tuple(
-        jnp.asarray(float(side.inward) if axis == side.axis else 0.0, dtype) for axis in range(dimension)
+        jnp.asarray([[float(side.inward) if axis == side.axis else 0.0] for side in sides], dtype)
+        for axis in range(dimension)
     )
