@@ -14,7 +14,7 @@ from jaxdem import stability
 from jaxdem.build import Simulation, build, initial_state
 from jaxdem.coupling.interpolation import kernel_weights
 from jaxdem.scene import Scene
-from jaxdem.simulate import _samples_every
+from jaxdem.simulate import samples_every
 from jaxdem.state import Parameters, State
 
 WORKING_COPIES = 3
@@ -79,7 +79,7 @@ def check_scene(scene: Scene) -> CheckReport:
         InputError: whatever `simulate` would refuse before its first step.
     """
     simulation, parameters = build(scene)
-    _samples_every(scene, simulation)
+    samples_every(scene, simulation)
     state, neighbors = initial_state(scene, simulation, parameters)
     steps, fluid = simulation.steps, simulation.fluid
     time_steps: dict[str, float] = {

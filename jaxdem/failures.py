@@ -26,6 +26,7 @@ class Failure(enum.IntFlag):
     VISCOUS = 32
     SOLVER = 64
     VOID_FRACTION = 128
+    TOO_FAST = 256
 
 
 MEANING = {
@@ -41,6 +42,10 @@ MEANING = {
         "a particle's centre has left the box through a wall",
         "it moved faster than the contact step resolves: raise contact.speed, stiffen the contact or "
         "lower contact.time_step",
+    ),
+    Failure.TOO_FAST: (
+        "a particle is so fast that an impact would overlap by more than contact.maximum_overlap",
+        "raise contact.speed to the speeds that occur, stiffen the contact, or look for what drives it",
     ),
     Failure.FLUID_NOT_FINITE: (
         "the fluid's velocity is not finite",
@@ -81,6 +86,8 @@ def failures(simulation: Simulation, diagnostics: Diagnostics) -> Array:
         code = raise_flag(code, particles.overflow, Failure.OVERFLOW)
         code = raise_flag(code, ~particles.finite, Failure.PARTICLES_NOT_FINITE)
         code = raise_flag(code, particles.lost > 0, Failure.PARTICLE_LOST)
+        limit = simulation.steps.speed_limit or 0.0
+        code = raise_flag(code, particles.fastest > limit, Failure.TOO_FAST)
     if fluid is not None and simulation.fluid is not None:
         code = raise_flag(code, ~fluid.finite, Failure.FLUID_NOT_FINITE)
         # The limits are written so that NaN does not pass them.
@@ -98,6 +105,7 @@ def first_meaning(code: int) -> tuple[str, str]:
         Failure.VISCOUS,
         Failure.VOID_FRACTION,
         Failure.PARTICLE_LOST,
+        Failure.TOO_FAST,
         Failure.SOLVER,
         Failure.FLUID_NOT_FINITE,
         Failure.PARTICLES_NOT_FINITE,

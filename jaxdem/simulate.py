@@ -71,12 +71,12 @@ def simulate(
         RunDirectory.require_same_scene(out, scene.to_toml())
         return load_run(out)
     simulation, parameters = build(scene, closure)
-    samples_every = _samples_every(scene, simulation)
+    every = samples_every(scene, simulation)
     state, neighbors = initial_state(scene, simulation, parameters)
-    attributes = sample_attributes(scene, simulation) if samples_every else None
+    attributes = sample_attributes(scene, simulation) if every else None
     opener = RunDirectory.resume if resume else RunDirectory.create
     with opener(out, scene.to_toml(), attributes) as directory:
-        loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, samples_every)
+        loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, every)
         if resume:
             loop.restore()
         loop.run(progress)
@@ -93,7 +93,7 @@ class TimeLoop:
     directory: RunDirectory
     state: State
     neighbors: Neighbors | None
-    samples_every: int
+    sample_every: int
     totals: Totals = dataclasses.field(default_factory=Totals)
     done: int = 0
 
@@ -116,6 +116,7 @@ class TimeLoop:
                 self._compile()
                 if self.done == 0 and self.directory.frames == 0:
                     self._write_frame(None)
+                    self._write_checkpoint()
                 self._advance_to_end(progress, caught)
             except RunError as error:
                 self.directory.interrupt(self._summary(False, str(error)))
@@ -136,7 +137,7 @@ class TimeLoop:
         saved = clock.perf_counter()
         while self.done < self.last:
             diagnostics = self._advance()
-            if self.samples_every and self.done % self.samples_every == 0 and diagnostics.forces is not None:
+            if self.sample_every and self.done % self.sample_every == 0 and diagnostics.forces is not None:
                 with self.totals.timed("output"):
                     volume = np.asarray(self.parameters.bodies.volume)  # type: ignore[union-attr]
                     sample = sample_of(self._before, self.state, diagnostics.forces, volume)
@@ -235,7 +236,7 @@ class TimeLoop:
         )
 
 
-def _samples_every(scene: Scene, simulation: Simulation) -> int:
+def samples_every(scene: Scene, simulation: Simulation) -> int:
     """Number of coupling intervals between samples, 0 for none."""
     wanted = scene.output.samples
     if wanted == 0.0:
@@ -256,13 +257,16 @@ def _samples_every(scene: Scene, simulation: Simulation) -> int:
 
 def _where(simulation: Simulation, failure: Failure, before: State, reached: State) -> str:
     """The particle or cell at which an interval failed."""
-    if before.particles is not None and failure & (Failure.PARTICLES_NOT_FINITE | Failure.PARTICLE_LOST):
+    if before.particles is not None and failure & (
+        Failure.PARTICLES_NOT_FINITE | Failure.PARTICLE_LOST | Failure.TOO_FAST
+    ):
         assert reached.particles is not None
         position = np.asarray(reached.particles.position, float)
         good = np.isfinite(position).all(axis=1) & np.isfinite(reached.particles.velocity).all(axis=1)
         box, periodic = np.asarray(simulation.box), np.asarray(simulation.periodic)
         good &= (((position >= 0.0) & (position <= box)) | periodic).all(axis=1)
-        index = int(np.argmin(good))
+        speed = np.linalg.norm(np.asarray(reached.particles.velocity, float), axis=1)
+        index = int(np.argmax(speed)) if good.all() else int(np.argmin(good))
         point = ", ".join(f"{x:.5g}" for x in np.asarray(before.particles.position[index]))
         return f"particle {index}, last at ({point}) m"
     if reached.fluid is not None and simulation.fluid is not None:

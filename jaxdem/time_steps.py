@@ -30,6 +30,7 @@ class TimeSteps(NamedTuple):
         limits: named limits [s], for the check and the summary.
         expected_speed: that the contact limits stand on [m/s].
         expected_overlap: at that speed, over the diameter [-].
+        speed_limit: at which an impact reaches `contact.maximum_overlap`; faster particles stop a run [m/s].
     """
 
     interval: float
@@ -41,6 +42,7 @@ class TimeSteps(NamedTuple):
     limits: dict[str, float]
     expected_speed: float | None
     expected_overlap: float | None
+    speed_limit: float | None
 
 
 def time_steps(scene: Scene) -> TimeSteps:
@@ -53,7 +55,7 @@ def time_steps(scene: Scene) -> TimeSteps:
     output = scene.time.output_interval
     outputs = round(scene.time.end / output)
     substeps = 1
-    speed = overlap = contact_step = None
+    speed = overlap = contact_step = speed_limit = None
     if scene.fluid is not None:
         interval, fluid_step = _fluid_steps(scene, limits)
         substeps = _substeps_for(interval, fluid_step, limits)
@@ -72,10 +74,15 @@ def time_steps(scene: Scene) -> TimeSteps:
     count = 0
     if scene.particles is not None and scene.contact is not None:
         speed, overlap = _contact_limits(scene, limits)
+        # The overlap grows with v^0.8 in Hertz's law and with v in the linear one.
+        power = 1.0 if scene.contact.law == "linear_spring_dashpot" else 1.25
+        speed_limit = speed * (scene.contact.maximum_overlap / overlap) ** power
         contact_step = _contact_step(scene, limits)
         count = _whole(interval / contact_step)
         contact_step = interval / count
-    return TimeSteps(interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap)
+    return TimeSteps(
+        interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap, speed_limit
+    )
 
 
 def boundary_speed(scene: Scene) -> float:

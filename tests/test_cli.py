@@ -165,12 +165,7 @@ def test_resume_of_a_complete_run(grains, done):
     assert "is complete; there is nothing to resume" in " ".join(result.stdout.split())
 
 
-COMPLETE = pytest.param(
-    True, marks=pytest.mark.xfail(reason="simulate() returns a complete run before it compares the scenes")
-)
-
-
-@pytest.mark.parametrize("complete", [COMPLETE, False])
+@pytest.mark.parametrize("complete", [True, False])
 def test_resume_onto_another_scene(grains, done, tmp_path, complete):
     out = tmp_path / "run"
     shutil.copytree(done[0], out)
@@ -337,7 +332,6 @@ def test_signals_leave_a_checkpoint_and_their_exit_codes(grains, tmp_path):
             process.kill()
 
 
-@pytest.mark.xfail(reason="simulate() notes signals only after it has compiled")
 def test_a_signal_while_compiling_leaves_a_checkpoint_too(grains, tmp_path):
     process = start(grains, tmp_path / "run")
     try:

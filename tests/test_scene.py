@@ -258,7 +258,6 @@ def test_the_papers_unstable_step_is_refused_naming_the_stable_one():
     assert time_steps(load_scene(tables)).contact <= stable
 
 
-@pytest.mark.xfail(reason="the message rounds the stable step up")
 def test_the_stable_step_that_a_message_names_is_accepted():
     tables = placed((0.1, 0.1), density=5650.0)
     tables["contact"] = {"young_modulus": 70e9, "poisson_ratio": 0.3, "time_step": 1.555e-05}

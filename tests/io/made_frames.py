@@ -28,7 +28,10 @@ def scene_of(dimension: int) -> str:
 
 def particle_arrays(index: int, dimension: int, number: int = 5, dtype=np.float32) -> dict[str, np.ndarray]:
     generator = np.random.default_rng(100 * index + dimension)
-    vector = lambda: generator.normal(size=(number, dimension)).astype(dtype)
+
+    def vector():
+        return generator.normal(size=(number, dimension)).astype(dtype)
+
     spin = generator.normal(size=number if dimension == 2 else (number, 3)).astype(dtype)
     return {
         "position": vector(),

@@ -96,6 +96,6 @@ def test_both_loops_give_the_same_numbers(differentiated):
     """The reversible loop and the fast one: the same operations, so equal to round-off of fused ones."""
     law, evaluate = differentiated
     _, there = evaluate("in a corner, overlapping")
-    here = jax.jit(lambda: advance(pair("in a corner, overlapping", law), 1e-5, STEPS))().state
+    here = jax.jit(lambda: advance(pair("in a corner, overlapping", law), 1e-5, STEPS).state)()
     np.testing.assert_allclose(here.position, there.position, rtol=1e-13)
     np.testing.assert_allclose(here.velocity, there.velocity, rtol=1e-11, atol=1e-13)

@@ -82,7 +82,9 @@ def test_coulomb_limit_cuts_the_spring_back(law, restitution):
     force = law(contact(1e-4, 0.1, slip, xi), material(restitution, friction=0.4))
     size = np.hypot(*(f[0] for f in force.tangential))
     np.testing.assert_allclose(size, 0.4 * abs(force.normal[0]), rtol=ROUND)
-    again = law(contact(1e-4, 0.1, slip, tuple(s[0] for s in force.spring)), material(restitution, friction=0.4))
+    again = law(
+        contact(1e-4, 0.1, slip, tuple(s[0] for s in force.spring)), material(restitution, friction=0.4)
+    )
     # The spring comes from a division by the stiffness: a few more operations.
     np.testing.assert_allclose(again.tangential, force.tangential, rtol=1e-11)
     np.testing.assert_allclose(again.spring, force.spring, rtol=1e-11)

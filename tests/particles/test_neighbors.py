@@ -69,7 +69,7 @@ def test_list_is_all_pairs_in_reach(name, radius):
         for axis, wraps in enumerate(periodic):
             if wraps:
                 difference[:, axis] -= box[axis] * np.round(difference[:, axis] / box[axis])
-        ours = np.stack([np.asarray(x) for x in neighbors.separation[slot]], 1)
+        ours = np.stack([np.asarray(x[slot]) for x in neighbors.separation], 1)
         # Round-off of a subtraction of numbers up to 0.4.
         np.testing.assert_allclose(ours[full], difference[full], atol=2e-16)
         overlap = (sizes + sizes[j]) - np.linalg.norm(difference, axis=1)
@@ -127,11 +127,10 @@ def shuffled(scene, seed):
     order = jnp.asarray(np.argsort(generator.random((slots, count)), axis=0))
 
     def turn(rows):
-        stacked = jnp.take_along_axis(jnp.stack(rows), order, axis=0)
-        return tuple(stacked[slot] for slot in range(slots))
+        return jnp.take_along_axis(rows, order, axis=0)
 
-    def turn_vectors(rows):
-        return tuple(zip(*[turn([row[k] for row in rows]) for k in range(len(rows[0]))], strict=True))
+    def turn_vectors(components):
+        return tuple(turn(component) for component in components)
 
     new = dataclasses.replace(
         neighbors,
@@ -158,16 +157,14 @@ def test_history_follows_the_identity_of_the_pair():
     scene = world(position, box=(0.08, 0.08))
     # The value of pair (i, j) is a function of both, so that it can be recognised.
     value = lambda i, j: (i + 0.01 * j, -1.0 * i * j)  # noqa: E731
-    own = np.arange(30)
-    history = tuple(
-        tuple(jnp.asarray(np.where(np.asarray(j) == own, 0.0, x)) for x in value(own, np.asarray(j)))
-        for j in scene.neighbors.index
-    )
+    own, others = np.arange(30), np.asarray(scene.neighbors.index)
+    history = tuple(jnp.asarray(np.where(others == own, 0.0, x)) for x in value(own[None], others))
     moved = position + generator.uniform(-0.01, 0.01, position.shape)
     new = world(moved, box=(0.08, 0.08), slots=scene.neighbors.capacity + 3).neighbors
     carried = carry_history(history, scene.neighbors, new)
     old_pairs, kept, lost = listed_pairs(scene.neighbors), 0, 0
-    for index, vector in zip(new.index, np.asarray(carried), strict=True):
+    for slot, index in enumerate(new.index):
+        vector = np.stack([component[slot] for component in carried])
         for i, j in enumerate(np.asarray(index)):
             known = (i, int(j)) in old_pairs
             expected = value(i, j) if known else (0.0, 0.0)
@@ -185,13 +182,13 @@ def test_rebuilds_do_not_change_sliding_contacts(monkeypatch, control):
     """
     plain, seen = track(pressed(), 2e-5, 20, 20)
     assert int(plain.neighbors.builds) == 1
-    springs = [float(jnp.abs(s).max()) for slot in plain.state.contact_spring for s in slot]
+    springs = [float(jnp.abs(s).max()) for s in plain.state.contact_spring]
     assert max(springs) > 1e-7  # the contacts hold springs to be lost
     monkeypatch.setattr(loop, "out_of_date", lambda d, g: jnp.max(jnp.abs(d[0]) + jnp.abs(d[1])) > 1e-9)
     if control:
         monkeypatch.setattr(
             loop, "carry_history",
-            lambda h, old, new: tuple(tuple(jnp.zeros_like(x) for x in v) for v in h),
+            lambda h, old, new: tuple(jnp.zeros_like(x) for x in h),
         )  # fmt: skip
     rebuilt, again = track(shuffled(pressed(), 4), 2e-5, 20, 20)
     assert int(rebuilt.neighbors.builds) > 50

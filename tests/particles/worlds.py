@@ -85,9 +85,9 @@ def world(
         neighbors = search.allocate(motion.position, motion.low, slots)
     else:
         neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
-    zero = (jnp.zeros(count, dtype),) * dimension
     state = state._replace(
-        contact_spring=(zero,) * neighbors.capacity, wall_spring=(zero,) * len(model.sides)
+        contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * dimension,
+        wall_spring=(jnp.zeros((len(model.sides), count), dtype),) * dimension,
     )
     gravity = jnp.zeros(dimension, dtype) if gravity is None else jnp.asarray(gravity, dtype)
     still = (jnp.zeros(dimension, dtype),) * len(model.sides)
@@ -112,9 +112,9 @@ def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
     overlap = radius[None] + radius[others] - np.linalg.norm(difference, axis=2)
     dtype = motion.position[0].dtype
     return Neighbors(
-        tuple(jnp.asarray(row, jnp.int32) for row in others),
-        tuple(tuple(jnp.asarray(row[:, k], dtype) for k in range(dimension)) for row in difference),
-        tuple(jnp.asarray(row, dtype) for row in overlap),
+        jnp.asarray(others, jnp.int32),
+        tuple(jnp.asarray(difference[..., k], dtype) for k in range(dimension)),
+        jnp.asarray(overlap, dtype),
         motion.position, motion.low, jnp.zeros((), bool), jnp.ones((), jnp.int32), None,
     )  # fmt: skip
 

@@ -21,10 +21,10 @@ GRAVITY = np.array([0.0, -9.81])
 TOLERANCE = 1e-10
 
 
-def scene(position, velocity, spin, gravity=GRAVITY, radius=RADIUS, density=DENSITY):
+def scene(position, velocity, spin, gravity=GRAVITY, radius=RADIUS, density=DENSITY, periodic=None):
     return world(
         position, velocity, spin, radius=radius, density=density, box=(SIDE,) * position.shape[1],
-        gravity=gravity, rebuild=False, material=MATERIAL,
+        gravity=gravity, rebuild=False, material=MATERIAL, periodic=periodic,
     )  # fmt: skip
 
 
@@ -47,9 +47,7 @@ def runs():
         "mirrored": scene((POSITION - middle) * mirror + middle, VELOCITY * mirror, -SPIN),
     }
     _, seen = track(batch(list(variants.values())), np.full(len(variants), STEP), FRAMES, EVERY)
-    return {
-        name: type(seen)(*(field[number] for field in seen)) for number, name in enumerate(variants)
-    }
+    return {name: type(seen)(*(field[number] for field in seen)) for number, name in enumerate(variants)}
 
 
 def check(plain, position, velocity, spin):
@@ -99,7 +97,11 @@ def test_discs_move_like_a_layer_of_spheres(runs):
     lift = lambda rows: np.insert(rows, 1, 0.0, axis=1)  # noqa: E731
     spin = np.zeros((5, 3))
     spin[:, 1] = -SPIN[:, 0]
-    layer = scene(lift(POSITION) + np.array([0, 0.25, 0]), lift(VELOCITY), spin, np.array([0, 0, -9.81]))
+    # Periodic across: the side walls are out of reach, and need not be compiled.
+    layer = scene(
+        lift(POSITION) + np.array([0, 0.25, 0]), lift(VELOCITY), spin, np.array([0, 0, -9.81]),
+        periodic=(True, True, False),
+    )  # fmt: skip
     _, seen = track(layer, STEP, FRAMES, EVERY)
     check(runs["plain"], seen.position[..., [0, 2]], seen.velocity[..., [0, 2]], -seen.spin[..., 1:2])
     np.testing.assert_array_equal(seen.position[..., 1], 0.25)
