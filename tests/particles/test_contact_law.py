@@ -51,7 +51,8 @@ def test_damping_ratio():
 
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 1.0])
 def test_hertz_mindlin_dashpots_and_spring(restitution):
-    """F_n and F_t of the law with both dashpots, S_n = 2 E* sqrt(R* d), S_t = 8 G* sqrt(R* d) (Mindlin 1949)."""
+    """F_n and F_t of the law with both dashpots, S_n = 2 E* sqrt(R* d), S_t = 8 G* sqrt(R* d) (Mindlin
+    1949)."""
     d, rate, slip, xi = 2e-4, 0.3, np.array([0.02, -0.01]), np.array([3e-6, 4e-6])
     b = 1.0 if restitution == 0 else -np.log(restitution) / np.hypot(np.log(restitution), np.pi)
     sn, st = 2 * E * np.sqrt(RADIUS * d), 8 * G * np.sqrt(RADIUS * d)
@@ -102,7 +103,8 @@ def test_without_friction_no_tangential_force(law):
 @pytest.mark.parametrize("overlap", [1e-14, 1e-9, 1e-4])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_gradients_are_finite_and_right(law, overlap, restitution):
-    """d F_n / d overlap is the closed form without damping; all gradients finite at zero slip and tiny overlap."""
+    """d F_n / d overlap is the closed form without damping; all gradients finite at zero slip and tiny
+    overlap."""
 
     def total(d, slip, e, mu):
         force = law(contact(1.0)._replace(overlap=d, tangential_velocity=(slip, slip)), material()._replace(

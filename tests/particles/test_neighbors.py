@@ -41,8 +41,7 @@ BOXES = {
 }
 
 
-@pytest.mark.parametrize("name", BOXES)
-@pytest.mark.parametrize("radius", ["one", "several"])
+@pytest.mark.parametrize(("name", "radius"), list(zip(BOXES, ["one", "several"] * 3, strict=True)))
 def test_list_is_all_pairs_in_reach(name, radius):
     """Every pair within cutoff + skin stands in the list once from either side, and no other; random points.
 
@@ -78,7 +77,8 @@ def test_list_is_all_pairs_in_reach(name, radius):
 
 
 def gas(rebuild):
-    """Nine fast discs in a small box, one side periodic, with friction: dozens of rebuilds in a thousand steps."""
+    """Nine fast discs in a small box, one side periodic, with friction: dozens of rebuilds in a thousand
+    steps."""
     generator = np.random.default_rng(11)
     grid = (np.stack(np.meshgrid(np.arange(3), np.arange(3), indexing="ij"), -1).reshape(-1, 2) + 0.5) * 0.027
     velocity = generator.normal(0.0, 3.0, (9, 2))
@@ -215,7 +215,8 @@ def test_overflow_is_flagged():
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_few_particles(count):
-    """None, one and two particles: a flight over many skins, straight and without end (the loop must go on)."""
+    """None, one and two particles: a flight over many skins, straight and without end (the loop must go
+    on)."""
     position = np.array([[0.1, 0.1], [0.3, 0.3]])[:count].reshape(count, 2)
     velocity = np.array([[1.0, 0.5], [0.5, 1.0]])[:count].reshape(count, 2)
     scene = world(position, velocity, radius=0.01)

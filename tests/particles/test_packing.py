@@ -19,7 +19,8 @@ def nearest(points):
 
 
 def edge_distance(points, vertices):
-    """Signed distance to a convex polygon with corners counter-clockwise, by its half-planes: an own formula."""
+    """Signed distance to a convex polygon with corners counter-clockwise, by its half-planes: an own
+    formula."""
     following = np.roll(vertices, -1, axis=0)
     edge = (following - vertices) / np.linalg.norm(following - vertices, axis=1)[:, None]
     inward = np.stack([-edge[:, 1], edge[:, 0]], 1)
@@ -28,7 +29,8 @@ def edge_distance(points, vertices):
 
 @pytest.mark.parametrize("jitter", [0.0, 0.001])
 def test_polygon_pack_of_a_triangle(jitter):
-    """Discs stay a radius and the jitter inside, apart by the spacing, in rows; the jittered ones do not overlap."""
+    """Discs stay a radius and the jitter inside, apart by the spacing, in rows; the jittered ones do not
+    overlap."""
     spacing = 2 * RADIUS * 1.05 + 2 * jitter
     points = packing.polygon_pack(TRIANGLE, (1.0, 1.0), RADIUS, spacing, jitter)
     assert edge_distance(points, TRIANGLE).min() >= RADIUS + jitter - 1e-12
@@ -48,7 +50,8 @@ def test_polygon_pack_of_a_triangle(jitter):
 
 
 def test_inside_polygon_that_is_not_convex():
-    """Against the union of the two triangles it consists of, by their half-planes; margin from true edges only."""
+    """Against the union of the two triangles it consists of, by their half-planes; margin from true edges
+    only."""
     points = np.random.default_rng(0).uniform(-0.1, 1.1, (4000, 2))
     left = np.array([HOLLOW[0], HOLLOW[3], HOLLOW[4]])
     middle = np.array([HOLLOW[0], HOLLOW[1], HOLLOW[3]])

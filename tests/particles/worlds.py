@@ -56,7 +56,8 @@ def world(
     """A world of N particles; positions as float64 rows, split into pairs in float32.
 
     `rebuild=False` lists all pairs once and for ever, by numpy: a good deal less to compile, and the reference
-    for the search. `skin` counts largest diameters. `precise=False` leaves the low parts of a float32 world at zero, as plain float32 would.
+    for the search. `skin` counts largest diameters. `precise=False` leaves the low parts of a float32 world
+    at zero, as plain float32 would.
     """
     position = np.atleast_2d(np.asarray(position, float))
     count, dimension = position.shape
@@ -104,7 +105,8 @@ def world(
 def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
     """A list of all N - 1 others of every particle, nearest images, in float64; never rebuilt."""
     count, dimension = position.shape
-    others = np.array([[j for j in range(count) if j != i] for i in range(count)], int).reshape(count, -1).T
+    rows = [[j for j in range(count) if j != i] for i in range(count)]
+    others = np.array(rows, int).reshape(count, max(count - 1, 0)).T
     difference = position[None] - position[others]
     for axis in range(dimension):
         if periodic[axis]:

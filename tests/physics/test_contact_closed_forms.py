@@ -1,6 +1,7 @@
 """Single impacts, bounces, sliding and stacked particles against closed forms and published tables.
 
-Contact steps are a hundredth of the contact's duration, where not said otherwise (physics.md, "Verified against").
+Contact steps are a hundredth of the contact's duration, where not said otherwise (physics.md, "Verified
+against").
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def hertz_step(row, fraction):
     return row["t_c_s"] * fraction
 
 
-# --- Hertz ---------------------------------------------------------------------------------------------------
+# --- Hertz ---------------------------------------------------------------------------------------------
 
 SPEEDS = (0.01, 0.1, 1.0, 10.0)
 RESTITUTIONS = (0.2, 0.3, 0.5, 0.7, 0.9, 1.0)
@@ -99,7 +100,8 @@ def check_hertz(row, overlap, rate, force, step):
 
 
 def test_hertz_impact_of_pairs(pairs):
-    """Largest overlap and force and the duration [0.5 %] (closed forms of Hertz; cases of Chung & Ooi 2011)."""
+    """Largest overlap and force and the duration [0.5 %] (closed forms of Hertz; cases of Chung & Ooi
+    2011)."""
     rows, steps, seen = pairs
     assert len(rows) == 3
     for k, row in enumerate(rows):
@@ -154,7 +156,7 @@ def test_restitution_does_not_depend_on_speed(pairs):
     assert np.ptp(rebounds(pairs), axis=1).max() < 1e-4
 
 
-# --- MFIX DEM01 and DEM02: a sphere dropped on a floor, linear law ----------------------------------------------
+# --- MFIX DEM01 and DEM02: a sphere dropped on a floor, linear law -------------------------------------
 
 DROP_RADIUS, DROP_HEIGHT, DROP_DENSITY = 0.1, 0.5, 2600.0
 DROP_FRAMES = 5900  # four bounces at k_n = 5e4 and e = 1
@@ -247,7 +249,8 @@ def apexes(x):
 def test_dem02_bounces(drops):
     """MFIX DEM02: heights of up to four bounces at k_n = 5e4 against the soft-sphere form [0.4 %].
 
-    And against MFIX's own heights, which its larger Adams-Bashforth steps put up to 0.65 % from that form (e = 0.6).
+    And against MFIX's own heights, which its larger Adams-Bashforth steps put up to 0.65 % from that form (e
+    = 0.6).
     """
     rows, _, x, _ = drops
     theirs = table("mfix_dem02_bounce.csv")
@@ -269,7 +272,8 @@ def test_dem02_bounces(drops):
 
 
 def test_start_of_step_damping_would_fail_dem01(monkeypatch):
-    """Negative control: with the dashpots on the velocity at the start of the step the rebound is off by 1 %."""
+    """Negative control: with the dashpots on the velocity at the start of the step the rebound is off by 1
+    %."""
     original = loop.contact_forces
     monkeypatch.setattr(loop, "contact_forces", lambda *a: original(*a[:6]))
     scene, step = dropped(1e4, 0.5), np.pi * np.sqrt(drop_mass() / 1e4) / 100
@@ -290,7 +294,7 @@ def test_wrong_damping_would_fail_restitution(monkeypatch):
     assert abs(seen.velocity[-1, 1, 0] - seen.velocity[-1, 0, 0] - 0.5) > 0.02
 
 
-# --- MFIX DEM03: two compressed particles between two walls ------------------------------------------------------
+# --- MFIX DEM03: two compressed particles between two walls --------------------------------------------
 
 
 def test_dem03_two_stacked_particles():
@@ -323,7 +327,7 @@ def test_dem03_two_stacked_particles():
             np.testing.assert_allclose(ours, rows["pos_ode_m"], rtol=1e-3)
 
 
-# --- MFIX DEM04: slip to rolling ------------------------------------------------------------------------------------
+# --- MFIX DEM04: slip to rolling -----------------------------------------------------------------------
 
 
 def test_dem04_slip_to_rolling():

@@ -21,7 +21,7 @@ def static_overlap(force):
     return (0.75 * force / (EFFECTIVE * np.sqrt(RADIUS))) ** (2 / 3)
 
 
-# --- Rolling ---------------------------------------------------------------------------------------------------
+# --- Rolling -------------------------------------------------------------------------------------------
 
 SPEED, TIME_STEP, FRAMES, EVERY = 0.05, 5e-5, 100, 50
 
@@ -66,7 +66,8 @@ def test_rolling_friction_decelerates_at_the_closed_form_rate(rolling):
 def test_rolling_comes_to_rest_without_chatter(rolling):
     """At mu_r = 0.05 the sphere stops at v / a = 0.143 s; afterwards the torque does not kick it about.
 
-    What is left is the rocking on the tangential spring, damped: under 1 % of the speed at once, 1e-3 at the end.
+    What is left is the rocking on the tangential spring, damped: under 1 % of the speed at once, 1e-3 at the
+    end.
     """
     _, time, speed, spin = rolling
     rest = time > 1.05 * SPEED / (5 / 7 * 0.05 * GRAVITY)
@@ -83,7 +84,7 @@ def test_without_rolling_friction_it_rolls_on():
     np.testing.assert_allclose(seen.velocity[:, 0, 0], SPEED, rtol=1e-6)
 
 
-# --- A sphere between two walls ----------------------------------------------------------------------------------
+# --- A sphere between two walls ------------------------------------------------------------------------
 
 SQUEEZE = 2e-5
 """Overlap with either wall [m]."""
@@ -121,12 +122,14 @@ def test_block_between_walls_sticks_or_slides():
     hanging = MASS * GRAVITY / (2 * 8 * SHEAR * np.sqrt(RADIUS * SQUEEZE))
     for k, factor in enumerate(factors):
         if factor < 1:
-            # The springs load up at first; from then on a constant force. Overlaps and time are exact to round-off.
+            # The springs load up at first; from then on a constant force. Overlaps and time are exact to
+            # round-off.
             late = time > 0.02
             rate = -np.polyfit(time[late], seen.velocity[k, late, 0, 1], 1)[0]
             np.testing.assert_allclose(rate, (1 - factor) * GRAVITY, rtol=1e-9)
         elif factor > 1.1:
-            # Damped to 1e-4 within 0.1 s; at 1.05 the first swing overshoots and slips once, and then it hangs.
+            # Damped to 1e-4 within 0.1 s; at 1.05 the first swing overshoots and slips once, and then it
+            # hangs.
             np.testing.assert_allclose(fallen[k, -1], hanging, rtol=1e-3)
         if factor > 1:
             assert np.abs(seen.velocity[k, -1]).max() < 1e-5

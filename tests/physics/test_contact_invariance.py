@@ -16,8 +16,9 @@ SPIN = np.array([[10.0], [-20.0], [5.0], [0.0], [30.0]])
 MATERIAL = constants(young_modulus=5e6, restitution=0.7, friction=0.4)
 GRAVITY = np.array([0.0, -9.81])
 
-# Different orders of summation and other rounding of x: 1e-16 of 0.5 m and 30 rad/s, grown by ten to a hundred
-# times in each of the three or four collisions of a particle.
+# Different orders of summation and other rounding of x: 1e-16 of 0.5 m, grown by some tens in each of the three
+# or four collisions of a particle (measured 8e-12 m). A contact of 1 ms turns an error of place into one of
+# velocity 3e3 times as large, and that into one of spin by 2.5 / r of the smallest disc, some 1e3 times.
 TOLERANCE = 1e-10
 
 
@@ -34,7 +35,8 @@ TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # rows times this: (x, y) -> (-y, x)
 
 @pytest.fixture(scope="module")
 def runs():
-    """The same scene as it is, in another order, further right, turned by 90 degrees, and mirrored; one program."""
+    """The same scene as it is, in another order, further right, turned by 90 degrees, and mirrored; one
+    program."""
     middle = SIDE / 2
     mirror = np.array([-1.0, 1.0])
     variants = {
@@ -52,8 +54,8 @@ def runs():
 
 def check(plain, position, velocity, spin):
     np.testing.assert_allclose(position, plain.position, rtol=0, atol=TOLERANCE)
-    np.testing.assert_allclose(velocity, plain.velocity, rtol=0, atol=1e2 * TOLERANCE)
-    np.testing.assert_allclose(spin, plain.spin, rtol=0, atol=1e4 * TOLERANCE)
+    np.testing.assert_allclose(velocity, plain.velocity, rtol=0, atol=1e3 * TOLERANCE)
+    np.testing.assert_allclose(spin, plain.spin, rtol=0, atol=1e5 * TOLERANCE)
 
 
 def test_the_scene_has_contacts(runs):
@@ -90,7 +92,8 @@ def test_reflection(runs):
 
 
 def test_discs_move_like_a_layer_of_spheres(runs):
-    """2-D against spheres in the plane y = 0.25 m of a 3-D box: the same motion, and nothing out of the plane.
+    """2-D against spheres in the plane y = 0.25 m of a 3-D box: the same motion, and nothing out of the
+    plane.
 
     The 2-D spin runs from x to z, which is about -y.
     """

@@ -120,9 +120,9 @@ def test_taylor_green_is_of_second_order_in_space_and_time(vortices):
         assert bool(ok) and float(worst) < 1e-10  # the gate of the divergence in float64, units of U/h
         error.append(rms(state.face_velocity, taylor_green(flow, 0.1)))
     order = np.log2(np.array(error[:-1]) / error[1:])
-    # Asked: 1.9. The limiter flattens extrema, which costs most on the coarsest mesh.
+    # Asked: 1.9. The limiter flattens extrema, a higher-order error that makes the order seem larger.
     print("Taylor-Green", error, order)
-    assert order[-1] >= 1.9
+    assert np.all(order >= 1.9)
     assert error[-1] < 2e-3
 
 
