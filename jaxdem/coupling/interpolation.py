@@ -105,7 +105,9 @@ def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> 
     reach = math.ceil(2.0 * half_width / spacing - 1e-9) + 1
     scaled = position / spacing
     width = half_width / spacing
-    first = jnp.floor(scaled - width).astype(jnp.int32)
+    # Compilers compute this once for the indices and once for the weights. Subtracting before dividing leaves
+    # them no product to fuse with a sum, so that both round alike where the kernel ends on a cell's side.
+    first = jnp.floor((position - half_width) / spacing).astype(jnp.int32)
     columns = first[:, None] + jnp.arange(reach, dtype=jnp.int32)[None]
     # Distances from the first cell, not from the box, keep the digits of positions far from the origin.
     offset = (scaled - first)[:, None] - jnp.arange(reach + 1, dtype=position.dtype)[None]

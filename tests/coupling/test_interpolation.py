@@ -167,7 +167,8 @@ def test_even_particles_give_an_even_solid_fraction(ratio):
     """Spread at a spacing that divides the cell (or, the kernel, at ratios under one), walls included.
 
     With whole numbers of particles per cell, every cell sees the same arrangement, except for the mirror at
-    the walls, which continues the lattice: even to round-off.
+    the walls, which continues the lattice: even to round-off. At ratio 1 the kernel ends exactly on cell sides,
+    where indices and weights, compiled apart, once rounded differently.
     """
     diameter = 0.02
     per_cell = max(1, math.floor(ratio))

@@ -55,7 +55,7 @@ def world(
 ) -> World:  # fmt: skip
     """A world of N particles; positions as float64 rows, split into pairs in float32.
 
-    `rebuild=False` lists all pairs once and for ever, by numpy: a good deal less to compile, and the reference
+    `rebuild=False` lists all pairs once and for ever, by numpy: less to compile, and the reference
     for the search. `skin` counts largest diameters. `precise=False` leaves the low parts of a float32 world
     at zero, as plain float32 would.
     """

@@ -53,7 +53,7 @@ def rolling():
 def test_rolling_friction_decelerates_at_the_closed_form_rate(rolling):
     """a = 5/7 mu_r g for a sphere that rolls without slip under the torque T = mu_r F R.
 
-    m a = f and 2/5 m r^2 (a / r) = T - f r give 7/5 m a = T / r; R* = r at a plane. The arm r - d/2 instead of
+    m a = f and 2/5 m r^2 (a / r) = T - f r give 7/5 m a = T / r; R* = r here. The arm r - d/2 instead of
     r, d/r = 1.6e-3, changes that by under 0.2 %.
     """
     values, time, speed, _ = rolling

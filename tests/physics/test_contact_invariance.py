@@ -16,7 +16,7 @@ SPIN = np.array([[10.0], [-20.0], [5.0], [0.0], [30.0]])
 MATERIAL = constants(young_modulus=5e6, restitution=0.7, friction=0.4)
 GRAVITY = np.array([0.0, -9.81])
 
-# Different orders of summation and other rounding of x: 1e-16 of 0.5 m, grown by some tens in each of the three
+# Different orders of summation and other rounding of x: 1e-16 of 0.5 m, grown by tens in each of the three
 # or four collisions of a particle (measured 8e-12 m). A contact of 1 ms turns an error of place into one of
 # velocity 3e3 times as large, and that into one of spin by 2.5 / r of the smallest disc, some 1e3 times.
 TOLERANCE = 1e-10

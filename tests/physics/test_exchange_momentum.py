@@ -50,7 +50,7 @@ class Suspension:
             precision="float64",
             domain=dict(size=[SIDE, SIDE], depth=DEPTH, gravity=[0.0, 0.0]),
             particles=dict(radius=RADIUS, density=100.0, position=self.lattice.tolist()),
-            contact=dict(young_modulus=1e5, friction=0.4, restitution=0.6, speed=0.3),
+            contact=dict(young_modulus=1e5, friction=0.4, restitution=0.6, speed=0.5),
             fluid=dict(cells=[CELLS, CELLS], viscosity=1e-5, time_step=0.01),
             boundary={side: dict(kind="periodic") for side in ("left", "right", "bottom", "top")},
             coupling=dict(interval=0.01),
@@ -178,7 +178,7 @@ def test_substeps_follow_the_courant_number_and_conserve_momentum(suspension, sp
     error, _, code, worst = suspension.drift(suspension.given(), state, 50)
     assert worst[0] == substeps
     assert error < 1e-10
-    assert code == (Failure.COURANT if speed > 20.0 else 0)
+    assert bool(code & Failure.COURANT) == (speed > 20.0)
 
 
 def test_momentum_without_the_pressure_gradient_on_particles_is_not_conserved(suspension, monkeypatch):
@@ -243,7 +243,7 @@ def test_two_way_settling_slip_is_that_of_the_law(suspension, law, reynolds, rad
     the solid fraction there is, 0.065 or 0.29: the weight is set so that it is known.
     """
     solid = 4 / 3 * np.pi * radius**3 / (SIDE**2 * DEPTH / 36)
-    viscosity = 1e-3 if reynolds < 1 else 1e-5
+    viscosity = {1e-2: 1e-3, 30.0: 1e-5, 3e3: 2e-6}[reynolds]  # for slips under the speed expected, 0.5 m/s
     slip = reynolds * viscosity / ((1 - solid) * 2 * radius)
     mass = 4 / 3 * np.pi * radius**3 * 2650.0
     fluid_mass = 1000.0 * SIDE**2 * DEPTH / 36 * (1 - solid)
