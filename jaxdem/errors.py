@@ -43,6 +43,6 @@ class RunError(JaxdemError):
         super().__init__(f"{reason} ({where}) at t = {time:.6g} s. {remedy}")
 
 
-def _shorten(value: Any, length: int = 80) -> str:
+def _shorten(value: Any, length: int = 300) -> str:
     text = repr(value)
     return text if len(text) <= length else text[: length - 3] + "..."

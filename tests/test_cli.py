@@ -303,6 +303,15 @@ def wait_for(path, process):
         time.sleep(0.05)
 
 
+def wait_for_frames(history, frames, process):
+    """Until the history has its header and a line for each frame."""
+    limit = time.monotonic() + 120
+    while time.monotonic() < limit and process.poll() is None:
+        if len(history.read_text().splitlines()) > frames:
+            return
+        time.sleep(0.05)
+
+
 def stopped(process, out):
     """Exit code of a stopped program, with a checkpoint left and one message that says how to go on."""
     stdout, stderr = process.communicate(timeout=120)
@@ -319,7 +328,8 @@ def test_signals_leave_a_checkpoint_and_their_exit_codes(grains, tmp_path):
     running = {number: start(grains, tmp_path / number.name) for number in codes}
     try:
         for number, process in running.items():
-            wait_for(tmp_path / number.name / "checkpoint.h5", process)
+            wait_for(tmp_path / number.name / "history.csv", process)
+            wait_for_frames(tmp_path / number.name / "history.csv", 2, process)
             process.send_signal(number)
         for number, process in running.items():
             out = tmp_path / number.name
