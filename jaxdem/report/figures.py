@@ -191,7 +191,8 @@ def _plain_log_ticks(axis: Axes) -> None:
         decades = math.log10(limits[1] / limits[0])
         which.set_major_formatter(plain)
         leading = (2.0, 3.0, 5.0) if decades < 1.2 else (2.0, 5.0) if decades < 3.2 else ()
-        which.set_minor_formatter(partial(_minor, leading))
+        # Within half a decade the ticks stand at all kinds of numbers, and every one is written.
+        which.set_minor_formatter(plain if decades < 0.5 else partial(_minor, leading))
 
 
 def _minor(leading: Sequence[float], value: float, _: object) -> str:
