@@ -1,4 +1,8 @@
-"""What is simulated: a validated, immutable description, read from and written to TOML. SI units throughout."""
+"""What is simulated: a validated, immutable description, read from and written to TOML. SI units throughout.
+
+Longer than other modules, so that the keys of the scene file, their defaults, the checks between them and the
+words in which a mistake is answered stand in one place: one cannot be changed without the others in sight.
+"""
 
 from __future__ import annotations
 
