@@ -8,6 +8,7 @@ from jaxdem.build import Simulation, build, initial_state
 from jaxdem.io import load_run
 from jaxdem.rollout import Rollout, rollout
 from jaxdem.simulate import simulate
+from jaxdem.xla import fuse_loops
 
 __all__ = [
     "InputError",
@@ -16,6 +17,7 @@ __all__ = [
     "Scene",
     "Simulation",
     "build",
+    "fuse_loops",
     "initial_state",
     "load_run",
     "load_scene",

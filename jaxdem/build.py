@@ -108,16 +108,23 @@ class Simulation:
             jnp.sqrt(jnp.max(squared, initial=0.0)),
         )
 
+    @property
+    def search(self) -> NeighborSearch:
+        """Builder of the neighbour list of a scene with particles."""
+        assert self.contact is not None and self.contact.search is not None
+        return self.contact.search
+
     def allocate(self, particles: ParticleState) -> Neighbors:
         """A neighbour list with room for these positions; not jittable."""
         position = vectors.components(particles.position)
         low = split_low(particles.position_low, len(position))
-        return self.contact.search.allocate(position, low)  # type: ignore[union-attr]
+        return self.search.allocate(position, low)
 
-    def with_slots(self, state: State, neighbors: Neighbors, slots: int) -> tuple[State, Neighbors]:
-        """State and list with more slots per particle, everything in the old ones as it was; not jittable."""
-        search = self.contact.search  # type: ignore[union-attr]
-        wider = search.allocate(neighbors.reference, neighbors.reference_low, slots)
+    def with_slots(
+        self, state: State, neighbors: Neighbors, slots: int, cell_slots: int
+    ) -> tuple[State, Neighbors]:
+        """State and list with more slots, everything in the old ones as it was; not jittable."""
+        wider = self.search.allocate(neighbors.reference, neighbors.reference_low, slots, cell_slots)
         kept, particles = neighbors.capacity, state.particles
         assert particles is not None
         blank = jnp.zeros((wider.capacity - kept, particles.position.shape[0]), particles.position.dtype)
@@ -189,9 +196,10 @@ def initial_state(
         bare = _initial_particles(scene, dtype)
         neighbors = simulation.allocate(bare)
         count, walls = bare.position.shape[0], len(simulation.contact.model.sides)
+        in_plane = bare.angular_velocity.shape[1]  # a spring has as many components as a spin
         particles = bare._replace(
-            contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * scene.dimension,
-            wall_spring=(jnp.zeros((walls, count), dtype),) * scene.dimension,
+            contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * in_plane,
+            wall_spring=(jnp.zeros((walls, count), dtype),) * in_plane,
         )
     fluid = None
     if scene.fluid is not None and simulation.fluid is not None:

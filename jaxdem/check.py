@@ -147,7 +147,7 @@ def _particle_figures(scene: Scene, simulation: Simulation) -> dict[str, float |
         figures["resting_overlap"] = overlap / (2.0 * radius)
         if scene.precision == "float32":
             # Between two builds of the list a particle moves half a skin at most.
-            moved = 0.5 * simulation.contact.search.geometry.skin
+            moved = 0.5 * simulation.search.geometry.skin
             figures["overlap_resolution"] = FLOAT32_ROUNDING * moved / overlap
     if scene.fluid is not None and scene.fluid.viscosity > 0.0:
         viscosity = scene.fluid.density * scene.fluid.viscosity
@@ -181,11 +181,11 @@ def _parts(
     """Parts of the model that the compiled program has, and those that it has not."""
     parts: list[tuple[str, bool]] = [("particles", simulation.contact is not None)]
     if simulation.contact is not None:
-        model, search = simulation.contact.model, simulation.contact.search
+        model = simulation.contact.model
         parts += [
             (f"contact law {type(model.law).__name__}", True),
             ("rolling friction", model.rolling is not None),
-            ("radius per particle", search.radius.ndim > 0),
+            ("radius per particle", simulation.search.radius.ndim > 0),
             ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
             (f"contact with {len(model.sides)} walls", bool(model.sides)),
             ("positions in pairs of floats", scene.precision == "float32"),

@@ -50,7 +50,7 @@ def estimate_stages(
         "compile": totals.stages["compile"],
     }
     estimated: list[str] = []
-    if neighbors is not None and neighbors.search is not None and particles > WORTH_SPLITTING:
+    if neighbors is not None and neighbors.capacity and particles > WORTH_SPLITTING:
         share = min(_neighbors_time(simulation, state, neighbors) * totals.builds, particles)
         stages |= {"neighbors": share, "contact": particles - share}
         estimated += ["neighbors", "contact"]
@@ -64,13 +64,12 @@ def estimate_stages(
 
 
 def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) -> float:
-    search = simulation.contact.search  # type: ignore[union-attr]
     assert state.particles is not None
     position = vectors.components(state.particles.position)
     low = split_low(state.particles.position_low, len(position))
 
     def rebuild(neighbors: Neighbors, springs: Any, position: Any, low: Any) -> Any:
-        new = search.update(position, low, neighbors)
+        new = simulation.search.update(position, low, neighbors)
         return new, carry_history(springs, neighbors, new)
 
     return _seconds(jax.jit(rebuild), neighbors, state.particles.contact_spring, position, low)

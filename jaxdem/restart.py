@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import jax
@@ -20,14 +19,14 @@ def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) 
 
     Args:
         state: of the simulation.
-        neighbors: its list; jax-md's own search is left out, for it can be made anew from the rest.
+        neighbors: its list.
         extra: name -> number or array, counters of the time loop.
     """
     arrays = _named("state", state)
     if neighbors is not None:
-        arrays |= _named("neighbors", dataclasses.replace(neighbors, search=None))
+        arrays |= _named("neighbors", neighbors)
         arrays["capacity/slots"] = np.asarray(neighbors.capacity)
-        arrays["capacity/cell_slots"] = np.asarray(neighbors.cell_capacity)
+        arrays["capacity/cell_slots"] = np.asarray(neighbors.cell_slots)
     return arrays | {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
 
 
@@ -48,8 +47,8 @@ def from_arrays(
     if template.particles is not None:
         slots = int(_get(arrays, "capacity/slots"))
         particles = template.particles
-        count, dimension = particles.position.shape
-        springs = (jnp.zeros((slots, count), particles.position.dtype),) * dimension
+        count, in_plane = particles.angular_velocity.shape  # a spring has as many components as a spin
+        springs = (jnp.zeros((slots, count), particles.position.dtype),) * in_plane
         template = template._replace(particles=particles._replace(contact_spring=springs))
     state = _restored("state", template, arrays)
     if state.particles is not None:
@@ -59,10 +58,8 @@ def from_arrays(
         low: Any = (None,) * dimension
         if state.particles.position_low is not None:
             low = tuple(jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
-        search = simulation.contact.search  # type: ignore[union-attr]
-        fresh = search.allocate(reference, low, slots, int(_get(arrays, "capacity/cell_slots")))
-        kept = _restored("neighbors", dataclasses.replace(fresh, search=None), arrays)
-        neighbors = dataclasses.replace(kept, search=fresh.search)
+        fresh = simulation.search.allocate(reference, low, slots, int(_get(arrays, "capacity/cell_slots")))
+        neighbors = _restored("neighbors", fresh, arrays)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra
 

@@ -184,10 +184,11 @@ class TimeLoop:
 
     def _enlarge(self) -> None:
         """A neighbour list with half as many slots again; the contact history moves along."""
-        assert self.neighbors is not None and self.state.particles is not None
-        slots = self.neighbors.capacity + max(2, self.neighbors.capacity // 2)
+        old = self.neighbors
+        assert old is not None and self.state.particles is not None
+        slots, cell_slots = (n + max(2, n // 2) for n in (old.capacity, old.cell_slots))
         # The old list is extended rather than rebuilt, so that results do not depend on the capacity.
-        self.state, self.neighbors = self.simulation.with_slots(self.state, self.neighbors, slots)
+        self.state, self.neighbors = self.simulation.with_slots(self.state, old, slots, cell_slots)
         self.totals.resizes += 1
         self._compile()
 

@@ -4,3 +4,4 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.devices()  # from here on `fuse_loops`, which commands call, changes the environment only: gradients compile

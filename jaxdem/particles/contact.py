@@ -48,13 +48,13 @@ class ContactMaterial(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """The state of contacts between a particle and another body.
+    """The state of contacts between a particle and another body; see `tangent` for vectors in the contact plane.
 
     Attributes:
         overlap: positive; where nothing touches an arbitrary small number [m].
         approach_speed: rate of the overlap, positive while approaching, times the part of the step for which
             the bodies touch [m/s].
-        tangential_velocity: velocity of the particle's surface relative to the other's, in the contact plane [m/s].
+        slip: velocity of the particle's surface relative to the other's, in the contact plane [m/s].
         spring: elastic tangential displacement in the contact plane, this step's slip included [m].
         effective_radius: R*, 1/R* = 1/R1 + 1/R2 [m].
         effective_mass: m*, 1/m* = 1/m1 + 1/m2 [kg].
@@ -62,7 +62,7 @@ class Contact(NamedTuple):
 
     overlap: Array
     approach_speed: Array
-    tangential_velocity: Vector
+    slip: Vector
     spring: Vector
     effective_radius: Array
     effective_mass: Array
@@ -117,13 +117,16 @@ class HertzMindlin:
         normal_stiffness = 2.0 * material.effective_young_modulus * root
         tangential_stiffness = 8.0 * material.effective_shear_modulus * root
         factor = 2.0 * jnp.sqrt(5.0 / 6.0) * damping_ratio(material.restitution)
+        normal_damping = factor * jnp.sqrt(normal_stiffness * contact.effective_mass)
+        stiffness_ratio = 4.0 * material.effective_shear_modulus / material.effective_young_modulus
         elastic = (2.0 / 3.0) * normal_stiffness * contact.overlap
-        normal = elastic + factor * contact.approach_speed * jnp.sqrt(
-            normal_stiffness * contact.effective_mass
-        )
-        tangential_damping = factor * jnp.sqrt(tangential_stiffness * contact.effective_mass)
         return _with_coulomb_limit(
-            contact, normal, elastic, tangential_stiffness, tangential_damping, material.friction
+            contact,
+            elastic + normal_damping * contact.approach_speed,
+            elastic,
+            tangential_stiffness,
+            jnp.sqrt(stiffness_ratio) * normal_damping,
+            material.friction,
         )
 
 
@@ -154,16 +157,14 @@ def _with_coulomb_limit(
 ) -> ContactForce:
     """Tangential force -stiffness xi - damping v_t, limited to friction |F_n|; the spring follows the limit."""
     trial = tuple(
-        -stiffness * xi - damping * slip
-        for xi, slip in zip(contact.spring, contact.tangential_velocity, strict=True)
+        -stiffness * xi - damping * slip for xi, slip in zip(contact.spring, contact.slip, strict=True)
     )
-    size_squared = vectors.dot(trial, trial)
-    limit = friction * jnp.abs(normal)
-    slides = size_squared > limit**2
-    ratio = jnp.where(slides, limit / jnp.sqrt(jnp.where(slides, size_squared, 1.0)), 1.0)
+    size, limit = vectors.length(trial), friction * jnp.abs(normal)
+    slides = size > limit
+    ratio = jnp.where(slides, limit / jnp.where(slides, size, 1.0), 1.0)
     tangential = vectors.scale(ratio, trial)
     spring = tuple(
         jnp.where(slides, -(force + damping * slip) / stiffness, xi)
-        for force, slip, xi in zip(tangential, contact.tangential_velocity, contact.spring, strict=True)
+        for force, slip, xi in zip(tangential, contact.slip, contact.spring, strict=True)
     )
     return ContactForce(normal, elastic, tangential, spring)

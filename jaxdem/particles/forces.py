@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
-from jaxdem.particles import vectors, walls
+from jaxdem.particles import tangent, vectors, walls
 from jaxdem.particles.contact import Contact, ContactLaw, ContactMaterial
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
@@ -152,8 +151,7 @@ class _Loop(NamedTuple):
         sums: Sums,
     ) -> tuple[Sums, Vector]:
         """Forces and torques of the contacts in all slots, added to the sums; and their new springs."""
-        radius, own_velocity = _row(self.properties.radius), _rows(self.motion.velocity)
-        own_spin = _rows(self.motion.angular_velocity)
+        radius, own_spin = _row(self.properties.radius), _rows(self.motion.angular_velocity)
         approach = vectors.subtract(_rows(self.mid_velocity), body.mid_velocity)
         approach_speed = -vectors.dot(approach, normal)
         share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
@@ -166,16 +164,16 @@ class _Loop(NamedTuple):
         if body.angular_velocity is not None:
             spin = vectors.add(spin, vectors.scale(body.arm - 0.5 * overlap, body.angular_velocity))
             relative_spin = vectors.subtract(relative_spin, body.angular_velocity)
-        relative = vectors.subtract(own_velocity, body.velocity)
-        separation_rate = vectors.dot(relative, normal)
-        surface = vectors.subtract(relative, vectors.scale(separation_rate, normal))
-        surface = vectors.subtract(surface, vectors.rotate(spin, normal))
-        grown = vectors.add(_into_plane(spring, normal), vectors.scale(self.time_step, surface))
+        relative = vectors.subtract(_rows(self.motion.velocity), body.velocity)
+        slip = vectors.subtract(
+            tangent.part_in_plane(relative, normal), tangent.surface_velocity(spin, normal)
+        )
+        turned = tangent.turned_into_plane(spring, normal)
         contact = Contact(
             overlap=overlap,
             approach_speed=share * approach_speed,
-            tangential_velocity=surface,
-            spring=grown,
+            slip=slip,
+            spring=vectors.add(turned, vectors.scale(self.time_step, slip)),
             effective_radius=body.effective_radius,
             effective_mass=body.effective_mass,
         )
@@ -183,27 +181,24 @@ class _Loop(NamedTuple):
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
         along = jnp.where(touching, result.normal, result.normal - result.elastic)
         across = vectors.where(touching, result.tangential, 0.0)
-        force = vectors.add(vectors.scale(along, normal), across)
-        torque = vectors.scale(-arm, vectors.moment(normal, result.tangential))
+        force = vectors.add(vectors.scale(along, normal), tangent.in_space(across, normal))
+        torque = vectors.scale(-arm, tangent.moment(normal, across))
         if self.model.rolling is not None:
             resistance = self.model.rolling(contact, result, material, relative_spin, self.time_step)
-            torque = vectors.add(torque, resistance)
-        totals = _sum_slots((*force, *vectors.where(touching, torque, 0.0)))
-        dimension = len(force)
-        sums = Sums(vectors.add(sums.force, totals[:dimension]), vectors.add(sums.torque, totals[dimension:]))
+            torque = vectors.add(torque, vectors.where(touching, resistance, 0.0))
+        sums = Sums(
+            vectors.add(sums.force, tuple(_sum_slots(x) for x in force)),
+            vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque)),
+        )
         return sums, vectors.where(touching, result.spring, 0.0)
 
 
-@jax.custom_jvp
-def _sum_slots(arrays: Vector) -> Vector:
-    """Sums of (K, N) arrays over the slots, in one pass: apart, each would compute all contacts again."""
-    zeros = tuple(jnp.zeros((), x.dtype) for x in arrays)
-    return tuple(lax.reduce(arrays, zeros, vectors.add, (0,)))
-
-
-@_sum_slots.defjvp
-def _sum_slots_jvp(primals: tuple[Vector], tangents: tuple[Vector]) -> tuple[Vector, Vector]:
-    return _sum_slots(*primals), tuple(jnp.sum(x, axis=0) for x in tangents[0])
+def _sum_slots(array: Array) -> Array:
+    """Sum of a (K, N) array over the slots, written out: XLA hands a reduction to a library that is slower."""
+    total = array[0]
+    for k in range(1, array.shape[0]):
+        total = total + array[k]
+    return total
 
 
 def _row(quantity: Array) -> Array:
@@ -240,20 +235,11 @@ def _pair_geometry(neighbors: Neighbors, displacement: Vector, radius_sum: Array
     distance = vectors.safe_sqrt(vectors.dot(separation, separation))
     apart = distance > 0
     distance = jnp.where(apart, distance, 1.0)
+    inverse = 1.0 / distance
     growth = vectors.dot(change, vectors.add(initial, separation))
     initial_distance = radius_sum - neighbors.overlap
     overlap = neighbors.overlap - growth / (distance + initial_distance)
     # Coincident centres have no direction: they part along the first axis, the lower index backwards.
     own = jnp.arange(other.shape[1], dtype=other.dtype)[None]
-    first = jnp.where(apart, separation[0] / distance, jnp.where(own < other, -1.0, 1.0))
-    return overlap, (first.astype(distance.dtype), *(x / distance for x in separation[1:]))
-
-
-def _into_plane(spring: Vector, normal: Vector) -> Vector:
-    """The spring turned into the present contact plane: its part in the plane, with its old length."""
-    along = vectors.dot(spring, normal)
-    flat = vectors.subtract(spring, vectors.scale(along, normal))
-    before, after = vectors.dot(spring, spring), vectors.dot(flat, flat)
-    stretched = after > 0
-    ratio = jnp.where(stretched, before / jnp.where(stretched, after, 1.0), 1.0)
-    return vectors.scale(jnp.sqrt(ratio), flat)
+    first = jnp.where(apart, separation[0] * inverse, jnp.where(own < other, -1.0, 1.0))
+    return overlap, (first.astype(distance.dtype), *(x * inverse for x in separation[1:]))

@@ -27,14 +27,14 @@ class ContactInterval(NamedTuple):
 
     Attributes:
         model: contact laws and walls.
-        search: builder of the neighbour list.
+        search: builder of the neighbour list; without one the list that is given serves for good.
         steps: number of contact steps.
         reversible: loops that reverse-mode differentiation can run backwards. Without it the loop skips
             what the interval does not need, and is faster; the numbers are the same.
     """
 
     model: ContactModel
-    search: NeighborSearch
+    search: NeighborSearch | None
     steps: int
     reversible: bool
 
@@ -133,10 +133,17 @@ def _fast_loop(
 
     def stretch(both: tuple[_Carry, Neighbors]) -> tuple[_Carry, Neighbors]:
         carry, neighbors = _with_list_in_date(interval, time_step, *both)
-        carry = lax.while_loop(
-            lambda c: (c.step < interval.steps) & ~_stale(interval, time_step, c, neighbors),
-            lambda c: step(c, neighbors),
-            carry,
+
+        # Whether the list covers the next step is found at the end of a step, beside its last drift: in the
+        # condition of the loop the positions would be read again.
+        def step_on(going: tuple[_Carry, Array]) -> tuple[_Carry, Array]:
+            carry = step(going[0], neighbors)
+            return carry, _stale(interval, time_step, carry, neighbors)
+
+        carry, _ = lax.while_loop(
+            lambda going: (going[0].step < interval.steps) & ~going[1],
+            step_on,
+            (carry, jnp.zeros((), bool)),
         )
         return carry, neighbors
 
@@ -145,7 +152,8 @@ def _fast_loop(
 
 def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors) -> Array:
     """() bool: the list does not cover the coming step, up to its end."""
-    if neighbors.search is None:  # nothing to list, so never out of date: the loop would wait for it for ever
+    # A list of nothing is never out of date: the loop would wait for it for ever.
+    if interval.search is None or neighbors.capacity == 0:
         return jnp.zeros((), bool)
     motion = drift(carry.motion, time_step)
     displacement = displacement_since_build(motion.position, motion.low, neighbors)
@@ -157,14 +165,16 @@ def _with_list_in_date(
 ) -> tuple[_Carry, Neighbors]:
     """The list rebuilt if it is stale, and the springs moved to its slots."""
 
+    search = interval.search
+    if search is None or neighbors.capacity == 0:
+        return carry, neighbors
+
     def rebuild(carry: _Carry, neighbors: Neighbors) -> tuple[_Carry, Neighbors]:
         # Where `_stale` looks: the new list is in date whatever the speed, and the loop goes on.
         motion = drift(carry.motion, time_step)
-        new = interval.search.update(motion.position, motion.low, neighbors)
+        new = search.update(motion.position, motion.low, neighbors)
         springs = carry_history(carry.motion.contact_spring, neighbors, new)
         return carry._replace(motion=carry.motion._replace(contact_spring=springs)), new
 
-    if neighbors.search is None:
-        return carry, neighbors
     stale = _stale(interval, time_step, carry, neighbors)
     return lax.cond(stale, rebuild, lambda c, n: (c, n), carry, neighbors)

@@ -1,8 +1,9 @@
 """Neighbour list: who may touch whom, and where the pair stood when the list was made.
 
-The list is jax-md's dense list (allocated outside jit, updated inside). Beside each index it keeps the
-separation and the overlap of the pair at the build, computed in pairs of floats; a contact step only adds
-the change of distance since then, so that float32 resolves overlaps of a nanometre in a box of metres.
+The list is jax-md's dense list: allocated by jax-md outside jit, and updated inside by `cells`, which finds the
+same pairs faster. Beside each index it keeps the separation and the overlap of the pair at the build, computed
+in pairs of floats; a contact step only adds the change of distance since then, so that float32 resolves
+overlaps of a nanometre in a box of metres.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import importlib.machinery
+import math
 import sys
 import types
 from typing import Any, NamedTuple
@@ -20,6 +22,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.particles import compensated, vectors
+from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.compensated import Low
 from jaxdem.particles.vectors import Vector
 
@@ -59,7 +62,7 @@ class Neighbors:
         reference_low: D arrays (N,), trailing part, or Nones in float64.
         overflow: () bool, a particle had more neighbours than slots; the list is then incomplete.
         builds: () int32, number of builds so far.
-        search: jax-md's own list, with its capacities.
+        cell_slots: room for particles in a cell of the search; static.
     """
 
     index: Array
@@ -69,17 +72,12 @@ class Neighbors:
     reference_low: tuple[Low, ...]
     overflow: Array
     builds: Array
-    search: Any
+    cell_slots: int = dataclasses.field(metadata={"static": True})
 
     @property
     def capacity(self) -> int:
-        """Number of slots per particle."""
+        """Number of slots per particle; 0 where there is nothing to list."""
         return self.index.shape[0]
-
-    @property
-    def cell_capacity(self) -> int:
-        """Number of slots per cell of jax-md's search, 0 where it has no cells."""
-        return 0 if self.search is None else self.search.cell_list_capacity or 0
 
 
 def wrap(displacement: Array, geometry: NeighborGeometry) -> Array:
@@ -107,19 +105,13 @@ def out_of_date(displacement: Vector, geometry: NeighborGeometry) -> Array:
 class NeighborSearch:
     """Allocates and updates `Neighbors` for one geometry and one particle number.
 
-    The radius is one number or (N,); a single particle and no particle at all are handled without jax-md.
+    The radius is one number or (N,); a single particle and no particle at all have no slots.
     """
 
     def __init__(self, geometry: NeighborGeometry, radius: Array):
         self.geometry = geometry
         self.radius = radius
-        # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.
-        reach = geometry.cutoff + geometry.skin
-        self._margin = np.where(geometry.periodic, 0.0, 2.0 * reach)
-        self._side = np.maximum(
-            np.asarray(geometry.box) + 2.0 * self._margin, np.where(geometry.periodic, 0.0, 3.5 * reach)
-        )
-        self._functions = None
+        self._grid = CellGrid(geometry.box, geometry.periodic, geometry.cutoff + geometry.skin)
 
     def allocate(
         self, position: Vector, low: tuple[Low, ...], slots: int = 0, cell_slots: int | None = None
@@ -130,48 +122,47 @@ class NeighborSearch:
             position: D arrays (N,), leading parts [m]; must be finite.
             low: D arrays (N,) or Nones, trailing parts.
             slots: smallest number of slots per particle.
-            cell_slots: capacity of jax-md's cells; then `slots` is exact too. A resumed run asks for the
+            cell_slots: room in a cell of the search; then `slots` is exact too. A resumed run asks for the
                 capacities that it had, so that it compiles and computes the same.
         """
-        search = None
-        if position[0].shape[0] > 1:
-            search = self._allocated(position, 0)
-            usual = min(USUAL_SLOTS[len(position)], position[0].shape[0] - 1)
-            missing = max(slots, usual) - search.idx.shape[1]
-            if missing > 0:
-                search = self._allocated(position, missing)
-            if cell_slots is not None:
-                search = dataclasses.replace(
-                    search,
-                    idx=search.idx[:, :slots],
-                    max_occupancy=slots,
-                    cell_list_capacity=cell_slots or None,
-                )
-        return self._complete(search, position, low, jnp.zeros((), bool), jnp.ones((), jnp.int32))
+        count = position[0].shape[0]
+        if count < 2:
+            slots = 0
+        elif cell_slots is None:
+            slots = max(slots, self._slots_of_jax_md(position), min(USUAL_SLOTS[len(position)], count - 1))
+        if cell_slots is None:
+            crowd = max(
+                self._grid.largest_occupancy(position), self._grid.dense_occupancy(self.geometry.cutoff)
+            )
+            cell_slots = math.ceil(EXTRA_CAPACITY * crowd)
+        # As one program: outside of jit every operation would be compiled by itself.
+        built = jax.jit(self._built, static_argnums=(2, 3))
+        return built(position, low, slots, cell_slots, jnp.zeros((), bool), jnp.ones((), jnp.int32))
 
     def update(self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors) -> Neighbors:
         """The list rebuilt at these positions; jittable, capacities unchanged, overflow flagged."""
         position, low = lax.stop_gradient((position, low))
-        search, overflow = neighbors.search, neighbors.overflow
-        if search is not None:
-            with jax.numpy_rank_promotion("allow"):  # jax-md relies on it
-                search = search.update(self._shifted(position))
-            overflow = overflow | (search.did_buffer_overflow != 0)
-        return self._complete(search, position, low, overflow, neighbors.builds + 1)
+        return self._built(
+            position, low, neighbors.capacity, neighbors.cell_slots, neighbors.overflow, neighbors.builds + 1
+        )
 
-    def _complete(
-        self, search: Any, position: Vector, low: tuple[Low, ...], overflow: Array, builds: Array
+    def _built(
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        slots: int,
+        cell_slots: int,
+        overflow: Array,
+        builds: Array,
     ) -> Neighbors:
-        if search is None:
+        if slots == 0:
             nothing = jnp.zeros((0, *position[0].shape), position[0].dtype)
-            index = nothing.astype(jnp.int32)
-            separation = (nothing,) * len(position)
-            return Neighbors(index, separation, nothing, position, low, overflow, builds, None)
-        own = jnp.arange(position[0].shape[0], dtype=jnp.int32)
-        listed = search.idx.T
-        index = jnp.where(listed < own.shape[0], listed, own[None])
-        separation, overlap = self._pair_geometry(index, position, low)
-        return Neighbors(index, separation, overlap, position, low, overflow, builds, search)
+            index, separation, overlap = nothing.astype(jnp.int32), (nothing,) * len(position), nothing
+        else:
+            index, crowded = neighbors_in_cells(self._grid, position, slots, cell_slots)
+            overflow = overflow | crowded
+            separation, overlap = self._pair_geometry(index, position, low)
+        return Neighbors(index, separation, overlap, position, low, overflow, builds, cell_slots)
 
     def _pair_geometry(self, other: Array, position: Vector, low: tuple[Low, ...]) -> tuple[Vector, Array]:
         """Separation, D arrays (K, N), and overlap (K, N) of all pairs."""
@@ -193,33 +184,31 @@ class NeighborSearch:
         pairs[0] = (jnp.where(empty, far, pairs[0][0]), first_low)
         return tuple(high for high, _ in pairs), compensated.overlap_of_spheres(tuple(pairs), radius_sum)
 
-    def _shifted(self, position: Vector) -> Array:
-        stacked = vectors.stack(position)
-        box = jnp.asarray(self.geometry.box, stacked.dtype)[None]
-        wrapped = jnp.where(jnp.asarray(self.geometry.periodic)[None], jnp.mod(stacked, box), stacked)
-        return wrapped + jnp.asarray(self._margin, stacked.dtype)[None]
+    def _slots_of_jax_md(self, position: Vector) -> int:
+        """Room for neighbours that jax-md allocates at these positions."""
+        partition, geometry = _import_partition(), self.geometry
+        reach = self._grid.reach
+        # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.
+        margin = np.where(geometry.periodic, 0.0, 2.0 * reach)
+        side = np.maximum(
+            np.asarray(geometry.box) + 2.0 * margin, np.where(geometry.periodic, 0.0, 3.5 * reach)
+        )
 
-    def _allocated(self, position: Vector, extra: int) -> Any:
-        with jax.numpy_rank_promotion("allow"):
-            return self._jax_md().allocate(self._shifted(position), extra_capacity=extra)
+        def displacement(a: Array, b: Array, **unused: Any) -> Array:  # jax-md passes a time
+            return wrap(a - b, geometry)
 
-    def _jax_md(self) -> Any:
-        if self._functions is None:
-            partition = _import_partition()
-            geometry, side = self.geometry, np.asarray(self._side)
-
-            def displacement(a: Array, b: Array, **unused: Any) -> Array:  # jax-md passes a time
-                return wrap(a - b, geometry)
-
-            self._functions = partition.neighbor_list(
+        stacked = np.stack([np.asarray(x) for x in position], axis=1)
+        inside = np.where(geometry.periodic, np.mod(stacked, np.asarray(geometry.box)), stacked) + margin
+        with jax.numpy_rank_promotion("allow"):  # jax-md relies on it
+            functions = partition.neighbor_list(
                 displacement,
                 side,
-                geometry.cutoff + geometry.skin,
+                reach,
                 dr_threshold=0.0,  # the time loop decides when to rebuild
                 capacity_multiplier=EXTRA_CAPACITY,
                 format=partition.NeighborListFormat.Dense,
             )
-        return self._functions
+            return functions.allocate(jnp.asarray(inside, position[0].dtype)).idx.shape[1]
 
 
 def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:

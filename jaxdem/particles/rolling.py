@@ -49,7 +49,7 @@ class ConstantDirectionalTorque:
         time_step: Array,
     ) -> Vector:
         """See `RollingFriction`."""
-        rate = vectors.safe_sqrt(vectors.dot(relative_angular_velocity, relative_angular_velocity))
+        rate = vectors.length(relative_angular_velocity)
         stopping = 0.4 * contact.effective_mass * contact.effective_radius**2 / time_step
         full = material.rolling_friction * force.elastic * contact.effective_radius
         turning = rate > 0

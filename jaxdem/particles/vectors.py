@@ -77,6 +77,11 @@ def safe_sqrt(squared: Array) -> Array:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
+def length(a: Vector) -> Array:
+    """Euclidean norm, with gradient zero at zero."""
+    return jnp.abs(a[0]) if len(a) == 1 else safe_sqrt(dot(a, a))
+
+
 def angular_size(dimension: int) -> int:
     """Number of components of an angular quantity: 1 in 2-D, 3 in 3-D."""
     return 1 if dimension == 2 else 3

@@ -107,7 +107,7 @@ def test_gradients_are_finite_and_right(law, overlap, restitution):
     overlap."""
 
     def total(d, slip, e, mu):
-        force = law(contact(1.0)._replace(overlap=d, tangential_velocity=(slip, slip)), material()._replace(
+        force = law(contact(1.0)._replace(overlap=d, slip=(slip, slip)), material()._replace(
             restitution=e, friction=mu))  # fmt: skip
         return jnp.sum(force.normal + force.tangential[0] + force.tangential[1])
 

@@ -42,8 +42,8 @@ def loads(scene, position, modulus):
     low = (position - high).astype(np.float32)
     state = scene.state._replace(position=jnp.asarray(high), position_low=jnp.asarray(low))
     moved = scene._replace(constants=constants(jnp.float32, young_modulus=modulus), state=state)
-    # jax-md's own list plays no part here, and its static fields would compile anew for every box.
-    moved = moved._replace(neighbors=dataclasses.replace(scene.neighbors, search=None))
+    # The room in a cell plays no part here, and would compile anew for every box.
+    moved = moved._replace(neighbors=dataclasses.replace(scene.neighbors, cell_slots=0))
     return np.asarray(compiled(scene.neighbors.capacity)(tuple(moved[1:])))
 
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxdem.particles import vectors
 from jaxdem.particles.contact import HertzMindlin
 from jaxdem.particles.forces import ContactModel, contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
@@ -87,15 +88,15 @@ def world(
     else:
         neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
     state = state._replace(
-        contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * dimension,
-        wall_spring=(jnp.zeros((len(model.sides), count), dtype),) * dimension,
+        contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * vectors.angular_size(dimension),
+        wall_spring=(jnp.zeros((len(model.sides), count), dtype),) * vectors.angular_size(dimension),
     )
     gravity = jnp.zeros(dimension, dtype) if gravity is None else jnp.asarray(gravity, dtype)
     still = (jnp.zeros(dimension, dtype),) * len(model.sides)
     if wall_velocity is not None:
         still = tuple(jnp.asarray(v, dtype) for v in wall_velocity)
     return World(
-        ContactInterval(model, search, 1, False),
+        ContactInterval(model, search if rebuild else None, 1, False),
         material or constants(dtype),
         ParticleProperties(jnp.asarray(radius, dtype), jnp.asarray(density, dtype)),
         state, neighbors, gravity, still,
@@ -117,7 +118,7 @@ def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
         jnp.asarray(others, jnp.int32),
         tuple(jnp.asarray(difference[..., k], dtype) for k in range(dimension)),
         jnp.asarray(overlap, dtype),
-        motion.position, motion.low, jnp.zeros((), bool), jnp.ones((), jnp.int32), None,
+        motion.position, motion.low, jnp.zeros((), bool), jnp.ones((), jnp.int32), 0,
     )  # fmt: skip
 
 
