@@ -4,6 +4,7 @@ A closure maps `DragInputs` to `Drag`; see `jaxdem.closures.base`.
 """
 
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.closures.beetstra import Beetstra
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.di_felice import DiFeliceDallavalle
 from jaxdem.closures.ergun import Ergun
@@ -13,13 +14,16 @@ from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.koch_hill import KochHill
 from jaxdem.closures.network import ACTIVATIONS, PaperNetwork
 from jaxdem.closures.registry import DRAG_LAWS, drag_law, drag_law_name
+from jaxdem.closures.rong import Rong
 from jaxdem.closures.schiller_naumann import SchillerNaumann
 from jaxdem.closures.stokes import Stokes
+from jaxdem.closures.tang import Tang
 from jaxdem.closures.wen_yu import WenYu
 
 __all__ = [
     "ACTIVATIONS",
     "DRAG_LAWS",
+    "Beetstra",
     "Correlation",
     "DiFeliceDallavalle",
     "Drag",
@@ -31,8 +35,10 @@ __all__ = [
     "InvariantClosure",
     "KochHill",
     "PaperNetwork",
+    "Rong",
     "SchillerNaumann",
     "Stokes",
+    "Tang",
     "WenYu",
     "drag_law",
     "drag_law_name",

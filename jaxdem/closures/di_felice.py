@@ -28,8 +28,17 @@ class DiFeliceDallavalle(Correlation):
 
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
         """F(s, Re) = (0.63 sqrt(Re) + 4.8)^2 / 24 g^(1 - chi) [-]."""
-        moving = reynolds > 0
-        root = jnp.where(moving, jnp.sqrt(jnp.where(moving, reynolds, 1.0)), 0.0)
-        logarithm = jnp.log10(jnp.maximum(reynolds, SMALLEST_LOG_REYNOLDS))
-        chi = 3.7 - 0.65 * jnp.exp(-0.5 * (1.5 - logarithm) ** 2)
-        return (0.63 * root + 4.8) ** 2 / 24.0 * (1.0 - solid_fraction) ** (1.0 - chi)
+        chi = 3.7 - 0.65 * jnp.exp(-0.5 * (1.5 - log_reynolds(reynolds)) ** 2)
+        return single_sphere_drag(reynolds) * (1.0 - solid_fraction) ** (1.0 - chi)
+
+
+def single_sphere_drag(reynolds: Array) -> Array:
+    """Dallavalle's Cd Re / 24 = (0.63 sqrt(Re) + 4.8)^2 / 24 [-]."""
+    moving = reynolds > 0
+    root = jnp.where(moving, jnp.sqrt(jnp.where(moving, reynolds, 1.0)), 0.0)
+    return (0.63 * root + 4.8) ** 2 / 24.0
+
+
+def log_reynolds(reynolds: Array) -> Array:
+    """log10(Re), bounded below where the exponents do not depend on it any more [-]."""
+    return jnp.log10(jnp.maximum(reynolds, SMALLEST_LOG_REYNOLDS))

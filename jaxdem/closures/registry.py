@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from jaxdem.closures.beetstra import Beetstra
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.di_felice import DiFeliceDallavalle
 from jaxdem.closures.ergun import Ergun
 from jaxdem.closures.gidaspow import Gidaspow, GidaspowBlended
 from jaxdem.closures.koch_hill import KochHill
+from jaxdem.closures.rong import Rong
 from jaxdem.closures.schiller_naumann import SchillerNaumann
 from jaxdem.closures.stokes import Stokes
+from jaxdem.closures.tang import Tang
 from jaxdem.closures.wen_yu import WenYu
 from jaxdem.errors import InputError
 
@@ -21,6 +24,9 @@ DRAG_LAWS: dict[str, type[Correlation]] = {
     "gidaspow_blended": GidaspowBlended,
     "di_felice": DiFeliceDallavalle,
     "koch_hill": KochHill,
+    "beetstra": Beetstra,
+    "tang": Tang,
+    "rong": Rong,
 }
 """Scene name (`coupling.drag`) to correlation."""
 

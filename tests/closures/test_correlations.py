@@ -121,6 +121,35 @@ def koch_hill(slip, s):
     return exchange_force(beta, slip, s)
 
 
+def superficial(slip, s):
+    return (1 - s) * slip, (1 - s) * DENSITY * slip * DIAMETER / VISCOSITY
+
+
+def creeping_arrays(s):
+    return 10 * s / (1 - s) ** 2 + (1 - s) ** 2 * (1 + 1.5 * math.sqrt(s))
+
+
+def beetstra(slip, s):
+    velocity, re = superficial(slip, s)
+    inertial = 0.413 * re / (24 * (1 - s) ** 2) * (1 / (1 - s) + 3 * s * (1 - s) + 8.4 * re**-0.343)
+    inertial /= 1 + 10 ** (3 * s) * re ** (-(1 + 4 * s) / 2)
+    return 3 * math.pi * VISCOSITY * DIAMETER * velocity * (creeping_arrays(s) + inertial)
+
+
+def tang(slip, s):
+    velocity, re = superficial(slip, s)
+    factor = 0.11 * s * (1 + s) - 0.00456 / (1 - s) ** 4
+    factor += (0.169 * (1 - s) + 0.0644 / (1 - s) ** 4) * re**-0.343
+    return 3 * math.pi * VISCOSITY * DIAMETER * velocity * (creeping_arrays(s) + max(factor, 0) * re)
+
+
+def rong(slip, s):
+    g, (velocity, re) = 1 - s, superficial(slip, s)
+    chi = 2.65 * (g + 1) - (5.3 - 3.5 * g) * g**2 * math.exp(-((1.5 - math.log10(re)) ** 2) / 2)
+    coefficient = (0.63 + 4.8 / math.sqrt(re)) ** 2
+    return cross_section_force(coefficient, velocity) * g**-chi
+
+
 LITERATURE = {
     "stokes": stokes,
     "schiller_naumann": schiller_naumann,
@@ -130,6 +159,9 @@ LITERATURE = {
     "gidaspow_blended": gidaspow_blended,
     "di_felice": di_felice,
     "koch_hill": koch_hill,
+    "beetstra": beetstra,
+    "tang": tang,
+    "rong": rong,
 }
 
 

@@ -220,6 +220,28 @@ def _blended(s, re):
     return (1 - weight) * _ergun(s, re) + weight * _wen_yu(s, re)
 
 
+def _creeping(s):
+    return 10 * s / (1 - s) ** 2 + (1 - s) ** 2 * (1 + 1.5 * np.sqrt(s))
+
+
+def _beetstra(s, re):
+    bracket = 1 / (1 - s) + 3 * s * (1 - s) + 8.4 * re**-0.343
+    inertial = 0.413 * re / 24 / (1 - s) ** 2 * bracket / (1 + 10 ** (3 * s) * re ** (-0.5 - 2 * s))
+    return (1 - s) * (_creeping(s) + inertial)
+
+
+def _tang(s, re):
+    slope = 0.169 * (1 - s) + 0.0644 / (1 - s) ** 4
+    inertial = 0.11 * s * (1 + s) - 0.00456 / (1 - s) ** 4 + slope * re**-0.343
+    return (1 - s) * (_creeping(s) + inertial * re)
+
+
+def _rong(s, re):
+    g = 1 - s
+    chi = 2.65 * (g + 1) - (5.3 - 3.5 * g) * g**2 * np.exp(-((1.5 - np.log10(re)) ** 2) / 2)
+    return (0.63 + 4.8 / np.sqrt(re)) ** 2 * re / 24 * g ** (1 - chi)
+
+
 # F(s, Re), written from the papers once more in plain numpy, and the range (s, Re) it is tried in.
 PLAIN = {
     "stokes": (lambda s, re: 1.0, (0.004,), (1e-3,)),
@@ -230,6 +252,9 @@ PLAIN = {
     "gidaspow_blended": (_blended, (0.15, 0.25), (1e-3, 30.0, 1e4)),
     "di_felice": (_di_felice, (0.004, 0.45), (1e-2, 30.0, 1e4)),
     "koch_hill": (_koch_hill, (0.004, 0.3, 0.45), (1e-3, 30.0, 1e4)),
+    "beetstra": (_beetstra, (0.15, 0.45), (1e-3, 30.0, 1e3)),
+    "tang": (_tang, (0.15, 0.45), (1e-3, 30.0, 1e3)),
+    "rong": (_rong, (0.15, 0.45), (1e-2, 30.0, 3e3)),
 }
 
 
