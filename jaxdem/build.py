@@ -30,13 +30,14 @@ from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.materials import ContactParameters
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
-from jaxdem.particles.rolling import ConstantDirectionalTorque
+from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
 from jaxdem.particles.walls import box_sides
 from jaxdem.scene import Contact, Scene
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 from jaxdem.time_steps import TimeSteps, time_steps
 
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
+ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
 ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
 
 
@@ -162,7 +163,9 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
     if scene.particles is not None and scene.contact is not None:
         geometry = neighbor_geometry(scene, float(np.max(radius)))
         search = NeighborSearch(geometry, jnp.asarray(radius, dtype))
-        rolling = ConstantDirectionalTorque() if scene.contact.rolling_friction > 0.0 else None
+        rolling = (
+            ROLLING_MODELS[scene.contact.rolling_model]() if scene.contact.rolling_friction > 0.0 else None
+        )
         model = ContactModel(
             CONTACT_LAWS[scene.contact.law](), rolling, box_sides(scene.domain.size, scene.periodic)
         )
@@ -196,10 +199,10 @@ def initial_state(
         bare = _initial_particles(scene, dtype)
         neighbors = simulation.allocate(bare)
         count, walls = bare.position.shape[0], len(simulation.contact.model.sides)
-        in_plane = bare.angular_velocity.shape[1]  # a spring has as many components as a spin
+        kept = simulation.contact.model.history_size(scene.dimension)
         particles = bare._replace(
-            contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * in_plane,
-            wall_spring=(jnp.zeros((walls, count), dtype),) * in_plane,
+            contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * kept,
+            wall_spring=(jnp.zeros((walls, count), dtype),) * kept,
         )
     fluid = None
     if scene.fluid is not None and simulation.fluid is not None:

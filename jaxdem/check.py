@@ -185,6 +185,7 @@ def _parts(
         parts += [
             (f"contact law {type(model.law).__name__}", True),
             ("rolling friction", model.rolling is not None),
+            ("rolling springs", model.rolling is not None and model.rolling.has_spring),
             ("radius per particle", simulation.search.radius.ndim > 0),
             ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
             (f"contact with {len(model.sides)} walls", bool(model.sides)),

@@ -47,8 +47,8 @@ def from_arrays(
     if template.particles is not None:
         slots = int(_get(arrays, "capacity/slots"))
         particles = template.particles
-        count, in_plane = particles.angular_velocity.shape  # a spring has as many components as a spin
-        springs = (jnp.zeros((slots, count), particles.position.dtype),) * in_plane
+        blank = jnp.zeros((slots, particles.position.shape[0]), particles.position.dtype)
+        springs = (blank,) * len(particles.contact_spring)
         template = template._replace(particles=particles._replace(contact_spring=springs))
     state = _restored("state", template, arrays)
     if state.particles is not None:

@@ -128,7 +128,9 @@ class Contact(Section):
         poisson_ratio: [-].
         restitution: rebound over approach speed [-].
         friction: Coulomb coefficient [-].
-        rolling_friction: coefficient of the constant directional torque; 0 leaves it out [-].
+        rolling_friction: coefficient of rolling friction; 0 leaves it out [-].
+        rolling_model: "cdt" (constant directional torque) or "epsd" (elastic-plastic spring and dashpot).
+        rolling_damping: of the spring of epsd, over critical [-].
         wall_young_modulus: "rigid", or [Pa]; the particles' when not given.
         wall_poisson_ratio: the particles' when not given [-].
         wall_friction: the particles' when not given [-].
@@ -147,6 +149,8 @@ class Contact(Section):
     restitution: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.7
     friction: NonNegative = 0.5
     rolling_friction: NonNegative = 0.0
+    rolling_model: Literal["cdt", "epsd"] = "cdt"
+    rolling_damping: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.3
     wall_young_modulus: Positive | Literal["rigid"] | None = None
     wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] | None = None
     wall_friction: NonNegative | None = None

@@ -34,6 +34,7 @@ class ContactMaterial(NamedTuple):
         restitution: rebound over approach speed [-].
         friction: Coulomb coefficient [-].
         rolling_friction: rolling resistance coefficient [-].
+        rolling_damping: of the rolling spring over critical [-].
         normal_stiffness: spring of the linear law [N/m].
         tangential_stiffness: tangential spring of the linear law [N/m].
     """
@@ -43,6 +44,7 @@ class ContactMaterial(NamedTuple):
     restitution: Array
     friction: Array
     rolling_friction: Array
+    rolling_damping: Array
     normal_stiffness: Array
     tangential_stiffness: Array
 
@@ -58,6 +60,7 @@ class Contact(NamedTuple):
         spring: elastic tangential displacement in the contact plane, this step's slip included [m].
         effective_radius: R*, 1/R* = 1/R1 + 1/R2 [m].
         effective_mass: m*, 1/m* = 1/m1 + 1/m2 [kg].
+        rolling_inertia: of the bodies about their point of contact, 1/I = 1/(7/5 m1 r1^2) + 1/(7/5 m2 r2^2) [kg m2].
     """
 
     overlap: Array
@@ -66,6 +69,7 @@ class Contact(NamedTuple):
     spring: Vector
     effective_radius: Array
     effective_mass: Array
+    rolling_inertia: Array
 
 
 class ContactForce(NamedTuple):

@@ -28,6 +28,11 @@ class ContactModel(NamedTuple):
     rolling: RollingFriction | None
     sides: tuple[walls.BoxSide, ...]
 
+    def history_size(self, dimension: int) -> int:
+        """Number of components that a contact keeps: the tangential spring, then the rolling spring if any."""
+        springs = 2 if self.rolling is not None and self.rolling.has_spring else 1
+        return springs * vectors.angular_size(dimension)
+
 
 class Surroundings(NamedTuple):
     """Materials of the contacts; traced.
@@ -59,6 +64,7 @@ class _Body(NamedTuple):
     angular_velocity: Vector | None
     effective_radius: Array
     effective_mass: Array
+    rolling_inertia: Array
 
 
 def contact_forces(
@@ -119,6 +125,7 @@ class _Loop(NamedTuple):
             angular_velocity=tuple(x[other] for x in motion.angular_velocity),
             effective_radius=_row(radius) * other_radius / (_row(radius) + other_radius),
             effective_mass=_row(mass) * other_mass / (_row(mass) + other_mass),
+            rolling_inertia=1.4 / (1.0 / (_row(mass * radius**2)) + 1.0 / (other_mass * other_radius**2)),
         )
         return self._add(self.surroundings.pair, body, overlap, normal, motion.contact_spring, sums)
 
@@ -137,6 +144,7 @@ class _Loop(NamedTuple):
             angular_velocity=None,
             effective_radius=_row(radius),
             effective_mass=_row(self.properties.mass),
+            rolling_inertia=1.4 * _row(self.properties.mass * radius**2),
         )
         normal = walls.wall_normals(sides, overlap.dtype, len(motion.position))
         return self._add(self.surroundings.wall, body, overlap, normal, motion.wall_spring, sums)
@@ -168,6 +176,9 @@ class _Loop(NamedTuple):
         slip = vectors.subtract(
             tangent.part_in_plane(relative, normal), tangent.surface_velocity(spin, normal)
         )
+        in_plane = vectors.angular_size(len(normal))
+        spring, rolling_spring = spring[:in_plane], spring[in_plane:]
+        kept: Vector = ()
         turned = tangent.turned_into_plane(spring, normal)
         contact = Contact(
             overlap=overlap,
@@ -176,6 +187,7 @@ class _Loop(NamedTuple):
             spring=vectors.add(turned, vectors.scale(self.time_step, slip)),
             effective_radius=body.effective_radius,
             effective_mass=body.effective_mass,
+            rolling_inertia=body.rolling_inertia,
         )
         result = self.model.law(contact, material)
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
@@ -184,13 +196,15 @@ class _Loop(NamedTuple):
         force = vectors.add(vectors.scale(along, normal), tangent.in_space(across, normal))
         torque = vectors.scale(-arm, tangent.moment(normal, across))
         if self.model.rolling is not None:
-            resistance = self.model.rolling(contact, result, material, relative_spin, self.time_step)
+            resistance, kept = self.model.rolling(
+                contact, result, material, normal, relative_spin, rolling_spring, self.time_step
+            )
             torque = vectors.add(torque, vectors.where(touching, resistance, 0.0))
         sums = Sums(
             vectors.add(sums.force, tuple(_sum_slots(x) for x in force)),
             vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque)),
         )
-        return sums, vectors.where(touching, result.spring, 0.0)
+        return sums, vectors.where(touching, (*result.spring, *kept), 0.0)
 
 
 def _sum_slots(array: Array) -> Array:

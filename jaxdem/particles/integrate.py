@@ -21,7 +21,8 @@ class ParticleState(NamedTuple):
         velocity: (N, D) [m/s].
         angular_velocity: (N, A) [rad/s].
         contact_spring: elastic tangential displacement of the pairs in K slots, (K, N) for every component that
-            a vector in the contact plane has (1 in 2-D, 3 in 3-D, see `tangent`) [m].
+            a vector in the contact plane has (1 in 2-D, 3 in 3-D, see `tangent`) [m]; then as many of the torque
+            of the rolling spring, if rolling friction has one [N m].
         wall_spring: the same at the S walls, arrays (S, N) [m].
         contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].

@@ -19,6 +19,7 @@ class ContactParameters(NamedTuple):
         restitution: [-].
         friction: between particles [-].
         rolling_friction: [-].
+        rolling_damping: of the rolling spring over critical [-].
         wall_young_modulus: infinite for a rigid wall [Pa].
         wall_poisson_ratio: [-].
         wall_friction: between particles and walls [-].
@@ -31,6 +32,7 @@ class ContactParameters(NamedTuple):
     restitution: Array
     friction: Array
     rolling_friction: Array
+    rolling_damping: Array
     wall_young_modulus: Array
     wall_poisson_ratio: Array
     wall_friction: Array
@@ -51,6 +53,7 @@ def surroundings(parameters: ContactParameters, wall_velocity: tuple[Array, ...]
     shared = {
         "restitution": parameters.restitution,
         "rolling_friction": parameters.rolling_friction,
+        "rolling_damping": parameters.rolling_damping,
         "normal_stiffness": parameters.normal_stiffness,
         "tangential_stiffness": parameters.tangential_stiffness,
     }

@@ -8,23 +8,40 @@ from typing import Protocol
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.particles import vectors
+from jaxdem.particles import tangent, vectors
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
 from jaxdem.particles.vectors import Vector
 
 
 class RollingFriction(Protocol):
-    """A model of rolling friction."""
+    """A model of rolling friction; immutable, without numbers."""
+
+    @property
+    def has_spring(self) -> bool:
+        """Whether contacts keep a torque from step to step."""
+        ...
 
     def __call__(
         self,
         contact: Contact,
         force: ContactForce,
         material: ContactMaterial,
-        relative_angular_velocity: Vector,
+        normal: Vector,
+        spin: Vector,
+        spring: Vector,
         time_step: Array,
-    ) -> Vector:
-        """Torque on the particle [N m]."""
+    ) -> tuple[Vector, Vector]:
+        """Torque on the particle [N m], and the torque that the contact keeps.
+
+        Args:
+            contact: geometry and history.
+            force: of the contact law.
+            material: numbers.
+            normal: unit vector towards the particle.
+            spin: angular velocity relative to the other body [rad/s].
+            spring: torque kept from the step before; () without a spring [N m].
+            time_step: [s].
+        """
         ...
 
 
@@ -40,18 +57,62 @@ class ConstantDirectionalTorque:
     Source: J. Ai et al., Powder Technol. 206 (2011) 269-282, eq. 8.
     """
 
+    has_spring = False
+
     def __call__(
         self,
         contact: Contact,
         force: ContactForce,
         material: ContactMaterial,
-        relative_angular_velocity: Vector,
+        normal: Vector,
+        spin: Vector,
+        spring: Vector,
         time_step: Array,
-    ) -> Vector:
+    ) -> tuple[Vector, Vector]:
         """See `RollingFriction`."""
-        rate = vectors.length(relative_angular_velocity)
+        rate = vectors.length(spin)
         stopping = 0.4 * contact.effective_mass * contact.effective_radius**2 / time_step
         full = material.rolling_friction * force.elastic * contact.effective_radius
         turning = rate > 0
         coefficient = jnp.minimum(stopping, full / jnp.where(turning, rate, 1.0))
-        return vectors.scale(-jnp.where(turning, coefficient, stopping), relative_angular_velocity)
+        return vectors.scale(-jnp.where(turning, coefficient, stopping), spin), ()
+
+
+@dataclasses.dataclass(frozen=True)
+class ElasticPlasticSpringDashpot:
+    """A rolling spring that yields, and a dashpot that acts while it does not (EPSD, model C of Ai et al.).
+
+    T = T_k + T_d: T_k grows by -k_r w dt and is cut back to |T_k| <= mu_r R* F_e; T_d = -C_r w while T_k is
+    below that limit and 0 at it; k_r = 9/4 mu_r^2 R*^2 F_e / d, d the overlap, and
+    C_r = 2 eta_r sqrt(I k_r) with the rolling inertia I of the contact. A grain comes to rest, and stays at rest
+    on a slope with tan(a) < mu_r. In 3-D w is the relative rotation in the contact plane: twisting is free.
+
+    Source: J. Ai et al., Powder Technol. 206 (2011) 269-282, eqs 12-19, with k_r = 9/4 k_n (mu_r R*)^2 after
+    M. J. Jiang et al., Comput. Geotech. 32 (2005) 340-357; k_n is the secant stiffness F_e / d.
+    """
+
+    has_spring = True
+
+    def __call__(
+        self,
+        contact: Contact,
+        force: ContactForce,
+        material: ContactMaterial,
+        normal: Vector,
+        spin: Vector,
+        spring: Vector,
+        time_step: Array,
+    ) -> tuple[Vector, Vector]:
+        """See `RollingFriction`."""
+        rolling = tangent.rolling_part(spin, normal)
+        arm = material.rolling_friction * contact.effective_radius
+        stiffness = 2.25 * arm**2 * force.elastic / contact.overlap
+        turned = tangent.turned_into_plane(spring, normal)
+        trial = vectors.subtract(turned, vectors.scale(stiffness * time_step, rolling))
+        size, limit = vectors.length(trial), arm * force.elastic
+        yields = size > limit
+        kept = vectors.scale(jnp.where(yields, limit / jnp.where(yields, size, 1.0), 1.0), trial)
+        positive = stiffness > 0
+        critical = 2.0 * jnp.sqrt(jnp.where(positive, stiffness * contact.rolling_inertia, 1.0))
+        damping = jnp.where(positive & ~yields, material.rolling_damping * critical, 0.0)
+        return vectors.subtract(kept, vectors.scale(damping, rolling)), kept

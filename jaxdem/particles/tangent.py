@@ -31,6 +31,11 @@ def in_space(tangential: Vector, normal: Vector) -> Vector:
     return tangential
 
 
+def rolling_part(spin: Vector, normal: Vector) -> Vector:
+    """The part of an angular velocity that rolls: all of it in 2-D, without the twist about the normal in 3-D."""
+    return spin if len(normal) == 2 else part_in_plane(spin, normal)
+
+
 def moment(normal: Vector, tangential: Vector) -> Vector:
     """normal x tangential: the torque of a tangential force on an arm of length one along the normal."""
     return tangential if len(normal) == 2 else vectors.cross(normal, tangential)

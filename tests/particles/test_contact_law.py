@@ -20,14 +20,14 @@ ROUND = 1e-13  # a few operations in float64
 
 
 def material(restitution=1.0, friction=0.5, kn=1e4, kt=3e3):
-    values = (E, G, restitution, friction, 0.0, kn, kt)
+    values = (E, G, restitution, friction, 0.0, 0.0, kn, kt)
     return ContactMaterial(*(jnp.asarray(value, jnp.float64) for value in values))
 
 
 def contact(overlap, approach=0.0, slip=(0.0, 0.0), spring=(0.0, 0.0)):
     arrays = (jnp.asarray([x], jnp.float64) for x in (overlap, approach))
     slip, spring = (tuple(jnp.asarray([x], jnp.float64) for x in v) for v in (slip, spring))
-    return Contact(*arrays, slip, spring, jnp.asarray([RADIUS]), jnp.asarray([MASS]))
+    return Contact(*arrays, slip, spring, jnp.asarray([RADIUS]), jnp.asarray([MASS]), jnp.asarray([1e-6]))
 
 
 @pytest.mark.parametrize("overlap", [1e-9, 1e-6, 1e-4, 1e-3])

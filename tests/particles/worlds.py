@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxdem.particles import vectors
 from jaxdem.particles.contact import HertzMindlin
 from jaxdem.particles.forces import ContactModel, contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
@@ -20,6 +19,7 @@ from jaxdem.particles.walls import box_sides
 
 DEFAULTS = {
     "young_modulus": 1e7, "poisson_ratio": 0.3, "restitution": 1.0, "friction": 0.0, "rolling_friction": 0.0,
+    "rolling_damping": 0.3,
     "wall_young_modulus": None, "wall_poisson_ratio": None, "wall_friction": None,
     "normal_stiffness": 1e4, "tangential_stiffness": 2e4 / 7,
 }  # fmt: skip
@@ -88,8 +88,8 @@ def world(
     else:
         neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
     state = state._replace(
-        contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * vectors.angular_size(dimension),
-        wall_spring=(jnp.zeros((len(model.sides), count), dtype),) * vectors.angular_size(dimension),
+        contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * model.history_size(dimension),
+        wall_spring=(jnp.zeros((len(model.sides), count), dtype),) * model.history_size(dimension),
     )
     gravity = jnp.zeros(dimension, dtype) if gravity is None else jnp.asarray(gravity, dtype)
     still = (jnp.zeros(dimension, dtype),) * len(model.sides)
