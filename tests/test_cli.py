@@ -220,7 +220,9 @@ def test_check_prints_what_a_user_decides_by(grains):
 def test_check_of_grains_alone_has_no_fluid(grains):
     text = " ".join(invoke("check", grains).stdout.split())
     assert "Courant" not in text
-    assert "left out rolling friction, rolling springs, radius per particle, density per particle, fluid" in text
+    assert (
+        "left out rolling friction, rolling springs, radius per particle, density per particle, fluid" in text
+    )
 
 
 def test_float64_is_set_before_building(grains, monkeypatch):
