@@ -13,8 +13,9 @@ from jax import Array
 
 from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragClosure
+from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.exchange import FluidInterval
-from jaxdem.coupling.interpolation import KernelWidth, kernel_weights
+from jaxdem.coupling.interpolation import KernelWidth
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
@@ -110,6 +111,13 @@ class Simulation:
         )
 
     @property
+    def half_width(self) -> tuple[float, ...] | None:
+        """How far a particle reaches in the deposition, along every axis; None without an exchange [m]."""
+        if self.fluid is None or self.fluid.deposition is None:
+            return None
+        return self.fluid.deposition.half_width
+
+    @property
     def search(self) -> NeighborSearch:
         """Builder of the neighbour list of a scene with particles."""
         assert self.contact is not None and self.contact.search is not None
@@ -172,14 +180,14 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
         solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), scene.fluid.viscosity > 0.0)
-        half_width = None
+        deposition = None
         if scene.coupling is not None:
-            half_width = _half_width(scene, grid, 2.0 * float(np.max(radius)))
+            deposition = _deposition(scene, grid, 2.0 * float(np.max(radius)))
             if closure is None and scene.closure.file is not None:
                 closure = load_closure(scene.closure.file)[0]
             law = drag_law(scene) if closure is None else None
         fluid = FluidInterval(
-            solver, half_width, steps.interval, steps.fluid_substeps, scene.fluid.courant_limit, False
+            solver, deposition, steps.interval, steps.fluid_substeps, scene.fluid.courant_limit, False
         )
     simulation = Simulation(steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law)
     return simulation, _parameters(scene, radius, density, closure, dtype)
@@ -267,8 +275,12 @@ def _boundary(scene: Scene) -> Boundary:
     return Boundary(tuple(sides))
 
 
-def _half_width(scene: Scene, grid: Grid, diameter: float) -> tuple[float, ...]:
+def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
     assert scene.coupling is not None
+    if scene.coupling.void_fraction == "centre":
+        return Centre((0.0,) * grid.dimension)
+    if scene.coupling.void_fraction == "divided":
+        return Divided((0.5 * diameter,) * grid.dimension)
     width = scene.coupling.kernel_width
     half_width = KernelWidth(width.diameters, width.cells).half_widths(grid, diameter)
     for axis, (half, length) in enumerate(zip(half_width, grid.size, strict=True)):
@@ -280,7 +292,7 @@ def _half_width(scene: Scene, grid: Grid, diameter: float) -> tuple[float, ...]:
                 f"the kernel spans {2.0 * half:.4g} m of a periodic side of {length:.4g} m",
                 "narrow the kernel, or use more cells along that side",
             )
-    return half_width
+    return Kernel(half_width) if scene.coupling.void_fraction == "kernel" else Diffusion(half_width)
 
 
 def _bodies(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -350,8 +362,8 @@ def _initial_fluid(
     velocity = scene.fluid.velocity or (0.0,) * grid.dimension
     faces = tuple(jnp.full(grid.face_shape(axis), velocity[axis], dtype) for axis in range(grid.dimension))
     void_fraction = None
-    if particles is not None and parameters.bodies is not None and fluid.half_width is not None:
-        weights = kernel_weights(grid, fluid.half_width, particles.position)
+    if particles is not None and parameters.bodies is not None and fluid.deposition is not None:
+        weights = fluid.deposition.weights(grid, particles.position, parameters.bodies.radius)
         void_fraction = 1.0 - solid_fraction(grid, weights, parameters.bodies.volume)
         lowest = float(jnp.min(void_fraction))
         if lowest < MINIMUM_VOID_FRACTION:

@@ -12,7 +12,6 @@ import numpy as np
 
 from jaxdem import stability
 from jaxdem.build import Simulation, build, initial_state
-from jaxdem.coupling.interpolation import kernel_weights
 from jaxdem.scene import Scene
 from jaxdem.simulate import samples_every
 from jaxdem.state import Parameters, State
@@ -105,7 +104,7 @@ def check_scene(scene: Scene) -> CheckReport:
         cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter)
         if spacing and diameter
         else None,
-        kernel_half_width=None if fluid is None else fluid.half_width,
+        kernel_half_width=simulation.half_width,
         void_fraction=None if void is None else (float(jnp.min(void)), float(jnp.mean(void))),
         time_steps=time_steps,
         limits=dict(steps.limits),
@@ -161,11 +160,9 @@ def _memory(simulation: Simulation, state: State, neighbors: Any) -> dict[str, i
     fluid = simulation.fluid
     memory["fluid"] = _bytes(state.fluid)
     memory["kernel weights"] = 0
-    if fluid is not None and fluid.half_width is not None and state.particles is not None:
-        half_width = fluid.half_width
-        shapes = jax.eval_shape(
-            lambda x: kernel_weights(fluid.solver.grid, half_width, x), state.particles.position
-        )
+    if fluid is not None and fluid.deposition is not None and state.particles is not None:
+        grid, deposition, radius = fluid.solver.grid, fluid.deposition, simulation.search.radius
+        shapes = jax.eval_shape(lambda x: deposition.weights(grid, x, radius), state.particles.position)
         memory["kernel weights"] = sum(math.prod(s.shape) * s.dtype.itemsize for s in jax.tree.leaves(shapes))
     memory = {name: size for name, size in memory.items() if size}
     return memory | {"total while running": WORKING_COPIES * sum(memory.values())}
@@ -197,9 +194,9 @@ def _parts(
         parts += [
             (f"advection {type(solver.advection).__name__}", True),
             ("viscous stress", solver.viscous),
-            ("coupling of particles and fluid", simulation.fluid.half_width is not None),
+            ("coupling of particles and fluid", simulation.fluid.deposition is not None),
         ]
-    if simulation.fluid is not None and simulation.fluid.half_width is not None:
+    if simulation.fluid is not None and simulation.fluid.deposition is not None:
         closure = parameters.closure
         parts.append((f"drag law {type(simulation.drag_law).__name__}", simulation.drag_law is not None))
         learned = f"learned drag {type(closure).__name__}" if closure is not None else "learned drag"

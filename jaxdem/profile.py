@@ -10,7 +10,7 @@ import jax
 
 from jaxdem.build import Simulation
 from jaxdem.coupling.forces import drag_inputs
-from jaxdem.coupling.interpolation import deposit_on_faces, kernel_weights
+from jaxdem.coupling.interpolation import deposit_on_faces
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.particles import vectors
@@ -77,16 +77,16 @@ def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) 
 
 def _exchange_times(simulation: Simulation, parameters: Parameters, state: State) -> tuple[float, float]:
     """Seconds of one drag evaluation, and of one round of weights, deposit and interpolation."""
-    assert simulation.fluid is not None and simulation.fluid.half_width is not None
+    assert simulation.fluid is not None and simulation.fluid.deposition is not None
     assert state.particles is not None and state.fluid is not None
     interval, fluid, bodies = simulation.fluid, parameters.fluid, parameters.bodies
-    half_width = simulation.fluid.half_width
+    deposition = simulation.fluid.deposition
     assert fluid is not None and bodies is not None
     grid, boundary = interval.solver.grid, interval.solver.boundary
 
     def round_trip(state: State) -> Any:
         assert state.particles is not None and state.fluid is not None
-        weights = kernel_weights(grid, half_width, state.particles.position)
+        weights = deposition.weights(grid, state.particles.position, bodies.radius)
         solids = solid_fraction(grid, weights, bodies.volume)
         slope = pressure_gradient(grid, boundary, state.fluid.pressure, continued=True)
         inputs = drag_inputs(

@@ -200,7 +200,7 @@ def sample_of(before: State, after: State, forces: FluidForces, volume: np.ndarr
 def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
     """Constants that a reader of samples.h5 needs."""
     assert scene.fluid is not None and scene.coupling is not None and scene.particles is not None
-    assert simulation.fluid is not None and simulation.fluid.half_width is not None
+    assert simulation.fluid is not None and simulation.fluid.deposition is not None
     return {
         "drag": scene.coupling.drag,
         "closure": scene.closure.file or "",
@@ -209,7 +209,7 @@ def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
         "cells": np.asarray(scene.fluid.cells),
         "size": np.asarray(scene.domain.size),
         "depth": scene.domain.depth or 1.0,
-        "kernel_half_width": np.asarray(simulation.fluid.half_width),
+        "kernel_half_width": np.asarray(simulation.fluid.deposition.half_width),
         "kernel_diameters": scene.coupling.kernel_width.diameters,
         "kernel_cells": scene.coupling.kernel_width.cells,
         "radius": np.asarray(scene.particles.radius, float),
@@ -267,7 +267,7 @@ def run_summary(
             "solver_iterations_max": totals.iterations,
         },
         "fastest_particle": totals.fastest,
-        "kernel_half_width": None if simulation.fluid is None else simulation.fluid.half_width,
+        "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
         "closure": {
             "file": scene.closure.file,

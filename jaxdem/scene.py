@@ -238,13 +238,15 @@ class Coupling(Section):
 
     Attributes:
         drag: name of the drag law.
-        void_fraction: "kernel".
-        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples.
+        void_fraction: how particles are spread over the cells: "kernel" (triangular, smooth), "centre", "divided"
+            or "diffusion" (divided, then smoothed).
+        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples; of
+            diffusion, of the triangle with the variance of its Gaussian.
         interval: time between exchanges, "auto" (the fluid step) or [s].
     """
 
     drag: str = "koch_hill"
-    void_fraction: Literal["kernel"] = "kernel"
+    void_fraction: Literal["kernel", "centre", "divided", "diffusion"] = "kernel"
     kernel_width: Width = Width()
     interval: Positive | Literal["auto"] = "auto"
 

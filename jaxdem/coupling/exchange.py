@@ -21,12 +21,12 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.forces import drag_inputs
 from jaxdem.coupling.interpolation import (
     Weights,
     deposit_on_faces,
     interpolate_faces,
-    kernel_weights,
 )
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.grid import face_total
@@ -97,7 +97,7 @@ class FluidInterval:
 
     Attributes:
         solver: of the fluid.
-        half_width: of the kernel [m], None without particles.
+        deposition: of the particles on the cells, None without particles.
         duration: of the interval [s].
         substeps: smallest number of fluid steps.
         courant_limit: a fluid step is cut until its Courant number is under this.
@@ -105,7 +105,7 @@ class FluidInterval:
     """
 
     solver: FluidSolver
-    half_width: tuple[float, ...] | None
+    deposition: Deposition | None
     duration: float
     substeps: int
     courant_limit: float
@@ -163,7 +163,8 @@ def exchange(
         time: [s].
     """
     grid = interval.solver.grid
-    weights = kernel_weights(grid, interval.half_width, particles.position)
+    assert interval.deposition is not None
+    weights = interval.deposition.weights(grid, particles.position, bodies.radius)
     solids = solid_fraction(grid, weights, bodies.volume)
     drag, inputs = _drag(interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids)
     count, courant, viscous = _choose_substeps(interval, properties, fluid)

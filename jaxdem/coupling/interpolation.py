@@ -1,6 +1,6 @@
 """Weights between particles and cells: deposit and interpolation are adjoint, faces go by way of the cells.
 
-A particle's content is spread by a triangular kernel of half-width w per axis,
+By default a particle's content is spread by a triangular kernel of half-width w per axis,
     k(x) = (1 - |x|/w) / w,  |x| <= w,
 integrated exactly over every cell it reaches. What falls beyond a wall is mirrored into the box, beyond a
 periodic side it re-enters; so the weights of a particle always add up to one, and volume is conserved at
@@ -43,10 +43,13 @@ class Weights(NamedTuple):
     Attributes:
         index: (N, S) int32 flat cell index.
         weight: (N, S), each row adds up to one [-].
+        smoothing: a symmetric matrix for every axis, which fields are multiplied by after a deposit and before an
+            interpolation; None for none [-].
     """
 
     index: Array  # type: ignore[assignment]
     weight: Array
+    smoothing: tuple[Array, ...] | None = None
 
 
 def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -> Weights:
@@ -72,16 +75,25 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
     return Weights(jnp.stack(index, axis=1), jnp.stack(weight, axis=1))
 
 
+def point_weights(grid: Grid, points: Array) -> Weights:
+    """Weights of particles that are P points of equal weight each, (N, P, D) [m]; P = 1: the cell of the centre."""
+    flat: Any = 0
+    for axis in range(grid.dimension):
+        cell = jnp.floor(points[..., axis] / grid.spacing[axis]).astype(jnp.int32)
+        flat = flat * grid.cells[axis] + _into_box(cell, grid.cells[axis], grid.periodic[axis])
+    return Weights(flat, jnp.full(flat.shape, 1.0 / flat.shape[1], points.dtype))
+
+
 def deposit(grid: Grid, weights: Weights, quantity: Array) -> Array:
     """Particle quantities (N,) spread over the cells: sum_p w_pc q_p, in the unit of the quantity."""
     flat = jnp.zeros(math.prod(grid.cells), quantity.dtype)
     spread = flat.at[weights.index].add(weights.weight * quantity[:, None], mode="promise_in_bounds")
-    return spread.reshape(grid.cells)
+    return _smoothed(weights, spread.reshape(grid.cells))
 
 
 def interpolate(weights: Weights, cells: tuple[Array, ...]) -> Array:
     """Cell fields at the particles, sum_c w_pc f_c: (N, number of fields)."""
-    table = jnp.stack([c.reshape(-1) for c in cells], axis=1)
+    table = jnp.stack([_smoothed(weights, c).reshape(-1) for c in cells], axis=1)
     return jnp.einsum("ns,nsk->nk", weights.weight, table[weights.index])
 
 
@@ -97,6 +109,12 @@ def deposit_on_faces(grid: Grid, weights: Weights, quantity: Array) -> FaceField
 def interpolate_faces(weights: Weights, faces: FaceField) -> Array:
     """A face field at the particles, (N, D): the adjoint of `deposit_on_faces`."""
     return interpolate(weights, cell_average(faces))
+
+
+def _smoothed(weights: Weights, field: Array) -> Array:
+    for axis, matrix in enumerate(weights.smoothing or ()):
+        field = jnp.moveaxis(jnp.tensordot(matrix, field, axes=(1, axis)), 0, axis)
+    return field
 
 
 def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from jax import Array
 
 from jaxdem.build import Simulation, build
 from jaxdem.coupling.forces import drag_inputs
-from jaxdem.coupling.interpolation import interpolate_faces, kernel_weights
+from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.fluid.diffusion import stress_divergence
@@ -126,22 +126,22 @@ class _CoarseView:
     def group(self, collected: list[dict[str, np.ndarray]]) -> dict[str, Any]:
         """The samples of all times, one after the other, with the group's attributes."""
         arrays = {name: np.concatenate([rows[name] for rows in collected]) for name in collected[0]}
-        assert self.simulation.fluid is not None and self.simulation.fluid.half_width is not None
+        assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
         return arrays | {
             "filter_size": self.coarse.filter_size,
-            "kernel_width": float(np.mean(self.simulation.fluid.half_width)),
+            "kernel_width": float(np.mean(self.simulation.fluid.deposition.half_width)),
         }
 
     def _seen(
         self, flux: tuple[Array, ...], pressure: Array, position: Array, velocity: Array, time: Array
     ) -> dict[str, Array]:
         """Inputs of the drag law on the coarse mesh, and the force that this mesh applies by itself."""
-        assert self.simulation.fluid is not None and self.simulation.fluid.half_width is not None
+        assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
         bodies, fluid = self.parameters.bodies, self.parameters.fluid
         assert bodies is not None and fluid is not None
         solver = self.simulation.fluid.solver
         dtype = position.dtype
-        weights = kernel_weights(self.coarse, self.simulation.fluid.half_width, position)
+        weights = self.simulation.fluid.deposition.weights(self.coarse, position, bodies.radius)
         solids = solid_fraction(self.coarse, weights, bodies.volume)
         fractions = face_average(self.coarse, 1.0 - solids)
         faces = tuple(f.astype(dtype) / g for f, g in zip(flux, fractions, strict=True))

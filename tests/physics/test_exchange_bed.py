@@ -102,7 +102,9 @@ class Column:
         properties = self.parameters.fluid._replace(
             viscosity=number(viscosity), side_velocity=tuple(number(v) for v in side)
         )
-        weights = kernel_weights(self.interval.solver.grid, self.interval.half_width, number(self.position))
+        weights = kernel_weights(
+            self.interval.solver.grid, self.interval.deposition.half_width, number(self.position)
+        )
         solids = exchange_module.solid_fraction(self.interval.solver.grid, weights, bodies.volume)
         fluid = self.start.fluid._replace(void_fraction=1.0 - solids)
         fluid, speeds, forces, good = (run or self.jitted)(

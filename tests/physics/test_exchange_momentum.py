@@ -100,7 +100,7 @@ class Suspension:
         velocity = jnp.broadcast_to(number(velocity), position.shape)
         shapes = [self.grid.face_shape(a) for a in range(2)]
         faces = tuple(jnp.broadcast_to(number(u), s) for u, s in zip(fluid, shapes, strict=True))
-        weights = kernel_weights(self.grid, self.simulation.fluid.half_width, position)
+        weights = kernel_weights(self.grid, self.simulation.fluid.deposition.half_width, position)
         volume = number(4 / 3 * np.pi * radius**3)
         solids = exchange_module.solid_fraction(self.grid, weights, volume)
         return self.start._replace(
@@ -282,7 +282,7 @@ def test_viscous_force_in_a_shear_wave(suspension):
     parameters = suspension.given(viscosity=viscosity, drag=0.0)
     state = suspension.state(position, fluid=(0.0, 0.01 * np.tile(wave[:, None], (1, CELLS + 1))))
     _, code, forces, _ = suspension.run(parameters, state, 1)
-    weights = kernel_weights(suspension.grid, suspension.simulation.fluid.half_width, position)
+    weights = kernel_weights(suspension.grid, suspension.simulation.fluid.deposition.half_width, position)
     cell = np.repeat(wave, CELLS)[np.asarray(weights.index)]
     seen = 0.01 * np.sum(np.asarray(weights.weight) * cell, axis=1)
     volume = float(parameters.bodies.volume)
