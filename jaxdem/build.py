@@ -168,7 +168,8 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
         )
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
-        solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), scene.fluid.viscosity > 0.0)
+        viscous = scene.fluid.viscosity > 0.0 or scene.fluid.smagorinsky > 0.0
+        solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), viscous)
         half_width = None
         if scene.coupling is not None:
             half_width = _half_width(scene, grid, 2.0 * float(np.max(radius)))
@@ -305,7 +306,10 @@ def _parameters(
             jnp.asarray(scene.boundary[name].velocity or (0.0,) * scene.dimension, dtype)
             for name in scene.sides
         )
-        fluid = FluidProperties(number(scene.fluid.density), number(scene.fluid.viscosity), velocity)
+        coefficient = number(scene.fluid.smagorinsky) if scene.fluid.smagorinsky > 0.0 else None
+        fluid = FluidProperties(
+            number(scene.fluid.density), number(scene.fluid.viscosity), velocity, coefficient
+        )
     if scene.coupling is not None:
         drag_scale = number(1.0)
     return Parameters(jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure)

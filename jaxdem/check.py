@@ -191,11 +191,12 @@ def _parts(
             ("positions in pairs of floats", scene.precision == "float32"),
         ]
     parts.append(("fluid", simulation.fluid is not None))
-    if simulation.fluid is not None:
+    if simulation.fluid is not None and parameters.fluid is not None:
         solver = simulation.fluid.solver
         parts += [
             (f"advection {type(solver.advection).__name__}", True),
             ("viscous stress", solver.viscous),
+            ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
             ("coupling of particles and fluid", simulation.fluid.half_width is not None),
         ]
     if simulation.fluid is not None and simulation.fluid.half_width is not None:

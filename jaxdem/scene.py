@@ -165,6 +165,7 @@ class Fluid(Section):
         cells: number of cells per axis.
         density: [kg/m3].
         viscosity: kinematic [m2/s].
+        smagorinsky: coefficient of the subgrid viscosity, 0.1 to 0.2 usually; 0 leaves it out [-].
         time_step: "auto" (Courant number 0.5 at the largest boundary speed), or [s].
         advection: "limited" (second order, van Leer) or "upwind" (first order).
         courant_limit: a fluid step is halved, up to three times, until its Courant number is under this [-].
@@ -176,6 +177,7 @@ class Fluid(Section):
     )
     density: Positive = 1000.0
     viscosity: NonNegative = 1e-6
+    smagorinsky: Annotated[float, Field(ge=0.0, le=1.0, strict=True), AfterValidator(_sensible)] = 0.0
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "upwind"] = "limited"
     courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7

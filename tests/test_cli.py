@@ -217,6 +217,19 @@ def test_check_prints_what_a_user_decides_by(grains):
         assert words in text, words
 
 
+def test_check_names_the_options_of_the_fluid(grains):
+    fluid = ("--set", "fluid.cells=[4, 4]")
+
+    def parts(*options):
+        return " ".join(invoke("check", grains, *fluid, *options).stdout.split()).split("left out")
+
+    for words, *options in (("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),):
+        compiled, left_out = parts()
+        assert words in left_out and words not in compiled
+        compiled, left_out = parts(*options)
+        assert words in compiled and words not in left_out
+
+
 def test_check_of_grains_alone_has_no_fluid(grains):
     text = " ".join(invoke("check", grains).stdout.split())
     assert "Courant" not in text

@@ -44,7 +44,8 @@ class FluidDiagnostics(NamedTuple):
     Attributes:
         substeps: number of fluid steps taken.
         courant: largest sum over the axes of |u| t / h of a fluid step.
-        viscous: viscosity number nu t sum(1/h^2) of a fluid step; explicit stress is stable up to 0.5.
+        viscous: viscosity number nu t sum(1/h^2) of a fluid step with the largest nu, molecular and subgrid;
+            explicit stress is stable up to 0.5.
         iterations: of the pressure solver, most of any step.
         divergence: largest after projection, in units of U/h.
         converged: bool, every pressure solve reached its tolerance.
@@ -116,7 +117,7 @@ def advance_fluid(
     interval: FluidInterval, properties: FluidProperties, state: FluidState, time: Array
 ) -> tuple[FluidState, FluidDiagnostics]:
     """A fluid without particles advanced by one interval."""
-    count, courant, viscous = _choose_substeps(interval, properties, state)
+    count, courant, viscous = _choose_substeps(interval, properties, state, time)
     step = jnp.asarray(interval.duration, state.pressure.dtype) / count
 
     def substep(state: FluidState, k: Array) -> tuple[FluidState, tuple[Array, Array, Array]]:
@@ -166,7 +167,7 @@ def exchange(
     weights = kernel_weights(grid, interval.half_width, particles.position)
     solids = solid_fraction(grid, weights, bodies.volume)
     drag, inputs = _drag(interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids)
-    count, courant, viscous = _choose_substeps(interval, properties, fluid)
+    count, courant, viscous = _choose_substeps(interval, properties, fluid, time)
     step = jnp.asarray(interval.duration, solids.dtype) / count
     grip = step * drag.coefficient
     response = grip / (1.0 + grip / bodies.mass)
@@ -341,7 +342,7 @@ def _substeps(interval: FluidInterval, count: Array, substep, carry):  # type: i
 
 
 def _choose_substeps(
-    interval: FluidInterval, properties: FluidProperties, state: FluidState
+    interval: FluidInterval, properties: FluidProperties, state: FluidState, time: Array
 ) -> tuple[Array, Array, Array]:
     """Number of fluid steps, Courant number and viscosity number of the whole interval."""
     grid, dtype = interval.solver.grid, state.pressure.dtype
@@ -352,8 +353,10 @@ def _choose_substeps(
         if side.kind == "inlet" and state.void_fraction is None:
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
     courant = interval.duration * jnp.sum(jnp.stack(speeds))
-    viscous = interval.duration * properties.viscosity * sum(1.0 / h**2 for h in grid.spacing)
-    viscous = jnp.asarray(viscous if interval.solver.viscous else 0.0, dtype)
+    viscous = jnp.zeros((), dtype)
+    if interval.solver.viscous:
+        largest = interval.solver.largest_viscosity(properties, state.face_velocity, time)
+        viscous = jnp.asarray(interval.duration * largest * sum(1.0 / h**2 for h in grid.spacing), dtype)
     needed = jnp.maximum(courant / interval.courant_limit, viscous / VISCOUS_LIMIT)
     needed = lax.stop_gradient(jnp.maximum(needed, interval.substeps))
     choices = jnp.asarray(SUBSTEPS)

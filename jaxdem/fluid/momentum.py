@@ -19,7 +19,7 @@ from jax import Array
 
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, set_normal_velocity
-from jaxdem.fluid.diffusion import stress_divergence
+from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
@@ -30,6 +30,7 @@ from jaxdem.fluid.grid import (
     face_control_volume,
 )
 from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
+from jaxdem.fluid.subgrid import eddy_viscosity
 
 
 class FluidState(NamedTuple):
@@ -53,11 +54,13 @@ class FluidProperties(NamedTuple):
         density: () [kg/m3].
         viscosity: () kinematic [m2/s].
         side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall [m/s].
+        smagorinsky: () coefficient of the subgrid viscosity; None compiles none [-].
     """
 
     density: Array
     viscosity: Array
     side_velocity: tuple[Array, ...]
+    smagorinsky: Array | None = None
 
 
 class FaceExchange(NamedTuple):
@@ -96,7 +99,7 @@ class FluidSolver:
         grid: the mesh.
         boundary: its sides.
         advection: reconstruction of advected momentum.
-        viscous: whether the viscosity is not zero; an inviscid scene compiles no stress.
+        viscous: whether there is a viscosity, molecular or subgrid; an inviscid scene compiles no stress.
     """
 
     grid: Grid
@@ -171,6 +174,19 @@ class FluidSolver:
             _mean(first_stress, second_stress),
         )
 
+    def largest_viscosity(self, properties: FluidProperties, velocity: FaceField, time: Array) -> Array:
+        """() largest kinematic viscosity, molecular and subgrid, for the limit of the explicit stress [m2/s].
+
+        Args:
+            properties: viscosity, coefficient of the subgrid viscosity, boundary velocities.
+            velocity: on the faces [m/s].
+            time: [s].
+        """
+        if properties.smagorinsky is None:
+            return properties.viscosity
+        rates = strain_rates(self.grid, self.boundary, properties.side_velocity, velocity, time)
+        return properties.viscosity + jnp.max(eddy_viscosity(self.grid, rates, properties.smagorinsky))
+
     def _exchange_terms(
         self,
         properties: FluidProperties,
@@ -201,7 +217,9 @@ class FluidSolver:
         rates = advection(*args, self.advection, properties.side_velocity, flux, velocity, time)
         if not self.viscous:
             return rates, tuple(jnp.zeros_like(u) for u in velocity)
-        stress = stress_divergence(*args, properties.side_velocity, velocity, properties.viscosity, time)
+        stress = stress_divergence(
+            *args, properties.side_velocity, velocity, properties.viscosity, time, properties.smagorinsky
+        )
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return total, stress
 

@@ -161,7 +161,13 @@ class _CoarseView:
         applied = -volume * inputs.pressure_gradient
         if solver.viscous:
             stress = stress_divergence(
-                self.coarse, solver.boundary, fluid.side_velocity, faces, fluid.viscosity, time
+                self.coarse,
+                solver.boundary,
+                fluid.side_velocity,
+                faces,
+                fluid.viscosity,
+                time,
+                fluid.smagorinsky,
             )
             applied = applied + volume * fluid.density * interpolate_faces(weights, stress)
         return {name: getattr(inputs, name) for name in COLUMNS} | {"applied": applied}

@@ -81,14 +81,23 @@ class Suspension:
         return state, code, forces, worst
 
     def given(
-        self, density=2650.0, drag=1.0, viscosity=1e-5, gravity=0.0, law="stokes", lift=0.0, radius=RADIUS
+        self,
+        density=2650.0,
+        drag=1.0,
+        viscosity=1e-5,
+        gravity=0.0,
+        law="stokes",
+        lift=0.0,
+        radius=RADIUS,
+        smagorinsky=None,
     ):
-        """Parameters with these numbers, all of the same types, so that nothing is compiled again."""
+        """Parameters with these numbers, of the same types, so that nothing is compiled again but a subgrid model."""
         p, number = self.parameters, partial(jnp.asarray, dtype=jnp.float64)
+        eddies = None if smagorinsky is None else number(smagorinsky)
         return p._replace(
             gravity=number([0.0, -gravity]),
             bodies=p.bodies._replace(density=number(density), radius=number(radius)),
-            fluid=p.fluid._replace(viscosity=number(viscosity)),
+            fluid=p.fluid._replace(viscosity=number(viscosity), smagorinsky=eddies),
             drag_scale=number(drag),
             closure=closure(law, lift),
         )
@@ -169,6 +178,15 @@ def test_total_momentum_is_conserved_with_a_remainder(suspension):
     parameters = suspension.given(law="koch_hill", lift=0.4)
     error, exchanged, code, _ = suspension.drift(parameters, suspension.stirred(0.2))
     assert code == 0 and error < 1e-10 and exchanged > 1e-3
+
+
+def test_total_momentum_is_conserved_with_a_subgrid_viscosity(suspension):
+    """The stress that the fluid loses to the solids is the one they get, the subgrid part too: most of it here."""
+    parameters, state = suspension.given(smagorinsky=0.5), suspension.stirred(0.2)
+    error, exchanged, code, _ = suspension.drift(parameters, state)
+    assert code == 0 and error < 1e-10 and exchanged > 1e-3
+    viscous = [np.abs(suspension.run(p, state, 1)[2].viscous).max() for p in (suspension.given(), parameters)]
+    assert viscous[1] > 5.0 * viscous[0]
 
 
 @pytest.mark.parametrize(("speed", "substeps"), [(0.2, 1), (3.5, 2), (7.0, 4), (14.0, 8), (40.0, 8)])
@@ -291,3 +309,22 @@ def test_viscous_force_in_a_shear_wave(suspension):
     # The force is the mean over the step, in which the wave decays by nu k^2 t = 0.07 %; an uneven void fraction
     # lets pressure bend the flow by as much.
     np.testing.assert_allclose(forces.viscous[:, 1], expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_viscous_force_of_the_subgrid_viscosity_in_a_shear_wave(suspension):
+    """w = W sin(k x): V_p rho d/dx[(nu + nu_t) w'] on every particle, nu_t = (C_s h)^2 |w'|, by finite differences."""
+    h, k, position = SIDE / CELLS, 2 * np.pi / SIDE, suspension.stirred(0.0).particles.position
+    wave = 0.01 * np.sin(k * (np.arange(CELLS) + 0.5) * h)
+    parameters = suspension.given(viscosity=1e-5, drag=0.0, smagorinsky=0.8)
+    state = suspension.state(position, fluid=(0.0, np.tile(wave[:, None], (1, CELLS + 1))))
+    _, code, forces, _ = suspension.run(parameters, state, 1)
+    slope = (wave - np.roll(wave, 1)) / h  # on the side below each cell
+    eddy = (0.8 * h) ** 2 * np.sqrt(0.5 * (slope**2 + np.roll(slope, -1) ** 2))
+    stress = (1e-5 + 0.5 * (eddy + np.roll(eddy, 1))) * slope
+    force = np.repeat((np.roll(stress, -1) - stress) / h, CELLS)
+    weights = kernel_weights(suspension.grid, suspension.simulation.fluid.half_width, position)
+    seen = np.sum(np.asarray(weights.weight) * force[np.asarray(weights.index)], axis=1)
+    expected = float(parameters.bodies.volume) * 1000.0 * seen
+    assert int(code) == 0 and eddy.max() > 10 * 1e-5
+    # Over the step the wave decays by nu_t k^2 t = 0.7 % at most, and an uneven void fraction bends the flow.
+    np.testing.assert_allclose(forces.viscous[:, 1], expected, atol=2e-2 * np.abs(expected).max())
