@@ -34,7 +34,7 @@ from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.walls import box_sides
 from jaxdem.scene import Contact, Scene
 from jaxdem.state import Parameters, ParticleDiagnostics, State
-from jaxdem.time_steps import TimeSteps, time_steps
+from jaxdem.time_steps import TimeSteps, inlet_profiles, time_steps
 
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
@@ -260,7 +260,16 @@ def _boundary(scene: Scene) -> Boundary:
     for number, name in enumerate(scene.sides):
         side = scene.boundary[name]
         sides.append(
-            Side(number // 2, bool(number % 2), side.kind, side.from_, side.to, side.ramp_time or 0.0)
+            Side(
+                number // 2,
+                bool(number % 2),
+                side.kind,
+                side.from_,
+                side.to,
+                side.ramp_time or 0.0,
+                inlet_profiles(scene, name),
+                side.times,
+            )
         )
     return Boundary(tuple(sides))
 
@@ -303,8 +312,8 @@ def _parameters(
         constants = ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
     if scene.fluid is not None:
         velocity = tuple(
-            jnp.asarray(scene.boundary[name].velocity or (0.0,) * scene.dimension, dtype)
-            for name in scene.sides
+            jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype)
+            for side in (scene.boundary[name] for name in scene.sides)
         )
         coefficient = number(scene.fluid.smagorinsky) if scene.fluid.smagorinsky > 0.0 else None
         fluid = FluidProperties(

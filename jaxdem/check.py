@@ -197,6 +197,8 @@ def _parts(
             (f"advection {type(solver.advection).__name__}", True),
             ("viscous stress", solver.viscous),
             ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
+            ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
+            ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
             ("coupling of particles and fluid", simulation.fluid.half_width is not None),
         ]
     if simulation.fluid is not None and simulation.fluid.half_width is not None:

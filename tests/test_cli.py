@@ -223,7 +223,14 @@ def test_check_names_the_options_of_the_fluid(grains):
     def parts(*options):
         return " ".join(invoke("check", grains, *fluid, *options).stdout.split()).split("left out")
 
-    for words, *options in (("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),):
+    left = "boundary.left={kind='inlet', times=[0.0, 1.0], velocities=[0.0, 0.1]}"
+    parabola = "boundary.left={kind='inlet', velocity=0.1, profile='parabolic'}"
+    right = "boundary.right.kind=outlet"
+    for words, *options in (
+        ("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),
+        ("inlet profile", "--set", parabola, "--set", right),
+        ("inlet velocity over time", "--set", left, "--set", right),
+    ):
         compiled, left_out = parts()
         assert words in left_out and words not in compiled
         compiled, left_out = parts(*options)

@@ -29,6 +29,7 @@ from jaxdem.coupling.interpolation import (
     kernel_weights,
 )
 from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.fluid.boundary import largest_inflow
 from jaxdem.fluid.grid import face_total
 from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
@@ -349,8 +350,9 @@ def _choose_substeps(
     speeds = [jnp.max(jnp.abs(u)) / h for u, h in zip(state.face_velocity, grid.spacing, strict=True)]
     for side in interval.solver.boundary.sides:
         # A jet that is switched on inside the interval counts too.
-        inflow = jnp.abs(properties.side_velocity[2 * side.axis + side.upper][side.axis])
         if side.kind == "inlet" and state.void_fraction is None:
+            velocity = properties.side_velocity[2 * side.axis + side.upper]
+            inflow = largest_inflow(side, velocity, time, time + interval.duration)
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
     courant = interval.duration * jnp.sum(jnp.stack(speeds))
     viscous = jnp.zeros((), dtype)

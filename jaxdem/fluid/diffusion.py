@@ -26,7 +26,7 @@ def stress_divergence(
     Args:
         grid: the grid.
         boundary: sides.
-        side_velocity: (D,) velocity of every side [m/s].
+        side_velocity: velocity of every side, see `velocity_at` [m/s].
         velocity: u on the faces [m/s].
         kinematic_viscosity: () [m2/s].
         time: [s].
@@ -62,7 +62,7 @@ def strain_rates(
     Args:
         grid: the grid.
         boundary: sides.
-        side_velocity: (D,) velocity of every side [m/s].
+        side_velocity: velocity of every side, see `velocity_at` [m/s].
         velocity: u on the faces [m/s].
         time: [s].
     """

@@ -53,7 +53,8 @@ class FluidProperties(NamedTuple):
     Attributes:
         density: () [kg/m3].
         viscosity: () kinematic [m2/s].
-        side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall [m/s].
+        side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall; (T, D)
+            of an inlet with T times [m/s].
         smagorinsky: () coefficient of the subgrid viscosity; None compiles none [-].
     """
 
