@@ -169,7 +169,7 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
         viscous = scene.fluid.viscosity > 0.0 or scene.fluid.smagorinsky > 0.0
-        solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), viscous)
+        solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), viscous, scene.fluid.model)
         half_width = None
         if scene.coupling is not None:
             half_width = _half_width(scene, grid, 2.0 * float(np.max(radius)))

@@ -200,6 +200,7 @@ def _parts(
             ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
             ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
             ("coupling of particles and fluid", simulation.fluid.half_width is not None),
+            ("model B", simulation.fluid.half_width is not None and solver.model == "B"),
         ]
     if simulation.fluid is not None and simulation.fluid.half_width is not None:
         closure = parameters.closure

@@ -167,6 +167,8 @@ class Fluid(Section):
         cells: number of cells per axis.
         density: [kg/m3].
         viscosity: kinematic [m2/s].
+        model: of the volume-averaged equations: "A", pressure and stress act on fluid and particles by their
+            volumes, or "B", on the fluid alone, with the drag over the void fraction.
         smagorinsky: coefficient of the subgrid viscosity, 0.1 to 0.2 usually; 0 leaves it out [-].
         time_step: "auto" (Courant number 0.5 at the largest boundary speed), or [s].
         advection: "limited" (second order, van Leer) or "upwind" (first order).
@@ -179,6 +181,7 @@ class Fluid(Section):
     )
     density: Positive = 1000.0
     viscosity: NonNegative = 1e-6
+    model: Literal["A", "B"] = "A"
     smagorinsky: Annotated[float, Field(ge=0.0, le=1.0, strict=True), AfterValidator(_sensible)] = 0.0
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "upwind"] = "limited"
@@ -519,13 +522,13 @@ def _check_side_velocity(key: str, side: BoundarySide) -> None:
             raise InputError(
                 f"{key}.{name}", getattr(side, name), f"means nothing for kind = {side.kind}", "remove it"
             )
+    _check_table(key, "times", side.times, "velocities", side.velocities)
     if side.kind in ("inlet", "moving_wall") and side.velocity is None and side.times is None:
         raise InputError(f"{key}.velocity", None, f"is needed by kind = {side.kind}", "set it [m/s]")
     if side.velocity is not None and side.times is not None:
         raise InputError(
             f"{key}.velocity", side.velocity, "times have velocities of their own", "remove one of the two"
         )
-    _check_table(key, "times", side.times, "velocities", side.velocities)
 
 
 def _check_table(key: str, name: str, arguments: Any, other: str, values: Any) -> None:

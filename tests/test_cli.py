@@ -228,6 +228,7 @@ def test_check_names_the_options_of_the_fluid(grains):
     right = "boundary.right.kind=outlet"
     for words, *options in (
         ("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),
+        ("model B", "--set", "fluid.model=B"),
         ("inlet profile", "--set", parabola, "--set", right),
         ("inlet velocity over time", "--set", left, "--set", right),
     ):

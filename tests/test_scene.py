@@ -120,6 +120,7 @@ def test_a_positive_number_must_be_one(key, value):
         ("fluid.viscosity", -1e-6),
         ("fluid.velocity", [0.0]),
         ("fluid.advection", "quick"),
+        ("fluid.model", "C"),
         ("fluid.smagorinsky", -0.1),
         ("fluid.smagorinsky", 1.5),
         ("fluid.smagorinsky", "dynamic"),

@@ -9,6 +9,7 @@ with v_p the velocity that the particle would reach without the coefficient's dr
 remainder. A face loses sum_p W_pf [K_p (u_f - v_p) + t r_p]: face by face it follows its own velocity, but
 the sums over faces and over particles are equal term by term, so momentum is conserved to round-off
 whatever the relaxation time, and the particles receive J_p itself, spread over their contact steps.
+In model B particles feel no pressure gradient and no stress; the drag stands for them.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
-from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.forces import drag_inputs, drag_of_model_b
 from jaxdem.coupling.interpolation import (
     Weights,
     deposit_on_faces,
@@ -75,10 +76,10 @@ class FluidForces(NamedTuple):
 
     Attributes:
         drag: (N, D) [N].
-        pressure_gradient: (N, D) -V_p grad p of the reduced pressure [N].
-        viscous: (N, D) V_p div(tau) [N].
+        pressure_gradient: (N, D) -V_p grad p of the reduced pressure; zero in model B [N].
+        viscous: (N, D) V_p div(tau); zero in model B [N].
         inputs: of the drag law, at the start of the interval.
-        law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs [N].
+        law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].
     """
 
     drag: Array
@@ -259,6 +260,8 @@ def _drag(
         properties.viscosity,
     )
     drag = closure(inputs)
+    if not solver.shares_stress:
+        drag = drag_of_model_b(drag, inputs.solid_fraction)
     remainder = None if drag.remainder is None else drag_scale * drag.remainder
     return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range), inputs
 
@@ -287,7 +290,9 @@ def _substep(
         slope = pressure_gradient(grid, solver.boundary, pressure, continued=True)
         return -step * volume * interpolate_faces(weights, slope)
 
-    others = step * steady + pressure_impulse(carry.fluid.pressure)
+    others = step * steady
+    if solver.shares_stress:
+        others = others + pressure_impulse(carry.fluid.pressure)
     reached = carry.velocity + (others + extra) / mass
     exchange = FaceExchange(
         deposit_on_faces(grid, weights, response),
@@ -296,12 +301,12 @@ def _substep(
     result = solver.step(properties, carry.fluid, void_fraction, time, step, exchange, weighting)
     seen = interpolate_faces(weights, result.state.face_velocity)
     impulse = gripped * (seen - reached) + extra
-    pressure = pressure_impulse(result.state.pressure)
-    if solver.viscous:
+    pressure = viscous = jnp.zeros_like(impulse)
+    if solver.shares_stress:
+        pressure = pressure_impulse(result.state.pressure)
+    if solver.shares_stress and solver.viscous:
         stress = interpolate_faces(weights, result.viscous_acceleration)
         viscous = step * properties.density * volume * stress
-    else:
-        viscous = jnp.zeros_like(pressure)
     lost = tuple(
         r * u - f
         for r, u, f in zip(exchange.resistance, result.state.face_velocity, exchange.forcing, strict=True)
@@ -357,7 +362,7 @@ def _choose_substeps(
     courant = interval.duration * jnp.sum(jnp.stack(speeds))
     viscous = jnp.zeros((), dtype)
     if interval.solver.viscous:
-        largest = interval.solver.largest_viscosity(properties, state.face_velocity, time)
+        largest = interval.solver.largest_viscosity(properties, state, time)
         viscous = jnp.asarray(interval.duration * largest * sum(1.0 / h**2 for h in grid.spacing), dtype)
     needed = jnp.maximum(courant / interval.courant_limit, viscous / VISCOUS_LIMIT)
     needed = lax.stop_gradient(jnp.maximum(needed, interval.substeps))
