@@ -145,3 +145,11 @@ def test_the_viscosity_number_counts_the_subgrid_viscosity(coefficient):
     assert count == (4 if coefficient else 2)
     # The shear is the steady solution, whatever the viscosity.
     np.testing.assert_allclose(state.face_velocity[0], fluid.face_velocity[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("coefficient", [0.0, 0.1])
+def test_without_a_coefficient_there_is_no_subgrid_viscosity_in_the_program(coefficient):
+    """Its root is the only one of a fluid alone."""
+    interval, parameters, fluid = sheared(smagorinsky=coefficient)
+    program = jax.jit(lambda p, f: advance_fluid(interval, p, f, TIME)).lower(parameters.fluid, fluid)
+    assert ("stablehlo.sqrt" in program.as_text()) == (coefficient > 0.0)
