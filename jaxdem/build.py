@@ -35,7 +35,7 @@ from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSp
 from jaxdem.particles.walls import box_sides
 from jaxdem.scene import Contact, Scene
 from jaxdem.state import Parameters, ParticleDiagnostics, State
-from jaxdem.time_steps import TimeSteps, time_steps
+from jaxdem.time_steps import TimeSteps, inlet_profiles, time_steps
 
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
@@ -179,7 +179,8 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
         )
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
-        solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), scene.fluid.viscosity > 0.0)
+        viscous = scene.fluid.viscosity > 0.0 or scene.fluid.smagorinsky > 0.0
+        solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), viscous, scene.fluid.model)
         deposition = None
         if scene.coupling is not None:
             deposition = _deposition(scene, grid, 2.0 * float(np.max(radius)))
@@ -270,7 +271,16 @@ def _boundary(scene: Scene) -> Boundary:
     for number, name in enumerate(scene.sides):
         side = scene.boundary[name]
         sides.append(
-            Side(number // 2, bool(number % 2), side.kind, side.from_, side.to, side.ramp_time or 0.0)
+            Side(
+                number // 2,
+                bool(number % 2),
+                side.kind,
+                side.from_,
+                side.to,
+                side.ramp_time or 0.0,
+                inlet_profiles(scene, name),
+                side.times,
+            )
         )
     return Boundary(tuple(sides))
 
@@ -317,10 +327,13 @@ def _parameters(
         constants = ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
     if scene.fluid is not None:
         velocity = tuple(
-            jnp.asarray(scene.boundary[name].velocity or (0.0,) * scene.dimension, dtype)
-            for name in scene.sides
+            jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype)
+            for side in (scene.boundary[name] for name in scene.sides)
         )
-        fluid = FluidProperties(number(scene.fluid.density), number(scene.fluid.viscosity), velocity)
+        coefficient = number(scene.fluid.smagorinsky) if scene.fluid.smagorinsky > 0.0 else None
+        fluid = FluidProperties(
+            number(scene.fluid.density), number(scene.fluid.viscosity), velocity, coefficient
+        )
     if scene.coupling is not None:
         drag_scale = number(1.0)
     return Parameters(jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure)

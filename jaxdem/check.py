@@ -189,12 +189,16 @@ def _parts(
             ("positions in pairs of floats", scene.precision == "float32"),
         ]
     parts.append(("fluid", simulation.fluid is not None))
-    if simulation.fluid is not None:
+    if simulation.fluid is not None and parameters.fluid is not None:
         solver = simulation.fluid.solver
         parts += [
             (f"advection {type(solver.advection).__name__}", True),
             ("viscous stress", solver.viscous),
+            ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
+            ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
+            ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
             ("coupling of particles and fluid", simulation.fluid.deposition is not None),
+            ("model B", simulation.fluid.deposition is not None and solver.model == "B"),
         ]
     if simulation.fluid is not None and simulation.fluid.deposition is not None:
         closure = parameters.closure

@@ -7,6 +7,7 @@ words in which a mistake is answered stand in one place: one cannot be changed w
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 import tomllib
 from pathlib import Path
@@ -52,6 +53,7 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True), Af
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
 Rows = tuple[tuple[Finite, ...], ...]
+Course = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 
 MOST_OUTPUTS = 1_000_000
 """Frames that a run may write; more is a slip of the output interval's unit."""
@@ -169,6 +171,9 @@ class Fluid(Section):
         cells: number of cells per axis.
         density: [kg/m3].
         viscosity: kinematic [m2/s].
+        model: of the volume-averaged equations: "A", pressure and stress act on fluid and particles by their
+            volumes, or "B", on the fluid alone, with the drag over the void fraction.
+        smagorinsky: coefficient of the subgrid viscosity, 0.1 to 0.2 usually; 0 leaves it out [-].
         time_step: "auto" (Courant number 0.5 at the largest boundary speed), or [s].
         advection: "limited" (second order, van Leer) or "upwind" (first order).
         courant_limit: a fluid step is halved, up to three times, until its Courant number is under this [-].
@@ -180,6 +185,8 @@ class Fluid(Section):
     )
     density: Positive = 1000.0
     viscosity: NonNegative = 1e-6
+    model: Literal["A", "B"] = "A"
+    smagorinsky: Annotated[float, Field(ge=0.0, le=1.0, strict=True), AfterValidator(_sensible)] = 0.0
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "upwind"] = "limited"
     courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7
@@ -195,7 +202,13 @@ class BoundarySide(Section):
             wall's velocity, one number per axis [m/s].
         from_: corner of the patch in the other axes: a number in 2-D, two in 3-D (key `from`) [m].
         to: opposite corner [m].
-        ramp_time: over which the velocity rises from zero [s].
+        ramp_time: over which the velocity rises from zero; 0.05 s for an inlet without times [s].
+        times: of an inlet whose velocity changes in time, increasing; it has `velocities`, no `velocity` [s].
+        velocities: at these times, each as `velocity`; linear between them, held before and after [m/s].
+        profile: of an inlet: "uniform"; "parabolic", of mean 1 and zero at the ends of the patch, along every
+            axis of the side but those on which it reaches between periodic or free-slip sides; "table".
+        positions: of the table along the (last) axis of the side, increasing, over the whole patch [m].
+        values: of the table at these positions, multiples of the velocity; linear between them [-].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
@@ -205,6 +218,11 @@ class BoundarySide(Section):
     from_: tuple[Finite, ...] | None = Field(default=None, alias="from")
     to: tuple[Finite, ...] | None = None
     ramp_time: NonNegative | None = None
+    times: Course | None = None
+    velocities: tuple[Finite | tuple[Finite, ...], ...] | None = None
+    profile: Literal["uniform", "parabolic", "table"] | None = None
+    positions: Course | None = None
+    values: tuple[Finite, ...] | None = None
 
     @field_validator("kind", mode="before")
     @classmethod
@@ -485,34 +503,117 @@ def _completed_side(scene: Scene, name: str) -> BoundarySide:
             raise InputError(f"{key}.from", side.from_, f"must be below to = {side.to}", "swap them")
         if side.kind == "periodic":
             raise InputError(f"{key}.from", side.from_, "a periodic side has no patch", "remove from and to")
-    moving = side.kind in ("inlet", "moving_wall")
-    if moving and side.velocity is None:
-        raise InputError(f"{key}.velocity", None, f"is needed by kind = {side.kind}", "set it [m/s]")
-    if not moving and side.velocity is not None:
-        raise InputError(
-            f"{key}.velocity", side.velocity, f"means nothing for kind = {side.kind}", "remove it"
-        )
+    _check_side_velocity(key, side)
     update: dict[str, Any] = {"ramp_time": side.ramp_time}
     if side.velocity is not None:
-        update["velocity"] = _side_velocity(scene, key, side, axis, upper)
+        update["velocity"] = _vector(scene, f"{key}.velocity", side.kind, side.velocity, axis, upper)
+    if side.velocities is not None:
+        update["velocities"] = tuple(
+            _vector(scene, f"{key}.velocities", side.kind, velocity, axis, upper)
+            for velocity in side.velocities
+        )
     if side.ramp_time is None:
-        update["ramp_time"] = 0.05 if side.kind == "inlet" else 0.0
+        update["ramp_time"] = 0.05 if side.kind == "inlet" and side.times is None else 0.0
+    if side.kind == "inlet":
+        update["profile"] = side.profile or "uniform"
+        _check_profile(scene, name, side)
     return side.model_copy(update=update)
 
 
-def _side_velocity(scene: Scene, key: str, side: BoundarySide, axis: int, upper: int) -> tuple[float, ...]:
-    """Velocity of a side as a vector; a single number is the inward speed of an inlet."""
-    if isinstance(side.velocity, float):
-        if side.kind != "inlet":
-            _entries(f"{key}.velocity", (side.velocity,), scene.dimension)
-        inward = -side.velocity if upper else side.velocity
-        return tuple(inward if a == axis else 0.0 for a in range(scene.dimension))
-    velocity = side.velocity or ()
-    _entries(f"{key}.velocity", velocity, scene.dimension)
-    if side.kind == "moving_wall" and velocity[axis] != 0.0:
+def _check_side_velocity(key: str, side: BoundarySide) -> None:
+    """One velocity, or one for each of the times; for sides that have any."""
+    for name in ("velocity", "times", "velocities", "profile", "positions", "values"):
+        kinds = ("inlet", "moving_wall") if name == "velocity" else ("inlet",)
+        if getattr(side, name) is not None and side.kind not in kinds:
+            raise InputError(
+                f"{key}.{name}", getattr(side, name), f"means nothing for kind = {side.kind}", "remove it"
+            )
+    _check_table(key, "times", side.times, "velocities", side.velocities)
+    if side.kind in ("inlet", "moving_wall") and side.velocity is None and side.times is None:
+        raise InputError(f"{key}.velocity", None, f"is needed by kind = {side.kind}", "set it [m/s]")
+    if side.velocity is not None and side.times is not None:
         raise InputError(
-            f"{key}.velocity", velocity, "a moving wall slides in its own plane", "set its normal part to 0"
+            f"{key}.velocity", side.velocity, "times have velocities of their own", "remove one of the two"
         )
+
+
+def _check_table(key: str, name: str, arguments: Any, other: str, values: Any) -> None:
+    """Arguments that increase, and as many values."""
+    if (arguments is None) != (values is None):
+        given, lacking = (name, other) if values is None else (other, name)
+        raise InputError(
+            f"{key}.{given}", arguments or values, f"needs {lacking} as well", f"add {key}.{lacking}"
+        )
+    if arguments is None:
+        return
+    if len(arguments) != len(values):
+        raise InputError(
+            f"{key}.{other}", values, f"needs {len(arguments)} entries, as {name}", "make them agree"
+        )
+    for a, b in itertools.pairwise(arguments):
+        if b <= a:
+            raise InputError(f"{key}.{name}", arguments, f"must increase, {b} follows {a}", "sort them")
+
+
+def _check_profile(scene: Scene, name: str, side: BoundarySide) -> None:
+    key = f"boundary.{name}"
+    if (side.profile == "table") != (side.positions is not None):
+        _check_table(key, "positions", side.positions, "values", side.values)
+        raise InputError(
+            f"{key}.profile",
+            side.profile or "uniform",
+            "the table of positions and values belongs to profile = table, and to no other",
+            'set profile = "table" with positions and values, or remove these',
+        )
+    _check_table(key, "positions", side.positions, "values", side.values)
+    if side.profile == "parabolic" and not any(parabolic_axes(scene, name, side)):
+        raise InputError(
+            f"{key}.profile",
+            side.profile,
+            "the side reaches between periodic or free-slip sides, where the velocity does not fall to zero",
+            'set profile = "uniform", or give a patch (from, to) or walls',
+        )
+    if side.positions is not None:
+        axis = [a for a in range(scene.dimension) if a != scene.sides.index(name) // 2][-1]
+        start = 0.0 if side.from_ is None else side.from_[-1]
+        stop = scene.domain.size[axis] if side.to is None else side.to[-1]
+        if side.positions[0] > start or side.positions[-1] < stop:
+            raise InputError(
+                f"{key}.positions",
+                side.positions,
+                f"must reach over the inlet, {start} ... {stop} m",
+                "add its ends",
+            )
+
+
+def parabolic_axes(scene: Scene, name: str, side: BoundarySide) -> tuple[bool, ...]:
+    """Whether a parabolic inlet's velocity falls to zero at its ends, for each axis of the side.
+
+    It does but where the inlet reaches over the whole side between two that do not hold the fluid.
+    """
+    result = []
+    others = [axis for axis in range(scene.dimension) if axis != scene.sides.index(name) // 2]
+    for position, axis in enumerate(others):
+        kinds = {scene.boundary.get(end, BoundarySide()).kind for end in scene.sides[2 * axis : 2 * axis + 2]}
+        whole = side.from_ is None or side.to is None
+        if side.from_ is not None and side.to is not None:
+            whole = (side.from_[position], side.to[position]) == (0.0, scene.domain.size[axis])
+        result.append(not (whole and kinds <= {"periodic", "free_slip"}))
+    return tuple(result)
+
+
+def _vector(
+    scene: Scene, key: str, kind: str, velocity: float | tuple[float, ...], axis: int, upper: int
+) -> tuple[float, ...]:
+    """Velocity of a side as a vector; a single number is the inward speed of an inlet."""
+    if isinstance(velocity, float):
+        if kind != "inlet":
+            _entries(key, (velocity,), scene.dimension)
+        inward = -velocity if upper else velocity
+        return tuple(inward if a == axis else 0.0 for a in range(scene.dimension))
+    _entries(key, velocity, scene.dimension)
+    if kind == "moving_wall" and velocity[axis] != 0.0:
+        raise InputError(key, velocity, "a moving wall slides in its own plane", "set its normal part to 0")
     return velocity
 
 

@@ -75,11 +75,12 @@ def simulate(
     state, neighbors = initial_state(scene, simulation, parameters)
     attributes = sample_attributes(scene, simulation) if every else None
     opener = RunDirectory.resume if resume else RunDirectory.create
-    with opener(out, scene.to_toml(), attributes) as directory:
+    # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
+    with _signals() as caught, opener(out, scene.to_toml(), attributes) as directory:
         loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, every)
         if resume:
             loop.restore()
-        loop.run(progress)
+        loop.run(progress, caught)
     return load_run(out)
 
 
@@ -107,20 +108,23 @@ class TimeLoop:
         """Number of coupling intervals of the whole run."""
         return self.simulation.steps.outputs * self.simulation.steps.intervals_per_output
 
-    def run(self, progress: Progress | None) -> None:
-        """From the present state to the end of the scene, with everything written."""
+    def run(self, progress: Progress | None, caught: list[int]) -> None:
+        """From the present state to the end of the scene, with everything written.
+
+        Args:
+            progress: called after every coupling interval.
+            caught: signals that came; at the first the interval is finished and a checkpoint left.
+        """
         self.totals.start = clock.perf_counter()
-        # A signal while it compiles is noted too: the first interval is done, and a checkpoint is left.
-        with _signals() as caught:
-            try:
-                self._compile()
-                if self.done == 0 and self.directory.frames == 0:
-                    self._write_frame(None)
-                    self._write_checkpoint()
-                self._advance_to_end(progress, caught)
-            except RunError as error:
-                self.directory.interrupt(self._summary(False, str(error)))
-                raise
+        try:
+            self._compile()
+            if self.done == 0 and self.directory.frames == 0:
+                self._write_frame(None)
+                self._write_checkpoint()
+            self._advance_to_end(progress, caught)
+        except RunError as error:
+            self.directory.interrupt(self._summary(False, str(error)))
+            raise
         self.directory.finish(self._summary(True, ""))
 
     def restore(self) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from jaxdem import stability
 from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT
 from jaxdem.errors import InputError
+from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
 from jaxdem.initial import rows_of
-from jaxdem.scene import Scene
+from jaxdem.scene import Scene, parabolic_axes
 
 AUTO_COURANT = 0.5
 """Courant number of the automatic fluid step at the largest boundary speed."""
@@ -88,12 +89,25 @@ def time_steps(scene: Scene) -> TimeSteps:
 def boundary_speed(scene: Scene) -> float:
     """Largest speed that a boundary, or the initial fluid, imposes [m/s]."""
     speeds = [0.0]
-    for side in scene.boundary.values():
-        if isinstance(side.velocity, tuple):
-            speeds.append(math.hypot(*side.velocity))
+    for name, side in scene.boundary.items():
+        profiles = inlet_profiles(scene, name) or ()
+        peak = math.prod(profile.peak for profile in profiles if profile is not None)
+        for velocity in (side.velocity, *(side.velocities or ())):
+            if isinstance(velocity, tuple):
+                speeds.append(peak * math.hypot(*velocity))
     if scene.fluid is not None and scene.fluid.velocity is not None:
         speeds.append(math.hypot(*scene.fluid.velocity))
     return max(speeds)
+
+
+def inlet_profiles(scene: Scene, name: str) -> tuple[InletProfile | None, ...] | None:
+    """Profile of a side for each of its axes, None where it is even; None if it is so in all."""
+    side = scene.boundary[name]
+    if side.profile == "parabolic":
+        return tuple(Parabola() if zero else None for zero in parabolic_axes(scene, name, side))
+    if side.positions is not None and side.values is not None:
+        return (None,) * (scene.dimension - 2) + (LinearTable(side.positions, side.values),)
+    return None
 
 
 def _fluid_steps(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:

@@ -217,6 +217,27 @@ def test_check_prints_what_a_user_decides_by(grains):
         assert words in text, words
 
 
+def test_check_names_the_options_of_the_fluid(grains):
+    fluid = ("--set", "fluid.cells=[4, 4]")
+
+    def parts(*options):
+        return " ".join(invoke("check", grains, *fluid, *options).stdout.split()).split("left out")
+
+    left = "boundary.left={kind='inlet', times=[0.0, 1.0], velocities=[0.0, 0.1]}"
+    parabola = "boundary.left={kind='inlet', velocity=0.1, profile='parabolic'}"
+    right = "boundary.right.kind=outlet"
+    for words, *options in (
+        ("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),
+        ("model B", "--set", "fluid.model=B"),
+        ("inlet profile", "--set", parabola, "--set", right),
+        ("inlet velocity over time", "--set", left, "--set", right),
+    ):
+        compiled, left_out = parts()
+        assert words in left_out and words not in compiled
+        compiled, left_out = parts(*options)
+        assert words in compiled and words not in left_out
+
+
 def test_check_of_grains_alone_has_no_fluid(grains):
     text = " ".join(invoke("check", grains).stdout.split())
     assert "Courant" not in text

@@ -120,6 +120,10 @@ def test_a_positive_number_must_be_one(key, value):
         ("fluid.viscosity", -1e-6),
         ("fluid.velocity", [0.0]),
         ("fluid.advection", "quick"),
+        ("fluid.model", "C"),
+        ("fluid.smagorinsky", -0.1),
+        ("fluid.smagorinsky", 1.5),
+        ("fluid.smagorinsky", "dynamic"),
         ("contact.restitution", 1.5),
         ("contact.poisson_ratio", 0.7),
         ("contact.law", "hooke"),
@@ -127,6 +131,29 @@ def test_a_positive_number_must_be_one(key, value):
         ("boundary.left.velocity", [0.1, 0.0, 0.0]),
         ("boundary.left.velocity", ...),
         ("boundary.right.velocity", 1.0),
+        ("boundary.left.times", [0.0, 1.0]),
+        ("boundary.left.velocities", [0.0, 1.0]),
+        ("boundary.left", {"kind": "inlet", "times": [0.0, 1.0]}),
+        ("boundary.left", {"kind": "inlet", "times": [1.0, 0.5], "velocities": [0.0, 1.0]}),
+        ("boundary.left", {"kind": "inlet", "times": [0.0, 0.5], "velocities": [0.0, 1.0, 2.0]}),
+        ("boundary.left", {"kind": "inlet", "times": [0.0, 0.5], "velocities": [0.0, [1.0]]}),
+        ("boundary.left", {"kind": "inlet", "times": [0.0], "velocities": [0.0]}),
+        ("boundary.right.times", [0.0, 1.0]),
+        ("boundary.right.profile", "parabolic"),
+        ("boundary.left.profile", "cubic"),
+        ("boundary.left.profile", "table"),
+        ("boundary.left.positions", [0.0, 0.4]),
+        ("boundary.left", {"kind": "inlet", "velocity": 1.0, "positions": [0.0, 0.4], "values": [1.0, 1.0]}),
+        (
+            "boundary.left",
+            {
+                "kind": "inlet",
+                "velocity": 1.0,
+                "profile": "table",
+                "positions": [0.0, 0.3],
+                "values": [1.0, 1.0],
+            },
+        ),
         ("boundary.left.from", ...),
         ("boundary.left.to", 0.5),
         ("boundary.left.from", -0.1),
@@ -154,6 +181,18 @@ def test_what_cannot_work_is_refused_naming_the_key(key, value):
     section = key.split(".")[0]
     owners = {"particles": ("particles", "contact"), "fluid": ("fluid", "coupling")}
     assert error.key.startswith(owners.get(section, (section,)))
+
+
+def test_a_parabola_needs_ends_that_hold_the_fluid():
+    tables = changed("boundary.left", {"kind": "inlet", "velocity": 0.1, "profile": "parabolic"})
+    slip = {"kind": "free_slip"}
+    tables["boundary"] |= {"bottom": slip, "top": slip}
+    assert refusal(tables).key == "boundary.left.profile"
+    tables["boundary"]["left"] |= {"from": 0.1, "to": 0.4}
+    assert load_scene(tables).boundary["left"].profile == "parabolic"
+    tables["boundary"]["left"] |= {"from": 0.0}
+    tables["boundary"]["top"] = {"kind": "no_slip"}
+    assert load_scene(tables).boundary["left"].profile == "parabolic"
 
 
 @pytest.mark.parametrize(
@@ -269,7 +308,26 @@ def test_a_soft_contact_is_refused_for_its_overlap():
 
 
 @pytest.mark.parametrize(
-    "change", [("seed", 7), ("boundary.left.ramp_time", 0.2), ("contact.time_step", 1e-5)]
+    "change",
+    [
+        ("seed", 7),
+        ("boundary.left.ramp_time", 0.2),
+        ("contact.time_step", 1e-5),
+        ("boundary.left.profile", "parabolic"),
+        (
+            "boundary.left",
+            {
+                "kind": "inlet",
+                "from": 0.1,
+                "to": 0.2,
+                "times": [0.0, 0.5],
+                "velocities": [0.1, [0.2, 0.0]],
+                "profile": "table",
+                "positions": [0.0, 0.4],
+                "values": [1.0, 2.0],
+            },
+        ),
+    ],
 )
 def test_written_and_read_again_the_scene_is_the_same(tmp_path, change):
     scene = load_scene(changed(*change))

@@ -18,7 +18,8 @@ class Correlation(ABC):
 
     force = 3 pi mu d F (u - v), with the interstitial slip u - v and Re = g rho |u - v| d / mu.
     A subclass implements `stokes_multiple` and names its source; nothing else is needed.
-    All laws here are of model A: the pressure gradient force is not part of them.
+    All laws here are of model A: the pressure gradient force is not part of them. The exchange converts them
+    for model B.
     """
 
     @abstractmethod

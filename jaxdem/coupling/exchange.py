@@ -9,6 +9,7 @@ with v_p the velocity that the particle would reach without the coefficient's dr
 remainder. A face loses sum_p W_pf [K_p (u_f - v_p) + t r_p]: face by face it follows its own velocity, but
 the sums over faces and over particles are equal term by term, so momentum is conserved to round-off
 whatever the relaxation time, and the particles receive J_p itself, spread over their contact steps.
+In model B particles feel no pressure gradient and no stress; the drag stands for them.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ from jax import Array, lax
 
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
 from jaxdem.coupling.deposition import Deposition
-from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.forces import drag_inputs, drag_of_model_b
 from jaxdem.coupling.interpolation import (
     Weights,
     deposit_on_faces,
     interpolate_faces,
 )
 from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.fluid.boundary import largest_inflow
 from jaxdem.fluid.grid import face_total
 from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
@@ -44,7 +46,8 @@ class FluidDiagnostics(NamedTuple):
     Attributes:
         substeps: number of fluid steps taken.
         courant: largest sum over the axes of |u| t / h of a fluid step.
-        viscous: viscosity number nu t sum(1/h^2) of a fluid step; explicit stress is stable up to 0.5.
+        viscous: viscosity number nu t sum(1/h^2) of a fluid step with the largest nu, molecular and subgrid;
+            explicit stress is stable up to 0.5.
         iterations: of the pressure solver, most of any step.
         divergence: largest after projection, in units of U/h.
         converged: bool, every pressure solve reached its tolerance.
@@ -73,10 +76,10 @@ class FluidForces(NamedTuple):
 
     Attributes:
         drag: (N, D) [N].
-        pressure_gradient: (N, D) -V_p grad p of the reduced pressure [N].
-        viscous: (N, D) V_p div(tau) [N].
+        pressure_gradient: (N, D) -V_p grad p of the reduced pressure; zero in model B [N].
+        viscous: (N, D) V_p div(tau); zero in model B [N].
         inputs: of the drag law, at the start of the interval.
-        law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs [N].
+        law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].
     """
 
     drag: Array
@@ -116,7 +119,7 @@ def advance_fluid(
     interval: FluidInterval, properties: FluidProperties, state: FluidState, time: Array
 ) -> tuple[FluidState, FluidDiagnostics]:
     """A fluid without particles advanced by one interval."""
-    count, courant, viscous = _choose_substeps(interval, properties, state)
+    count, courant, viscous = _choose_substeps(interval, properties, state, time)
     step = jnp.asarray(interval.duration, state.pressure.dtype) / count
 
     def substep(state: FluidState, k: Array) -> tuple[FluidState, tuple[Array, Array, Array]]:
@@ -167,7 +170,7 @@ def exchange(
     weights = interval.deposition.weights(grid, particles.position, bodies.radius)
     solids = solid_fraction(grid, weights, bodies.volume)
     drag, inputs = _drag(interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids)
-    count, courant, viscous = _choose_substeps(interval, properties, fluid)
+    count, courant, viscous = _choose_substeps(interval, properties, fluid, time)
     step = jnp.asarray(interval.duration, solids.dtype) / count
     grip = step * drag.coefficient
     response = grip / (1.0 + grip / bodies.mass)
@@ -258,6 +261,8 @@ def _drag(
         properties.viscosity,
     )
     drag = closure(inputs)
+    if not solver.shares_stress:
+        drag = drag_of_model_b(drag, inputs.solid_fraction)
     remainder = None if drag.remainder is None else drag_scale * drag.remainder
     return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range), inputs
 
@@ -286,7 +291,9 @@ def _substep(
         slope = pressure_gradient(grid, solver.boundary, pressure, continued=True)
         return -step * volume * interpolate_faces(weights, slope)
 
-    others = step * steady + pressure_impulse(carry.fluid.pressure)
+    others = step * steady
+    if solver.shares_stress:
+        others = others + pressure_impulse(carry.fluid.pressure)
     reached = carry.velocity + (others + extra) / mass
     exchange = FaceExchange(
         deposit_on_faces(grid, weights, response),
@@ -295,12 +302,12 @@ def _substep(
     result = solver.step(properties, carry.fluid, void_fraction, time, step, exchange, weighting)
     seen = interpolate_faces(weights, result.state.face_velocity)
     impulse = gripped * (seen - reached) + extra
-    pressure = pressure_impulse(result.state.pressure)
-    if solver.viscous:
+    pressure = viscous = jnp.zeros_like(impulse)
+    if solver.shares_stress:
+        pressure = pressure_impulse(result.state.pressure)
+    if solver.shares_stress and solver.viscous:
         stress = interpolate_faces(weights, result.viscous_acceleration)
         viscous = step * properties.density * volume * stress
-    else:
-        viscous = jnp.zeros_like(pressure)
     lost = tuple(
         r * u - f
         for r, u, f in zip(exchange.resistance, result.state.face_velocity, exchange.forcing, strict=True)
@@ -342,19 +349,22 @@ def _substeps(interval: FluidInterval, count: Array, substep, carry):  # type: i
 
 
 def _choose_substeps(
-    interval: FluidInterval, properties: FluidProperties, state: FluidState
+    interval: FluidInterval, properties: FluidProperties, state: FluidState, time: Array
 ) -> tuple[Array, Array, Array]:
     """Number of fluid steps, Courant number and viscosity number of the whole interval."""
     grid, dtype = interval.solver.grid, state.pressure.dtype
     speeds = [jnp.max(jnp.abs(u)) / h for u, h in zip(state.face_velocity, grid.spacing, strict=True)]
     for side in interval.solver.boundary.sides:
         # A jet that is switched on inside the interval counts too.
-        inflow = jnp.abs(properties.side_velocity[2 * side.axis + side.upper][side.axis])
         if side.kind == "inlet" and state.void_fraction is None:
+            velocity = properties.side_velocity[2 * side.axis + side.upper]
+            inflow = largest_inflow(side, velocity, time, time + interval.duration)
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
     courant = interval.duration * jnp.sum(jnp.stack(speeds))
-    viscous = interval.duration * properties.viscosity * sum(1.0 / h**2 for h in grid.spacing)
-    viscous = jnp.asarray(viscous if interval.solver.viscous else 0.0, dtype)
+    viscous = jnp.zeros((), dtype)
+    if interval.solver.viscous:
+        largest = interval.solver.largest_viscosity(properties, state, time)
+        viscous = jnp.asarray(interval.duration * largest * sum(1.0 / h**2 for h in grid.spacing), dtype)
     needed = jnp.maximum(courant / interval.courant_limit, viscous / VISCOUS_LIMIT)
     needed = lax.stop_gradient(jnp.maximum(needed, interval.substeps))
     choices = jnp.asarray(SUBSTEPS)

@@ -61,7 +61,7 @@ def advection(
         grid: the grid.
         boundary: sides.
         scheme: reconstruction.
-        side_velocity: (D,) velocity of every side [m/s].
+        side_velocity: velocity of every side, see `velocity_at` [m/s].
         flux: F = g u on the faces, the flux of the fluid volume [m/s].
         velocity: u on the faces [m/s].
         time: [s].

@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
+from jaxdem.fluid.inlet import InletProfile
 
 KINDS = ("no_slip", "free_slip", "moving_wall", "inlet", "outlet", "periodic")
 
@@ -23,6 +24,8 @@ class Side(NamedTuple):
         start: lower corner of the patch in the other axes [m], or None for the whole side.
         stop: upper corner [m].
         ramp_time: over which the velocity rises linearly from zero [s].
+        profile: of an inlet, one for each of the other axes, None where it is even; None if it is so in all.
+        times: increasing, of the velocities of a side whose velocity is a table in time; None for one velocity [s].
     """
 
     axis: int
@@ -31,6 +34,8 @@ class Side(NamedTuple):
     start: tuple[float, ...] | None = None
     stop: tuple[float, ...] | None = None
     ramp_time: float = 0.0
+    profile: tuple[InletProfile | None, ...] | None = None
+    times: tuple[float, ...] | None = None
 
 
 class Boundary(NamedTuple):
@@ -49,7 +54,10 @@ class Boundary(NamedTuple):
 
 
 def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray:
-    """Fraction of every boundary face of a side that the patch covers.
+    """Fraction of every boundary face of a side that the patch covers; of an inlet with a profile, its mean.
+
+    The mean is over the whole face, with zero beyond the patch. Summed with the areas of the faces it is the
+    integral of the profile over the patch on every mesh, to round-off.
 
     Args:
         grid: the grid.
@@ -66,12 +74,15 @@ def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray
         if axis == staggered:
             centres = 0.5 * (edges[1:] + edges[:-1])
             edges = np.concatenate(([0.0], centres, [grid.size[axis]]))
-        if side.start is None or side.stop is None:
+        profile = None if side.profile is None else side.profile[position]
+        if (side.start is None or side.stop is None) and profile is None:
             covered = np.ones(len(edges) - 1)
         else:
-            low = np.maximum(edges[:-1], side.start[position])
-            high = np.minimum(edges[1:], side.stop[position])
-            covered = np.maximum(high - low, 0.0) / (edges[1:] - edges[:-1])
+            start = 0.0 if side.start is None else side.start[position]
+            stop = grid.size[axis] if side.stop is None else side.stop[position]
+            inside = np.clip(edges, start, stop)
+            passed = inside if profile is None else profile.integral(inside, start, stop)
+            covered = np.diff(passed) / np.diff(edges)
         shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
         result = result * covered.reshape(shape)
     return result
@@ -90,6 +101,43 @@ def ramp(side: Side, time: Array) -> Array:
     return jnp.clip(time / side.ramp_time, 0.0, 1.0)
 
 
+def velocity_at(side: Side, velocity: Array, time: Array) -> Array:
+    """(D,) velocity of a side at a time [m/s]: ramp times the velocity, or times its table interpolated linearly.
+
+    Before the first and after the last time of the table its first and last velocity hold.
+
+    Args:
+        side: the side.
+        velocity: (D,), or (T, D) at the side's T times [m/s].
+        time: () [s].
+    """
+    if side.times is not None:
+        times = jnp.asarray(side.times, velocity.dtype)
+        velocity = jnp.stack([jnp.interp(time, times, column) for column in velocity.T])
+    return ramp(side, time) * velocity
+
+
+def largest_inflow(side: Side, velocity: Array, start: Array, stop: Array) -> Array:
+    """() largest normal speed that an inlet may have between two times, whatever its ramp has reached [m/s].
+
+    Args:
+        side: the side.
+        velocity: (D,), or (T, D) at the side's T times [m/s].
+        start: () [s].
+        stop: () [s].
+    """
+    normal = jnp.abs(velocity[..., side.axis])
+    if side.times is not None:
+        times = jnp.asarray(side.times, velocity.dtype)
+        passed = jnp.max(jnp.where((times >= start) & (times <= stop), normal, 0.0))
+        held = side._replace(ramp_time=0.0)
+        ends = [jnp.abs(velocity_at(held, velocity, time)[side.axis]) for time in (start, stop)]
+        normal = jnp.maximum(passed, jnp.maximum(*ends))
+    for profile in side.profile or ():
+        normal = normal if profile is None else profile.peak * normal
+    return normal
+
+
 def set_normal_velocity(
     grid: Grid,
     boundary: Boundary,
@@ -100,14 +148,14 @@ def set_normal_velocity(
 ) -> FaceField:
     """Face velocities with the boundary faces set.
 
-    Walls: zero. Inlet: the superficial velocity of the side, times the covered fraction of each face, over
-    the void fraction. Outlet: the velocity of the nearest inner face, and nothing that flows in: water
+    Walls: zero. Inlet: the superficial velocity of the side, times the covered fraction of each face (or the
+    mean of its profile), over the void fraction. Outlet: the velocity of the nearest inner face, and nothing that flows in: water
     outside is at rest (the projection may still draw it in). Periodic: the doubles are made equal.
 
     Args:
         grid: the grid.
         boundary: the sides.
-        side_velocity: (D,) velocity of every side [m/s].
+        side_velocity: velocity of every side, see `velocity_at` [m/s].
         velocity: D face arrays [m/s].
         void_fraction: on the faces.
         time: [s].
@@ -128,7 +176,7 @@ def set_normal_velocity(
             value = jnp.zeros_like(inner)
             if side.kind == "inlet":
                 covered = jnp.asarray(coverage(grid, side), component.dtype)
-                speed = ramp(side, time) * side_velocity[2 * axis + upper][axis]
+                speed = velocity_at(side, side_velocity[2 * axis + upper], time)[axis]
                 value = value + covered * speed / at_side
             if side.kind == "outlet":
                 outward = jnp.maximum(inner, 0.0) if upper else jnp.minimum(inner, 0.0)
@@ -175,7 +223,7 @@ def with_ghosts(
         if side.kind in ("outlet", "free_slip"):
             ghosts.append(covered * mirrored - (1.0 - covered) * mirrored)
         else:
-            speed = ramp(side, time) * side_velocity[2 * axis + upper][which]
+            speed = velocity_at(side, side_velocity[2 * axis + upper], time)[which]
             ghosts.append(2.0 * covered * speed - mirrored)
     return jnp.concatenate((ghosts[0], component, ghosts[1]), axis)
 

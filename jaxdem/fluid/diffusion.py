@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, with_ghosts
-from jaxdem.fluid.grid import FaceField, Grid, along, divergence, sum_of
+from jaxdem.fluid.grid import FaceField, Grid, along, divergence, face_average_along, sum_of
+from jaxdem.fluid.subgrid import StrainRates, eddy_viscosity
 
 
 def stress_divergence(
@@ -16,38 +17,62 @@ def stress_divergence(
     velocity: FaceField,
     kinematic_viscosity: Array,
     time: Array,
+    smagorinsky: Array | None = None,
 ) -> FaceField:
-    """div(tau) / rho on the faces [m/s2], tau = mu (grad u + grad u^T - 2/3 div(u) 1).
+    """div(tau) / rho on the faces [m/s2], tau = (mu + rho nu_t) (grad u + grad u^T - 2/3 div(u) 1).
 
     The values on boundary faces are those of the nearest inner face, for the particles that see them.
 
     Args:
         grid: the grid.
         boundary: sides.
-        side_velocity: (D,) velocity of every side [m/s].
+        side_velocity: velocity of every side, see `velocity_at` [m/s].
         velocity: u on the faces [m/s].
         kinematic_viscosity: () [m2/s].
         time: [s].
+        smagorinsky: () coefficient of the subgrid viscosity nu_t, see `eddy_viscosity`; None leaves it out [-].
     """
+    rates = strain_rates(grid, boundary, side_velocity, velocity, time)
     expansion = divergence(grid, velocity)
+    eddy = None if smagorinsky is None else eddy_viscosity(grid, rates, smagorinsky)
     result = []
-    for which, component in enumerate(velocity):
+    for which in range(grid.dimension):
         terms = []
         for axis in range(grid.dimension):
+            stress = rates[min(which, axis), max(which, axis)]
             if axis == which:
-                rate = (along(component, axis, 1, None) - along(component, axis, None, -1)) / grid.spacing[
-                    axis
-                ]
-                stress = 2.0 * rate - (2.0 / 3.0) * expansion
+                stress = stress - (2.0 / 3.0) * expansion
+            if eddy is not None:
+                there = eddy if axis == which else _edge_average(grid, eddy, which, axis)
+                stress = (kinematic_viscosity + there) * stress
+            if axis == which:
                 stress = _wrapped(grid, stress, axis)
-                force = (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
-                terms.append(force)
-            else:
-                shear = _shear_rate(grid, boundary, side_velocity, velocity, which, axis, time)
-                force = (along(shear, axis, 1, None) - along(shear, axis, None, -1)) / grid.spacing[axis]
-                terms.append(_inner_only(grid, force, which))
-        result.append(_extended(grid, kinematic_viscosity * sum_of(terms), which))
+            force = (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
+            terms.append(force if axis == which else _inner_only(grid, force, which))
+        total = sum_of(terms)
+        result.append(_extended(grid, kinematic_viscosity * total if eddy is None else total, which))
     return tuple(result)
+
+
+def strain_rates(
+    grid: Grid, boundary: Boundary, side_velocity: tuple[Array, ...], velocity: FaceField, time: Array
+) -> StrainRates:
+    """du_i/dx_j + du_j/dx_i by (i, j), i <= j: in the cells for i = j, else on the edges of both axes [1/s].
+
+    Args:
+        grid: the grid.
+        boundary: sides.
+        side_velocity: velocity of every side, see `velocity_at` [m/s].
+        velocity: u on the faces [m/s].
+        time: [s].
+    """
+    rates = {}
+    for i, component in enumerate(velocity):
+        stretch = (along(component, i, 1, None) - along(component, i, None, -1)) / grid.spacing[i]
+        rates[i, i] = 2.0 * stretch
+        for j in range(i + 1, grid.dimension):
+            rates[i, j] = _shear_rate(grid, boundary, side_velocity, velocity, i, j, time)
+    return rates
 
 
 def _shear_rate(
@@ -68,6 +93,11 @@ def _shear_rate(
             (along(near, direction, 1, None) - along(near, direction, None, -1)) / grid.spacing[direction]
         )
     return rates[0] + rates[1]
+
+
+def _edge_average(grid: Grid, cell: Array, first: int, second: int) -> Array:
+    """Mean of the four cells around every edge between the faces of two axes; at a boundary of those inside."""
+    return face_average_along(grid, face_average_along(grid, cell, first), second)
 
 
 def _wrapped(grid: Grid, cell: Array, axis: int) -> Array:

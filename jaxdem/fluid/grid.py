@@ -80,7 +80,16 @@ def face_average(grid: Grid, cell: CellOrOne) -> tuple[CellOrOne, ...]:
     """Mean of the two cells of every face; on a boundary face the value of its cell. 1 stays 1."""
     if isinstance(cell, float):
         return (cell,) * grid.dimension
-    return tuple(_face_average_along(grid, cell, axis) for axis in range(grid.dimension))
+    return tuple(face_average_along(grid, cell, axis) for axis in range(grid.dimension))
+
+
+def face_average_along(grid: Grid, cell: Array, axis: int) -> Array:
+    """`face_average` for the faces of one axis; the other axes may hold cells or faces."""
+    inner = 0.5 * (along(cell, axis, None, -1) + along(cell, axis, 1, None))
+    first, last = along(cell, axis, 0, 1), along(cell, axis, -1, None)
+    if grid.periodic[axis]:
+        first = last = 0.5 * (first + last)
+    return jnp.concatenate((first, inner, last), axis)
 
 
 def share_to_faces(grid: Grid, cells: tuple[Array, ...]) -> FaceField:
@@ -126,14 +135,6 @@ def sum_of(terms):  # type: ignore[no-untyped-def]
     for term in terms:
         total = term if total is None else total + term
     return total
-
-
-def _face_average_along(grid: Grid, cell: Array, axis: int) -> Array:
-    inner = 0.5 * (along(cell, axis, None, -1) + along(cell, axis, 1, None))
-    first, last = along(cell, axis, 0, 1), along(cell, axis, -1, None)
-    if grid.periodic[axis]:
-        first = last = 0.5 * (first + last)
-    return jnp.concatenate((first, inner, last), axis)
 
 
 def _share_along(grid: Grid, cell: Array, axis: int) -> Array:

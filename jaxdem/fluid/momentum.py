@@ -1,25 +1,26 @@
-"""One step of the volume-averaged Navier-Stokes equations (model A) by an incremental projection.
+"""One step of the volume-averaged Navier-Stokes equations by an incremental projection.
 
     d(g)/dt + div(g u) = 0
-    rho [ d(g u)/dt + div(g u u) ] = -g grad p + g div(tau) - f
+    rho [ d(g u)/dt + div(g u u) ] = -g grad p + g div(tau) - f          model A
+    rho [ d(g u)/dt + div(g u u) ] =   -grad p +   div(tau) - f          model B
 
 p is the reduced pressure, so gravity does not appear. Heun's method advances advection and stress, the
 drag f is implicit at the new velocity, and the projection knows it: the pressure acts on a face through
-g / (g + B), where B is the resistance that the particles put on it. Hence no error is made by splitting
-drag from pressure, whatever the drag's relaxation time.
+g / (g + B), in model B 1 / (g + B), where B is the resistance that the particles put on it. Hence no error
+is made by splitting drag from pressure, whatever the drag's relaxation time.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, set_normal_velocity
-from jaxdem.fluid.diffusion import stress_divergence
+from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
@@ -30,6 +31,7 @@ from jaxdem.fluid.grid import (
     face_control_volume,
 )
 from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
+from jaxdem.fluid.subgrid import eddy_viscosity
 
 
 class FluidState(NamedTuple):
@@ -52,12 +54,15 @@ class FluidProperties(NamedTuple):
     Attributes:
         density: () [kg/m3].
         viscosity: () kinematic [m2/s].
-        side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall [m/s].
+        side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall; (T, D)
+            of an inlet with T times [m/s].
+        smagorinsky: () coefficient of the subgrid viscosity; None compiles none [-].
     """
 
     density: Array
     viscosity: Array
     side_velocity: tuple[Array, ...]
+    smagorinsky: Array | None = None
 
 
 class FaceExchange(NamedTuple):
@@ -96,13 +101,23 @@ class FluidSolver:
         grid: the mesh.
         boundary: its sides.
         advection: reconstruction of advected momentum.
-        viscous: whether the viscosity is not zero; an inviscid scene compiles no stress.
+        viscous: whether there is a viscosity, molecular or subgrid; an inviscid scene compiles no stress.
+        model: of the equations, "A" or "B".
+
+    Source of the models: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II
+    and III.
     """
 
     grid: Grid
     boundary: Boundary
     advection: AdvectionScheme
     viscous: bool
+    model: Literal["A", "B"] = "A"
+
+    @property
+    def shares_stress(self) -> bool:
+        """Whether particles take their volume's share of pressure gradient and stress (model A)."""
+        return self.model == "A"
 
     def step(
         self,
@@ -125,12 +140,12 @@ class FluidSolver:
             exchange: drag on the faces, None without particles.
             weighting: void fraction that weights pressure and stress: the one whose complement the
                 particles see with their interpolation weights, so that the mixture conserves momentum;
-                `void_fraction` where not given.
+                `void_fraction` where not given. Without effect in model B, where nothing weights them.
         """
         grid, end = self.grid, time + time_step
         old = face_average(grid, _or_one(state.void_fraction))
         new = face_average(grid, _or_one(void_fraction))
-        weight = new if weighting is None else face_average(grid, weighting)
+        weight = self._weight(new, weighting)
         growth = 0.0 if void_fraction is None else (void_fraction - state.void_fraction) / time_step
         if void_fraction is not None and not self.boundary.has_outlet:
             # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
@@ -171,6 +186,32 @@ class FluidSolver:
             _mean(first_stress, second_stress),
         )
 
+    def largest_viscosity(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
+        """() largest kinematic viscosity, molecular and subgrid, for the limit of the explicit stress [m2/s].
+
+        In model B the whole stress acts on the part g of the volume: it is over the smallest void fraction.
+
+        Args:
+            properties: viscosity, coefficient of the subgrid viscosity, boundary velocities.
+            state: of the fluid at `time`.
+            time: [s].
+        """
+        largest = properties.viscosity
+        if properties.smagorinsky is not None:
+            rates = strain_rates(
+                self.grid, self.boundary, properties.side_velocity, state.face_velocity, time
+            )
+            largest = largest + jnp.max(eddy_viscosity(self.grid, rates, properties.smagorinsky))
+        if not self.shares_stress and state.void_fraction is not None:
+            largest = largest / jnp.min(state.void_fraction)
+        return largest
+
+    def _weight(self, void_fraction: tuple[CellOrOne, ...], weighting: Array | None) -> tuple[CellOrOne, ...]:
+        """Part of pressure gradient and stress that acts on the fluid, on the faces."""
+        if not self.shares_stress:
+            return (1.0,) * self.grid.dimension
+        return void_fraction if weighting is None else face_average(self.grid, weighting)
+
     def _exchange_terms(
         self,
         properties: FluidProperties,
@@ -201,7 +242,9 @@ class FluidSolver:
         rates = advection(*args, self.advection, properties.side_velocity, flux, velocity, time)
         if not self.viscous:
             return rates, tuple(jnp.zeros_like(u) for u in velocity)
-        stress = stress_divergence(*args, properties.side_velocity, velocity, properties.viscosity, time)
+        stress = stress_divergence(
+            *args, properties.side_velocity, velocity, properties.viscosity, time, properties.smagorinsky
+        )
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return total, stress
 

@@ -6,6 +6,9 @@ and all are seen by the particles through the coarse solver's own weights. The t
 the fine run less the pressure and viscous force that the coarse run applies itself:
 
     F_target = F_drag + (-V grad p + V div tau)_fine - (-V grad p + V div tau)_coarse
+
+That is a drag of model A. A run of model B has all its fluid force in F_drag; its target is of model A too, and
+the exchange converts what is learned from it as it converts the correlations.
 """
 
 from __future__ import annotations
@@ -161,7 +164,13 @@ class _CoarseView:
         applied = -volume * inputs.pressure_gradient
         if solver.viscous:
             stress = stress_divergence(
-                self.coarse, solver.boundary, fluid.side_velocity, faces, fluid.viscosity, time
+                self.coarse,
+                solver.boundary,
+                fluid.side_velocity,
+                faces,
+                fluid.viscosity,
+                time,
+                fluid.smagorinsky,
             )
             applied = applied + volume * fluid.density * interpolate_faces(weights, stress)
         return {name: getattr(inputs, name) for name in COLUMNS} | {"applied": applied}

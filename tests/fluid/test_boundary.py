@@ -9,12 +9,15 @@ from jaxdem.fluid.boundary import (
     Boundary,
     Side,
     coverage,
+    largest_inflow,
     open_fraction,
     ramp,
     set_normal_velocity,
+    velocity_at,
     with_ghosts,
 )
 from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.inlet import LinearTable, Parabola
 
 
 def box(cells, kinds, periodic=(False, False), velocity=None, **patch):
@@ -98,6 +101,83 @@ def test_ramp_is_linear_and_ends():
     seen = [float(ramp(side, jnp.asarray(t))) for t in (-1.0, 0.0, 0.01, 0.05, 9.0)]
     np.testing.assert_allclose(seen, [0.0, 0.0, 0.2, 1.0, 1.0], atol=1e-15)
     assert float(ramp(side._replace(ramp_time=0.0), jnp.asarray(0.0))) == 1.0
+
+
+TABLE = LinearTable((0.0, 0.2, 0.3, 1.0), (1.0, -0.5, 2.0, 0.25))
+PROFILES = {
+    "parabola": (Parabola(), lambda z: 6.0 * (z - 0.13) * (0.555 - z) / 0.425**2, 0.425),
+    # Trapezia of the table's parts in the patch, by hand: ends at z = 0.13 and z = 0.555.
+    "table": (
+        TABLE,
+        lambda z: np.interp(z, TABLE.positions, TABLE.values),
+        0.07 * (0.025 - 0.5) / 2 + 0.1 * 1.5 / 2 + 0.255 * (2.0 + 2.0 - 1.75 * 0.255 / 0.7) / 2,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("count", [1, 4, 7, 33])
+def test_profile_means_are_exact_on_every_mesh(name, count):
+    """Face means against a midpoint sum of a million points; their sum is the integral, to round-off."""
+    profile, function, integral = PROFILES[name]
+    grid, boundary, _ = box(
+        (3, count), ("inlet", *WALLS[1:]), start=(0.13,), stop=(0.555,), profile=(profile,)
+    )
+    mean = coverage(grid, boundary.sides[0])
+    assert mean.sum() * grid.spacing[1] == pytest.approx(integral, rel=1e-14)
+    z = (np.arange(count * 30_000) + 0.5) / (count * 30_000)
+    fine = np.where((z > 0.13) & (z < 0.555), function(z), 0.0).reshape(count, -1).mean(axis=1)
+    # A point of the sum that the patch cuts through counts as a whole.
+    np.testing.assert_allclose(mean[0], fine, atol=1e-4)
+    half = coverage(grid, boundary.sides[0], staggered=1)[0]
+    assert (half * np.r_[0.5, np.ones(count - 1), 0.5]).sum() * grid.spacing[1] == pytest.approx(
+        integral, rel=1e-13
+    )
+
+
+def test_profile_over_the_whole_side_and_along_one_axis_of_a_layer():
+    grid = Grid((2, 3, 4), (1.0, 0.3, 0.8), 1.0, (False, False, False))
+    mean = coverage(grid, Side(0, False, "inlet", profile=(None, Parabola())))
+    s = np.arange(5) / 4
+    np.testing.assert_allclose(mean, np.tile(4 * np.diff(3 * s**2 - 2 * s**3), (1, 3, 1)), rtol=1e-14)
+
+
+def test_velocity_follows_its_table():
+    """Linear between the times, held outside of them, component by component; the ramp multiplies it."""
+    side = Side(0, False, "inlet", times=(0.1, 0.2, 0.4))
+    velocity = jnp.asarray([[1.0, 0.0], [3.0, -1.0], [-2.0, 0.5]])
+    for time, expected in (
+        (0.0, [1.0, 0.0]),
+        (0.1, [1.0, 0.0]),
+        (0.15, [2.0, -0.5]),
+        (0.2, [3.0, -1.0]),
+        (0.25, [1.75, -0.625]),
+        (0.4, [-2.0, 0.5]),
+        (7.0, [-2.0, 0.5]),
+    ):
+        np.testing.assert_allclose(velocity_at(side, velocity, jnp.asarray(time)), expected, atol=1e-14)
+    slow = side._replace(ramp_time=0.3)
+    np.testing.assert_allclose(velocity_at(slow, velocity, jnp.asarray(0.15)), [1.0, -0.25], atol=1e-14)
+
+
+def test_largest_inflow_of_an_interval():
+    """At its ends, at the times in between, and the profile's peak on top."""
+    side = Side(0, False, "inlet", times=(0.1, 0.2, 0.4))
+    velocity = jnp.asarray([[1.0, 0.0], [3.0, 9.0], [-2.0, 0.0]])
+    for start, stop, expected in (
+        (0.0, 0.05, 1.0),
+        (0.12, 0.15, 2.0),
+        (0.15, 0.3, 3.0),
+        (0.3, 0.4, 2.0),
+        (0.5, 0.6, 2.0),
+    ):
+        found = largest_inflow(side, velocity, jnp.asarray(start), jnp.asarray(stop))
+        assert float(found) == pytest.approx(expected, rel=1e-14)
+        shaped = side._replace(profile=(Parabola(), None))
+        found = largest_inflow(shaped, velocity, jnp.asarray(start), jnp.asarray(stop))
+        assert float(found) == pytest.approx(1.5 * expected, rel=1e-14)
+    steady = Side(1, True, "inlet", ramp_time=0.1, profile=(LinearTable((0.0, 1.0), (0.5, -4.0)),))
+    assert float(largest_inflow(steady, jnp.asarray([5.0, -3.0]), jnp.asarray(0.0), jnp.asarray(0.1))) == 12.0
 
 
 def test_limiter_is_zero_at_extrema_exact_on_lines_and_bounded():

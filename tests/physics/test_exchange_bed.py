@@ -36,7 +36,7 @@ class AnyLaw:
 class Column:
     """160 held spheres, two by two in the cells of ten middle rows, and a tiny one among them that may move."""
 
-    def __init__(self):
+    def __init__(self, model="A"):
         x, z = np.meshgrid((np.arange(8) + 0.5) * 0.02, 0.12 + (np.arange(20) + 0.5) * 0.02, indexing="ij")
         bed = np.stack((x.ravel(), z.ravel()), axis=1)
         self.position = np.concatenate((bed, [[0.08, 0.32]]))
@@ -45,7 +45,7 @@ class Column:
             domain=dict(size=[4 * H, 16 * H], depth=DEPTH, gravity=[0.0, 0.0]),
             particles=dict(radius=[0.009] * 160 + [5e-5], density=2650.0, position=self.position.tolist()),
             contact=dict(speed=1.0),
-            fluid=dict(cells=[4, 16], density=RHO, viscosity=1e-5, time_step=INTERVAL),
+            fluid=dict(cells=[4, 16], density=RHO, viscosity=1e-5, time_step=INTERVAL, model=model),
             boundary=dict(
                 left=dict(kind="free_slip"),
                 right=dict(kind="free_slip"),
@@ -131,6 +131,11 @@ def column():
     return Column()
 
 
+@pytest.fixture(scope="module")
+def column_b():
+    return Column("B")
+
+
 def pressure_slope(fluid):
     """Gradient within the bed, three cells from its ends: two kernels see each other's end there [Pa/m]."""
     rows = np.asarray(fluid.pressure).mean(axis=0)
@@ -158,6 +163,41 @@ def test_fixed_bed_pressure_drop_is_erguns(column, law, speed):
     pressure, drag = np.asarray(forces.pressure_gradient)[:160][row, 1], np.asarray(forces.drag)[:160][row, 1]
     np.testing.assert_allclose(pressure, 4 / 3 * np.pi * radius**3 * ergun, rtol=2e-3)
     np.testing.assert_allclose(drag / pressure, g / s, rtol=2e-3)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.05])
+def test_fixed_bed_pressure_drop_is_erguns_in_model_b_too(column_b, speed):
+    """The same Ergun drop; the drag carries all of it, V_p dp/L / s on a sphere, pressure and stress nothing."""
+    radius, viscosity = 0.009, 1e-5
+    s, d, mu = column_b.solid(radius), 2 * radius, RHO * viscosity
+    fluid, _, forces = column_b.run("ergun", radius, speed, viscosity, 200)
+    g = 1.0 - s
+    ergun = 150 * mu * speed * s**2 / (g**3 * d**2) + 1.75 * RHO * speed**2 * s / (g**3 * d)
+    assert pressure_slope(fluid) == pytest.approx(-ergun, rel=1e-3)  # the gate is 2 %
+    drop = np.asarray(fluid.pressure)[:, 0].mean()
+    assert np.asarray(forces.drag)[:, 1].sum() == pytest.approx(drop * 4 * H * DEPTH, rel=2e-3)
+    row = np.abs(column_b.position[:160, 1] - 0.33) < 0.02
+    volume = 4 / 3 * np.pi * radius**3
+    np.testing.assert_allclose(np.asarray(forces.drag)[:160][row, 1], volume * ergun / s, rtol=2e-3)
+    assert not np.any(forces.pressure_gradient) and not np.any(forces.viscous)
+
+
+def test_drag_that_is_not_converted_fails_the_bed_in_model_b(column_b, monkeypatch):
+    """Negative control: the law of model A as it is gives g times the pressure drop."""
+    monkeypatch.setattr(exchange_module, "drag_of_model_b", lambda drag, solid_fraction: drag)
+    fluid, _, _ = column_b.run("ergun", 0.009, 1e-3, 1e-5, 200, run=column_b.compiled())
+    s, d = column_b.solid(0.009), 0.018
+    g = 1.0 - s
+    ergun = 150 * RHO * 1e-5 * 1e-3 * s**2 / (g**3 * d**2) + 1.75 * RHO * 1e-6 * s / (g**3 * d)
+    assert pressure_slope(fluid) == pytest.approx(-g * ergun, rel=1e-3)
+
+
+def test_pressure_drives_all_of_an_accelerating_flow_in_model_b(column_b):
+    """While the inlet ramps up, without drag: rho d(g u)/dt = -grad p, so grad p = -rho dU/dt whatever the bed."""
+    speed = 0.02
+    fluid, velocity, _ = column_b.run("stokes", 0.009, speed, 1e-5, 4, scale=0.0, density=100.0)
+    assert pressure_slope(fluid) == pytest.approx(-RHO * speed / RAMP, rel=1e-3)
+    assert not np.any(velocity)  # and no particle feels it
 
 
 def test_square_of_the_void_fraction_would_fail_the_bed(column, monkeypatch):
@@ -340,3 +380,38 @@ def test_dem06_sphere_in_an_upward_stream():
     # The gate, of the terminal speed and of the height.
     np.testing.assert_allclose(v, reference[:, 1], atol=1e-3 * 0.0574)
     np.testing.assert_allclose(y, reference[:, 3], rtol=1e-3)
+
+
+@pytest.mark.parametrize("model", ["A", "B"])
+def test_a_dilute_sphere_settles_alike_in_both_models(model):
+    """One sphere in 1e10 times its volume of air: the terminal speed of Schiller and Naumann's drag.
+
+    W = 3 pi mu d v (1 + 0.15 Re^0.687) by a fixed point; the drag's relaxation time is five steps.
+    """
+    d, nu, rho, density, gravity = 1e-4, 1e-4, 1.2, 2000.0, 9.81
+    tables = dict(
+        precision="float64",
+        domain=dict(size=[0.2, 0.2], depth=1.0, gravity=[0.0, -gravity]),
+        particles=dict(radius=d / 2, density=density, position=[[0.1, 0.15]]),
+        contact=dict(young_modulus=1.0, speed=1e-3),
+        fluid=dict(cells=[4, 4], density=rho, viscosity=nu, time_step=2e-3, model=model),
+        boundary={side: dict(kind="periodic") for side in ("left", "right", "bottom", "top")},
+        coupling=dict(drag="schiller_naumann", kernel_width=dict(diameters=0.0, cells=0.5)),
+        time=dict(end=0.2, output_interval=0.2),
+    )
+    scene = jaxdem.load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+
+    @jax.jit
+    def settled(state, neighbors):
+        return lax.fori_loop(0, 100, lambda _, c: simulation.step(parameters, *c)[:2], (state, neighbors))
+
+    end, _ = settled(state, neighbors)
+    stokes_speed = (density - rho) * gravity * d**2 / (18.0 * rho * nu)
+    speed = stokes_speed
+    for _ in range(200):
+        speed = stokes_speed / (1.0 + 0.15 * (speed * d / nu) ** 0.687)
+    # The air, which takes up the sphere's weight, has gained 1e-6 of its speed by now; the models differ by the
+    # solid fraction, 1e-10.
+    assert -float(end.particles.velocity[0, 1]) == pytest.approx(speed, rel=5e-6)

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from jax import lax
 
+import jaxdem
 from jaxdem.fluid.advection import Upwind, VanLeer, advection
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid, divergence, face_average
+from jaxdem.fluid.inlet import LinearTable, Parabola
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 
 DATA = Path(__file__).parents[1] / "data"
@@ -19,22 +21,26 @@ DATA = Path(__file__).parents[1] / "data"
 class Flow:
     """A fluid in a box: one compilation for any numbers of steps and time step."""
 
-    def __init__(self, cells, size, kinds, patches=None, scheme=None, density=1.0, depth=1.0):
+    def __init__(self, cells, size, kinds, patches=None, scheme=None, density=1.0, depth=1.0, inlet=None):
         periodic = tuple(kinds[2 * a] == "periodic" for a in range(len(cells)))
-        patches = patches or {}
-        sides = (Side(n // 2, bool(n % 2), k, *patches.get(n, (None, None))) for n, k in enumerate(kinds))
+        patches, inlet = patches or {}, inlet or {}
+        sides = (
+            Side(n // 2, bool(n % 2), k, *patches.get(n, (None, None)), **(inlet if k == "inlet" else {}))
+            for n, k in enumerate(kinds)
+        )
         self.grid = Grid(cells, size, depth, periodic)
         self.solver = FluidSolver(self.grid, Boundary(tuple(sides)), scheme or VanLeer(), True)
         self.density = density
         self.still = np.zeros(len(cells))
         self.march = jax.jit(self._march)
 
-    def properties(self, viscosity, velocity=None, dtype=jnp.float64):
+    def properties(self, viscosity, velocity=None, dtype=jnp.float64, smagorinsky=None):
         """Numbers of the fluid; `velocity` maps the number of a side to its velocity."""
         velocity = velocity or {}
         speeds = (velocity.get(n, self.still) for n in range(2 * len(self.still)))
         numbers = (jnp.asarray(self.density, dtype), jnp.asarray(viscosity, dtype))
-        return FluidProperties(*numbers, tuple(jnp.asarray(v, dtype) for v in speeds))
+        coefficient = None if smagorinsky is None else jnp.asarray(smagorinsky, dtype)
+        return FluidProperties(*numbers, tuple(jnp.asarray(v, dtype) for v in speeds), coefficient)
 
     def state(self, *faces, void_fraction=None, dtype=jnp.float64):
         """Fluid with these face velocities (at rest without), zero pressure."""
@@ -203,6 +209,23 @@ def test_couette_start_up_follows_the_series(couette):
     np.testing.assert_allclose(state.face_velocity[0][0], 2.0 * (z[:, 0] + series), atol=0.02)
 
 
+def test_couette_flow_with_subgrid_viscosity_stays_linear_under_a_larger_stress(couette):
+    """nu_t = (C_s Delta)^2 a is even in plane shear, so that the profile is the same and the wall's stress
+    rho (nu + nu_t) a: what the fluid loses to the floor when the lid is let go (made free to slip)."""
+    numbers = dict(velocity={3: [2.0, 0.0]}, smagorinsky=0.4)
+    properties = couette.properties(0.05, **numbers)
+    state, _, _ = couette.march(properties, couette.state(), 4000, 0.01)
+    u = np.asarray(state.face_velocity[0])
+    np.testing.assert_allclose(u, np.broadcast_to(2.0 * couette.centres(1), (4, 8)), atol=1e-11)
+    eddy = 0.4**2 * 0.1 * 0.125 * 2.0
+    assert eddy == pytest.approx(0.004)
+    slippery = Flow((3, 8), (0.3, 1.0), ("periodic", "periodic", "no_slip", "free_slip"))
+    after, _, _ = slippery.march(slippery.properties(0.05, smagorinsky=0.4), state, 1, 1e-6)
+    stress = (u[0].sum() - float(after.face_velocity[0][0].sum())) * 0.125 / 1e-6
+    # Over the step the top row slows down by nu a t / h, which changes the floor's stress in nothing.
+    assert stress == pytest.approx((0.05 + eddy) * 2.0, rel=1e-6)
+
+
 def test_free_slip_walls_take_no_momentum():
     flow = Flow((3, 4), (0.3, 0.4), ("periodic", "periodic", "free_slip", "free_slip"))
     state, _, _ = flow.march(flow.properties(1.0), flow.state(0.5, 0.0), 20, 0.001)
@@ -242,6 +265,47 @@ def test_channel_conserves_mass(channel):
     flux = np.asarray(state.face_velocity[0]).sum(axis=1) * flow.grid.spacing[1]
     # Every cross-section: round-off of the solves along the channel.
     np.testing.assert_allclose(flux, 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("profile", ["parabolic", "uniform"])
+def test_poiseuille_flow_keeps_its_profile_from_a_parabolic_inlet(profile):
+    """Pressure falls by 12 mu U L / H^2 and the profile stays 6 U s (1 - s) from the first cell on.
+
+    The discrete flow is 6 U [s (1 - s) + h^2/4] / (1 + 2 h^2) in units of H, its drop 12 mu U L / (1 + 2 h^2):
+    0.8 % off on 16 cells. A uniform inlet, as the negative control, pays for the entrance as well.
+    """
+    inlet = dict(profile=(Parabola(),)) if profile == "parabolic" else None
+    flow = Flow((12, 16), (1.5, 0.5), ("inlet", "outlet", "no_slip", "no_slip"), density=3.0, inlet=inlet)
+    speed, nu, height, length = 0.4, 0.02, 0.5, 11 * 0.125
+    state, worst, ok = flow.march(flow.properties(nu, {0: [speed, 0.0]}), flow.state(), 1500, 0.01)
+    assert bool(ok) and float(worst) < 1e-10
+    s = flow.centres(1) / height
+    u, p = np.asarray(state.face_velocity[0]), np.asarray(state.pressure)
+    assert u[0].mean() == pytest.approx(speed, rel=1e-14)
+    drift = np.abs(u - 6.0 * speed * (s * (1.0 - s))[None]).max() / (1.5 * speed)
+    drop = (p[0] - p[-1]).mean() / (12.0 * 3.0 * nu * speed * length / height**2)
+    discrete = 1.0 / (1.0 + 2.0 / 16**2)
+    print("Poiseuille", profile, drift, drop, discrete)
+    if profile == "parabolic":
+        assert drift < 0.01
+        assert drop == pytest.approx(1.0, abs=0.01)
+    else:
+        assert drift > 0.3 and drop > 1.05
+
+
+@pytest.mark.parametrize("profile", [Parabola(), LinearTable((0.0, 0.2, 0.5), (0.3, 2.0, -0.5))], ids=str)
+def test_flow_rate_of_a_profile_is_the_same_on_every_mesh(profile):
+    """Through a patch that fits no mesh, over an uneven void fraction; what goes in goes out."""
+    exact = 0.37 if isinstance(profile, Parabola) else 0.1 * (1.15 + 2.0) / 2 + 0.27 * (2.0 - 0.25) / 2
+    for cells in ((4, 4), (7, 9)):
+        sides = ("inlet", "outlet", "no_slip", "no_slip")
+        flow = Flow(cells, (1.0, 1.0), sides, {0: ((0.1,), (0.47,))}, inlet=dict(profile=(profile,)))
+        g = np.random.default_rng(1).uniform(0.5, 1.0, cells)
+        properties = flow.properties(1e-3, {0: [0.8, 0.0]})
+        state, _, ok = flow.march(properties, flow.state(void_fraction=g), 3, 0.01, g)
+        flux = np.asarray(face_average(flow.grid, g)[0] * state.face_velocity[0]).sum(axis=1) / cells[1]
+        assert bool(ok) and flux[0] == pytest.approx(exact * 0.8, rel=1e-14)
+        assert flux[-1] == pytest.approx(flux[0], rel=1e-9)
 
 
 def test_lid_driven_cavity_at_reynolds_100():
@@ -423,3 +487,34 @@ def test_one_cell_thick_axis(across):
     # Friction of two walls half a cell away: 2 * 2 nu U / h^2 per length, over five cells; none if periodic.
     wall = 0.0 if across == "periodic" else 4.0 * 1e-3 * 0.5 / 0.1**2 * 0.5
     assert bool(ok) and drop == pytest.approx(wall, abs=1e-9)
+
+
+def test_an_inlet_follows_its_velocities_in_time():
+    """From the scene on: the flow rate at the end of every interval is that of the table, to round-off."""
+    times, speeds = [0.02, 0.05, 0.11], [0.3, 1.2, 0.6]
+    tables = dict(
+        precision="float64",
+        domain=dict(size=[1.0, 0.5], depth=1.0),
+        fluid=dict(cells=[4, 6], viscosity=1e-3, time_step=0.01),
+        boundary=dict(
+            right=dict(
+                kind="inlet", times=times, velocities=speeds, profile="parabolic", **{"from": 0.1, "to": 0.4}
+            ),
+            left=dict(kind="outlet"),
+        ),
+        time=dict(end=0.15, output_interval=0.01),
+    )
+    scene = jaxdem.load_scene(tables)
+    assert scene.boundary["right"].velocities[1] == (-1.2, 0.0) and scene.boundary["right"].ramp_time == 0.0
+    simulation, parameters = jaxdem.build(scene)
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+    step = jax.jit(lambda s: simulation.step(parameters, s, None)[::2])
+    for k in range(1, 16):
+        state, diagnostics = step(state)
+        rate = -np.asarray(state.fluid.face_velocity[0]) @ np.full(6, 0.5 / 6)
+        exact = 0.3 * np.interp(0.01 * k, times, speeds)
+        assert rate[-1] == pytest.approx(exact, rel=1e-13)
+        # What it lets in leaves at once: incompressible.
+        assert rate[0] == pytest.approx(exact, rel=1e-9)
+        # 1.5 * 1.2 m/s is 0.072 cells in 0.01 s: the peak of the profile counts.
+        assert float(diagnostics.fluid.courant) >= 1.5 * np.interp(0.01 * k, times, speeds) * 0.01 / 0.25
