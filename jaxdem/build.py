@@ -16,6 +16,7 @@ from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.exchange import FluidInterval
 from jaxdem.coupling.interpolation import KernelWidth
+from jaxdem.coupling.lift import Magnus, SaffmanMei
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
@@ -39,6 +40,7 @@ from jaxdem.time_steps import TimeSteps, inlet_profiles, time_steps
 
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
+LIFT_LAWS: dict[str, Any] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
 ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
 
 
@@ -188,7 +190,14 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
                 closure = load_closure(scene.closure.file)[0]
             law = drag_law(scene) if closure is None else None
         fluid = FluidInterval(
-            solver, deposition, steps.interval, steps.fluid_substeps, scene.fluid.courant_limit, False
+            solver,
+            deposition,
+            steps.interval,
+            steps.fluid_substeps,
+            scene.fluid.courant_limit,
+            () if scene.coupling is None else tuple(LIFT_LAWS[name]() for name in scene.coupling.lift),
+            scene.coupling is not None and scene.coupling.rotational_drag,
+            False,
         )
     simulation = Simulation(steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law)
     return simulation, _parameters(scene, radius, density, closure, dtype)

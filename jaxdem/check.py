@@ -202,6 +202,10 @@ def _parts(
         ]
     if simulation.fluid is not None and simulation.fluid.deposition is not None:
         closure = parameters.closure
+        parts.append((f"void fraction {type(simulation.fluid.deposition).__name__}", True))
+        lifts = [type(law).__name__ for law in simulation.fluid.lifts]
+        parts.append((" ".join(["lift", *lifts]), bool(lifts)))
+        parts.append(("rotational drag", simulation.fluid.rotational_drag))
         parts.append((f"drag law {type(simulation.drag_law).__name__}", simulation.drag_law is not None))
         learned = f"learned drag {type(closure).__name__}" if closure is not None else "learned drag"
         parts.append((learned, closure is not None))

@@ -261,12 +261,23 @@ class Coupling(Section):
         kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples; of
             diffusion, of the triangle with the variance of its Gaussian.
         interval: time between exchanges, "auto" (the fluid step) or [s].
+        lift: lift laws, of "saffman_mei" (shear) and "magnus" (rotation).
+        rotational_drag: whether the fluid turns the particles.
     """
 
     drag: str = "koch_hill"
     void_fraction: Literal["kernel", "centre", "divided", "diffusion"] = "kernel"
     kernel_width: Width = Width()
     interval: Positive | Literal["auto"] = "auto"
+    lift: tuple[Literal["saffman_mei", "magnus"], ...] = ()
+    rotational_drag: bool = Field(default=False, strict=True)
+
+    @field_validator("lift")
+    @classmethod
+    def _each_once(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(value)) < len(value):
+            raise ValueError("names a lift law twice; name each once")
+        return value
 
     @field_validator("kernel_width", mode="before")
     @classmethod

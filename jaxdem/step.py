@@ -70,5 +70,6 @@ def particle_part(
         particles, neighbors, collision = contact_interval(
             simulation.contact, surroundings(parameters.contact, walls), parameters.bodies,
             particles, neighbors, acting, simulation.contact_time_step(acting.dtype),
+            None if forces is None else forces.torque,
         )  # fmt: skip
         return particles, neighbors, simulation.particle_report(particles, neighbors, collision)

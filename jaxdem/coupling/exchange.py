@@ -29,11 +29,13 @@ from jaxdem.coupling.interpolation import (
     deposit_on_faces,
     interpolate_faces,
 )
+from jaxdem.coupling.lift import LiftInputs, LiftLaw, rotational_drag, vorticity
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import largest_inflow
-from jaxdem.fluid.grid import face_total
+from jaxdem.fluid.grid import face_total, sum_of
 from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.particles import vectors
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column
 
 SUBSTEPS = (1, 2, 4, 8)
@@ -78,6 +80,8 @@ class FluidForces(NamedTuple):
         drag: (N, D) [N].
         pressure_gradient: (N, D) -V_p grad p of the reduced pressure; zero in model B [N].
         viscous: (N, D) V_p div(tau); zero in model B [N].
+        lift: (N, D) sum of the lift laws; None without any [N].
+        torque: (N, A) of the rotational drag; None without it [N m].
         inputs: of the drag law, at the start of the interval.
         law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].
     """
@@ -85,13 +89,16 @@ class FluidForces(NamedTuple):
     drag: Array
     pressure_gradient: Array
     viscous: Array
+    lift: Array | None
+    torque: Array | None
     inputs: DragInputs
     law: Array
 
     @property
     def total(self) -> Array:
         """(N, D) sum [N]; buoyancy of the hydrostatic pressure is not in it."""
-        return self.drag + self.pressure_gradient + self.viscous
+        lift = 0.0 if self.lift is None else self.lift
+        return self.drag + self.pressure_gradient + self.viscous + lift
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,6 +111,8 @@ class FluidInterval:
         duration: of the interval [s].
         substeps: smallest number of fluid steps.
         courant_limit: a fluid step is cut until its Courant number is under this.
+        lifts: lift laws, () for none.
+        rotational_drag: whether the fluid turns the particles.
         reversible: loops that reverse-mode differentiation can run backwards.
     """
 
@@ -112,6 +121,8 @@ class FluidInterval:
     duration: float
     substeps: int
     courant_limit: float
+    lifts: tuple[LiftLaw, ...]
+    rotational_drag: bool
     reversible: bool
 
 
@@ -170,6 +181,10 @@ def exchange(
     weights = interval.deposition.weights(grid, particles.position, bodies.radius)
     solids = solid_fraction(grid, weights, bodies.volume)
     drag, inputs = _drag(interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids)
+    lift, torque = _rotation(interval, properties, bodies, fluid, particles, weights, inputs)
+    acting = drag
+    if lift is not None:
+        acting = drag._replace(remainder=lift if drag.remainder is None else drag.remainder + lift)
     count, courant, viscous = _choose_substeps(interval, properties, fluid, time)
     step = jnp.asarray(interval.duration, solids.dtype) / count
     grip = step * drag.coefficient
@@ -190,7 +205,7 @@ def exchange(
             properties,
             bodies,
             weights,
-            drag,
+            acting,
             response,
             steady,
             start + (k + 1) * change,
@@ -204,9 +219,11 @@ def exchange(
     # The last void fraction is the deposited one itself, without the rounding of the sum above.
     fluid = carry.fluid._replace(void_fraction=1.0 - solids)
     forces = FluidForces(
-        carry.drag / interval.duration,
+        carry.drag / interval.duration - (0.0 if lift is None else lift),
         carry.pressure_gradient / interval.duration,
         carry.viscous / interval.duration,
+        lift,
+        torque,
         inputs,
         drag.coefficient[:, None] * inputs.slip_velocity
         + (0.0 if drag.remainder is None else drag.remainder),
@@ -265,6 +282,35 @@ def _drag(
         drag = drag_of_model_b(drag, inputs.solid_fraction)
     remainder = None if drag.remainder is None else drag_scale * drag.remainder
     return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range), inputs
+
+
+def _rotation(
+    interval: FluidInterval,
+    properties: FluidProperties,
+    bodies: ParticleProperties,
+    fluid: FluidState,
+    particles: ParticleState,
+    weights: Weights,
+    inputs: DragInputs,
+) -> tuple[Array | None, Array | None]:
+    """Sum of the lift laws (N, D) and the torque (N, A), for the fluid at the start of the interval."""
+    if not interval.lifts and not interval.rotational_drag:
+        return None, None
+    around = LiftInputs(
+        vectors.components(inputs.slip_velocity),
+        vorticity(interval.solver.grid, weights, fluid.face_velocity),
+        vectors.components(particles.angular_velocity),
+        inputs.diameter,
+        inputs.fluid_density,
+        inputs.dynamic_viscosity,
+    )
+    lift = torque = None
+    if interval.lifts:
+        lift = sum_of(vectors.stack(law(around)) for law in interval.lifts)
+    if interval.rotational_drag:
+        duration = jnp.asarray(interval.duration, fluid.pressure.dtype)
+        torque = vectors.stack(rotational_drag(around, bodies.inertia, duration))
+    return lift, torque
 
 
 def _substep(

@@ -58,6 +58,7 @@ def contact_interval(
     neighbors: Neighbors,
     body_force: Array,
     time_step: Array,
+    body_torque: Array | None = None,
 ) -> tuple[ParticleState, Neighbors, Array]:
     """Particles moved through `interval.steps` contact steps of position Verlet.
 
@@ -75,12 +76,14 @@ def contact_interval(
         neighbors: list that `state.contact_spring` belongs to.
         body_force: (N, D) constant over the interval: gravity and fluid forces [N].
         time_step: contact step [s].
+        body_torque: (N, A) constant over the interval, None for none [N m].
 
     Returns:
         state at the end, with `contact_force` the mean over the interval; the list; and the mean over
         particles and steps of |sum of contact forces| () [N].
     """
     force = vectors.components(body_force)
+    turning = None if body_torque is None else vectors.components(body_torque)
     resting = vectors.add(force, vectors.components(state.contact_force))
 
     def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
@@ -90,7 +93,8 @@ def contact_interval(
             interval.model, surroundings, properties, motion, neighbors, time_step, expected
         )
         total = vectors.add(sums.force, force)
-        motion = kick(motion, total, sums.torque, properties, time_step)
+        torque = sums.torque if turning is None else vectors.add(sums.torque, turning)
+        motion = kick(motion, total, torque, properties, time_step)
         impulse = vectors.add(carry.contact_impulse, vectors.scale(time_step, sums.force))
         size = vectors.safe_sqrt(vectors.dot(sums.force, sums.force))
         collision = carry.collision + jnp.sum(size)
