@@ -16,8 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxdem.particles.vectors import dot, safe_sqrt
-
 Low = Array | None
 Pair = tuple[Array, Low]
 
@@ -130,8 +128,8 @@ def overlap_of_spheres(separation: tuple[Pair, ...], radius_sum: Array, radius_s
     """
     squared_high = radius_sum * radius_sum
     if separation[0][1] is None:
-        distance_squared = _squared_length(separation)
-        return (squared_high - distance_squared) / (radius_sum + safe_sqrt(distance_squared))
+        distance_squared = sum(high * high for high, _ in separation)
+        return (squared_high - distance_squared) / (radius_sum + jnp.sqrt(distance_squared))
     terms = [jnp.broadcast_to(term, separation[0][0].shape) for term in exact_square(radius_sum)]
     for high, _ in separation:
         terms += [-term for term in exact_square(high)]
@@ -140,12 +138,8 @@ def overlap_of_spheres(separation: tuple[Pair, ...], radius_sum: Array, radius_s
         error = error + 2.0 * radius_sum * radius_sum_low
     for high, low in separation:
         error = error - 2.0 * high * low  # type: ignore[operator]
-    distance_squared = _squared_length(separation)
-    return (total + error) / (radius_sum + safe_sqrt(distance_squared))
-
-
-def _squared_length(vector: tuple[Pair, ...]) -> Array:
-    return dot(*(tuple(high for high, _ in vector),) * 2)
+    distance_squared = sum(high * high for high, _ in separation)
+    return (total + error) / (radius_sum + jnp.sqrt(distance_squared))
 
 
 def _twelve_bits(number: float) -> float:

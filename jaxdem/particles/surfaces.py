@@ -80,13 +80,17 @@ class Cylinder:
     def overlap(self, x: Array, radius: Array) -> Array:
         """See `Surface`: radius + rho - R inside, radius + R - rho outside, as the overlap of two spheres."""
         center = np.asarray(self.center)
-        across = [
+        (first, low), second = (
             compensated.affine(x, direction.tolist(), -float(direction @ center))
             for direction in self._across()
-        ]
+        )
         sign = -1.0 if self.inside else 1.0
         contact = compensated.affine(sign * radius[None], (1.0,), self.radius)
-        return sign * compensated.overlap_of_spheres(tuple(across), *contact)
+        # On the axis the distance from it has no slope.
+        apart = (first != 0.0) | (second[0] != 0.0)
+        separation = ((jnp.where(apart, first, 1.0), low), second)
+        overlap = compensated.overlap_of_spheres(separation, *contact)
+        return sign * jnp.where(apart, overlap, contact[0])
 
     def _across(self) -> np.ndarray:
         """(2, D) orthonormal vectors across the axis; those of the coordinates where the axis is the third."""
