@@ -206,3 +206,29 @@ def test_walls_not_in_the_scene_are_not_in_the_program():
 
     assert "tensor<5x1xf64>" in program((Plane((0.0, 0.0), (1.0, 1.0)),))
     assert "tensor<5x1xf64>" not in program(())
+
+
+def test_gradients_through_a_bounce_in_a_tube():
+    """Where a spinning ball is after it has hit the wall, by its starting velocity and the modulus: central
+    differences."""
+    scene = on_surfaces(
+        (Cylinder((0.5, 0.5), TUBE, None, True),), (0.5, 0.5 - TUBE + RADIUS + 1e-4), (0.3, -0.5)
+    )
+
+    def end(velocity, modulus):
+        start = scene._replace(
+            state=scene.state._replace(velocity=velocity[None]),
+            constants=scene.constants._replace(young_modulus=modulus),
+        )
+        state = advance(start, STEP, 60, reversible=True).state
+        return jnp.sum(state.position * jnp.asarray([[1.0, 2.0]])) + 1e-3 * jnp.sum(state.angular_velocity)
+
+    compiled = jax.jit(jax.value_and_grad(end, (0, 1)))
+    velocity, modulus = scene.state.velocity[0], jnp.asarray(MODULUS)
+    slopes = compiled(velocity, modulus)[1]
+    for axis, step in ((0, jnp.asarray([1e-5, 0.0])), (1, jnp.asarray([0.0, 1e-5]))):
+        ahead, behind = (compiled(velocity + sign * step, modulus)[0] for sign in (1, -1))
+        np.testing.assert_allclose(slopes[0][axis], (ahead - behind) / 2e-5, rtol=1e-5)
+    ahead, behind = (compiled(velocity, modulus * (1 + sign * 1e-4))[0] for sign in (1, -1))
+    np.testing.assert_allclose(slopes[1], (ahead - behind) / (2e-4 * MODULUS), rtol=1e-4)
+    assert advance(scene, STEP, 60).state.velocity[0, 1] > 0.1  # it has bounced
