@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -24,7 +25,7 @@ from jaxdem.fluid.advection import Upwind, VanLeer
 from jaxdem.fluid.boundary import Boundary, Side, ramp
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
-from jaxdem.initial import check_initial_positions, initial_positions, particle_column, rows_of
+from jaxdem.initial import check_initial_positions, check_walls, initial_positions, particle_column, rows_of
 from jaxdem.particles import vectors
 from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.forces import ContactModel
@@ -33,8 +34,10 @@ from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.materials import ContactParameters
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
+from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, Surface, surface_contacts, wedge
 from jaxdem.particles.walls import box_sides
 from jaxdem.scene import Contact, Scene
+from jaxdem.scene_walls import Wall
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 from jaxdem.time_steps import TimeSteps, inlet_profiles, time_steps
 
@@ -83,17 +86,20 @@ class Simulation:
         return jnp.asarray(self.steps.contact, dtype)
 
     def wall_velocity(self, parameters: Parameters, time: Array) -> tuple[Array, ...]:
-        """(D,) velocity of every wall of the box at a time [m/s]; moving walls drag grains along too."""
+        """(D,) velocity of every wall at a time [m/s]; moving sides of the box drag grains along too."""
         still = jnp.zeros_like(parameters.gravity)
+        if self.contact is None:
+            return ()
+        model = self.contact.model
         if self.fluid is None or parameters.fluid is None:
-            return (still,) * len(self.contact.model.sides) if self.contact else ()
+            return (still,) * model.walls
         velocities = []
-        for wall in self.contact.model.sides if self.contact else ():
+        for wall in model.sides:
             number = 2 * wall.axis + (wall.inward < 0)
             side = self.fluid.solver.boundary.sides[number]
             moves = side.kind == "moving_wall" and side.start is None
             velocities.append(ramp(side, time) * parameters.fluid.side_velocity[number] if moves else still)
-        return tuple(velocities)
+        return (*velocities, *(still,) * len(model.surfaces))
 
     def particle_report(
         self, particles: ParticleState, neighbors: Neighbors, collision: Array
@@ -154,12 +160,16 @@ class Simulation:
         return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
 
 
-def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation, Parameters]:
+def build(
+    scene: Scene, closure: DragClosure | None = None, walls: Sequence[Callable[[Array], Array]] = ()
+) -> tuple[Simulation, Parameters]:
     """The simulation of a scene, and its parameters.
 
     Args:
         scene: from `jaxdem.load_scene`.
         closure: learned drag closure to use instead of the scene's `closure.file` or drag law.
+        walls: signed distances x (D,) [m] -> () [m], positive where particles may be, of walls beside those of
+            the scene; see `jaxdem.particles.surfaces.DistanceFunction`.
 
     Raises:
         InputError: a step or size that the scene asks for cannot work.
@@ -177,7 +187,10 @@ def build(scene: Scene, closure: DragClosure | None = None) -> tuple[Simulation,
             ROLLING_MODELS[scene.contact.rolling_model]() if scene.contact.rolling_friction > 0.0 else None
         )
         model = ContactModel(
-            CONTACT_LAWS[scene.contact.law](), rolling, box_sides(scene.domain.size, scene.periodic)
+            CONTACT_LAWS[scene.contact.law](),
+            rolling,
+            box_sides(scene.domain.size, scene.periodic),
+            _surfaces(scene, walls, dtype),
         )
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
@@ -209,14 +222,17 @@ def initial_state(
     """The state that a scene starts from, and its neighbour list.
 
     Raises:
-        InputError: particles overlap, lie outside the box, or do not fit into their pack.
+        InputError: particles overlap each other or a wall, lie outside the box, or do not fit into their pack.
     """
     dtype = parameters.gravity.dtype
     particles, neighbors = None, None
     if scene.particles is not None:
         bare = _initial_particles(scene, dtype)
+        surfaces = simulation.contact.model.surfaces
+        if surfaces:
+            _check_walls(surfaces, bare, parameters.bodies.radius)
         neighbors = simulation.allocate(bare)
-        count, walls = bare.position.shape[0], len(simulation.contact.model.sides)
+        count, walls = bare.position.shape[0], simulation.contact.model.walls
         kept = simulation.contact.model.history_size(scene.dimension)
         particles = bare._replace(
             contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * kept,
@@ -312,6 +328,37 @@ def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
                 "narrow the kernel, or use more cells along that side",
             )
     return Kernel(half_width) if scene.coupling.void_fraction == "kernel" else Diffusion(half_width)
+
+
+def _surfaces(scene: Scene, functions: Sequence[Callable[[Array], Array]], dtype: Any) -> tuple[Surface, ...]:
+    """The walls of the scene, then those given as functions."""
+    surfaces = [surface for wall in scene.walls for surface in _of_wall(wall)]
+    for function in functions:
+        shape = jax.eval_shape(function, jax.ShapeDtypeStruct((scene.dimension,), dtype)).shape
+        if shape != ():
+            raise InputError(
+                "walls",
+                function,
+                f"a distance is one number for a point ({scene.dimension},), got the shape {shape}",
+                "return a scalar",
+            )
+        surfaces.append(DistanceFunction(function))
+    return tuple(surfaces)
+
+
+def _of_wall(wall: Wall) -> tuple[Surface, ...]:
+    if wall.kind == "plane":
+        return (Plane(wall.point, wall.normal),)
+    if wall.kind == "cylinder":
+        return (Cylinder(wall.center, wall.radius, wall.axis, wall.inside),)
+    return wedge(wall.apex, wall.directions)
+
+
+def _check_walls(surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array) -> None:
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+    overlap, _ = surface_contacts(surfaces, position, low, radius)
+    check_walls(np.asarray(particles.position), np.asarray(radius), surfaces, np.asarray(overlap))
 
 
 def _bodies(scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -186,6 +186,7 @@ def _parts(
             ("radius per particle", simulation.search.radius.ndim > 0),
             ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
             (f"contact with {len(model.sides)} walls", bool(model.sides)),
+            (_walls_beside_the_box(scene), bool(model.surfaces)),
             ("positions in pairs of floats", scene.precision == "float32"),
         ]
     parts.append(("fluid", simulation.fluid is not None))
@@ -219,3 +220,10 @@ def _parts(
         tuple(name for name, present in parts if present),
         tuple(name for name, present in parts if not present),
     )
+
+
+def _walls_beside_the_box(scene: Scene) -> str:
+    if not scene.walls:
+        return "walls beside the box"
+    kinds = f"walls beside the box: {', '.join(wall.kind for wall in scene.walls)}"
+    return f"{kinds} (for particles; the fluid does not see them)" if scene.fluid is not None else kinds

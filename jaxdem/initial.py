@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.particles import packing
-from jaxdem.scene import Pack, Scene
+from jaxdem.scene import Pack, Particles, Scene
 
 INSERTION_OVERLAP = 0.01
 """Two particles may overlap by this part of the smaller diameter at the start; more would throw them apart."""
@@ -25,6 +26,10 @@ def initial_positions(scene: Scene) -> np.ndarray:
     assert particles is not None
     if particles.count == 0:
         return np.zeros((0, scene.dimension))
+    if particles.pack is not None and particles.pack.kind == "random":
+        for name in ("start", "stop"):
+            _check_corner(name, getattr(particles.pack, name), scene.dimension)
+        return _random(particles, scene.seed).copy()
     if particles.pack is not None:
         packed = _packed(scene, particles.pack)
         if particles.count is not None and len(packed) < particles.count:
@@ -76,6 +81,30 @@ def check_initial_positions(scene: Scene, position: np.ndarray) -> None:
         )
 
 
+def check_walls(
+    position: np.ndarray, radius: np.ndarray, surfaces: tuple[Any, ...], overlap: np.ndarray
+) -> None:
+    """Refuses particles that overlap a wall beside the sides of the box, or lie behind it.
+
+    Args:
+        position: (N, D) [m].
+        radius: () or (N,) [m].
+        surfaces: S walls, for the message.
+        overlap: (S, N) depth in them [m].
+    """
+    depth = overlap / (2.0 * radius)
+    inside = ~(depth <= INSERTION_OVERLAP)  # an overlap that is not a number too
+    if inside.any():
+        wall, index = np.unravel_index(np.argmax(np.where(inside, depth, -np.inf)), depth.shape)
+        raise InputError(
+            "particles.position",
+            f"particle {index} at {_point(position[index])} m",
+            f"it reaches {100 * depth[wall, index]:.3g} % of its diameter into the wall {surfaces[wall]}, "
+            f"the limit is {100 * INSERTION_OVERLAP:g} %",
+            "move it off the wall, or the wall off it",
+        )
+
+
 def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.ndarray | None:
     """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file; None stays None.
 
@@ -114,11 +143,48 @@ def particle_column(key: str, value: float | tuple[float, ...], count: int) -> n
     return np.asarray(value, float)
 
 
+@functools.lru_cache(maxsize=1)  # asked for its length and for its particles, and it takes seconds
+def _random(particles: Particles, seed: int) -> np.ndarray:
+    """Centres (N, D) of a random pack."""
+    pack, count = particles.pack, particles.count
+    assert pack is not None and count is not None
+    start, stop = np.asarray(pack.start), np.asarray(pack.stop)
+    dimension = len(start)
+    if (stop <= start).any():
+        raise InputError("particles.pack.stop", pack.stop, f"must be above start = {pack.start}", "swap them")
+    radius = np.broadcast_to(particle_column("particles.radius", particles.radius, count), count)
+    fraction = packing.random_solid_fraction(start, stop, radius, pack.spacing)
+    limit, remedy = packing.REACHABLE[dimension], 'use a lattice (particles.pack.kind = "lattice")'
+    if fraction > limit:
+        raise InputError(
+            "particles.count",
+            count,
+            f"with their spacing they fill {100 * fraction:.3g} % of the random pack's box; the limit is "
+            f"{100 * limit:g} %, for random addition finds no more room at "
+            f"{100 * packing.SATURATION[dimension]:g} %",
+            f"{remedy}, enlarge the box, or lower particles.pack.spacing",
+        )
+    position, placed = packing.random_pack(start, stop, radius, pack.spacing, seed)
+    if not placed.all():
+        raise InputError(
+            "particles.count",
+            count,
+            f"only {int(placed.sum())} of them found room in {packing.TRIES_PER_PARTICLE} tries each",
+            f"{remedy}, or enlarge the box",
+        )
+    return position
+
+
+def _check_corner(name: str, corner: tuple[float, ...] | None, dimension: int) -> None:
+    if corner is None or len(corner) != dimension:
+        raise InputError(f"particles.pack.{name}", corner, f"needs {dimension} numbers", "correct it")
+
+
 def _packed(scene: Scene, pack: Pack) -> np.ndarray:
     particles = scene.particles
     assert particles is not None
     largest, smallest = float(np.max(particles.radius)), float(np.min(particles.radius))
-    spacing, jitter = 2.0 * largest * pack.spacing, pack.jitter * smallest
+    spacing, jitter = 2.0 * largest * pack.spacing, (pack.jitter or 0.0) * smallest
     if pack.kind == "polygon":
         vertices = np.asarray(pack.vertices, float)
         if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2:
@@ -131,11 +197,7 @@ def _packed(scene: Scene, pack: Pack) -> np.ndarray:
         points = packing.polygon_pack(vertices, scene.domain.size, largest, spacing, jitter)
     else:
         for name in ("start", "stop"):
-            corner = getattr(pack, name)
-            if len(corner) != scene.dimension:
-                raise InputError(
-                    f"particles.pack.{name}", corner, f"needs {scene.dimension} numbers", "correct it"
-                )
+            _check_corner(name, getattr(pack, name), scene.dimension)
         points = packing.lattice_pack(np.asarray(pack.start), np.asarray(pack.stop), largest, spacing, jitter)
     return packing.jittered(points, jitter, scene.seed)
 

@@ -14,17 +14,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from jaxdem.errors import InputError
+from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
+from jaxdem.scene_walls import Wall, completed_walls
 
 SIDES_2D = ("left", "right", "bottom", "top")
 SIDES_3D = ("left", "right", "front", "back", "bottom", "top")
@@ -40,29 +34,11 @@ KIND_ALIASES = {
 }
 
 
-def _sensible(value: float) -> float:
-    """Refuse numbers whose powers would leave the range of floats."""
-    if value != 0.0 and not 1e-20 <= abs(value) <= 1e20:
-        raise ValueError("a number that is not zero must lie between 1e-20 and 1e20 in size")
-    return value
-
-
-# Strict: neither true nor "1" is a number; a whole number is taken for a float.
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
-Finite = Annotated[float, Field(allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
-Rows = tuple[tuple[Finite, ...], ...]
 Course = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 
 MOST_OUTPUTS = 1_000_000
 """Frames that a run may write; more is a slip of the output interval's unit."""
-
-
-class Section(BaseModel):
-    """A table of the scene file: immutable, unknown keys refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Domain(Section):
@@ -83,20 +59,23 @@ class Pack(Section):
     """Where particles are put at the start.
 
     Attributes:
-        kind: "polygon" fills a polygon of the x-vertical plane in rows from below, "lattice" a box.
+        kind: "polygon" fills a polygon of the x-vertical plane in rows from below, "lattice" a box; "random"
+            puts particles anywhere in a box, one after the other where there is room.
         vertices: corners (x, vertical) of the polygon [m].
-        start: lower corner of the lattice's box [m].
+        start: lower corner of the lattice's or the random pack's box [m].
         stop: upper corner [m].
-        spacing: distance of neighbours over the (largest) diameter [-].
-        jitter: largest random displacement over the (smallest) radius [-].
+        spacing: distance of neighbours over the (largest) diameter; in a random pack the least distance of two
+            centres over the sum of their radii [-].
+        jitter: largest random displacement over the (smallest) radius; 0.005 when not given, none in a random
+            pack [-].
     """
 
-    kind: Literal["polygon", "lattice"]
+    kind: Literal["polygon", "lattice", "random"]
     vertices: Rows | None = None
     start: tuple[Finite, ...] | None = None
     stop: tuple[Finite, ...] | None = None
     spacing: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] = 1.01
-    jitter: Annotated[float, Field(ge=0.0, le=0.5, strict=True)] = 0.005
+    jitter: Annotated[float, Field(ge=0.0, le=0.5, strict=True)] | None = None
 
 
 class Particles(Section):
@@ -186,7 +165,7 @@ class Fluid(Section):
     density: Positive = 1000.0
     viscosity: NonNegative = 1e-6
     model: Literal["A", "B"] = "A"
-    smagorinsky: Annotated[float, Field(ge=0.0, le=1.0, strict=True), AfterValidator(_sensible)] = 0.0
+    smagorinsky: Fraction = 0.0
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "upwind"] = "limited"
     courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7
@@ -329,6 +308,7 @@ class Scene(Section):
     domain: Domain
     particles: Particles | None = None
     contact: Contact | None = None
+    walls: tuple[Wall, ...] = ()
     fluid: Fluid | None = None
     boundary: dict[str, BoundarySide] = {}
     coupling: Coupling | None = None
@@ -424,13 +404,16 @@ def _completed(scene: Scene) -> Scene:
     if dimension == 2 and depth is None:
         depth = 2.0 * _largest(scene.particles.radius) if scene.particles else 1.0
     _check_boundary(scene)
-    update: dict[str, Any] = {
-        "domain": domain.model_copy(update={"gravity": gravity, "depth": depth}),
-        "boundary": {name: _completed_side(scene, name) for name in scene.sides},
-    }
+    boundary = {name: _completed_side(scene, name) for name in scene.sides}
+    scene = scene.model_copy(update={"boundary": boundary})
+    update: dict[str, Any] = {"domain": domain.model_copy(update={"gravity": gravity, "depth": depth})}
     if scene.particles is not None:
         update["contact"] = _completed_contact(scene.contact or Contact())
         _check_particles(scene)
+        update["particles"] = _completed_pack(scene.particles)
+        update["walls"] = completed_walls(scene.walls, dimension, scene.periodic)
+    elif scene.walls:
+        raise InputError("walls", f"{len(scene.walls)} walls", "need [particles]", "remove [[walls]]")
     elif scene.contact is not None:
         raise InputError("contact", "...", "needs [particles]", "add [particles] or remove [contact]")
     if scene.fluid is not None:
@@ -639,16 +622,30 @@ def _check_particles(scene: Scene) -> None:
             "give either a pack or positions",
             "keep one of particles.pack, particles.position",
         )
-    if particles.pack is not None:
-        needed = {"polygon": ("vertices",), "lattice": ("start", "stop")}[particles.pack.kind]
-        for name in ("vertices", "start", "stop"):
-            if (getattr(particles.pack, name) is None) == (name in needed):
-                raise InputError(
-                    f"particles.pack.{name}",
-                    getattr(particles.pack, name),
-                    f"a {particles.pack.kind} pack takes {' and '.join(needed)}",
-                    "give these keys only",
-                )
+
+
+def _completed_pack(particles: Particles) -> Particles:
+    """The particles with the default of their pack that depends on its kind."""
+    pack = particles.pack
+    if pack is None:
+        return particles
+    needed = {"polygon": ("vertices",), "lattice": ("start", "stop"), "random": ("start", "stop")}[pack.kind]
+    for name in ("vertices", "start", "stop"):
+        if (getattr(pack, name) is None) == (name in needed):
+            raise InputError(
+                f"particles.pack.{name}",
+                getattr(pack, name),
+                f"a {pack.kind} pack takes {' and '.join(needed)}",
+                "give these keys only",
+            )
+    if pack.kind != "random":
+        jitter = 0.005 if pack.jitter is None else pack.jitter
+        return particles.model_copy(update={"pack": pack.model_copy(update={"jitter": jitter})})
+    if pack.jitter is not None:
+        raise InputError("particles.pack.jitter", pack.jitter, "a random pack has no jitter", "remove it")
+    if particles.count is None:
+        raise InputError("particles.count", None, "is needed by a random pack", "set it")
+    return particles
 
 
 def _check_times(scene: Scene) -> None:
@@ -738,6 +735,8 @@ def _is_branch_label(part: Any) -> bool:
 def _known_keys(path: list[Any]) -> list[str]:
     model: Any = Scene
     for part in path:
+        if isinstance(part, int):  # of a list of tables
+            continue
         if not hasattr(model, "model_fields"):
             return []
         fields = {info.alias or name: info for name, info in model.model_fields.items()}
@@ -757,9 +756,16 @@ def _set(tables: dict[str, Any], key: str, value: Any) -> None:
     *parents, last = key.split(".")
     table = tables
     for part in parents:
-        table = table.setdefault(part, {})
-        if not isinstance(table, dict):
+        if isinstance(table, list):
+            if not part.isdigit() or int(part) >= len(table):
+                raise InputError(f"--set {key}", value, f"there are {len(table)} tables", "count from 0")
+            table = table[int(part)]
+        else:
+            table = table.setdefault(part, {})
+        if not isinstance(table, dict | list):
             raise InputError(f"--set {key}", value, f"{part} is not a table", "check the dotted key")
+    if isinstance(table, list):
+        raise InputError(f"--set {key}", value, f"{parents[-1]} is a list of tables", f"--set {key}.KEY")
     table[last] = value
 
 
@@ -781,7 +787,7 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _copy(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _copy(v) for k, v in value.items()}
-    return list(value) if isinstance(value, tuple) else value
+    return [_copy(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def _without_none(value: Any) -> Any:

@@ -6,12 +6,13 @@ import contextlib
 import dataclasses
 import signal
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
 from jaxdem import step as coupled
 from jaxdem.build import Simulation, build, initial_state
@@ -47,6 +48,7 @@ def simulate(
     out: str | Path,
     *,
     closure: DragClosure | None = None,
+    walls: Sequence[Callable[[Array], Array]] = (),
     resume: bool = False,
     progress: Progress | None = None,
 ) -> Run:
@@ -56,6 +58,7 @@ def simulate(
         scene: from `jaxdem.load_scene`.
         out: run directory; must be new or empty unless `resume`.
         closure: learned drag closure in place of the scene's.
+        walls: signed distances of further walls, see `jaxdem.build`; a resumed run must be given the same.
         resume: go on from the directory's checkpoint.
         progress: called after every coupling interval.
 
@@ -70,7 +73,7 @@ def simulate(
     if resume and RunDirectory.is_complete(out):
         RunDirectory.require_same_scene(out, scene.to_toml())
         return load_run(out)
-    simulation, parameters = build(scene, closure)
+    simulation, parameters = build(scene, closure, walls)
     every = samples_every(scene, simulation)
     state, neighbors = initial_state(scene, simulation, parameters)
     attributes = sample_attributes(scene, simulation) if every else None

@@ -395,7 +395,14 @@ def dotted_keys(tables, prefix=""):
 @given(
     st.dictionaries(
         st.sampled_from(
-            [*dotted_keys(VALID), "boundary.top", "closure.file", "fluid.velocity", "particles.velocity"]
+            [
+                *dotted_keys(VALID),
+                "boundary.top",
+                "closure.file",
+                "fluid.velocity",
+                "particles.velocity",
+                "walls",
+            ]
         ),
         st.one_of(ODD_VALUES, st.just(...)),
         min_size=1,

@@ -12,6 +12,7 @@ from jaxdem.particles.contact import Contact, ContactLaw, ContactMaterial
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.rolling import RollingFriction
+from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.particles.vectors import Vector
 
 
@@ -22,11 +23,18 @@ class ContactModel(NamedTuple):
         law: between bodies that touch.
         rolling: rolling friction, or None: then no such term is compiled.
         sides: walls of the box.
+        surfaces: further walls; none: then no such term is compiled.
     """
 
     law: ContactLaw
     rolling: RollingFriction | None
     sides: tuple[walls.BoxSide, ...]
+    surfaces: tuple[Surface, ...] = ()
+
+    @property
+    def walls(self) -> int:
+        """Number of walls: the sides first, then the surfaces."""
+        return len(self.sides) + len(self.surfaces)
 
     def history_size(self, dimension: int) -> int:
         """Number of components that a contact keeps: the tangential spring, then the rolling spring if any."""
@@ -40,7 +48,7 @@ class Surroundings(NamedTuple):
     Attributes:
         pair: between particles.
         wall: between particles and walls.
-        wall_velocity: velocity (D,) of each side of the box, sliding walls included [m/s].
+        wall_velocity: velocity (D,) of each wall, sliding sides of the box included [m/s].
     """
 
     pair: ContactMaterial
@@ -95,7 +103,7 @@ def contact_forces(
     spring, wall_spring = motion.contact_spring, motion.wall_spring
     if neighbors.capacity:
         sums, spring = loop.add_pairs(neighbors, sums)
-    if model.sides:
+    if model.walls:
         sums, wall_spring = loop.add_walls(sums)
     return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring)
 
@@ -130,9 +138,9 @@ class _Loop(NamedTuple):
         return self._add(self.surroundings.pair, body, overlap, normal, motion.contact_spring, sums)
 
     def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
-        """Adds the contacts with the sides of the box, bodies of infinite radius and mass."""
-        sides, motion, radius = self.model.sides, self.motion, self.properties.radius
-        overlap = jnp.stack([walls.wall_overlap(side, motion.position, motion.low, radius) for side in sides])
+        """Adds the contacts with the walls, bodies of infinite radius and mass."""
+        motion, radius = self.motion, self.properties.radius
+        overlap, normal = self._wall_geometry()
         velocity = tuple(
             jnp.stack(components)[:, None]
             for components in zip(*self.surroundings.wall_velocity, strict=True)
@@ -146,8 +154,24 @@ class _Loop(NamedTuple):
             effective_mass=_row(self.properties.mass),
             rolling_inertia=1.4 * _row(self.properties.mass * radius**2),
         )
-        normal = walls.wall_normals(sides, overlap.dtype, len(motion.position))
         return self._add(self.surroundings.wall, body, overlap, normal, motion.wall_spring, sums)
+
+    def _wall_geometry(self) -> tuple[Array, Vector]:
+        """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""
+        model, motion, radius = self.model, self.motion, self.properties.radius
+        overlaps, normals = [], []
+        if model.sides:
+            depths = [walls.wall_overlap(side, motion.position, motion.low, radius) for side in model.sides]
+            overlaps.append(jnp.stack(depths))
+            normals.append(walls.wall_normals(model.sides, overlaps[0].dtype, len(motion.position)))
+        if model.surfaces:
+            overlap, normal = surface_contacts(model.surfaces, motion.position, motion.low, radius)
+            overlaps.append(overlap)
+            normals.append(normal)
+        if len(overlaps) == 1:
+            return overlaps[0], normals[0]
+        normals[0] = tuple(jnp.broadcast_to(x, overlaps[0].shape) for x in normals[0])
+        return jnp.concatenate(overlaps), tuple(map(jnp.concatenate, zip(*normals, strict=True)))
 
     def _add(
         self,

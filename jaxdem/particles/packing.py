@@ -1,6 +1,9 @@
-"""Where particles start: polygon and lattice packs, and the check that nothing overlaps. Host side, numpy."""
+"""Where particles start: polygon, lattice and random packs, and the check that nothing overlaps. Host, numpy."""
 
 from __future__ import annotations
+
+import itertools
+import math
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -89,6 +92,146 @@ def lattice_pack(
     grid = np.meshgrid(*axes, indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=1)
     return points[np.argsort(points[:, -1], kind="stable")]
+
+
+SATURATION = {2: 0.547, 3: 0.384}
+"""Solid fraction at which random sequential addition of equal discs or spheres finds no more room.
+
+Source: S. Torquato, O. U. Uche, F. H. Stillinger, Phys. Rev. E 74 (2006) 061308, table I.
+"""
+
+REACHABLE = {2: 0.5, 3: 0.33}
+"""Solid fraction up to which it takes seconds; towards saturation the time grows without bound."""
+
+TRIES_PER_PARTICLE = 2_000
+"""Points tried for a particle, on average, before a pack is given up."""
+
+TRIES_PER_ROUND = 8_192
+"""Points tried at once, at least."""
+
+
+def random_solid_fraction(start: np.ndarray, stop: np.ndarray, radius: np.ndarray, spacing: float) -> float:
+    """Area or volume of the discs or spheres, each enlarged by `spacing`, over that of the box [-].
+
+    Args:
+        start: (D,) lower corner of the box [m].
+        stop: (D,) upper corner [m].
+        radius: (N,) [m].
+        spacing: least distance of two centres over the sum of their radii [-].
+    """
+    dimension = len(start)
+    unit = math.pi if dimension == 2 else 4.0 / 3.0 * math.pi
+    return float(unit * np.sum((spacing * radius) ** dimension) / np.prod(stop - start))
+
+
+def random_pack(
+    start: np.ndarray, stop: np.ndarray, radius: np.ndarray, spacing: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of particles put one after the other anywhere in a box where there is room, the largest first.
+
+    Random sequential addition: a point is drawn, and kept if it is not too near to an earlier one. The particles
+    are taken in bins of a factor of two in size, each with cells of its own, so that a point looks into 3^D
+    cells of every bin, whatever the sizes.
+
+    Args:
+        start: (D,) lower corner of the box that holds the particles [m].
+        stop: (D,) upper corner [m].
+        radius: (N,) [m].
+        spacing: least distance of two centres over the sum of their radii [-].
+        seed: of the points.
+
+    Returns:
+        (N, D) centres; and (N,) bool, which particles found room before `TRIES_PER_PARTICLE` was used up.
+    """
+    generator = np.random.default_rng(seed)
+    reach = spacing * radius
+    position, placed = np.zeros((len(radius), len(start))), np.zeros(len(radius), bool)
+    tries, grids = TRIES_PER_PARTICLE * len(radius), []
+    bins = np.floor(np.log2(reach.max(initial=1.0) / reach) + 1e-9)
+    for number in np.unique(bins):
+        members = np.flatnonzero(bins == number)
+        grids.append(_Grid(start, stop, 2.0 * float(reach[members].max()), len(members)))
+        while len(members) and tries > 0:
+            each = -(-TRIES_PER_ROUND // len(members))
+            drawn = np.repeat(members, each)
+            tries -= len(drawn)
+            low, high = start + radius[drawn, None], stop - radius[drawn, None]
+            points = generator.uniform(low, np.maximum(low, high))
+            room = (high >= low).all(axis=1)
+            for grid in grids:
+                room[room] = grid.free(points[room], reach[drawn[room]], position, reach)
+            kept, first = np.unique(drawn[room], return_index=True)
+            points = points[room][first]
+            clear = _clear_in_turn(points, reach[kept])
+            position[kept[clear]], placed[kept[clear]] = points[clear], True
+            grids[-1].add(kept[clear], position)
+            members = members[~placed[members]]
+    return position, placed
+
+
+class _Grid:
+    """Cells of particles that stand, for those of one bin of sizes."""
+
+    def __init__(self, start: np.ndarray, stop: np.ndarray, width: float, count: int):
+        # No more than a few cells per particle, however small the particles are in the box.
+        self._width = max(width, float(np.prod(stop - start) / (4 * max(count, 1))) ** (1.0 / len(start)))
+        self._start = start
+        # An empty cell beyond either side.
+        self._shape = np.floor((stop - start) / self._width).astype(int) + 3
+        self._count = np.zeros(np.prod(self._shape), int)
+        self._table = np.full((len(self._count), 4), -1)
+        around = np.array(list(itertools.product((-1, 0, 1), repeat=len(start))))
+        self._around = around[np.argsort(np.abs(around).sum(axis=1), kind="stable")]  # the likeliest first
+
+    def free(
+        self, points: np.ndarray, reach: np.ndarray, position: np.ndarray, other_reach: np.ndarray
+    ) -> np.ndarray:
+        """Which of the points (M, D), of particles that reach (M,) [m], overlap none that stands here."""
+        left, cells = np.arange(len(points)), self._cells(points)
+        for step in self._around:
+            cell = self._flat(cells[left] + step)
+            for slot in range(int(self._count[cell].max(initial=0))):
+                other = self._table[cell, slot]
+                apart = points[left] - position[other]
+                least = reach[left] + other_reach[other]
+                clear = (other < 0) | (np.einsum("md,md->m", apart, apart) >= least**2)
+                left, cell = left[clear], cell[clear]
+        free = np.zeros(len(points), bool)
+        free[left] = True
+        return free
+
+    def add(self, index: np.ndarray, position: np.ndarray) -> None:
+        """Enters particles by their index."""
+        cell = self._flat(self._cells(position[index]))
+        order = np.argsort(cell, kind="stable")
+        index, cell = index[order], cell[order]
+        slot = self._count[cell] + np.arange(len(cell)) - np.searchsorted(cell, cell)
+        lacking = int(slot.max(initial=-1)) + 1 - self._table.shape[1]
+        if lacking > 0:
+            self._table = np.pad(self._table, ((0, 0), (0, lacking)), constant_values=-1)
+        self._table[cell, slot] = index
+        np.add.at(self._count, cell, 1)
+
+    def _cells(self, points: np.ndarray) -> np.ndarray:
+        return np.floor((points - self._start) / self._width).astype(int) + 1
+
+    def _flat(self, cells: np.ndarray) -> np.ndarray:
+        return np.ravel_multi_index(tuple(cells.T), tuple(self._shape))
+
+
+def _clear_in_turn(points: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """Which of the points (M, D) stay if they are put down in turn and may not overlap those that stay."""
+    clear = np.ones(len(points), bool)
+    if len(points) < 2:
+        return clear
+    pairs = cKDTree(points).query_pairs(2.0 * float(reach.max()), output_type="ndarray")
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    pairs = pairs[apart < reach[pairs[:, 0]] + reach[pairs[:, 1]]]
+    for first, second in pairs[
+        np.argsort(pairs[:, 1], kind="stable")
+    ]:  # whether `first` stays is known by then
+        clear[second] &= not clear[first]
+    return clear
 
 
 def jittered(points: np.ndarray, size: float, seed: int) -> np.ndarray:

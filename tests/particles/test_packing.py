@@ -117,3 +117,59 @@ def test_deepest_overlap_against_brute_force(periodic, sizes):
         np.testing.assert_allclose(worst, expected, rtol=1e-9)
         assert tuple(sorted((first, second))) == pair
     assert packing.deepest_overlap(np.zeros((1, 2)), np.array([0.1]), box, periodic) == (0.0, -1, -1)
+
+
+def closest(position, radius):
+    """Least distance of two centres over the sum of their radii, by brute force."""
+    distance = np.linalg.norm(position[:, None] - position[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    return (distance / (radius[:, None] + radius[None])).min()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("sizes", ["one", "several", "ratio 20"])
+def test_random_pack_has_no_overlaps(dimension, sizes):
+    """1,500 particles at a solid fraction of 0.45 or 0.25: inside the box, apart by the spacing, by brute force."""
+    generator, spacing, count = np.random.default_rng(2), 1.02, 1500
+    radius = {
+        "one": np.full(count, RADIUS),
+        "several": generator.uniform(0.3, 1.0, count) * RADIUS,
+        "ratio 20": np.where(np.arange(count) % 50 == 0, RADIUS, RADIUS / 20),
+    }[sizes]
+    start = np.array([0.3, -0.2, 1.0])[:dimension]
+    unit = np.pi if dimension == 2 else 4 / 3 * np.pi
+    side = (unit * ((spacing * radius) ** dimension).sum() / (0.45, 0.25)[dimension - 2]) ** (1 / dimension)
+    stop = start + side * np.array([1.25, 0.8, 1.0])[:dimension]
+    np.testing.assert_allclose(
+        packing.random_solid_fraction(start, stop, radius, spacing), (0.45, 0.25)[dimension - 2], rtol=1e-12
+    )
+    position, placed = packing.random_pack(start, stop, radius, spacing, 3)
+    assert position.shape == (count, dimension)
+    assert placed.all()
+    assert closest(position, radius) >= spacing
+    assert (position - radius[:, None] >= start).all() and (position + radius[:, None] <= stop).all()
+    again, _ = packing.random_pack(start, stop, radius, spacing, 3)
+    np.testing.assert_array_equal(again, position)
+    other, _ = packing.random_pack(start, stop, radius, spacing, 4)
+    assert np.abs(other - position).max() > RADIUS
+
+
+def test_random_pack_fills_the_box_evenly():
+    """16 equal parts of the box hold the same share of 4,000 discs: within 4 of at most sqrt(250) each."""
+    side = np.sqrt(4000 * np.pi * RADIUS**2 / 0.3)
+    position, _ = packing.random_pack(np.zeros(2), np.full(2, side), np.full(4000, RADIUS), 1.0, 7)
+    counts, _, _ = np.histogram2d(*position.T, bins=4, range=[[0, side]] * 2)
+    assert np.abs(counts - 250).max() < 4 * np.sqrt(250)
+
+
+def test_random_pack_gives_up_beyond_saturation(monkeypatch):
+    """Twice the saturation of discs, asked of the function itself: it ends, short of 0.6, and none overlap."""
+    monkeypatch.setattr(packing, "TRIES_PER_PARTICLE", 200)
+    count = 200
+    side = np.sqrt(count * np.pi * RADIUS**2 / (2 * packing.SATURATION[2]))
+    radius = np.full(count, RADIUS)
+    position, placed = packing.random_pack(np.zeros(2), np.full(2, side), radius, 1.0, 1)
+    assert 0.4 < placed.sum() * np.pi * RADIUS**2 / side**2 < 0.6
+    assert closest(position[placed], radius[placed]) >= 1.0
+    # A particle larger than the box finds no room either.
+    assert not packing.random_pack(np.zeros(2), np.full(2, 0.01), radius[:1], 1.0, 1)[1].any()

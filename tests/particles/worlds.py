@@ -52,7 +52,7 @@ class World(NamedTuple):
 def world(
     position, velocity=None, spin=None, *, radius=0.01, density=2500.0, box=None, periodic=None, skin=0.2,
     law=None, rolling=None, gravity=None, material=None, walls=True, rebuild=True, slots=0,
-    dtype=jnp.float64, precise=None, wall_velocity=None,
+    dtype=jnp.float64, precise=None, wall_velocity=None, surfaces=(),
 ) -> World:  # fmt: skip
     """A world of N particles; positions as float64 rows, split into pairs in float32.
 
@@ -67,7 +67,7 @@ def world(
     largest = 2.0 * float(np.max(radius))
     geometry = NeighborGeometry(box, periodic, largest, skin * largest)
     search = NeighborSearch(geometry, jnp.asarray(radius, dtype))
-    model = ContactModel(law or HertzMindlin(), rolling, box_sides(box, periodic) if walls else ())
+    model = ContactModel(law or HertzMindlin(), rolling, box_sides(box, periodic) if walls else (), surfaces)
     leading = jnp.asarray(position.astype(dtype))
     low = None
     if dtype == jnp.float32:
@@ -89,10 +89,10 @@ def world(
         neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
     state = state._replace(
         contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * model.history_size(dimension),
-        wall_spring=(jnp.zeros((len(model.sides), count), dtype),) * model.history_size(dimension),
+        wall_spring=(jnp.zeros((model.walls, count), dtype),) * model.history_size(dimension),
     )
     gravity = jnp.zeros(dimension, dtype) if gravity is None else jnp.asarray(gravity, dtype)
-    still = (jnp.zeros(dimension, dtype),) * len(model.sides)
+    still = (jnp.zeros(dimension, dtype),) * model.walls
     if wall_velocity is not None:
         still = tuple(jnp.asarray(v, dtype) for v in wall_velocity)
     return World(

@@ -1,0 +1,181 @@
+"""Walls beside the sides of the box: surfaces given by a signed distance, positive where particles may be.
+
+A particle feels the nearest point of the surface as a flat wall with the normal there: the overlap is the radius
+less the distance, the normal the gradient of the distance. A surface that a particle can touch at two points at
+once, as a groove, is therefore two surfaces.
+
+The surfaces here give the overlap and not the distance. It is small where it matters, and in float32 it is
+computed from the position's leading part without cancellation: to about 1e-13 m in a box of metres, as that of two
+particles or of a side of the box.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxdem.particles import compensated, vectors
+from jaxdem.particles.compensated import Low, Pair
+from jaxdem.particles.vectors import Vector
+
+
+class Surface(Protocol):
+    """A wall; static and hashable."""
+
+    def overlap(self, x: Array, radius: Array) -> Array:
+        """radius - distance(x).
+
+        Args:
+            x: (D,) a centre [m].
+            radius: () [m].
+
+        Returns:
+            () depth by which the particle reaches into the wall, negative for a gap [m].
+        """
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Plane:
+    """distance(x) = n . (x - point), n the unit vector along `normal`.
+
+    Attributes:
+        point: a point of the plane, D numbers [m].
+        normal: towards the particles, D numbers of any length.
+    """
+
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
+
+    def overlap(self, x: Array, radius: Array) -> Array:
+        """See `Surface`."""
+        unit = _unit(np.asarray(self.normal))
+        offset = float(unit @ np.asarray(self.point))
+        return _value(compensated.affine(x, (-unit).tolist(), offset, radius))
+
+
+@dataclasses.dataclass(frozen=True)
+class Cylinder:
+    """distance(x) = R - rho inside and rho - R outside, rho the distance from the axis; in 2-D a circle.
+
+    Attributes:
+        center: a point of the axis, D numbers [m].
+        radius: R [m].
+        axis: direction of the axis, three numbers of any length; None in 2-D.
+        inside: whether the particles are inside.
+    """
+
+    center: tuple[float, ...]
+    radius: float
+    axis: tuple[float, ...] | None
+    inside: bool
+
+    def overlap(self, x: Array, radius: Array) -> Array:
+        """See `Surface`: radius + rho - R inside, radius + R - rho outside, as the overlap of two spheres."""
+        center = np.asarray(self.center)
+        (first, low), second = (
+            compensated.affine(x, direction.tolist(), -float(direction @ center))
+            for direction in self._across()
+        )
+        sign = -1.0 if self.inside else 1.0
+        contact = compensated.affine(sign * radius[None], (1.0,), self.radius)
+        # On the axis the distance from it has no slope.
+        apart = (first != 0.0) | (second[0] != 0.0)
+        separation = ((jnp.where(apart, first, 1.0), low), second)
+        overlap = compensated.overlap_of_spheres(separation, *contact)
+        return sign * jnp.where(apart, overlap, contact[0])
+
+    def _across(self) -> np.ndarray:
+        """(2, D) orthonormal vectors across the axis; those of the coordinates where the axis is the third."""
+        if self.axis is None:
+            return np.eye(2)
+        axis = _unit(np.asarray(self.axis))
+        first, second = (k for k in range(3) if k != int(np.argmax(np.abs(axis))))
+        a = _unit(np.eye(3)[first] - axis[first] * axis)
+        b = np.eye(3)[second] - axis[second] * axis
+        return np.stack([a, _unit(b - (b @ a) * a)])
+
+
+@dataclasses.dataclass(frozen=True)
+class DistanceFunction:
+    """A surface given by a function of the user's.
+
+    What float32 resolves is what the function resolves: about 6e-8 of the largest number in it, at best of the
+    particle's distance from the point that it measures from. Its slope must have length one at the surface; and
+    it must be finite wherever a particle may be if gradients are wanted.
+
+    Attributes:
+        distance: x (D,) [m] -> () [m], positive where particles may be; in JAX's functions.
+    """
+
+    distance: Callable[[Array], Array]
+
+    def overlap(self, x: Array, radius: Array) -> Array:
+        """See `Surface`."""
+        return radius - self.distance(x)
+
+
+def wedge(apex: tuple[float, ...], directions: tuple[tuple[float, ...], ...]) -> tuple[Plane, Plane]:
+    """Two planes that meet, with the particles between them.
+
+    Args:
+        apex: a point of the edge where they meet, D numbers [m].
+        directions: a, b: along either plane away from the edge and across it, less than a half turn apart.
+
+    Returns:
+        The planes through the apex along a and along b; the normal of the first is the part of b across a.
+    """
+    a, b = (_unit(np.asarray(direction)) for direction in directions)
+    return Plane(apex, tuple((b - (a @ b) * a).tolist())), Plane(apex, tuple((a - (a @ b) * b).tolist()))
+
+
+def surface_contacts(
+    surfaces: tuple[Surface, ...], position: Vector, low: tuple[Low, ...], radius: Array
+) -> tuple[Array, Vector]:
+    """Overlap with all surfaces, and unit normals from them towards the particles.
+
+    The overlap is evaluated at the leading part of the position; the trailing part, a millionth of a millimetre
+    or less, adds its product with the gradient.
+
+    Args:
+        surfaces: S of them; static.
+        position: D arrays (N,), leading part [m].
+        low: D arrays (N,) or Nones, trailing part [m].
+        radius: () or (N,) [m].
+
+    Returns:
+        overlap (S, N), negative for a gap [m]; normal, D arrays (S, N).
+    """
+    x = jnp.stack(position, axis=1)
+    sizes = None if radius.ndim == 0 else 0
+    overlaps, normals = [], []
+    for surface in surfaces:
+        value, slope = jax.vmap(jax.value_and_grad(surface.overlap), in_axes=(0, sizes))(x, radius)
+        direction = tuple(-slope[:, k] for k in range(len(position)))
+        squared = vectors.dot(direction, direction)
+        sloped = squared > 0
+        for component, trailing in zip(direction, low, strict=True):
+            if trailing is not None:
+                value = value - jnp.where(sloped, component * trailing, 0.0)
+        # Where there is no direction, as on the axis of a tube, nothing touches and any finite normal does. A
+        # contact without one gets a normal that is not a number, which stops the run.
+        usable = sloped | (value > 0)
+        inverse = 1.0 / jnp.sqrt(jnp.where(usable, squared, 1.0))
+        overlaps.append(value)
+        normals.append(tuple(jnp.where(usable, component, 0.0) * inverse for component in direction))
+    return jnp.stack(overlaps), tuple(jnp.stack(component) for component in zip(*normals, strict=True))
+
+
+def _value(pair: Pair) -> Array:
+    return pair[0] if pair[1] is None else pair[0] + pair[1]
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / math.hypot(*vector)
