@@ -241,9 +241,10 @@ def test_check_names_the_options_of_the_fluid(grains):
 def test_check_of_grains_alone_has_no_fluid(grains):
     text = " ".join(invoke("check", grains).stdout.split())
     assert "Courant" not in text
-    assert (
-        "left out rolling friction, rolling springs, radius per particle, density per particle, fluid" in text
+    parts = (
+        "rolling friction, rolling springs, radius per particle, density per particle, walls beside the box"
     )
+    assert f"left out {parts}, fluid" in text
 
 
 def test_float64_is_set_before_building(grains, monkeypatch):
