@@ -395,7 +395,19 @@ def dotted_keys(tables, prefix=""):
 @given(
     st.dictionaries(
         st.sampled_from(
-            [*dotted_keys(VALID), "boundary.top", "closure.file", "fluid.velocity", "particles.velocity"]
+            [
+                *dotted_keys(VALID),
+                "boundary.top",
+                *(
+                    f"boundary.left.{name}"
+                    for name in ("times", "velocities", "profile", "positions", "values")
+                ),
+                "closure.file",
+                "fluid.model",
+                "fluid.smagorinsky",
+                "fluid.velocity",
+                "particles.velocity",
+            ]
         ),
         st.one_of(ODD_VALUES, st.just(...)),
         min_size=1,
