@@ -35,7 +35,7 @@ KIND_ALIASES = {
 
 
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
-Course = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
+Abscissae = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 
 MOST_OUTPUTS = 1_000_000
 """Frames that a run may write; more is a slip of the output interval's unit."""
@@ -197,10 +197,10 @@ class BoundarySide(Section):
     from_: tuple[Finite, ...] | None = Field(default=None, alias="from")
     to: tuple[Finite, ...] | None = None
     ramp_time: NonNegative | None = None
-    times: Course | None = None
+    times: Abscissae | None = None
     velocities: tuple[Finite | tuple[Finite, ...], ...] | None = None
     profile: Literal["uniform", "parabolic", "table"] | None = None
-    positions: Course | None = None
+    positions: Abscissae | None = None
     values: tuple[Finite, ...] | None = None
 
     @field_validator("kind", mode="before")
@@ -551,15 +551,14 @@ def _check_table(key: str, name: str, arguments: Any, other: str, values: Any) -
 
 def _check_profile(scene: Scene, name: str, side: BoundarySide) -> None:
     key = f"boundary.{name}"
+    _check_table(key, "positions", side.positions, "values", side.values)
     if (side.profile == "table") != (side.positions is not None):
-        _check_table(key, "positions", side.positions, "values", side.values)
         raise InputError(
             f"{key}.profile",
             side.profile or "uniform",
             "the table of positions and values belongs to profile = table, and to no other",
             'set profile = "table" with positions and values, or remove these',
         )
-    _check_table(key, "positions", side.positions, "values", side.values)
     if side.profile == "parabolic" and not any(parabolic_axes(scene, name, side)):
         raise InputError(
             f"{key}.profile",

@@ -398,7 +398,13 @@ def dotted_keys(tables, prefix=""):
             [
                 *dotted_keys(VALID),
                 "boundary.top",
+                *(
+                    f"boundary.left.{name}"
+                    for name in ("times", "velocities", "profile", "positions", "values")
+                ),
                 "closure.file",
+                "fluid.model",
+                "fluid.smagorinsky",
                 "fluid.velocity",
                 "particles.velocity",
                 "walls",
