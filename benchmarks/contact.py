@@ -102,7 +102,7 @@ def ours(cores: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
         command = [sys.executable, __file__, "--inside", folder]
         for name in ("windows", "steps", "warm_up"):
             command += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
-        text = subprocess.run(_pinned(cores, command), check=True, capture_output=True, text=True).stdout
+        text = subprocess.run(_pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True).stdout
     return json.loads(text.splitlines()[-1])
 
 
@@ -132,7 +132,7 @@ fix integr all nve/sphere
 thermo 100000
 run {warm_up}
 """
-WALL = "fix w{axis}{place} all wall/gran model hertz tangential history rolling_friction cdt primitive type 1 {axis}plane {place}"
+WALL = "fix w{axis}{upper} all wall/gran model hertz tangential history rolling_friction cdt primitive type 1 {axis}plane {place}"
 
 
 def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
@@ -142,9 +142,9 @@ def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[fl
         head = f"column\n\n{COUNT} atoms\n1 atom types\n\n0 {BOX[0]} xlo xhi\n-0.02 0.02 ylo yhi\n0 {BOX[1]} zlo zhi"
         Path(folder, "column.data").write_text(f"{head}\n\nAtoms\n\n" + "\n".join(rows) + "\n")
         walls = "\n".join(
-            WALL.format(axis=axis, place=place)
+            WALL.format(axis=axis, upper=upper, place=upper * length)
             for axis, length in zip("xz", BOX, strict=True)
-            for place in (0.0, length)
+            for upper in (0, 1)
         )
         deck = LIGGGHTS.format(step=STEP, walls=walls, warm_up=arguments.warm_up)
         Path(folder, "in.column").write_text(deck + f"run {arguments.steps}\n" * arguments.windows)
