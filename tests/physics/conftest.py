@@ -3,19 +3,6 @@
 import sys
 from pathlib import Path
 
-import pytest
-
 sys.path.insert(0, str(Path(__file__).parents[1] / "particles"))
 
-from worlds import runner
-
-
-@pytest.fixture(autouse=True)
-def own_programs(request):
-    """A test that replaces code compiles its own programs, and leaves none to others."""
-    if "monkeypatch" not in request.fixturenames:
-        yield
-        return
-    runner.cache_clear()
-    yield
-    runner.cache_clear()
+from worlds import own_programs  # noqa: F401 - a fixture
