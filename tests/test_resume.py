@@ -1,4 +1,5 @@
-"""A run that was stopped and resumed is the uninterrupted run, bit for bit; so is one that ran out of slots."""
+"""A run that was stopped and resumed is the uninterrupted run, bit for bit; one that ran out of slots is it
+but for rounding."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ class Beetstra(Correlation):
     The slope of sqrt(s) is infinite at s = 0; the derivative taken there is 0.
 
     Valid for s 0.1 ... 0.6 (and one sphere) and Re up to 1000.
-    Source: R. Beetstra, M. A. van der Hoef & J. A. M. Kuipers (2007), AIChE J. 53, 489-501, eq. 16; the creeping
+    Source: R. Beetstra, M. A. van der Hoef & J. A. M. Kuipers (2007), AIChE J. 53, 489-501; the creeping
     part: M. A. van der Hoef, R. Beetstra & J. A. M. Kuipers (2005), J. Fluid Mech. 528, 233-254.
     """
 

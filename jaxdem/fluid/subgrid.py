@@ -23,7 +23,7 @@ def eddy_viscosity(grid: Grid, rates: StrainRates, coefficient: Array) -> Array:
         rates: of strain, twice S.
         coefficient: () C_s, 0.1 to 0.2 usually [-].
 
-    Source: J. Smagorinsky, Mon. Weather Rev. 91 (1963) 99-164, eq. 4.13 with the notation of D. K. Lilly (1967).
+    Source: J. Smagorinsky, Mon. Weather Rev. 91 (1963) 99-164.
     """
     squares = []
     for (i, j), rate in rates.items():

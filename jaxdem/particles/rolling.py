@@ -87,7 +87,7 @@ class ElasticPlasticSpringDashpot:
     C_r = 2 eta_r sqrt(I k_r) with the rolling inertia I of the contact. A grain comes to rest, and stays at rest
     on a slope with tan(a) < mu_r. In 3-D w is the relative rotation in the contact plane: twisting is free.
 
-    Source: J. Ai et al., Powder Technol. 206 (2011) 269-282, eqs 12-19, with k_r = 9/4 k_n (mu_r R*)^2 after
+    Source: J. Ai et al., Powder Technol. 206 (2011) 269-282, model C, with k_r = 9/4 k_n (mu_r R*)^2 after
     M. J. Jiang et al., Comput. Geotech. 32 (2005) 340-357; k_n is the secant stiffness F_e / d.
     """
 
