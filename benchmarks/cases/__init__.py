@@ -17,3 +17,22 @@ def collect() -> dict[str, Case]:
     for module in MODULES:
         importlib.import_module(f"benchmarks.cases.{module}")
     return registered()
+
+
+def names(topic: str) -> list[str]:
+    """Cases of one topic that the test suite runs."""
+    return [name for name, one in collect().items() if one.topic == topic and one.tested]
+
+
+def checked(name: str) -> None:
+    """Runs the fast twin of a case.
+
+    Raises:
+        AssertionError: a figure is outside its gate, or there is none.
+    """
+    figures = collect()[name].figures(fast=True)
+    for figure in figures:
+        print(figure)
+    assert figures, f"{name}: no figures"
+    missed = [figure for figure in figures if not figure.passed]
+    assert not missed, missed

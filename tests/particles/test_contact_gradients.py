@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from worlds import advance, constants, forces, world
 
+from benchmarks.cases.worlds import advance, constants, forces, world
 from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 

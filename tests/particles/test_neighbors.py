@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from worlds import constants, track, world
 
+from benchmarks.cases.worlds import constants, track, world
 from jaxdem.particles import loop
 from jaxdem.particles.neighbors import carry_history
 

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from worlds import World, constants, forces, world
 
+from benchmarks.cases.worlds import World, constants, forces, world
 from jaxdem.particles.contact import HertzMindlin
 from jaxdem.particles.forces import ContactModel
 from jaxdem.particles.loop import ContactInterval

@@ -1,11 +1,11 @@
-"""Momentum, angular momentum and energy of particles that only meet each other."""
+"""Momentum and angular momentum of particles that only meet each other; energy: `benchmarks/cases/contact.py`."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from worlds import World, constants, track, world
 
+from benchmarks.cases.worlds import World, constants, track, world
 from jaxdem.particles import forces
 
 FRICTION = constants(young_modulus=1e7, restitution=0.6, friction=0.4)
@@ -73,35 +73,3 @@ def test_full_arm_would_lose_angular_momentum(monkeypatch):
     _, angular = totals(scene, seen)
     scale = np.sum(np.asarray(scene.properties.mass)[:, None] * np.abs(np.asarray(scene.state.velocity)))
     assert np.abs(angular - angular[:1]).max() > 1e-10 * scale
-
-
-def test_energy_of_an_elastic_gas():
-    """64 elastic frictionless discs, 5,000 steps at t_H/60 of the mean speed: energy drifts by under 1e-3.
-
-    Measured: 8e-6.
-    The twin of the gate with 1,000 spheres and 1e5 steps. Measured in free flight, where no energy is in
-    contacts, as the largest over the frames: at any time a few per cent of the discs touch. The box is
-    periodic
-    across, and walls stand below and above.
-    """
-    generator = np.random.default_rng(5)
-    side, radius, density = 0.32, 0.008, 2500.0
-    cells = (np.stack(np.meshgrid(*[np.arange(8)] * 2, indexing="ij"), -1).reshape(-1, 2) + 0.5) * side / 8
-    position = cells + generator.uniform(-0.01, 0.01, cells.shape)
-    velocity = generator.normal(0.0, 1.0, position.shape)
-    scene = world(
-        position, velocity, radius=radius, density=density, box=(side, side), periodic=(True, False),
-        skin=0.5, material=constants(young_modulus=1e8),
-    )  # fmt: skip
-    mass = density * 4 / 3 * np.pi * radius**3
-    step = 2.868 * ((mass / 2) ** 2 / (radius / 2 * (1e8 / 1.82) ** 2 * 1.4)) ** 0.2 / 60
-    after, seen = track(scene, step, 200, 25)
-    assert not bool(after.neighbors.overflow)
-    assert int(after.neighbors.builds) > 5
-    kinetic = 0.5 * mass * np.sum(seen.velocity**2, axis=(1, 2))
-    start = 0.5 * mass * np.sum(velocity**2)
-    free = np.abs(seen.force).max(axis=(1, 2)) == 0.0
-    assert free.sum() >= 5 and np.count_nonzero(~free) > 20  # collisions, and moments without any
-    assert np.abs(kinetic[free] / start - 1).max() < 1e-3
-    assert np.abs(seen.velocity[-1] - velocity).max() > 1.0
-    np.testing.assert_array_equal(seen.spin, 0.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from worlds import batch, constants, track, world
 
+from benchmarks.cases.worlds import batch, constants, track, world
 from jaxdem.particles import tangent
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from worlds import batch, constants, track, world
+
+from benchmarks.cases.worlds import batch, constants, track, world
 
 SIDE, FRAMES, EVERY, STEP = 0.5, 20, 100, 2e-5
 # Discs of 0.3 to 1 cm that fall on each other and on the floor, with spin: a few collisions each.

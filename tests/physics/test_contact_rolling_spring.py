@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from worlds import batch, constants, track, world
 
+from benchmarks.cases.worlds import batch, constants, track, world
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
 
 RADIUS, DENSITY, MODULUS, POISSON, GRAVITY = 0.01, 2500.0, 1e7, 0.3, 9.81

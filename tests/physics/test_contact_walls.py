@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from worlds import advance, batch, constants, track, world
 
+from benchmarks.cases.worlds import advance, batch, constants, track, world
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, wedge
 

@@ -1,4 +1,4 @@
-"""Small scenes for the contact tests: particles, walls and materials, run through `contact_interval`."""
+"""Small worlds for contact cases and tests: particles, walls and materials, run through `contact_interval`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from jaxdem.particles.contact import HertzMindlin
 from jaxdem.particles.forces import ContactModel, contact_forces
@@ -194,14 +193,3 @@ def batch(scenes: list[World]) -> World:
     arrays = [tuple(scene[1:]) for scene in scenes]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *arrays)
     return World(scenes[0].interval, *stacked)
-
-
-@pytest.fixture(autouse=True)
-def own_programs(request):
-    """A test that replaces code compiles its own programs, and leaves none to others."""
-    if "monkeypatch" not in request.fixturenames:
-        yield
-        return
-    runner.cache_clear()
-    yield
-    runner.cache_clear()
