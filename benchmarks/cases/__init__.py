@@ -9,7 +9,7 @@ import importlib
 
 from benchmarks.cases.registry import Case, registered
 
-MODULES = ("contact", "fluid")
+MODULES = ("contact", "fluid", "exchange", "gradients", "invariance")
 
 
 def collect() -> dict[str, Case]:

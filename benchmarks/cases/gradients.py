@@ -1,12 +1,14 @@
 """Gradients through many coupled steps against central differences, away from contact switches."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from jax.flatten_util import ravel_pytree
 
 import jaxdem
+from benchmarks.cases.registry import Figure, at_least, below, case, relative
 from jaxdem.closures import InvariantClosure, KochHill
 
 STEPS, INTERVAL = 100, 0.002
@@ -28,20 +30,27 @@ class Channel:
     tangential spring, so that the stiffness matters to first order.
     """
 
-    def __init__(self):
+    def __init__(self, dimension: int = 2):
+        flat = dimension == 2
         positions = [[0.06, RADIUS - resting_overlap()], [0.11, 0.075], [0.16, 0.12]]
+        size, cells, start, stop = [0.24, 0.16], [6, 4], [0.0], [0.09]
+        if not flat:  # the same in a slab two cells thick, the grains at different depths
+            positions = [[x, y, z] for (x, z), y in zip(positions, (0.04, 0.035, 0.05), strict=True)]
+            size, cells, start, stop = [0.24, 0.08, 0.16], [6, 2, 4], [0.0, 0.0], [0.08, 0.09]
         tables = dict(
             precision="float64",
-            domain=dict(size=[0.24, 0.16], depth=0.04, gravity=[0.0, -GRAVITY]),
+            domain=dict(size=size, gravity=[*[0.0] * (dimension - 1), -GRAVITY]),
             particles=dict(radius=RADIUS, density=DENSITY, position=positions),
             contact=dict(young_modulus=MODULUS, poisson_ratio=POISSON, friction=20.0, speed=0.05),
-            fluid=dict(cells=[6, 4], viscosity=1e-4, time_step=INTERVAL),
+            fluid=dict(cells=cells, viscosity=1e-4, time_step=INTERVAL),
             boundary=dict(
-                left={"kind": "inlet", "velocity": 0.1, "ramp_time": 0.0, "from": 0.0, "to": 0.09},
+                left={"kind": "inlet", "velocity": 0.1, "ramp_time": 0.0, "from": start, "to": stop},
                 right=dict(kind="outlet"),
             ),
             time=dict(end=1.0, output_interval=0.1),
         )
+        if flat:
+            tables["domain"]["depth"] = 0.04
         scene = jaxdem.load_scene(tables)
         closure = InvariantClosure.initial(KochHill(), hidden=(6,), terms=("void_fraction_gradient",), seed=3)
         flat, self.unravel = ravel_pytree(closure.weights)
@@ -85,53 +94,49 @@ class Channel:
         particles, fluid = result.state.particles, result.state.fluid
         moved = (particles.position - self.state.particles.position) / RADIUS
         # The grain on the floor is held by a spring: its motion is small, and weighted up.
-        share = jnp.sum(moved * jnp.asarray([[1e3, 1e3], [1.0, -0.5], [0.7, 0.3]]))
-        speed = jnp.mean(fluid.face_velocity[0] ** 2) + jnp.mean(fluid.face_velocity[1] ** 2)
+        share = jnp.sum(moved[:, jnp.asarray([0, -1])] * jnp.asarray([[1e3, 1e3], [1.0, -0.5], [0.7, 0.3]]))
+        speed = sum(jnp.mean(u**2) for u in fluid.face_velocity)
         return share + 30.0 * speed, (result.failures, result.observations)
 
 
-@pytest.fixture(scope="module")
-def channel():
-    return Channel()
+def central(channel: Channel, number: int, step: float) -> float:
+    """Derivative by differences; Richardson: the error of two central differences cancels to fourth order."""
 
-
-@pytest.fixture(scope="module")
-def gradient(channel):
-    (value, aux), slope = channel.gradient(jnp.ones(5))
-    return float(value), aux, np.asarray(slope)
-
-
-def test_the_scene_has_a_lasting_contact_and_free_grains(gradient):
-    _, (code, force), _ = gradient
-    assert int(code) == 0
-    force = np.asarray(force)
-    assert force.shape == (STEPS, 3, 2)
-    assert force[:, 0, 1].min() > 0.0 and not np.any(force[:, 1:])
-    # It sticks: under half of Coulomb's limit.
-    assert np.all(np.abs(force[:, 0, 0]) < 20.0 * 0.5 * force[:, 0, 1])
-
-
-def test_gradient_is_finite_at_zero_slip_and_in_empty_cells(channel):
-    """No inflow: the slip is exactly zero at first, and most cells hold nothing but water at rest."""
-    (_, (code, _)), slope = channel.gradient(jnp.asarray([1.0, 1.0, 0.0, 1.0, 1.0]))
-    assert int(code) == 0
-    assert np.all(np.isfinite(slope))
-    assert np.any(slope != 0.0)
-
-
-@pytest.mark.parametrize("number", range(5), ids=NAMES)
-def test_gradient_is_that_of_central_differences(channel, gradient, number):
-    slope = gradient[2][number]
-    step = 1e-4 if number != 4 else 1e-3
-
-    def central(h):
-        e = jnp.zeros(5).at[number].set(h)
+    def difference(h: float) -> float:
+        shift = jnp.zeros(5).at[number].set(h)
         # The gradient's own value: a compilation less.
-        return float(channel.gradient(1.0 + e)[0][0] - channel.gradient(1.0 - e)[0][0]) / (2.0 * h)
+        return float(channel.gradient(1.0 + shift)[0][0] - channel.gradient(1.0 - shift)[0][0]) / (2.0 * h)
 
-    # Richardson: the error of two central differences cancels to fourth order.
-    difference = (4.0 * central(0.5 * step) - central(step)) / 3.0
-    print(NAMES[number], slope, difference, abs(slope / difference - 1.0))
-    assert abs(slope) > 1e-3 * abs(gradient[0])
-    # The gate. Rounding: values of order 1 over steps of 1e-4 leave 1e-11 of them.
-    assert slope == pytest.approx(difference, rel=1e-5)
+    return (4.0 * difference(0.5 * step) - difference(step)) / 3.0
+
+
+@case("gradients over 100 coupled steps", "gradients", "central differences", fast={"dimensions": (2,)})
+def rollout_gradients(dimensions: tuple[int, ...] = (2, 3)) -> list[Figure]:
+    """By drag scale, viscosity, inlet velocity, stiffness and weights of a network [1e-5].
+
+    Rounding: values of order 1 over steps of 1e-4 leave 1e-11 of them. And finite without inflow, where the slip
+    is exactly zero at first and most cells hold nothing but water at rest.
+    """
+    figures = []
+    for dimension in dimensions:
+        channel, where = Channel(dimension), f"{dimension}-D"
+        (value, (code, force)), slope = channel.gradient(jnp.ones(5))
+        slope, force, sound = np.asarray(slope), np.asarray(force), int(code) == 0
+        figures += [
+            at_least(
+                f"{where}: a contact that lasts", 1e-12, force[:, 0, -1].min() if sound else np.nan, "N"
+            ),
+            below(f"{where}: other contacts", np.abs(force[:, 1:]).max(), 0.0, "N"),
+            # Under half of Coulomb's limit it sticks.
+            below(
+                f"{where}: tangential over normal force", np.abs(force[:, 0, 0] / force[:, 0, -1]).max(), 10.0
+            ),
+        ]
+        for number, name in enumerate(NAMES):
+            expected = central(channel, number, 1e-4 if number != 4 else 1e-3)
+            figures.append(relative(f"{where}: by {name}", expected, slope[number], 1e-5))
+            figures.append(at_least(f"{where}: |{name}| matters", 1e-3, abs(slope[number] / float(value))))
+        (_, (code, _)), still = channel.gradient(jnp.asarray([1.0, 1.0, 0.0, 1.0, 1.0]))
+        lost = int(code) + int(np.sum(~np.isfinite(still))) + int(not np.any(still))
+        figures.append(below(f"{where}: without inflow, slopes that are not finite", lost, 0.0))
+    return figures
