@@ -6,7 +6,7 @@ import pytest
 from jax import lax
 
 import jaxdem
-from benchmarks.cases.beds import DEPTH, INTERVAL, LAWS, RAMP, RHO, Column, H, pressure_slope
+from benchmarks.cases.beds import DEPTH, INTERVAL, LAWS, RAMP, RHO, Column, H, ergun_drop, pressure_slope
 from benchmarks.cases.correlations import PLAIN
 from benchmarks.cases.exchange import settled
 from jaxdem.coupling import exchange as exchange_module
@@ -26,10 +26,9 @@ def column_b():
 def test_fixed_bed_pressure_drop_is_erguns_in_model_b_too(column_b, speed):
     """The same Ergun drop; the drag carries all of it, V_p dp/L / s on a sphere, pressure and stress nothing."""
     radius, viscosity = 0.009, 1e-5
-    s, d, mu = column_b.solid(radius), 2 * radius, RHO * viscosity
+    s = column_b.solid(radius)
     fluid, _, forces = column_b.run("ergun", radius, speed, viscosity, 200)
-    g = 1.0 - s
-    ergun = 150 * mu * speed * s**2 / (g**3 * d**2) + 1.75 * RHO * speed**2 * s / (g**3 * d)
+    ergun = ergun_drop(s, 2 * radius, viscosity, speed)
     assert pressure_slope(fluid) == pytest.approx(-ergun, rel=1e-3)  # the gate is 2 %
     drop = np.asarray(fluid.pressure)[:, 0].mean()
     assert np.asarray(forces.drag)[:, 1].sum() == pytest.approx(drop * 4 * H * DEPTH, rel=2e-3)
@@ -43,10 +42,8 @@ def test_drag_that_is_not_converted_fails_the_bed_in_model_b(column_b, monkeypat
     """Negative control: the law of model A as it is gives g times the pressure drop."""
     monkeypatch.setattr(exchange_module, "drag_of_model_b", lambda drag, solid_fraction: drag)
     fluid, _, _ = column_b.run("ergun", 0.009, 1e-3, 1e-5, 200, run=column_b.compiled())
-    s, d = column_b.solid(0.009), 0.018
-    g = 1.0 - s
-    ergun = 150 * RHO * 1e-5 * 1e-3 * s**2 / (g**3 * d**2) + 1.75 * RHO * 1e-6 * s / (g**3 * d)
-    assert pressure_slope(fluid) == pytest.approx(-g * ergun, rel=1e-3)
+    s = column_b.solid(0.009)
+    assert pressure_slope(fluid) == pytest.approx(-(1.0 - s) * ergun_drop(s, 0.018, 1e-5, 1e-3), rel=1e-3)
 
 
 def test_pressure_drives_all_of_an_accelerating_flow_in_model_b(column_b):
@@ -66,11 +63,17 @@ def test_square_of_the_void_fraction_would_fail_the_bed(column, monkeypatch):
 
     monkeypatch.setattr(exchange_module, "_substep", wrong)
     fluid, _, _ = column.run("ergun", 0.009, 1e-3, 1e-5, 200, run=column.compiled())
-    s, d = column.solid(0.009), 0.018
-    ergun = 150 * RHO * 1e-5 * 1e-3 * s**2 / ((1 - s) ** 3 * d**2) + 1.75 * RHO * 1e-6 * s / (
-        (1 - s) ** 3 * d
-    )
-    assert abs(pressure_slope(fluid) / -ergun - 1.0) > 0.2
+    expected = ergun_drop(column.solid(0.009), 0.018, 1e-5, 1e-3)
+    assert abs(pressure_slope(fluid) / -expected - 1.0) > 0.2
+
+
+def test_g_squared_for_g_cubed_in_erguns_law_would_fail_the_bed(column):
+    """Negative control: the drop then misses by the factor g = 0.62."""
+    s = column.solid(0.009)
+    fluid, _, _ = column.run("ergun", 0.009, 1e-3, 1e-5, 200, scale=1.0 - s)
+    expected = ergun_drop(s, 0.018, 1e-5, 1e-3)
+    assert pressure_slope(fluid) == pytest.approx(-(1.0 - s) * expected, rel=1e-3)
+    assert abs(pressure_slope(fluid) / -expected - 1.0) > 0.02  # the gate
 
 
 @pytest.mark.parametrize("radius", [0.002, 0.009])

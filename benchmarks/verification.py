@@ -1,0 +1,165 @@
+"""All verification cases at full size: figures beside references, gates and run times.
+
+    python benchmarks/verification.py                     every case; writes results/verification.{json,md} and
+                                                          the table of docs/verification.md
+    python benchmarks/verification.py --only "MFIX,Hertz"  some of them, all figures printed, nothing written
+
+Exit code 1 if a figure is outside its gate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+from benchmarks import harness  # noqa: E402 - after the settings
+from benchmarks.cases import collect  # noqa: E402
+from benchmarks.cases.registry import Case, Figure  # noqa: E402
+
+PAGE = Path(__file__).parents[1] / "docs" / "verification.md"
+BEGIN, END = "<!-- table: benchmarks/verification.py -->", "<!-- end of the table -->"
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """A case that was run; `problem` where it did not end."""
+
+    case: Case
+    figures: list[Figure]
+    seconds: float
+    problem: str = ""
+
+    @property
+    def passed(self) -> bool:
+        return not self.problem and bool(self.figures) and all(figure.passed for figure in self.figures)
+
+    @property
+    def nearest(self) -> Figure | None:
+        """The figure that fails, or comes nearest to its gate."""
+
+        def use(figure: Figure) -> tuple[bool, float]:
+            share = figure.error / figure.gate if figure.gate > 0.0 else 0.0
+            return not figure.passed, share if math.isfinite(share) else math.inf
+
+        return max(self.figures, key=use, default=None)
+
+
+def run(case: Case) -> Outcome:
+    """One case; what goes wrong in it is part of its outcome."""
+    start = time.perf_counter()
+    try:
+        figures, problem = list(case.figures()), ""
+    except Exception as error:
+        traceback.print_exc()
+        figures, problem = [], f"{type(error).__name__}: {error}"
+    return Outcome(case, figures, time.perf_counter() - start, problem)
+
+
+def number(value: float) -> str:
+    return "0" if value == 0.0 else f"{value:.4g}"
+
+
+def row(outcome: Outcome) -> str:
+    """Case, source, figures and the one nearest to its gate."""
+    case, figure = outcome.case, outcome.nearest
+    cells = [case.name, case.source]
+    if figure is None:
+        cells += [outcome.problem, "", "", "", ""]
+    else:
+        unit = "" if figure.unit == "-" else f" {figure.unit}"
+        cells += [
+            figure.what,
+            number(figure.expected) + unit,
+            number(figure.got) + unit,
+            number(figure.error),
+            number(figure.gate),
+        ]
+    met = sum(figure.passed for figure in outcome.figures)
+    cells += [f"{met} of {len(outcome.figures)}", f"{outcome.seconds:.0f}"]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def table(outcomes: list[Outcome]) -> str:
+    """A table per topic."""
+    lines: list[str] = []
+    for topic in dict.fromkeys(outcome.case.topic for outcome in outcomes):
+        chosen = [outcome for outcome in outcomes if outcome.case.topic == topic]
+        lines += [
+            f"**{topic.capitalize()}**",
+            "",
+            "| case | source | figure nearest to its gate | expected | got | error | gate | met | run time [s] |",
+            "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+            *(row(outcome) for outcome in chosen),
+            "",
+        ]
+    met = sum(figure.passed for outcome in outcomes for figure in outcome.figures)
+    count = sum(len(outcome.figures) for outcome in outcomes)
+    return "\n".join([*lines, f"{met} of {count} figures in {len(outcomes)} cases are within their gates."])
+
+
+def write_page(text: str) -> None:
+    """The table between its marks in docs/verification.md."""
+    page = PAGE.read_text()
+    before, _, rest = page.partition(BEGIN)
+    after = rest.partition(END)[2]
+    PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", default="", help="parts of names of cases, with commas between")
+    parts = [part.strip().lower() for part in parser.parse_args().only.split(",") if part.strip()]
+    cases = [
+        case
+        for case in collect().values()
+        if not parts or any(part in case.name.lower() or part == case.topic for part in parts)
+    ]
+    if not cases:
+        print(f"no case is called so; there are: {', '.join(collect())}", file=sys.stderr)
+        return 2
+    outcomes = []
+    for case in cases:
+        outcomes.append(run(case))
+        print(row(outcomes[-1]), flush=True)
+        if parts:
+            for figure in outcomes[-1].figures:
+                mark = "   " if figure.passed else "-> "
+                print(f"{mark}{figure.what}: {figure.got:.6g}, expected {figure.expected:.6g} {figure.unit}, "
+                      f"error {figure.error:.3g}, gate {figure.gate:.3g}")  # fmt: skip
+    if not parts:
+        text = table(outcomes)
+        result: dict[str, Any] = {
+            "cases": [
+                {
+                    "case": outcome.case.name,
+                    "topic": outcome.case.topic,
+                    "source": outcome.case.source,
+                    "run_time_s": round(outcome.seconds, 2),
+                    "problem": outcome.problem,
+                    "figures": [dataclasses.asdict(figure) for figure in outcome.figures],
+                }
+                for outcome in outcomes
+            ]
+        }
+        harness.write("verification", result, text)
+        write_page(text)
+    return 0 if all(outcome.passed for outcome in outcomes) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
