@@ -30,6 +30,7 @@ from jaxdem.coupling.interpolation import (
     interpolate_faces,
 )
 from jaxdem.coupling.lift import LiftInputs, LiftLaw, rotational_drag, vorticity
+from jaxdem.coupling.stiff_drag import settling_coefficient
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import largest_inflow
 from jaxdem.fluid.grid import face_total, sum_of
@@ -185,11 +186,12 @@ def exchange(
     acting = drag
     if lift is not None:
         acting = drag._replace(remainder=lift if drag.remainder is None else drag.remainder + lift)
+    steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity[None]
+    acting = _settling(interval, closure, drag_scale, bodies, inputs, steady, acting)
     count, courant, viscous = _choose_substeps(interval, properties, fluid, time)
     step = jnp.asarray(interval.duration, solids.dtype) / count
-    grip = step * drag.coefficient
+    grip = step * acting.coefficient
     response = grip / (1.0 + grip / bodies.mass)
-    steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity[None]
     carry = _Carry(
         fluid,
         particles.velocity,
@@ -277,11 +279,39 @@ def _drag(
         properties.density,
         properties.viscosity,
     )
+    return _law(interval, closure, drag_scale, inputs), inputs
+
+
+def _law(interval: FluidInterval, closure: DragClosure, drag_scale: Array, inputs: DragInputs) -> Drag:
+    """The drag law in the form of the fluid's model, scaled."""
     drag = closure(inputs)
-    if not solver.shares_stress:
+    if not interval.solver.shares_stress:
         drag = drag_of_model_b(drag, inputs.solid_fraction)
     remainder = None if drag.remainder is None else drag_scale * drag.remainder
-    return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range), inputs
+    return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range)
+
+
+def _settling(
+    interval: FluidInterval,
+    closure: DragClosure,
+    drag_scale: Array,
+    bodies: ParticleProperties,
+    inputs: DragInputs,
+    steady: Array,
+    drag: Drag,
+) -> Drag:
+    """The drag with the coefficient that the slip of the coming interval gives it."""
+    others = steady
+    if interval.solver.shares_stress:
+        others = others - as_column(bodies.volume) * inputs.pressure_gradient
+    if drag.remainder is not None:
+        others = others + drag.remainder
+    duration = jnp.asarray(interval.duration, others.dtype)
+    coefficient = settling_coefficient(
+        lambda shifted: _law(interval, closure, drag_scale, shifted).coefficient,
+        inputs, drag.coefficient, bodies.mass, others, duration,
+    )  # fmt: skip
+    return drag._replace(coefficient=coefficient)
 
 
 def _rotation(
