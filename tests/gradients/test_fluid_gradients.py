@@ -39,9 +39,11 @@ def test_gradient_by_subgrid_coefficient_and_velocities_in_time():
         fluid = parameters.fluid
         speeds = jnp.stack((numbers[1:], jnp.zeros(3)), axis=1)
         fluid = fluid._replace(smagorinsky=numbers[0], side_velocity=(speeds, *fluid.side_velocity[1:]))
-        state = start
-        for k in range(4):
-            state, _ = advance_fluid(interval, fluid, state, jnp.asarray(k * interval.duration))
+
+        def body(state, k):
+            return advance_fluid(interval, fluid, state, k * interval.duration)[0], None
+
+        state, _ = jax.lax.scan(body, start, jnp.arange(4.0))
         return sum(jnp.sum(u**2) for u in state.face_velocity)
 
     numbers = np.array([0.3, 0.5, 1.5, 0.7])
