@@ -9,7 +9,7 @@ import importlib
 
 from benchmarks.cases.registry import Case, registered
 
-MODULES = ("contact", "fluid", "exchange", "gradients", "invariance")
+MODULES = ("contact", "conservation", "fluid", "exchange", "gradients", "invariance", "lists")
 
 
 def collect() -> dict[str, Case]:

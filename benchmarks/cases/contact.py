@@ -9,9 +9,8 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import scipy.spatial
 
-from benchmarks.cases.registry import Figure, absolute, at_least, below, case, relative, table
+from benchmarks.cases.registry import Figure, absolute, below, case, relative, table
 from benchmarks.cases.worlds import batch, constants, track, world
 from jaxdem.particles.contact import LinearSpringDashpot
 
@@ -379,67 +378,3 @@ def dem04() -> list[Figure]:
             figures.append(relative(f"{name}, mu {row['mu']:g}", form, got, 6e-3))
             figures.append(relative(f"{name}, mu {row['mu']:g}, MFIX", row[mfix], got, 1e-2))
     return figures
-
-
-# --- conservation -----------------------------------------------------------------------------------------
-
-
-@case(
-    "energy of an elastic gas", "contact", "conservation of energy",
-    fast={"count": 8, "dimension": 2, "steps": 5_000},
-)  # fmt: skip
-def elastic_gas(count: int = 10, dimension: int = 3, steps: int = 100_000) -> list[Figure]:
-    """Elastic, frictionless spheres at t_H/60 of the mean speed: the energy drifts by under 1e-3.
-
-    count^dimension of them, 1,000 at full size; kinetic energy and that of the compressed contacts, 8/15 E*
-    sqrt(R*) d^(5/2) each, in 200 moments. The box is periodic but for the walls below and above.
-    """
-    generator = np.random.default_rng(5)
-    radius, density, pitch, modulus = 0.008, 2500.0, 0.04, 1e8
-    side = pitch * count
-    axes = np.meshgrid(*[np.arange(count)] * dimension, indexing="ij")
-    position = (np.stack(axes, -1).reshape(-1, dimension) + 0.5) * pitch
-    position = position + generator.uniform(-0.01, 0.01, position.shape)
-    velocity = generator.normal(0.0, 1.0, position.shape)
-    scene = world(
-        position, velocity, radius=radius, density=density, box=(side,) * dimension,
-        periodic=(True,) * (dimension - 1) + (False,), skin=0.5, material=constants(young_modulus=modulus),
-    )  # fmt: skip
-    mass = density * 4 / 3 * np.pi * radius**3
-    effective = modulus / 1.82
-    step = 2.868 * ((mass / 2) ** 2 / (radius / 2 * effective**2 * 1.4)) ** 0.2 / 60
-    after, seen = track(scene, step, 200, steps // 200)
-    energy = np.array([
-        0.5 * mass * np.sum(v**2) + elastic_energy(x, radius, side, effective)
-        for x, v in zip(seen.position, seen.velocity, strict=True)
-    ])  # fmt: skip
-    start = 0.5 * mass * np.sum(velocity**2)
-    touching = np.mean(np.abs(seen.force).max(axis=2) > 0.0)
-    met = np.ptp(seen.velocity, axis=0).max(axis=1) > 0.0
-    return [
-        below(
-            f"energy drift over {steps} steps, {touching:.1%} in contact",
-            np.abs(energy / start - 1).max(),
-            1e-3,
-        ),
-        below("spin", np.abs(seen.spin).max(), 0.0, "1/s"),
-        at_least("share of particles that met another", 0.8, met.mean()),
-        at_least("builds of the list", 5, int(after.neighbors.builds)),
-        below("overflow of the list", float(after.neighbors.overflow), 0.0),
-    ]
-
-
-def elastic_energy(position, radius, side, effective) -> float:
-    """Sum of 8/15 E* sqrt(R*) d^(5/2) over pairs and the two walls of a box of periodic sides [J]."""
-    wrapped = position.copy()
-    wrapped[:, :-1] %= side
-    wrapped[:, -1] = np.clip(wrapped[:, -1], 0.0, side * (1 - 1e-12))
-    box = [side] * (position.shape[1] - 1) + [2 * side]  # no image across the walls
-    pairs = scipy.spatial.cKDTree(wrapped, boxsize=box).query_pairs(2 * radius, output_type="ndarray")
-    apart = position[pairs[:, 0]] - position[pairs[:, 1]]
-    apart[:, :-1] -= side * np.round(apart[:, :-1] / side)
-    overlap = 2 * radius - np.linalg.norm(apart, axis=1)
-    height = position[:, -1]
-    wall = np.maximum(radius - np.concatenate([height, side - height]), 0.0)
-    sums = np.sqrt(radius / 2) * np.sum(overlap**2.5) + np.sqrt(radius) * np.sum(wall**2.5)
-    return float(8 / 15 * effective * sums)

@@ -1,4 +1,4 @@
-"""The neighbour list against all pairs in numpy, and the contact history through its rebuilds."""
+"""The neighbour list and the contact history through rebuilds; list against all pairs: `benchmarks/cases/lists.py`."""
 
 from __future__ import annotations
 
@@ -9,71 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.cases.lists import listed_pairs
 from benchmarks.cases.worlds import constants, track, world
 from jaxdem.particles import loop
 from jaxdem.particles.neighbors import carry_history
-
-
-def pairs_within(position, reach, box, periodic):
-    """Set of (i, j), i != j, nearer than `reach`; by brute force."""
-    difference = position[:, None] - position[None]
-    for axis, wraps in enumerate(periodic):
-        if wraps:
-            difference[..., axis] -= box[axis] * np.round(difference[..., axis] / box[axis])
-    near = np.linalg.norm(difference, axis=2) < reach
-    return {(int(i), int(j)) for i, j in zip(*np.nonzero(near), strict=True) if i != j}
-
-
-def listed_pairs(neighbors):
-    index = np.stack([np.asarray(row) for row in neighbors.index])
-    pairs = [(i, int(j)) for slot in index for i, j in enumerate(slot) if i != j]
-    assert len(pairs) == len(set(pairs))  # none twice: its force would count twice
-    return set(pairs)
-
-
-BOXES = {
-    "square": ((0.4, 0.3), (False, False)),
-    "periodic across": ((0.4, 0.3), (True, False)),
-    "periodic both": ((0.4, 0.3), (True, True)),
-    "slab under three cutoffs": ((0.4, 0.03), (False, False)),
-    "cube": ((0.15, 0.15, 0.15), (False, False, False)),
-    "slab across, periodic along": ((0.4, 0.03, 0.2), (True, False, False)),
-}
-
-
-@pytest.mark.parametrize(("name", "radius"), list(zip(BOXES, ["one", "several"] * 3, strict=True)))
-def test_list_is_all_pairs_in_reach(name, radius):
-    """Every pair within cutoff + skin stands in the list once from either side, and no other; random points.
-
-    With separations (nearest image) and overlaps at the build as numpy has them.
-    """
-    box, periodic = BOXES[name]
-    generator = np.random.default_rng(len(name))
-    position = generator.uniform(0, 1, (90, len(box))) * np.array(box)
-    position[0] = 0.0  # in a corner
-    position[1] = np.array(box)
-    # Beyond a periodic side by a hair, as a moving particle is: never wrapped by the solver.
-    position[2] = np.where(periodic, np.array(box) * 1.02, position[2])
-    sizes = 0.01 if radius == "one" else generator.uniform(0.001, 0.01, 90)
-    scene = world(position, radius=sizes, box=box, periodic=periodic)
-    neighbors, largest = scene.neighbors, np.max(sizes)
-    assert not bool(neighbors.overflow)
-    expected = pairs_within(position, 2 * largest * 1.2, box, periodic)
-    assert listed_pairs(neighbors) == expected and len(expected) > 50
-    sizes = np.broadcast_to(sizes, (90,))
-    for slot, index in enumerate(neighbors.index):
-        j, own = np.asarray(index), np.arange(90)
-        full = j != own
-        difference = position - position[j]
-        for axis, wraps in enumerate(periodic):
-            if wraps:
-                difference[:, axis] -= box[axis] * np.round(difference[:, axis] / box[axis])
-        ours = np.stack([np.asarray(x[slot]) for x in neighbors.separation], 1)
-        # Round-off of a subtraction of numbers up to 0.4.
-        np.testing.assert_allclose(ours[full], difference[full], atol=2e-16)
-        overlap = (sizes + sizes[j]) - np.linalg.norm(difference, axis=1)
-        np.testing.assert_allclose(np.asarray(neighbors.overlap[slot])[full], overlap[full], atol=2e-16)
-        assert (np.asarray(neighbors.overlap[slot])[~full] < -largest).all()  # empty slots never touch
 
 
 def gas(rebuild):
