@@ -112,10 +112,10 @@ def oseen_factor(reynolds: Array) -> Array:
 
 
 def brinkman_factor(squared: Array) -> Array:
-    """Q(y) of y^2, within 1 %: 1/Q = 1 + sqrt(pi) y + y^2 (pi - 2 + (4 - pi) y / (y + 2.7)) [-]."""
+    """Q(y) of y^2, within 1 %: 1/Q = 1 + sqrt(pi) y + y^2 (pi - 2 + (4 - pi) y / (y + 2.55)) [-]."""
     held = squared > 0
     y = jnp.where(held, jnp.sqrt(jnp.where(held, squared, 1.0)), 0.0)
-    bend = math.pi - 2.0 + (4.0 - math.pi) * y / (y + 2.7)
+    bend = math.pi - 2.0 + (4.0 - math.pi) * y / (y + 2.55)
     return 1.0 / (1.0 + math.sqrt(math.pi) * y + y**2 * bend)
 
 
