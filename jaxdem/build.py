@@ -16,8 +16,11 @@ from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.exchange import FluidInterval
+from jaxdem.coupling.history import Basset
 from jaxdem.coupling.interpolation import KernelWidth
 from jaxdem.coupling.lift import Magnus, SaffmanMei
+from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
+from jaxdem.coupling.virtual_mass import FluidMemory
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
@@ -211,6 +214,9 @@ def build(
             () if scene.coupling is None else tuple(LIFT_LAWS[name]() for name in scene.coupling.lift),
             scene.coupling is not None and scene.coupling.rotational_drag,
             False,
+            0.0 if scene.coupling is None else scene.coupling.virtual_mass,
+            Basset(scene.coupling.basset) if scene.coupling is not None and scene.coupling.basset else None,
+            _self_disturbance(scene, grid, deposition, 2.0 * float(np.max(radius, initial=0.0))),
         )
     simulation = Simulation(steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law)
     return simulation, _parameters(scene, radius, density, closure, dtype)
@@ -237,6 +243,7 @@ def initial_state(
         particles = bare._replace(
             contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * kept,
             wall_spring=(jnp.zeros((walls, count), dtype),) * kept,
+            fluid_memory=_initial_memory(scene, simulation.fluid, bare),
         )
     fluid = None
     if scene.fluid is not None and simulation.fluid is not None:
@@ -330,6 +337,26 @@ def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
     return Kernel(half_width) if scene.coupling.void_fraction == "kernel" else Diffusion(half_width)
 
 
+def _self_disturbance(
+    scene: Scene, grid: Grid, deposition: Deposition | None, diameter: float
+) -> SelfDisturbance | None:
+    if scene.coupling is None or deposition is None or not scene.coupling.self_disturbance:
+        return None
+    correction = SelfDisturbance(kernel_mobility(deposition.half_width, grid.spacing))
+    hidden = 3.0 * math.pi * diameter * correction.mobility
+    if hidden > LARGEST_STOKES_SHARE:
+        width = scene.coupling.kernel_width
+        needed = hidden / LARGEST_STOKES_SHARE * max(deposition.half_width)
+        raise InputError(
+            "coupling.kernel_width",
+            {"diameters": width.diameters, "cells": width.cells},
+            f"a particle's wake hides {100 * hidden:.3g} % of its slip by Stokes drag, and "
+            f"coupling.self_disturbance corrects up to {100 * LARGEST_STOKES_SHARE:.3g} %",
+            f"widen the kernel, to a half-width of about {needed:.3g} m",
+        )
+    return correction
+
+
 def _surfaces(scene: Scene, functions: Sequence[Callable[[Array], Array]], dtype: Any) -> tuple[Surface, ...]:
     """The walls of the scene, then those given as functions."""
     surfaces = [surface for wall in scene.walls for surface in _of_wall(wall)]
@@ -416,6 +443,19 @@ def _initial_particles(scene: Scene, dtype: Any) -> ParticleState:
         wall_spring=(),
         contact_force=zero,
         fluid_force=None if scene.fluid is None else zero,
+    )
+
+
+def _initial_memory(
+    scene: Scene, fluid: FluidInterval | None, particles: ParticleState
+) -> FluidMemory | None:
+    """Nothing owed, and the slip as it has always been; None where no force remembers anything."""
+    if fluid is None or scene.fluid is None or (fluid.virtual_mass == 0.0 and fluid.basset is None):
+        return None
+    velocity = jnp.asarray(scene.fluid.velocity, particles.velocity.dtype)
+    return FluidMemory(
+        jnp.zeros_like(particles.velocity) if fluid.virtual_mass > 0.0 else None,
+        None if fluid.basset is None else fluid.basset.start(velocity[None] - particles.velocity),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxdem import stability
 from jaxdem.build import Simulation, build, initial_state
+from jaxdem.coupling.exchange import FluidInterval
 from jaxdem.scene import Scene
 from jaxdem.simulate import samples_every
 from jaxdem.state import Parameters, State
@@ -207,6 +208,7 @@ def _parts(
         lifts = [type(law).__name__ for law in simulation.fluid.lifts]
         parts.append((" ".join(["lift", *lifts]), bool(lifts)))
         parts.append(("rotational drag", simulation.fluid.rotational_drag))
+        parts += _unsteady_parts(simulation.fluid)
         parts.append((f"drag law {type(simulation.drag_law).__name__}", simulation.drag_law is not None))
         learned = f"learned drag {type(closure).__name__}" if closure is not None else "learned drag"
         parts.append((learned, closure is not None))
@@ -220,6 +222,16 @@ def _parts(
         tuple(name for name, present in parts if present),
         tuple(name for name, present in parts if not present),
     )
+
+
+def _unsteady_parts(fluid: FluidInterval) -> list[tuple[str, bool]]:
+    coefficient, basset = fluid.virtual_mass, fluid.basset
+    history = "Basset force" if basset is None else f"Basset force over {basset.window} intervals and a tail"
+    mass = f"virtual mass {coefficient:g}" if coefficient > 0.0 else "virtual mass"
+    wake, correction = "self-disturbance correction", fluid.self_disturbance
+    if correction is not None:
+        wake = f"{wake} (mobility {correction.mobility:.4g}/m over viscosity)"
+    return [(mass, coefficient > 0.0), (history, basset is not None), (wake, correction is not None)]
 
 
 def _walls_beside_the_box(scene: Scene) -> str:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from jaxdem.errors import InputError
 from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
+from jaxdem.scene_coupling import BassetWindow, check_self_disturbance
 from jaxdem.scene_walls import Wall, completed_walls
 
 SIDES_2D = ("left", "right", "bottom", "top")
@@ -242,6 +243,9 @@ class Coupling(Section):
         interval: time between exchanges, "auto" (the fluid step) or [s].
         lift: lift laws, of "saffman_mei" (shear) and "magnus" (rotation).
         rotational_drag: whether the fluid turns the particles.
+        virtual_mass: coefficient of the virtual mass, 0 for none, 0.5 for a sphere.
+        basset: Basset force with the exact kernel over so many coupling intervals, 0 for none.
+        self_disturbance: whether the drag law is given the slip without the particle's own wake (3-D, "kernel").
     """
 
     drag: str = "koch_hill"
@@ -250,6 +254,9 @@ class Coupling(Section):
     interval: Positive | Literal["auto"] = "auto"
     lift: tuple[Literal["saffman_mei", "magnus"], ...] = ()
     rotational_drag: bool = Field(default=False, strict=True)
+    virtual_mass: Annotated[NonNegative, Field(le=10.0)] = 0.0
+    basset: BassetWindow = 0
+    self_disturbance: bool = Field(default=False, strict=True)
 
     @field_validator("lift")
     @classmethod
@@ -423,6 +430,7 @@ def _completed(scene: Scene) -> Scene:
         update["fluid"] = scene.fluid.model_copy(update={"velocity": velocity})
     if scene.fluid is not None and scene.particles is not None:
         update["coupling"] = scene.coupling or Coupling()
+        check_self_disturbance(update["coupling"], dimension)
         if scene.fluid.viscosity == 0.0:
             raise InputError(
                 "fluid.viscosity", 0.0, "drag needs a positive viscosity", "set fluid.viscosity > 0"

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jax import named_scope
 
-from jaxdem.coupling.exchange import FluidDiagnostics, FluidForces, advance_fluid, exchange
+from jaxdem.coupling.exchange import FluidDiagnostics, FluidForces, advance_fluid, exchange, remembered
+from jaxdem.coupling.virtual_mass import with_added_mass
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState, as_column
 from jaxdem.particles.loop import contact_interval
@@ -66,10 +67,17 @@ def particle_part(
             buoyancy = -parameters.fluid.density * volume * parameters.gravity[None]
             particles = particles._replace(fluid_force=forces.total + buoyancy)
             acting = acting + particles.fluid_force
-        walls = simulation.wall_velocity(parameters, time)
+        bodies = parameters.bodies
+        if forces is not None and forces.virtual_mass is not None:
+            acting = acting + forces.virtual_mass.drive
+            bodies = with_added_mass(simulation.fluid.virtual_mass, bodies, parameters.fluid.density)
+        walls, start = simulation.wall_velocity(parameters, time), particles.velocity
         particles, neighbors, collision = contact_interval(
-            simulation.contact, surroundings(parameters.contact, walls), parameters.bodies,
+            simulation.contact, surroundings(parameters.contact, walls), bodies,
             particles, neighbors, acting, simulation.contact_time_step(acting.dtype),
             None if forces is None else forces.torque,
         )  # fmt: skip
+        particles = remembered(
+            simulation.fluid, parameters.fluid, parameters.bodies, forces, particles, start
+        )
         return particles, neighbors, simulation.particle_report(particles, neighbors, collision)

@@ -229,6 +229,8 @@ def test_check_names_the_options_of_the_fluid(grains):
     for words, *options in (
         ("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),
         ("model B", "--set", "fluid.model=B"),
+        ("virtual mass", "--set", "coupling.virtual_mass=0.5"),
+        ("Basset force", "--set", "coupling.basset=20"),
         ("inlet profile", "--set", parabola, "--set", right),
         ("inlet velocity over time", "--set", left, "--set", right),
     ):

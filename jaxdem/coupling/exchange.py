@@ -9,13 +9,19 @@ with v_p the velocity that the particle would reach without the coefficient's dr
 remainder. A face loses sum_p W_pf [K_p (u_f - v_p) + t r_p]: face by face it follows its own velocity, but
 the sums over faces and over particles are equal term by term, so momentum is conserved to round-off
 whatever the relaxation time, and the particles receive J_p itself, spread over their contact steps.
+Virtual mass and Basset force have a part b (change of the slip) that is implicit in the same way, with t c_p + b
+for t c_p; a face follows the change of its own velocity.
 In model B particles feel no pressure gradient and no stress; the drag stands for them.
+
+Longer than other modules: what a fluid step gives to the particles and takes from the faces stands in one place, for
+momentum rests on the two being the same sum.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,13 +30,24 @@ from jax import Array, lax
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
 from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.forces import drag_inputs, drag_of_model_b
+from jaxdem.coupling.history import Basset, SlipHistory
 from jaxdem.coupling.interpolation import (
     Weights,
     deposit_on_faces,
     interpolate_faces,
 )
 from jaxdem.coupling.lift import LiftInputs, LiftLaw, rotational_drag, vorticity
+from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
+from jaxdem.coupling.unsteady import (
+    Unsteady,
+    UnsteadySums,
+    after_step,
+    before_step,
+    on_faces,
+    unsteady_forces,
+)
+from jaxdem.coupling.virtual_mass import FluidMemory, VirtualMassForce, added_mass, settle_up
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import largest_inflow
 from jaxdem.fluid.grid import face_total, sum_of
@@ -83,8 +100,11 @@ class FluidForces(NamedTuple):
         viscous: (N, D) V_p div(tau); zero in model B [N].
         lift: (N, D) sum of the lift laws; None without any [N].
         torque: (N, A) of the rotational drag; None without it [N m].
-        inputs: of the drag law, at the start of the interval.
+        inputs: of the drag law, at the start of the interval, with the slip as it is seen.
         law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].
+        virtual_mass: of the virtual mass; None without it.
+        basset: (N, D) Basset force; None without it [N].
+        history: of the slip, for the next interval; None without the Basset force.
     """
 
     drag: Array
@@ -94,12 +114,15 @@ class FluidForces(NamedTuple):
     torque: Array | None
     inputs: DragInputs
     law: Array
+    virtual_mass: VirtualMassForce | None = None
+    basset: Array | None = None
+    history: SlipHistory | None = None
 
     @property
     def total(self) -> Array:
-        """(N, D) sum [N]; buoyancy of the hydrostatic pressure is not in it."""
-        lift = 0.0 if self.lift is None else self.lift
-        return self.drag + self.pressure_gradient + self.viscous + lift
+        """(N, D) sum [N]; neither the virtual mass nor buoyancy of the hydrostatic pressure is in it."""
+        more = [force for force in (self.lift, self.basset) if force is not None]
+        return sum_of((self.drag, self.pressure_gradient, self.viscous, *more))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,6 +138,9 @@ class FluidInterval:
         lifts: lift laws, () for none.
         rotational_drag: whether the fluid turns the particles.
         reversible: loops that reverse-mode differentiation can run backwards.
+        virtual_mass: coefficient C of the virtual mass, 0 for none [-].
+        basset: the Basset force, None for none.
+        self_disturbance: correction that gives the drag law the undisturbed slip, None for none.
     """
 
     solver: FluidSolver
@@ -125,6 +151,9 @@ class FluidInterval:
     lifts: tuple[LiftLaw, ...]
     rotational_drag: bool
     reversible: bool
+    virtual_mass: float = 0.0
+    basset: Basset | None = None
+    self_disturbance: SelfDisturbance | None = None
 
 
 def advance_fluid(
@@ -181,23 +210,28 @@ def exchange(
     assert interval.deposition is not None
     weights = interval.deposition.weights(grid, particles.position, bodies.radius)
     solids = solid_fraction(grid, weights, bodies.volume)
-    drag, inputs = _drag(interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids)
+    law, drag, inputs = _drag(
+        interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids
+    )
     lift, torque = _rotation(interval, properties, bodies, fluid, particles, weights, inputs)
     acting = drag
     if lift is not None:
         acting = drag._replace(remainder=lift if drag.remainder is None else drag.remainder + lift)
     steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity[None]
-    acting = _settling(interval, closure, drag_scale, bodies, inputs, steady, acting)
+    unsteady = _unsteady(interval, properties, bodies, particles, inputs)
+    acting = _settling(interval, law, bodies, inputs, steady, acting, unsteady)
     count, courant, viscous = _choose_substeps(interval, properties, fluid, time)
     step = jnp.asarray(interval.duration, solids.dtype) / count
-    grip = step * acting.coefficient
-    response = grip / (1.0 + grip / bodies.mass)
+    grip = step * acting.coefficient + (0.0 if unsteady is None else unsteady.held)
+    freedom = 1.0 / (1.0 + grip / bodies.mass)
+    if unsteady is not None:
+        unsteady = unsteady.per_step(count)
+    zero = jnp.zeros_like(particles.velocity)
     carry = _Carry(
-        fluid,
-        particles.velocity,
-        *(jnp.zeros_like(particles.velocity) for _ in range(3)),
+        fluid, particles.velocity, zero, zero, zero,
         jnp.zeros((2, grid.dimension), solids.dtype),
-    )
+        None if unsteady is None else UnsteadySums(zero, zero, zero),
+    )  # fmt: skip
     start = fluid.void_fraction
     change = (1.0 - solids - start) / count
 
@@ -208,10 +242,12 @@ def exchange(
             bodies,
             weights,
             acting,
-            response,
+            grip,
             steady,
             start + (k + 1) * change,
             1.0 - solids,
+            freedom,
+            unsteady,
             time + k * step,
             step,
             carry,
@@ -229,6 +265,7 @@ def exchange(
         inputs,
         drag.coefficient[:, None] * inputs.slip_velocity
         + (0.0 if drag.remainder is None else drag.remainder),
+        **_unsteady_means(interval, unsteady, carry),
     )
     given, lost = carry.balance
     size = jnp.sum(jnp.abs(carry.drag)) + jnp.finfo(solids.dtype).tiny
@@ -254,6 +291,64 @@ class _Carry(NamedTuple):
     pressure_gradient: Array
     viscous: Array
     balance: Array
+    unsteady: UnsteadySums | None
+
+
+def remembered(
+    interval: FluidInterval | None,
+    properties: FluidProperties | None,
+    bodies: ParticleProperties,
+    forces: FluidForces | None,
+    particles: ParticleState,
+    velocity: Array,
+) -> ParticleState:
+    """The particles at the end of an interval with what virtual mass and Basset force keep for the next one.
+
+    Args:
+        interval: static description.
+        properties: of the fluid.
+        bodies: of the particles.
+        forces: over the interval.
+        particles: at its end.
+        velocity: (N, D) of the particles at its start [m/s].
+    """
+    if forces is None or particles.fluid_memory is None:
+        return particles
+    owed, force = None, particles.fluid_force
+    if forces.virtual_mass is not None:
+        added = added_mass(interval.virtual_mass, bodies, properties.density)
+        duration = jnp.asarray(interval.duration, velocity.dtype)
+        acted, owed = settle_up(forces.virtual_mass, added, particles.velocity - velocity, duration)
+        force = force + acted
+    return particles._replace(fluid_force=force, fluid_memory=FluidMemory(owed, forces.history))
+
+
+def _unsteady(
+    interval: FluidInterval,
+    properties: FluidProperties,
+    bodies: ParticleProperties,
+    particles: ParticleState,
+    inputs: DragInputs,
+) -> Unsteady | None:
+    if interval.virtual_mass == 0.0 and interval.basset is None:
+        return None
+    slip = inputs.slip_velocity
+    return unsteady_forces(
+        interval.virtual_mass, interval.basset, particles.fluid_memory, properties, bodies, slip,
+        jnp.asarray(interval.duration, slip.dtype),
+    )  # fmt: skip
+
+
+def _unsteady_means(interval: FluidInterval, unsteady: Unsteady | None, carry: _Carry) -> dict[str, Any]:
+    """Mean forces of virtual mass and Basset, by their names in `FluidForces`."""
+    if unsteady is None or carry.unsteady is None:
+        return {}
+    given, drive, trailing = (impulse / interval.duration for impulse in carry.unsteady)
+    return {
+        "virtual_mass": None if unsteady.added is None else VirtualMassForce(given, drive),
+        "basset": None if unsteady.trailing is None else trailing,
+        "history": unsteady.history,
+    }
 
 
 def _drag(
@@ -266,7 +361,7 @@ def _drag(
     particles: ParticleState,
     weights: Weights,
     solids: Array,
-) -> tuple[Drag, DragInputs]:
+) -> tuple[Callable[[DragInputs], Drag], Drag, DragInputs]:
     solver = interval.solver
     inputs = drag_inputs(
         solver.grid,
@@ -279,37 +374,56 @@ def _drag(
         properties.density,
         properties.viscosity,
     )
-    return _law(interval, closure, drag_scale, inputs), inputs
+    law = _law(interval, closure, drag_scale, bodies, weights)
+    return law, law(inputs), inputs
 
 
-def _law(interval: FluidInterval, closure: DragClosure, drag_scale: Array, inputs: DragInputs) -> Drag:
-    """The drag law in the form of the fluid's model, scaled."""
-    drag = closure(inputs)
-    if not interval.solver.shares_stress:
-        drag = drag_of_model_b(drag, inputs.solid_fraction)
-    remainder = None if drag.remainder is None else drag_scale * drag.remainder
-    return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range)
-
-
-def _settling(
+def _law(
     interval: FluidInterval,
     closure: DragClosure,
     drag_scale: Array,
     bodies: ParticleProperties,
+    weights: Weights,
+) -> Callable[[DragInputs], Drag]:
+    """The drag law in the form of the fluid's model, scaled, and of the undisturbed slip if asked for."""
+
+    def scaled(inputs: DragInputs) -> Drag:
+        drag = closure(inputs)
+        if not interval.solver.shares_stress:
+            drag = drag_of_model_b(drag, inputs.solid_fraction)
+        remainder = None if drag.remainder is None else drag_scale * drag.remainder
+        return Drag(drag_scale * drag.coefficient, remainder, drag.out_of_range)
+
+    correction = interval.self_disturbance
+    if correction is None:
+        return scaled
+    own = own_solid_fraction(interval.solver.grid, weights, bodies.volume)
+    return lambda inputs: correction(scaled, inputs, own, bodies.volume)
+
+
+def _settling(
+    interval: FluidInterval,
+    law: Callable[[DragInputs], Drag],
+    bodies: ParticleProperties,
     inputs: DragInputs,
     steady: Array,
     drag: Drag,
+    unsteady: Unsteady | None,
 ) -> Drag:
     """The drag with the coefficient that the slip of the coming interval gives it."""
-    others = steady
+    others, mass = steady, bodies.mass
+    if unsteady is not None:
+        mass = mass + unsteady.held
+    if unsteady is not None and unsteady.past is not None:
+        others = others + unsteady.past / interval.duration
     if interval.solver.shares_stress:
         others = others - as_column(bodies.volume) * inputs.pressure_gradient
     if drag.remainder is not None:
         others = others + drag.remainder
     duration = jnp.asarray(interval.duration, others.dtype)
     coefficient = settling_coefficient(
-        lambda shifted: _law(interval, closure, drag_scale, shifted).coefficient,
-        inputs, drag.coefficient, bodies.mass, others, duration,
+        lambda shifted: law(shifted).coefficient,
+        inputs, drag.coefficient, mass, others, duration,
     )  # fmt: skip
     return drag._replace(coefficient=coefficient)
 
@@ -349,17 +463,23 @@ def _substep(
     bodies: ParticleProperties,
     weights: Weights,
     drag: Drag,
-    response: Array,
+    grip: Array,
     steady: Array,
     void_fraction: Array,
     weighting: Array,
+    freedom: Array,
+    unsteady: Unsteady | None,
     time: Array,
     step: Array,
     carry: _Carry,
 ) -> tuple[_Carry, tuple[Array, Array, Array]]:
-    """One fluid step among particles that stand still but gather impulse."""
+    """One fluid step among particles that stand still but gather impulse.
+
+    `grip` is t c_p + a + b with the masses of virtual mass and Basset force, `freedom` 1 / (1 + grip / m).
+    """
     solver, grid = interval.solver, interval.solver.grid
     mass, volume = as_column(bodies.mass), as_column(bodies.volume)
+    response = grip * freedom
     gripped = response[:, None]
     extra = 0.0 if drag.remainder is None else step * drag.remainder
 
@@ -370,11 +490,17 @@ def _substep(
     others = step * steady
     if solver.shares_stress:
         others = others + pressure_impulse(carry.fluid.pressure)
+    known = None
+    if unsteady is not None:
+        known = before_step(grid, weights, unsteady, carry.velocity, carry.fluid.face_velocity, step)
+        extra = extra + known.impulse
     reached = carry.velocity + (others + extra) / mass
     exchange = FaceExchange(
         deposit_on_faces(grid, weights, response),
         deposit_on_faces(grid, weights, gripped * reached - extra),
     )
+    if unsteady is not None:
+        exchange = on_faces(grid, weights, unsteady, known, freedom, carry.fluid.face_velocity, exchange)
     result = solver.step(properties, carry.fluid, void_fraction, time, step, exchange, weighting)
     seen = interpolate_faces(weights, result.state.face_velocity)
     impulse = gripped * (seen - reached) + extra
@@ -388,14 +514,23 @@ def _substep(
         r * u - f
         for r, u, f in zip(exchange.resistance, result.state.face_velocity, exchange.forcing, strict=True)
     )
-    balance = jnp.stack((jnp.sum(impulse, axis=0), jnp.stack(face_total(grid, lost))))
+    given, sums, dragged, felt = impulse, carry.unsteady, impulse, impulse
+    if unsteady is not None:
+        slip = seen - (carry.velocity + (others + impulse) / mass)
+        sums, both, driven = after_step(unsteady, known, carry.unsteady, slip, seen)
+        dragged = impulse - both
+        felt = dragged + driven
+        mass = mass if unsteady.added is None else mass + as_column(unsteady.added)
+        given = impulse if unsteady.owed is None else impulse + unsteady.owed
+    balance = jnp.stack((jnp.sum(given, axis=0), jnp.stack(face_total(grid, lost))))
     new = _Carry(
         result.state,
-        carry.velocity + (step * steady + impulse + pressure + viscous) / mass,
-        carry.drag + impulse,
+        carry.velocity + (step * steady + felt + pressure + viscous) / mass,
+        carry.drag + dragged,
         carry.pressure_gradient + pressure,
         carry.viscous + viscous,
         carry.balance + balance,
+        sums,
     )
     return new, (result.solver.iterations, result.divergence, result.solver.converged)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -26,6 +26,8 @@ class ParticleState(NamedTuple):
         wall_spring: the same at the S walls, arrays (S, N) [m].
         contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
+        fluid_memory: what forces of the fluid keep of earlier intervals, arrays with an axis of length N; None
+            where no such force is on.
     """
 
     position: Array
@@ -36,6 +38,7 @@ class ParticleState(NamedTuple):
     wall_spring: Vector
     contact_force: Array
     fluid_force: Array | None
+    fluid_memory: Any = None
 
 
 class Motion(NamedTuple):
@@ -97,10 +100,13 @@ class ParticleProperties(NamedTuple):
     Attributes:
         radius: [m].
         density: [kg/m3].
+        added_density: of the fluid that moves along, C rho, in the mass but not in the moment of inertia; None
+            for none [kg/m3].
     """
 
     radius: Array
     density: Array
+    added_density: Array | None = None
 
     @property
     def volume(self) -> Array:
@@ -109,13 +115,14 @@ class ParticleProperties(NamedTuple):
 
     @property
     def mass(self) -> Array:
-        """[kg]."""
-        return self.density * self.volume
+        """With the added mass, if any [kg]."""
+        density = self.density if self.added_density is None else self.density + self.added_density
+        return density * self.volume
 
     @property
     def inertia(self) -> Array:
         """Moment of inertia 2/5 m r^2 [kg m2]."""
-        return 0.4 * self.mass * self.radius**2
+        return 0.4 * self.density * self.volume * self.radius**2
 
 
 def drift(motion: Motion, time_step: Array) -> Motion:
