@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxdem.bodies import Bodies, material_table, wall_materials
 from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
@@ -25,17 +26,18 @@ from jaxdem.fluid.advection import Upwind, VanLeer
 from jaxdem.fluid.boundary import Boundary, Side, ramp
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
-from jaxdem.initial import check_initial_positions, check_walls, initial_positions, particle_column, rows_of
+from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
 from jaxdem.particles import vectors
 from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
-from jaxdem.particles.forces import ContactModel
+from jaxdem.particles.forces import ContactModel, MaterialIndex
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval
-from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, Surface, surface_contacts, wedge
 from jaxdem.particles.walls import box_sides
+from jaxdem.rows import rows_of
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene_walls import Wall
 from jaxdem.state import Parameters, ParticleDiagnostics, State
@@ -177,21 +179,22 @@ def build(
     dtype = _dtype(scene)
     grid = _grid(scene)
     boundary = _boundary(scene)
-    radius, density = _bodies(scene)
+    bodies = scene_bodies(scene)
+    radius = bodies.radius
     steps = time_steps(scene)
     contact, fluid, law = None, None, None
     if scene.particles is not None and scene.contact is not None:
         geometry = neighbor_geometry(scene, float(np.max(radius)))
         search = NeighborSearch(geometry, jnp.asarray(radius, dtype))
-        rolling = (
-            ROLLING_MODELS[scene.contact.rolling_model]() if scene.contact.rolling_friction > 0.0 else None
-        )
-        model = ContactModel(
-            CONTACT_LAWS[scene.contact.law](),
-            rolling,
-            box_sides(scene.domain.size, scene.periodic),
-            _surfaces(scene, walls, dtype),
-        )
+        sides, surfaces = box_sides(scene.domain.size, scene.periodic), _surfaces(scene, walls, dtype)
+        table = material_table(scene)
+        resists = scene.contact.rolling_friction if table is None else table.rolling_friction.max()
+        rolling = ROLLING_MODELS[scene.contact.rolling_model]() if resists > 0.0 else None
+        index = None
+        if table is not None:
+            of_walls = wall_materials(scene, table, len(sides), len(surfaces))
+            index = MaterialIndex(bodies.material, of_walls, table.pair)
+        model = ContactModel(CONTACT_LAWS[scene.contact.law](), rolling, sides, surfaces, index)
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
         viscous = scene.fluid.viscosity > 0.0 or scene.fluid.smagorinsky > 0.0
@@ -213,7 +216,7 @@ def build(
             False,
         )
     simulation = Simulation(steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law)
-    return simulation, _parameters(scene, radius, density, closure, dtype)
+    return simulation, _parameters(scene, bodies, closure, dtype)
 
 
 def initial_state(
@@ -361,26 +364,28 @@ def _check_walls(surfaces: tuple[Surface, ...], particles: ParticleState, radius
     check_walls(np.asarray(particles.position), np.asarray(radius), surfaces, np.asarray(overlap))
 
 
-def _bodies(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    if scene.particles is None:
-        return np.zeros(0), np.zeros(0)
-    count = len(initial_positions(scene))
-    radius = particle_column("particles.radius", scene.particles.radius, count)
-    density = particle_column("particles.density", scene.particles.density, count)
-    return radius, density
+def _contact_constants(scene: Scene, number: Callable[[Any], Array]) -> ContactParameters | SeveralMaterials:
+    contact, table = scene.contact, material_table(scene)
+    if table is None:
+        return ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
+    return SeveralMaterials(
+        *(
+            number(getattr(table if hasattr(table, name) else contact, name))
+            for name in SeveralMaterials._fields
+        )
+    )
 
 
-def _parameters(
-    scene: Scene, radius: np.ndarray, density: np.ndarray, closure: Any, dtype: Any
-) -> Parameters:
+def _parameters(scene: Scene, sizes: Bodies, closure: Any, dtype: Any) -> Parameters:
     def number(value: Any) -> Array:
-        return jnp.asarray(math.inf if value == "rigid" else (0.0 if value is None else value), dtype)
+        rigid = isinstance(value, str) and value == "rigid"
+        return jnp.asarray(math.inf if rigid else (0.0 if value is None else value), dtype)
 
     contact = scene.contact
     bodies = constants = fluid = drag_scale = None
     if contact is not None and scene.particles is not None:
-        bodies = ParticleProperties(jnp.asarray(radius, dtype), jnp.asarray(density, dtype))
-        constants = ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
+        bodies = ParticleProperties(jnp.asarray(sizes.radius, dtype), jnp.asarray(sizes.density, dtype))
+        constants = _contact_constants(scene, number)
     if scene.fluid is not None:
         velocity = tuple(
             jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype)

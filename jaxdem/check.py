@@ -11,7 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem import stability
+from jaxdem.bodies import material_table
 from jaxdem.build import Simulation, build, initial_state
+from jaxdem.initial import scene_bodies
 from jaxdem.scene import Scene
 from jaxdem.simulate import samples_every
 from jaxdem.state import Parameters, State
@@ -91,7 +93,7 @@ def check_scene(scene: Scene) -> CheckReport:
     if fluid is not None:
         time_steps |= {"fluid": steps.interval / steps.fluid_substeps, "fluid_substeps": steps.fluid_substeps}
     spacing = fluid.solver.grid.spacing if fluid is not None else None
-    diameter = 2.0 * float(np.max(scene.particles.radius)) if scene.particles else None
+    diameter = 2.0 * float(np.max(scene_bodies(scene).radius)) if scene.particles else None
     void = state.fluid.void_fraction if state.fluid is not None else None
     compiled_in, left_out = _parts(scene, simulation, parameters)
     return CheckReport(
@@ -133,12 +135,18 @@ def _particle_figures(scene: Scene, simulation: Simulation) -> dict[str, float |
     steps = simulation.steps
     if particles is None or contact is None or simulation.contact is None or steps.contact is None:
         return figures
-    radius, density = float(np.min(particles.radius)), float(np.min(particles.density))
+    bodies = scene_bodies(scene)
+    radius, density = float(np.min(bodies.radius)), float(np.min(bodies.density))
     mass = 4.0 / 3.0 * math.pi * radius**3 * density
+    table = material_table(scene)
+    moduli = contact.young_modulus / (1.0 - contact.poisson_ratio**2)
+    if table is not None:  # the stiffest has the smallest overlap to resolve
+        used = np.unique(bodies.material)
+        moduli = float(np.max(table.young_modulus[used] / (1.0 - table.poisson_ratio[used] ** 2)))
     figures["restitution_error"] = restitution_error(steps.limits["contact_duration"] / steps.contact)
     weight = mass * math.hypot(*(scene.domain.gravity or (0.0,)))
     if contact.law == "hertz_mindlin":
-        modulus = 0.5 * contact.young_modulus / (1.0 - contact.poisson_ratio**2)
+        modulus = 0.5 * moduli
         overlap = (0.75 * weight / (modulus * math.sqrt(0.5 * radius))) ** (2.0 / 3.0)
     else:
         overlap = weight / (contact.normal_stiffness or math.inf)
@@ -185,6 +193,7 @@ def _parts(
             ("rolling springs", model.rolling is not None and model.rolling.has_spring),
             ("radius per particle", simulation.search.radius.ndim > 0),
             ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
+            (_materials(scene), model.materials is not None),
             (f"contact with {len(model.sides)} walls", bool(model.sides)),
             (_walls_beside_the_box(scene), bool(model.surfaces)),
             ("positions in pairs of floats", scene.precision == "float32"),
@@ -220,6 +229,11 @@ def _parts(
         tuple(name for name, present in parts if present),
         tuple(name for name, present in parts if not present),
     )
+
+
+def _materials(scene: Scene) -> str:
+    names = ", ".join(material.name for material in scene.materials)
+    return f"materials by pair: {names}" if names else "materials by pair"
 
 
 def _walls_beside_the_box(scene: Scene) -> str:

@@ -17,6 +17,7 @@ from jaxdem import __version__, metrics
 from jaxdem.build import Simulation
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.grid import cell_average
+from jaxdem.initial import scene_bodies
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.profile import estimate_stages
 from jaxdem.scene import Scene
@@ -200,6 +201,7 @@ def sample_of(before: State, after: State, forces: FluidForces, volume: np.ndarr
 def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
     """Constants that a reader of samples.h5 needs."""
     assert scene.fluid is not None and scene.coupling is not None and scene.particles is not None
+    bodies = scene_bodies(scene)
     assert simulation.fluid is not None and simulation.fluid.deposition is not None
     return {
         "drag": scene.coupling.drag,
@@ -212,8 +214,8 @@ def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
         "kernel_half_width": np.asarray(simulation.fluid.deposition.half_width),
         "kernel_diameters": scene.coupling.kernel_width.diameters,
         "kernel_cells": scene.coupling.kernel_width.cells,
-        "radius": np.asarray(scene.particles.radius, float),
-        "particle_density": np.asarray(scene.particles.density, float),
+        "radius": bodies.radius,
+        "particle_density": bodies.density,
         "interval": simulation.interval,
         "dimension": scene.dimension,
     }

@@ -16,8 +16,16 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from jaxdem.bodies import column, radius_range
 from jaxdem.errors import InputError
 from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
+from jaxdem.scene_materials import (
+    Material,
+    MaterialPair,
+    Species,
+    check_particle_materials,
+    completed_materials,
+)
 from jaxdem.scene_walls import Wall, completed_walls
 
 SIDES_2D = ("left", "right", "bottom", "top")
@@ -83,8 +91,10 @@ class Particles(Section):
 
     Attributes:
         count: how many; with positions it must agree with their number.
-        radius: one number, or one per particle [m].
-        density: one number, or one per particle [kg/m3].
+        radius: one number, one per particle, or the name of a file of one per particle [m].
+        density: the same [kg/m3].
+        material: name of one of `[[materials]]`, or one per particle; only in a scene with these.
+        species: parts of the particles with a radius, density or material of their own, mixed by the seed.
         pack: where they start, or
         position: their centres, as rows or the name of a text file (.csv, .txt, .npy) of rows [m].
         velocity: rows or a file's name; at rest when not given [m/s].
@@ -92,8 +102,10 @@ class Particles(Section):
     """
 
     count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
-    radius: Positive | PerParticle
-    density: Positive | PerParticle
+    radius: Positive | PerParticle | str | None = None
+    density: Positive | PerParticle | str | None = None
+    material: str | tuple[str, ...] | None = None
+    species: tuple[Species, ...] = ()
     pack: Pack | None = None
     position: Rows | str | None = None
     velocity: Rows | str | None = None
@@ -115,6 +127,7 @@ class Contact(Section):
         wall_young_modulus: "rigid", or [Pa]; the particles' when not given.
         wall_poisson_ratio: the particles' when not given [-].
         wall_friction: the particles' when not given [-].
+        wall_material: name of one of `[[materials]]`, for the walls instead of these three.
         normal_stiffness: of the linear law [N/m].
         tangential_stiffness: of the linear law; 2/7 of the normal one when not given [N/m].
         time_step: "auto", or [s].
@@ -135,6 +148,7 @@ class Contact(Section):
     wall_young_modulus: Positive | Literal["rigid"] | None = None
     wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] | None = None
     wall_friction: NonNegative | None = None
+    wall_material: str | None = None
     normal_stiffness: Positive | None = None
     tangential_stiffness: NonNegative | None = None
     time_step: Positive | Literal["auto"] = "auto"
@@ -308,6 +322,8 @@ class Scene(Section):
     domain: Domain
     particles: Particles | None = None
     contact: Contact | None = None
+    materials: tuple[Material, ...] = ()
+    material_pairs: tuple[MaterialPair, ...] = ()
     walls: tuple[Wall, ...] = ()
     fluid: Fluid | None = None
     boundary: dict[str, BoundarySide] = {}
@@ -401,21 +417,28 @@ def _completed(scene: Scene) -> Scene:
     gravity = domain.gravity if domain.gravity is not None else (0.0,) * (dimension - 1) + (-9.81,)
     _entries("domain.gravity", gravity, dimension)
     depth = domain.depth
+    if scene.particles is not None:
+        _check_particles(scene)
     if dimension == 2 and depth is None:
-        depth = 2.0 * _largest(scene.particles.radius) if scene.particles else 1.0
+        depth = 2.0 * radius_range(scene.particles)[1] if scene.particles else 1.0
     _check_boundary(scene)
     boundary = {name: _completed_side(scene, name) for name in scene.sides}
     scene = scene.model_copy(update={"boundary": boundary})
     update: dict[str, Any] = {"domain": domain.model_copy(update={"gravity": gravity, "depth": depth})}
     if scene.particles is not None:
-        update["contact"] = _completed_contact(scene.contact or Contact())
-        _check_particles(scene)
+        contact = _completed_contact(scene.contact or Contact())
+        update["contact"] = contact
+        update["materials"] = completed_materials(scene.materials, scene.material_pairs, contact)
+        names = tuple(material.name for material in scene.materials)
+        check_particle_materials(scene.particles, scene.walls, contact, names)
         update["particles"] = _completed_pack(scene.particles)
         update["walls"] = completed_walls(scene.walls, dimension, scene.periodic)
     elif scene.walls:
         raise InputError("walls", f"{len(scene.walls)} walls", "need [particles]", "remove [[walls]]")
     elif scene.contact is not None:
         raise InputError("contact", "...", "needs [particles]", "add [particles] or remove [contact]")
+    elif scene.materials:
+        raise InputError("materials", "...", "need [particles]", "remove [[materials]]")
     if scene.fluid is not None:
         _entries("fluid.cells", scene.fluid.cells, dimension)
         velocity = scene.fluid.velocity or (0.0,) * dimension
@@ -449,7 +472,15 @@ def _completed_contact(contact: Contact) -> Contact:
         )
     update: dict[str, Any] = {}
     for name in ("young_modulus", "poisson_ratio", "friction"):
-        if getattr(contact, f"wall_{name}") is None:
+        if contact.wall_material is not None:
+            if getattr(contact, f"wall_{name}") is not None:
+                raise InputError(
+                    f"contact.wall_{name}",
+                    getattr(contact, f"wall_{name}"),
+                    f"the walls have that of contact.wall_material = {contact.wall_material!r}",
+                    "remove one of the two",
+                )
+        elif getattr(contact, f"wall_{name}") is None:
             update[f"wall_{name}"] = getattr(contact, name)
     if contact.normal_stiffness is not None and contact.tangential_stiffness is None:
         update["tangential_stiffness"] = 2.0 / 7.0 * contact.normal_stiffness
@@ -613,6 +644,11 @@ def _vector(
 def _check_particles(scene: Scene) -> None:
     particles = scene.particles
     assert particles is not None
+    for name in ("radius", "density"):
+        if getattr(particles, name) is None and not particles.species:
+            raise InputError(f"particles.{name}", None, "is missing", "add it to the scene")
+        if isinstance(getattr(particles, name), str):
+            column(f"particles.{name}", getattr(particles, name))
     ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
     if len(ways) != 1 and particles.count != 0:
         raise InputError(
@@ -670,10 +706,6 @@ def _check_times(scene: Scene) -> None:
 def _entries(key: str, value: tuple[Any, ...], count: int) -> None:
     if len(value) != count:
         raise InputError(key, value, f"needs {count} number(s), got {len(value)}", f"give {count}")
-
-
-def _largest(value: float | tuple[float, ...]) -> float:
-    return max(value) if isinstance(value, tuple) else value
 
 
 def _refuse_unknown(key: str, name: str, allowed: tuple[str, ...]) -> None:
@@ -772,6 +804,8 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
     """File names in a scene are relative to it; the scene as run holds absolute ones."""
     tables = _copy(tables)
     for table, key in (
+        ("particles", "radius"),
+        ("particles", "density"),
         ("particles", "position"),
         ("particles", "velocity"),
         ("particles", "angular_velocity"),

@@ -9,7 +9,7 @@ from jax import Array
 from jaxdem.coupling.exchange import FluidDiagnostics, FluidForces
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
-from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 
 
 class State(NamedTuple):
@@ -40,7 +40,7 @@ class Parameters(NamedTuple):
 
     gravity: Array
     bodies: ParticleProperties | None
-    contact: ContactParameters | None
+    contact: ContactParameters | SeveralMaterials | None
     fluid: FluidProperties | None
     drag_scale: Array | None
     closure: Any

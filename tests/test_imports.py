@@ -17,6 +17,7 @@ MODULES = {
 
 HOST = {
     "build",
+    "bodies",
     "initial",
     "time_steps",
     "simulate",
