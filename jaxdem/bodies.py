@@ -128,6 +128,14 @@ def radius_range(particles: Particles) -> tuple[float, float]:
     return min(sizes), max(sizes)
 
 
+def largest_radius(particles: Particles) -> float:
+    """Largest radius of all particles that there ever are [m]."""
+    sizes = [radius_range(particles)[1]] if particles.radius is not None or particles.species else []
+    for inlet in particles.inlet:
+        sizes += [one.radius for one in inlet.species_of(particles) if one.radius is not None]
+    return max(sizes)
+
+
 def column(key: str, value: Any, count: int | None = None) -> np.ndarray:
     """() for one number, else one per particle, from a list or a file.
 
@@ -193,7 +201,7 @@ def _particle_bodies(particles: Particles, names: tuple[str, ...], count: int, s
             )  # fmt: skip
         numbers = np.asarray([names.index(name) for name in material], np.int32)
     else:
-        numbers = np.asarray(names.index(material) if names else 0, np.int32)
+        numbers = np.asarray(names.index(material) if names and material else 0, np.int32)
     radius = column("particles.radius", particles.radius, count)
     density = column("particles.density", particles.density, count)
     return Bodies(radius, density, numbers)

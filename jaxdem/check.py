@@ -47,6 +47,7 @@ class CheckReport:
         overlap_resolution: rounding of a listed pair's overlap over the resting overlap [-].
         relaxation_time: of the lightest particle by Stokes drag.
         memory: estimates by name.
+        population: what is known beforehand of particles that come and go, as (name, text).
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
     """
@@ -69,6 +70,7 @@ class CheckReport:
     overlap_resolution: float | None
     relaxation_time: float | None
     memory: dict[str, int]
+    population: tuple[tuple[str, str], ...]
     compiled_in: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -113,6 +115,7 @@ def check_scene(scene: Scene) -> CheckReport:
         expected_speed=steps.expected_speed,
         expected_overlap=steps.expected_overlap,
         memory=_memory(simulation, state, neighbors),
+        population=_population(scene, simulation, state),
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(scene, simulation),
@@ -193,7 +196,6 @@ def _parts(
             ("rolling springs", model.rolling is not None and model.rolling.has_spring),
             ("radius per particle", simulation.search.radius.ndim > 0),
             ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
-            (_materials(scene), model.materials is not None),
             (f"contact with {len(model.sides)} walls", bool(model.sides)),
             (_walls_beside_the_box(scene), bool(model.surfaces)),
             ("positions in pairs of floats", scene.precision == "float32"),
@@ -225,10 +227,38 @@ def _parts(
         kinds = sorted({scene.boundary[name].kind for name in pair})
         between = f"{pair[0]}-{pair[1]}"
         parts.append((f"{between}: {'periodic' if wraps else ', '.join(kinds)}", True))
+    if simulation.contact is not None:
+        population = simulation.population
+        parts += [
+            (_materials(scene), simulation.contact.model.materials is not None),
+            ("removal of particles", population is not None and bool(population.exits)),
+            ("particle inlets", population is not None and bool(population.inlets)),
+        ]
     return (
         tuple(name for name, present in parts if present),
         tuple(name for name, present in parts if not present),
     )
+
+
+def _population(scene: Scene, simulation: Simulation, state: State) -> tuple[tuple[str, str], ...]:
+    """Who is there at the start, who comes in and when, and where they leave."""
+    population, particles = simulation.population, state.particles
+    if population is None or particles is None:
+        return ()
+    rows = [("present at the start", str(int(np.sum(np.asarray(particles.active)))))]
+    assert scene.particles is not None
+    for inlet, table in zip(population.inlets, scene.particles.inlet, strict=True):
+        times = (int(inlet.due[0]) * simulation.interval, int(inlet.due[-1]) * simulation.interval)
+        flow = f"{table.rate:.4g} 1/s" if table.rate is not None else f"{table.mass_flow:.4g} kg/s"
+        rows.append(
+            (
+                f"inlet {len(rows) - 1}",
+                f"{len(inlet.due)} particles at {flow}, due from {times[0]:.4g} to {times[1]:.4g} s, "
+                f"up to {inlet.batch} at once",
+            )
+        )
+    sides = [name for name in scene.sides if scene.boundary[name].particles == "remove"]
+    return (*rows, ("removed at", ", ".join(sides) or "no side"))
 
 
 def _materials(scene: Scene) -> str:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.bodies import Bodies, particle_bodies, radius_range
+from jaxdem.arrivals import arrivals
+from jaxdem.bodies import Bodies, collapsed, particle_bodies, radius_range
 from jaxdem.errors import InputError
 from jaxdem.particles import packing
 from jaxdem.rows import rows_of
@@ -25,7 +26,7 @@ def initial_positions(scene: Scene) -> np.ndarray:
     """
     particles = scene.particles
     assert particles is not None
-    if particles.count == 0:
+    if particles.count == 0 or (particles.inlet and particles.pack is None and particles.position is None):
         return np.zeros((0, scene.dimension))
     if particles.pack is not None and particles.pack.kind == "random":
         for name in ("start", "stop"):
@@ -55,10 +56,16 @@ def initial_positions(scene: Scene) -> np.ndarray:
 
 
 def scene_bodies(scene: Scene) -> Bodies:
-    """Size, density and material of all particles of a scene; no entries in a scene without."""
+    """Size, density and material of all particles that a scene ever has; no entries in a scene without."""
     if scene.particles is None:
         return Bodies(np.zeros(0), np.zeros(0), np.zeros(0, np.int32))
-    return particle_bodies(scene, len(initial_positions(scene)))
+    bodies = particle_bodies(scene, len(initial_positions(scene)))
+    coming = arrivals(scene)
+    if not coming:
+        return bodies
+    count = len(initial_positions(scene))
+    parts = [Bodies(*(np.broadcast_to(a, count) for a in bodies)), *(one.bodies for one in coming)]
+    return collapsed(Bodies(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
 
 
 def check_initial_positions(scene: Scene, position: np.ndarray) -> None:

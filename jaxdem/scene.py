@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from jaxdem.bodies import column, radius_range
+from jaxdem.bodies import column, largest_radius
 from jaxdem.errors import InputError
 from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
 from jaxdem.scene_materials import (
@@ -26,6 +26,7 @@ from jaxdem.scene_materials import (
     check_particle_materials,
     completed_materials,
 )
+from jaxdem.scene_population import ParticleInlet, check_exits, completed_inlets
 from jaxdem.scene_walls import Wall, completed_walls
 
 SIDES_2D = ("left", "right", "bottom", "top")
@@ -99,6 +100,7 @@ class Particles(Section):
         position: their centres, as rows or the name of a text file (.csv, .txt, .npy) of rows [m].
         velocity: rows or a file's name; at rest when not given [m/s].
         angular_velocity: one number per particle in 2-D, rows of three in 3-D, or a file's name [rad/s].
+        inlet: where more come in while the scene runs.
     """
 
     count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
@@ -110,6 +112,7 @@ class Particles(Section):
     position: Rows | str | None = None
     velocity: Rows | str | None = None
     angular_velocity: Rows | tuple[Finite, ...] | str | None = None
+    inlet: tuple[ParticleInlet, ...] = ()
 
 
 class Contact(Section):
@@ -202,6 +205,7 @@ class BoundarySide(Section):
             axis of the side but those on which it reaches between periodic or free-slip sides; "table".
         positions: of the table along the (last) axis of the side, increasing, over the whole patch [m].
         values: of the table at these positions, multiples of the velocity; linear between them [-].
+        particles: "screen", a wall to them, or "remove": those whose centre crosses the side are taken out.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
@@ -216,6 +220,7 @@ class BoundarySide(Section):
     profile: Literal["uniform", "parabolic", "table"] | None = None
     positions: Abscissae | None = None
     values: tuple[Finite, ...] | None = None
+    particles: Literal["screen", "remove"] = "screen"
 
     @field_validator("kind", mode="before")
     @classmethod
@@ -420,7 +425,7 @@ def _completed(scene: Scene) -> Scene:
     if scene.particles is not None:
         _check_particles(scene)
     if dimension == 2 and depth is None:
-        depth = 2.0 * radius_range(scene.particles)[1] if scene.particles else 1.0
+        depth = 2.0 * largest_radius(scene.particles) if scene.particles else 1.0
     _check_boundary(scene)
     boundary = {name: _completed_side(scene, name) for name in scene.sides}
     scene = scene.model_copy(update={"boundary": boundary})
@@ -431,7 +436,10 @@ def _completed(scene: Scene) -> Scene:
         update["materials"] = completed_materials(scene.materials, scene.material_pairs, contact)
         names = tuple(material.name for material in scene.materials)
         check_particle_materials(scene.particles, scene.walls, contact, names)
-        update["particles"] = _completed_pack(scene.particles)
+        inlets = completed_inlets(
+            scene.particles, scene.domain.size, scene.sides, scene.periodic, scene.time.end, names
+        )
+        update["particles"] = _completed_pack(scene.particles).model_copy(update={"inlet": inlets})
         update["walls"] = completed_walls(scene.walls, dimension, scene.periodic)
     elif scene.walls:
         raise InputError("walls", f"{len(scene.walls)} walls", "need [particles]", "remove [[walls]]")
@@ -461,6 +469,7 @@ def _completed(scene: Scene) -> Scene:
             "particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]"
         )
     _check_times(scene)
+    check_exits(scene)
     return scene.model_copy(update=update)
 
 
@@ -650,7 +659,7 @@ def _check_particles(scene: Scene) -> None:
         if isinstance(getattr(particles, name), str):
             column(f"particles.{name}", getattr(particles, name))
     ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
-    if len(ways) != 1 and particles.count != 0:
+    if len(ways) != 1 and particles.count != 0 and (ways or not particles.inlet):
         raise InputError(
             "particles.pack",
             ways,

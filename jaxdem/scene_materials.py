@@ -145,7 +145,8 @@ def check_particle_materials(particles: Any, walls: tuple[Any, ...], contact: An
     given = (particles.material,) if isinstance(particles.material, str) else particles.material or ()
     for name in given:
         check_material("particles.material", name, names)
-    if names and not particles.species and not given:
+    starts = particles.pack is not None or particles.position is not None
+    if names and not particles.species and not given and starts:
         raise InputError(
             "particles.material", None, "is missing, and the scene has [[materials]]", f"known: {', '.join(names)}"
         )  # fmt: skip

@@ -72,4 +72,7 @@ def particle_part(
             particles, neighbors, acting, simulation.contact_time_step(acting.dtype),
             None if forces is None else forces.torque,
         )  # fmt: skip
-        return particles, neighbors, simulation.particle_report(particles, neighbors, collision)
+        if simulation.population is not None:
+            particles, neighbors = simulation.renewed(parameters, particles, neighbors, state.step + 1)
+        report = simulation.particle_report(particles, neighbors, collision, state.step + 1)
+        return particles, neighbors, report

@@ -16,6 +16,7 @@ from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
 from jaxdem.initial import scene_bodies
 from jaxdem.rows import rows_of
 from jaxdem.scene import Scene, parabolic_axes
+from jaxdem.scene_population import inlet_speed
 
 AUTO_COURANT = 0.5
 """Courant number of the automatic fluid step at the largest boundary speed."""
@@ -260,6 +261,7 @@ def expected_speed(scene: Scene) -> float:
     fall = math.sqrt(2.0 * sum(abs(g) * length for g, length in zip(gravity, scene.domain.size, strict=True)))
     given = rows_of("particles.velocity", particles.velocity, scene.dimension)
     fastest = 0.0 if given is None or len(given) == 0 else float(np.linalg.norm(given, axis=1).max())
+    fastest = max(fastest, inlet_speed(particles))
     return max(boundary_speed(scene), fall, 2.0 * fastest, 1e-3)
 
 

@@ -17,6 +17,7 @@ MODULES = {
 
 HOST = {
     "build",
+    "arrivals",
     "bodies",
     "initial",
     "time_steps",

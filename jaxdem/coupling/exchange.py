@@ -30,6 +30,7 @@ from jaxdem.coupling.interpolation import (
     interpolate_faces,
 )
 from jaxdem.coupling.lift import LiftInputs, LiftLaw, rotational_drag, vorticity
+from jaxdem.coupling.presence import present_drag, present_volume, present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import largest_inflow
 from jaxdem.fluid.grid import face_total, sum_of
@@ -179,8 +180,10 @@ def exchange(
     grid = interval.solver.grid
     assert interval.deposition is not None
     weights = interval.deposition.weights(grid, particles.position, bodies.radius)
+    weights = present_weights(weights, particles.active)
     solids = solid_fraction(grid, weights, bodies.volume)
     drag, inputs = _drag(interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids)
+    drag = present_drag(drag, particles.active)
     lift, torque = _rotation(interval, properties, bodies, fluid, particles, weights, inputs)
     acting = drag
     if lift is not None:
@@ -230,7 +233,7 @@ def exchange(
     )
     given, lost = carry.balance
     size = jnp.sum(jnp.abs(carry.drag)) + jnp.finfo(solids.dtype).tiny
-    volume = jnp.sum(jnp.broadcast_to(bodies.volume, drag.coefficient.shape))
+    volume = present_volume(bodies.volume, drag.coefficient.shape[0], particles.active)
     diagnostics = FluidDiagnostics(
         count,
         courant / count,

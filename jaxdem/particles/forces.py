@@ -117,6 +117,7 @@ def contact_forces(
     neighbors: Neighbors,
     time_step: Array,
     mid_velocity: Vector | None = None,
+    active: Array | None = None,
 ) -> tuple[Sums, Motion]:
     """Force and torque of all contacts on every particle, and the motion with its new contact history.
 
@@ -130,8 +131,9 @@ def contact_forces(
         mid_velocity: D arrays (N,), velocity expected in the middle of the step, where `motion` has the
             positions: the normal dashpots act on it. The velocity in `motion`, at the step's start, if not
             given; the springs grow by that one, which is in the middle between two forces [m/s].
+        active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
     """
-    loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step)
+    loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step, active)
     zero = jnp.zeros_like(motion.position[0])
     sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity))
     spring, wall_spring = motion.contact_spring, motion.wall_spring
@@ -151,6 +153,7 @@ class _Loop(NamedTuple):
     motion: Motion
     mid_velocity: Vector
     time_step: Array
+    active: Array | None = None
 
     def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts between particles; returns their new springs too."""
@@ -178,6 +181,8 @@ class _Loop(NamedTuple):
         """Adds the contacts with the walls, bodies of infinite radius and mass."""
         motion, radius = self.motion, self.properties.radius
         overlap, normal = self._wall_geometry()
+        if self.active is not None:  # out of reach by a radius, whatever the speed
+            overlap = jnp.where(self.active[None], overlap, -jnp.ones_like(overlap) * _row(radius))
         velocity = tuple(
             jnp.stack(components)[:, None]
             for components in zip(*self.surroundings.wall_velocity, strict=True)

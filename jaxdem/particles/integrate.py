@@ -26,6 +26,8 @@ class ParticleState(NamedTuple):
         wall_spring: the same at the S walls, arrays (S, N) [m].
         contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
+        active: (N,) bool, which particles are present; None where all are, always. See `population`.
+        inserted: (I,) int32, how many have come in through each inlet; None without inlets.
     """
 
     position: Array
@@ -36,6 +38,8 @@ class ParticleState(NamedTuple):
     wall_spring: Vector
     contact_force: Array
     fluid_force: Array | None
+    active: Array | None = None
+    inserted: Array | None = None
 
 
 class Motion(NamedTuple):
