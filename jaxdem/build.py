@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxdem.arrivals import population_of
+from jaxdem.bodies import Bodies, material_table, wall_materials
 from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
@@ -19,6 +21,7 @@ from jaxdem.coupling.exchange import FluidInterval
 from jaxdem.coupling.history import Basset
 from jaxdem.coupling.interpolation import KernelWidth
 from jaxdem.coupling.lift import Magnus, SaffmanMei
+from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
 from jaxdem.coupling.virtual_mass import FluidMemory
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -28,17 +31,19 @@ from jaxdem.fluid.advection import Upwind, VanLeer
 from jaxdem.fluid.boundary import Boundary, Side, ramp
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
-from jaxdem.initial import check_initial_positions, check_walls, initial_positions, particle_column, rows_of
+from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
 from jaxdem.particles import vectors
 from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
-from jaxdem.particles.forces import ContactModel
+from jaxdem.particles.forces import ContactModel, MaterialIndex
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval
-from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
+from jaxdem.particles.population import Population, renewed
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, Surface, surface_contacts, wedge
 from jaxdem.particles.walls import box_sides
+from jaxdem.rows import rows_of
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene_walls import Wall
 from jaxdem.state import Parameters, ParticleDiagnostics, State
@@ -62,6 +67,7 @@ class Simulation:
         contact: contact model and steps, None without particles.
         fluid: solver and exchange, None without a fluid.
         drag_law: correlation, None without coupling or with a learned closure.
+        population: how the number of particles changes, None where it does not.
     """
 
     interval: float
@@ -71,6 +77,7 @@ class Simulation:
     contact: ContactInterval | None
     fluid: FluidInterval | None
     drag_law: DragClosure | None
+    population: Population | None = None
 
     def step(self, parameters: Parameters, state: State, neighbors: Neighbors | None) -> Any:
         """One coupled step; see `jaxdem.step.step`."""
@@ -104,13 +111,27 @@ class Simulation:
             velocities.append(ramp(side, time) * parameters.fluid.side_velocity[number] if moves else still)
         return (*velocities, *(still,) * len(model.surfaces))
 
+    def renewed(
+        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+    ) -> tuple[ParticleState, Neighbors]:
+        """Particles and list after those that leave and come at the end of interval number `step`."""
+        return renewed(
+            self.population, self.search, self.contact.model.surfaces, parameters.inlet_velocity,
+            particles, neighbors, step,
+        )  # fmt: skip
+
     def particle_report(
-        self, particles: ParticleState, neighbors: Neighbors, collision: Array
+        self, particles: ParticleState, neighbors: Neighbors, collision: Array, step: Array
     ) -> ParticleDiagnostics:
-        """Flags and figures of the particles after an interval."""
+        """Flags and figures of the particles after `step` intervals."""
         position, velocity = particles.position, particles.velocity
         box = jnp.asarray(self.box, position.dtype)
         outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
+        if particles.active is not None:
+            outside = outside & particles.active[:, None]
+        waiting = None
+        if self.population is not None and self.population.inlets:
+            waiting = self.population.waiting(particles.inserted, step)
         squared = jnp.sum(velocity**2, axis=1)
         return ParticleDiagnostics(
             collision,
@@ -119,6 +140,7 @@ class Simulation:
             jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(velocity)),
             jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
             jnp.sqrt(jnp.max(squared, initial=0.0)),
+            waiting,
         )
 
     @property
@@ -138,15 +160,17 @@ class Simulation:
         """A neighbour list with room for these positions; not jittable."""
         position = vectors.components(particles.position)
         low = split_low(particles.position_low, len(position))
-        return self.search.allocate(position, low)
+        return self.search.allocate(position, low, active=particles.active)
 
     def with_slots(
         self, state: State, neighbors: Neighbors, slots: int, cell_slots: int
     ) -> tuple[State, Neighbors]:
         """State and list with more slots, everything in the old ones as it was; not jittable."""
-        wider = self.search.allocate(neighbors.reference, neighbors.reference_low, slots, cell_slots)
         kept, particles = neighbors.capacity, state.particles
         assert particles is not None
+        wider = self.search.allocate(
+            neighbors.reference, neighbors.reference_low, slots, cell_slots, particles.active
+        )
         blank = jnp.zeros((wider.capacity - kept, particles.position.shape[0]), particles.position.dtype)
         springs = tuple(jnp.concatenate((spring, blank)) for spring in particles.contact_spring)
 
@@ -180,21 +204,27 @@ def build(
     dtype = _dtype(scene)
     grid = _grid(scene)
     boundary = _boundary(scene)
-    radius, density = _bodies(scene)
+    bodies = scene_bodies(scene)
+    radius = bodies.radius
     steps = time_steps(scene)
-    contact, fluid, law = None, None, None
+    contact, fluid, law, population = None, None, None, None
     if scene.particles is not None and scene.contact is not None:
         geometry = neighbor_geometry(scene, float(np.max(radius)))
         search = NeighborSearch(geometry, jnp.asarray(radius, dtype))
-        rolling = (
-            ROLLING_MODELS[scene.contact.rolling_model]() if scene.contact.rolling_friction > 0.0 else None
-        )
-        model = ContactModel(
-            CONTACT_LAWS[scene.contact.law](),
-            rolling,
-            box_sides(scene.domain.size, scene.periodic),
-            _surfaces(scene, walls, dtype),
-        )
+        present = len(initial_positions(scene))
+        population = population_of(scene, steps.interval, present)
+        exits = () if population is None else population.exits
+        without = tuple((side.axis, -1 if side.upper else 1) for side in exits)
+        sides = box_sides(scene.domain.size, scene.periodic, without)
+        surfaces = _surfaces(scene, walls, dtype)
+        table = material_table(scene)
+        resists = scene.contact.rolling_friction if table is None else table.rolling_friction.max()
+        rolling = ROLLING_MODELS[scene.contact.rolling_model]() if resists > 0.0 else None
+        index = None
+        if table is not None:
+            of_walls = wall_materials(scene, table, len(sides), len(surfaces))
+            index = MaterialIndex(bodies.material, of_walls, table.pair)
+        model = ContactModel(CONTACT_LAWS[scene.contact.law](), rolling, sides, surfaces, index)
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
         viscous = scene.fluid.viscosity > 0.0 or scene.fluid.smagorinsky > 0.0
@@ -218,8 +248,10 @@ def build(
             Basset(scene.coupling.basset) if scene.coupling is not None and scene.coupling.basset else None,
             _self_disturbance(scene, grid, deposition, 2.0 * float(np.max(radius, initial=0.0))),
         )
-    simulation = Simulation(steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law)
-    return simulation, _parameters(scene, radius, density, closure, dtype)
+    simulation = Simulation(
+        steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law, population
+    )
+    return simulation, _parameters(scene, bodies, closure, dtype)
 
 
 def initial_state(
@@ -233,7 +265,7 @@ def initial_state(
     dtype = parameters.gravity.dtype
     particles, neighbors = None, None
     if scene.particles is not None:
-        bare = _initial_particles(scene, dtype)
+        bare = _initial_particles(scene, simulation.population, dtype)
         surfaces = simulation.contact.model.surfaces
         if surfaces:
             _check_walls(surfaces, bare, parameters.bodies.radius)
@@ -385,29 +417,33 @@ def _check_walls(surfaces: tuple[Surface, ...], particles: ParticleState, radius
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
     overlap, _ = surface_contacts(surfaces, position, low, radius)
+    if particles.active is not None:  # those still to come are looked at when they come
+        overlap = jnp.where(particles.active[None], overlap, -1.0)
     check_walls(np.asarray(particles.position), np.asarray(radius), surfaces, np.asarray(overlap))
 
 
-def _bodies(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    if scene.particles is None:
-        return np.zeros(0), np.zeros(0)
-    count = len(initial_positions(scene))
-    radius = particle_column("particles.radius", scene.particles.radius, count)
-    density = particle_column("particles.density", scene.particles.density, count)
-    return radius, density
+def _contact_constants(scene: Scene, number: Callable[[Any], Array]) -> ContactParameters | SeveralMaterials:
+    contact, table = scene.contact, material_table(scene)
+    if table is None:
+        return ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
+    return SeveralMaterials(
+        *(
+            number(getattr(table if hasattr(table, name) else contact, name))
+            for name in SeveralMaterials._fields
+        )
+    )
 
 
-def _parameters(
-    scene: Scene, radius: np.ndarray, density: np.ndarray, closure: Any, dtype: Any
-) -> Parameters:
+def _parameters(scene: Scene, sizes: Bodies, closure: Any, dtype: Any) -> Parameters:
     def number(value: Any) -> Array:
-        return jnp.asarray(math.inf if value == "rigid" else (0.0 if value is None else value), dtype)
+        rigid = isinstance(value, str) and value == "rigid"
+        return jnp.asarray(math.inf if rigid else (0.0 if value is None else value), dtype)
 
     contact = scene.contact
     bodies = constants = fluid = drag_scale = None
     if contact is not None and scene.particles is not None:
-        bodies = ParticleProperties(jnp.asarray(radius, dtype), jnp.asarray(density, dtype))
-        constants = ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
+        bodies = ParticleProperties(jnp.asarray(sizes.radius, dtype), jnp.asarray(sizes.density, dtype))
+        constants = _contact_constants(scene, number)
     if scene.fluid is not None:
         velocity = tuple(
             jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype)
@@ -419,30 +455,47 @@ def _parameters(
         )
     if scene.coupling is not None:
         drag_scale = number(1.0)
-    return Parameters(jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure)
+    inlets = () if scene.particles is None else scene.particles.inlet
+    return Parameters(
+        jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure,
+        tuple(jnp.asarray(inlet.velocity, dtype) for inlet in inlets),
+    )  # fmt: skip
 
 
-def _initial_particles(scene: Scene, dtype: Any) -> ParticleState:
-    """Particles at their starting positions, without contact history."""
+def _initial_particles(scene: Scene, population: Population | None, dtype: Any) -> ParticleState:
+    """Particles at their starting positions, without contact history; those still to come wait in their inlets."""
     assert scene.particles is not None
     position = initial_positions(scene)
     check_initial_positions(scene, position)
-    count, dimension = position.shape
+    present, dimension = position.shape
+    inlets = () if population is None else population.inlets
+    places = [np.tile(0.5 * (inlet.lower + inlet.upper), (len(inlet.due), 1)) for inlet in inlets]
+    position = np.concatenate([position, *places])
+    count = len(position)
     leading = position.astype(dtype)
     low = None if dtype == jnp.float64 else jnp.asarray((position - leading).astype(dtype))
     turning = vectors.angular_size(dimension)
-    velocity = rows_of("particles.velocity", scene.particles.velocity, dimension, count)
-    spin = rows_of("particles.angular_velocity", scene.particles.angular_velocity, turning, count)
+    velocity = rows_of("particles.velocity", scene.particles.velocity, dimension, present)
+    spin = rows_of("particles.angular_velocity", scene.particles.angular_velocity, turning, present)
     zero = jnp.zeros((count, dimension), dtype)
+
+    def rows(given: np.ndarray | None, width: int) -> Array:
+        still = np.zeros((count, width))
+        if given is not None:
+            still[:present] = given
+        return jnp.asarray(still, dtype)
+
     return ParticleState(
         position=jnp.asarray(leading),
         position_low=low,
-        velocity=zero if velocity is None else jnp.asarray(velocity, dtype),
-        angular_velocity=jnp.zeros((count, turning), dtype) if spin is None else jnp.asarray(spin, dtype),
+        velocity=rows(velocity, dimension),
+        angular_velocity=rows(spin, turning),
         contact_spring=(),
         wall_spring=(),
         contact_force=zero,
         fluid_force=None if scene.fluid is None else zero,
+        active=None if population is None else jnp.arange(count) < present,
+        inserted=jnp.zeros(len(inlets), jnp.int32) if inlets else None,
     )
 
 
@@ -473,6 +526,7 @@ def _initial_fluid(
     void_fraction = None
     if particles is not None and parameters.bodies is not None and fluid.deposition is not None:
         weights = fluid.deposition.weights(grid, particles.position, parameters.bodies.radius)
+        weights = present_weights(weights, particles.active)
         void_fraction = 1.0 - solid_fraction(grid, weights, parameters.bodies.volume)
         lowest = float(jnp.min(void_fraction))
         if lowest < MINIMUM_VOID_FRACTION:

@@ -11,8 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem import stability
+from jaxdem.bodies import material_table
 from jaxdem.build import Simulation, build, initial_state
 from jaxdem.coupling.exchange import FluidInterval
+from jaxdem.initial import scene_bodies
 from jaxdem.scene import Scene
 from jaxdem.simulate import samples_every
 from jaxdem.state import Parameters, State
@@ -46,6 +48,7 @@ class CheckReport:
         overlap_resolution: rounding of a listed pair's overlap over the resting overlap [-].
         relaxation_time: of the lightest particle by Stokes drag.
         memory: estimates by name.
+        population: what is known beforehand of particles that come and go, as (name, text).
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
     """
@@ -68,6 +71,7 @@ class CheckReport:
     overlap_resolution: float | None
     relaxation_time: float | None
     memory: dict[str, int]
+    population: tuple[tuple[str, str], ...]
     compiled_in: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -92,7 +96,7 @@ def check_scene(scene: Scene) -> CheckReport:
     if fluid is not None:
         time_steps |= {"fluid": steps.interval / steps.fluid_substeps, "fluid_substeps": steps.fluid_substeps}
     spacing = fluid.solver.grid.spacing if fluid is not None else None
-    diameter = 2.0 * float(np.max(scene.particles.radius)) if scene.particles else None
+    diameter = 2.0 * float(np.max(scene_bodies(scene).radius)) if scene.particles else None
     void = state.fluid.void_fraction if state.fluid is not None else None
     compiled_in, left_out = _parts(scene, simulation, parameters)
     return CheckReport(
@@ -112,6 +116,7 @@ def check_scene(scene: Scene) -> CheckReport:
         expected_speed=steps.expected_speed,
         expected_overlap=steps.expected_overlap,
         memory=_memory(simulation, state, neighbors),
+        population=_population(scene, simulation, state),
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(scene, simulation),
@@ -134,12 +139,18 @@ def _particle_figures(scene: Scene, simulation: Simulation) -> dict[str, float |
     steps = simulation.steps
     if particles is None or contact is None or simulation.contact is None or steps.contact is None:
         return figures
-    radius, density = float(np.min(particles.radius)), float(np.min(particles.density))
+    bodies = scene_bodies(scene)
+    radius, density = float(np.min(bodies.radius)), float(np.min(bodies.density))
     mass = 4.0 / 3.0 * math.pi * radius**3 * density
+    table = material_table(scene)
+    moduli = contact.young_modulus / (1.0 - contact.poisson_ratio**2)
+    if table is not None:  # the stiffest has the smallest overlap to resolve
+        used = np.unique(bodies.material)
+        moduli = float(np.max(table.young_modulus[used] / (1.0 - table.poisson_ratio[used] ** 2)))
     figures["restitution_error"] = restitution_error(steps.limits["contact_duration"] / steps.contact)
     weight = mass * math.hypot(*(scene.domain.gravity or (0.0,)))
     if contact.law == "hertz_mindlin":
-        modulus = 0.5 * contact.young_modulus / (1.0 - contact.poisson_ratio**2)
+        modulus = 0.5 * moduli
         overlap = (0.75 * weight / (modulus * math.sqrt(0.5 * radius))) ** (2.0 / 3.0)
     else:
         overlap = weight / (contact.normal_stiffness or math.inf)
@@ -218,6 +229,13 @@ def _parts(
         kinds = sorted({scene.boundary[name].kind for name in pair})
         between = f"{pair[0]}-{pair[1]}"
         parts.append((f"{between}: {'periodic' if wraps else ', '.join(kinds)}", True))
+    if simulation.contact is not None:
+        population = simulation.population
+        parts += [
+            (_materials(scene), simulation.contact.model.materials is not None),
+            ("removal of particles", population is not None and bool(population.exits)),
+            ("particle inlets", population is not None and bool(population.inlets)),
+        ]
     return (
         tuple(name for name, present in parts if present),
         tuple(name for name, present in parts if not present),
@@ -232,6 +250,32 @@ def _unsteady_parts(fluid: FluidInterval) -> list[tuple[str, bool]]:
     if correction is not None:
         wake = f"{wake} (mobility {correction.mobility:.4g}/m over viscosity)"
     return [(mass, coefficient > 0.0), (history, basset is not None), (wake, correction is not None)]
+
+
+def _population(scene: Scene, simulation: Simulation, state: State) -> tuple[tuple[str, str], ...]:
+    """Who is there at the start, who comes in and when, and where they leave."""
+    population, particles = simulation.population, state.particles
+    if population is None or particles is None:
+        return ()
+    rows = [("present at the start", str(int(np.sum(np.asarray(particles.active)))))]
+    assert scene.particles is not None
+    for inlet, table in zip(population.inlets, scene.particles.inlet, strict=True):
+        times = (int(inlet.due[0]) * simulation.interval, int(inlet.due[-1]) * simulation.interval)
+        flow = f"{table.rate:.4g} 1/s" if table.rate is not None else f"{table.mass_flow:.4g} kg/s"
+        rows.append(
+            (
+                f"inlet {len(rows) - 1}",
+                f"{len(inlet.due)} particles at {flow}, due from {times[0]:.4g} to {times[1]:.4g} s, "
+                f"up to {inlet.batch} at once",
+            )
+        )
+    sides = [name for name in scene.sides if scene.boundary[name].particles == "remove"]
+    return (*rows, ("removed at", ", ".join(sides) or "no side"))
+
+
+def _materials(scene: Scene) -> str:
+    names = ", ".join(material.name for material in scene.materials)
+    return f"materials by pair: {names}" if names else "materials by pair"
 
 
 def _walls_beside_the_box(scene: Scene) -> str:

@@ -48,7 +48,8 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
     yield "box", f"{_times(report.size)} m"
     yield "precision", report.precision
     if report.particles is not None:
-        yield "particles", str(report.particles)
+        yield "particles" if not report.population else "particles, all rows", str(report.particles)
+    yield from report.population
     if report.cells is not None and report.spacing is not None:
         yield "mesh", f"{_times(report.cells)} cells of {_times(report.spacing)} m"
     if report.cells_per_diameter is not None:

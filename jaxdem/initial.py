@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jaxdem.arrivals import arrivals
+from jaxdem.bodies import Bodies, collapsed, particle_bodies, radius_range
 from jaxdem.errors import InputError
 from jaxdem.particles import packing
+from jaxdem.rows import rows_of
 from jaxdem.scene import Pack, Particles, Scene
 
 INSERTION_OVERLAP = 0.01
@@ -24,12 +26,15 @@ def initial_positions(scene: Scene) -> np.ndarray:
     """
     particles = scene.particles
     assert particles is not None
-    if particles.count == 0:
+    if particles.count == 0 or (particles.inlet and particles.pack is None and particles.position is None):
         return np.zeros((0, scene.dimension))
     if particles.pack is not None and particles.pack.kind == "random":
         for name in ("start", "stop"):
             _check_corner(name, getattr(particles.pack, name), scene.dimension)
-        return _random(particles, scene.seed).copy()
+        if particles.count is None:  # refused by the scene
+            return np.zeros((0, scene.dimension))
+        radius = np.broadcast_to(particle_bodies(scene, particles.count).radius, particles.count)
+        return _random(particles, scene.seed, tuple(radius.tolist())).copy()
     if particles.pack is not None:
         packed = _packed(scene, particles.pack)
         if particles.count is not None and len(packed) < particles.count:
@@ -50,13 +55,24 @@ def initial_positions(scene: Scene) -> np.ndarray:
     return position
 
 
+def scene_bodies(scene: Scene) -> Bodies:
+    """Size, density and material of all particles that a scene ever has; no entries in a scene without."""
+    if scene.particles is None:
+        return Bodies(np.zeros(0), np.zeros(0), np.zeros(0, np.int32))
+    bodies = particle_bodies(scene, len(initial_positions(scene)))
+    coming = arrivals(scene)
+    if not coming:
+        return bodies
+    count = len(initial_positions(scene))
+    parts = [Bodies(*(np.broadcast_to(a, count) for a in bodies)), *(one.bodies for one in coming)]
+    return collapsed(Bodies(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
+
+
 def check_initial_positions(scene: Scene, position: np.ndarray) -> None:
     """Refuses particles that overlap each other or a wall, or lie outside the box."""
     particles = scene.particles
     assert particles is not None
-    radius = np.broadcast_to(
-        particle_column("particles.radius", particles.radius, len(position)), len(position)
-    )
+    radius = np.broadcast_to(particle_bodies(scene, len(position)).radius, len(position))
     box = np.asarray(scene.domain.size)
     walls = ~np.asarray(scene.periodic)
     depth = np.maximum(radius[:, None] - position, position + radius[:, None] - box)
@@ -105,54 +121,16 @@ def check_walls(
         )
 
 
-def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.ndarray | None:
-    """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file; None stays None.
-
-    Args:
-        key: scene key, for the messages.
-        source: rows, list, or name of a .npy file or of a text file of comma or blank separated rows.
-        width: numbers per row.
-        count: rows expected, if known.
-    """
-    if source is None:
-        return None
-    rows = _read_rows(key, source) if isinstance(source, str) else _as_array(key, source)
-    if rows.ndim == 1 and (width == 1 or rows.size == 0):
-        rows = rows.reshape(-1, width)
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise InputError(
-            key, f"an array of shape {rows.shape}", f"needs rows of {width} number(s)", "correct it"
-        )
-    if not np.isfinite(rows).all():
-        raise InputError(
-            key, f"row {int(np.argmin(np.isfinite(rows).all(axis=1)))}", "must be finite", "correct it"
-        )
-    if count is not None and len(rows) != count:
-        raise InputError(
-            key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle"
-        )
-    return rows
-
-
-def particle_column(key: str, value: float | tuple[float, ...], count: int) -> np.ndarray:
-    """() for one number, else (count,)."""
-    if isinstance(value, tuple) and len(value) != count:
-        raise InputError(
-            key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}"
-        )
-    return np.asarray(value, float)
-
-
 @functools.lru_cache(maxsize=1)  # asked for its length and for its particles, and it takes seconds
-def _random(particles: Particles, seed: int) -> np.ndarray:
-    """Centres (N, D) of a random pack."""
+def _random(particles: Particles, seed: int, sizes: tuple[float, ...]) -> np.ndarray:
+    """Centres (N, D) of a random pack of particles of these radii."""
     pack, count = particles.pack, particles.count
     assert pack is not None and count is not None
     start, stop = np.asarray(pack.start), np.asarray(pack.stop)
     dimension = len(start)
     if (stop <= start).any():
         raise InputError("particles.pack.stop", pack.stop, f"must be above start = {pack.start}", "swap them")
-    radius = np.broadcast_to(particle_column("particles.radius", particles.radius, count), count)
+    radius = np.asarray(sizes)
     fraction = packing.random_solid_fraction(start, stop, radius, pack.spacing)
     limit, remedy = packing.REACHABLE[dimension], 'use a lattice (particles.pack.kind = "lattice")'
     if fraction > limit:
@@ -183,7 +161,7 @@ def _check_corner(name: str, corner: tuple[float, ...] | None, dimension: int) -
 def _packed(scene: Scene, pack: Pack) -> np.ndarray:
     particles = scene.particles
     assert particles is not None
-    largest, smallest = float(np.max(particles.radius)), float(np.min(particles.radius))
+    smallest, largest = radius_range(particles)
     spacing, jitter = 2.0 * largest * pack.spacing, (pack.jitter or 0.0) * smallest
     if pack.kind == "polygon":
         vertices = np.asarray(pack.vertices, float)
@@ -200,43 +178,6 @@ def _packed(scene: Scene, pack: Pack) -> np.ndarray:
             _check_corner(name, getattr(pack, name), scene.dimension)
         points = packing.lattice_pack(np.asarray(pack.start), np.asarray(pack.stop), largest, spacing, jitter)
     return packing.jittered(points, jitter, scene.seed)
-
-
-def _read_rows(key: str, name: str) -> np.ndarray:
-    path = Path(name)
-    try:
-        if path.suffix == ".npy":
-            return np.asarray(np.load(path, allow_pickle=False), float)
-        text = path.read_text(encoding="utf-8").replace(",", " ")
-        lines = [
-            line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")
-        ]
-        if lines and not _is_number(lines[0][0]):
-            lines = lines[1:]  # a line of column names
-        return np.asarray(lines, float)
-    except FileNotFoundError:
-        raise InputError(key, name, "no such file", "names are relative to the scene file") from None
-    except (OSError, ValueError, UnicodeDecodeError) as error:
-        raise InputError(
-            key, name, f"cannot be read as rows of numbers ({error})", "correct the file"
-        ) from None
-
-
-def _as_array(key: str, rows: Any) -> np.ndarray:
-    try:
-        return np.asarray(rows, float)
-    except ValueError:
-        raise InputError(
-            key, "rows of unequal length", "all rows need as many numbers", "correct it"
-        ) from None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _point(row: np.ndarray) -> str:

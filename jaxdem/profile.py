@@ -67,9 +67,10 @@ def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) 
     assert state.particles is not None
     position = vectors.components(state.particles.position)
     low = split_low(state.particles.position_low, len(position))
+    active = state.particles.active
 
     def rebuild(neighbors: Neighbors, springs: Any, position: Any, low: Any) -> Any:
-        new = simulation.search.update(position, low, neighbors)
+        new = simulation.search.update(position, low, neighbors, active)
         return new, carry_history(springs, neighbors, new)
 
     return _seconds(jax.jit(rebuild), neighbors, state.particles.contact_spring, position, low)

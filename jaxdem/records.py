@@ -17,6 +17,7 @@ from jaxdem import __version__, metrics
 from jaxdem.build import Simulation
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.grid import cell_average
+from jaxdem.initial import scene_bodies
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.profile import estimate_stages
 from jaxdem.scene import Scene
@@ -50,6 +51,9 @@ class Totals:
     volume: float = 0.0
     fastest: float = 0.0
     builds: int = 0
+    waiting: int = 0
+    waiting_most: int = 0
+    waited: int = 0
     wall: float = 0.0
     stages: dict[str, float] = dataclasses.field(
         default_factory=lambda: dict.fromkeys(("fluid_part", "particle_part", "output", "compile"), 0.0)
@@ -71,6 +75,10 @@ class Totals:
             self.collision_intervals += 1
             self.builds = int(particles.builds)
             self.fastest = max(self.fastest, float(particles.fastest))
+            if particles.waiting is not None:
+                self.waiting = int(particles.waiting)
+                self.waiting_most = max(self.waiting_most, self.waiting)
+                self.waited += self.waiting
         if fluid is not None:
             self.fluid_steps += int(fluid.substeps)
             self.iterations = max(self.iterations, int(fluid.iterations))
@@ -120,6 +128,10 @@ def frame_of(
             "contact_force": np.asarray(state.particles.contact_force),
             "radius": np.broadcast_to(np.asarray(parameters.bodies.radius), count).copy(),
         }
+        if state.particles.active is not None:
+            particles["active"] = np.asarray(state.particles.active).astype(np.uint8)
+            # Those removed at the end of the interval had a drag within it.
+            particles["drag_force"] = np.where(particles["active"][:, None], particles["drag_force"], 0)
     if state.fluid is not None:
         cells = state.fluid.pressure.shape
         void_fraction = state.fluid.void_fraction
@@ -159,7 +171,32 @@ def history_of(
         assert frame is not None
         values |= {"fluid_pressure": frame["pressure"], "fluid_velocity": frame["velocity"]}
     arrays: dict[str, Any] = {name: np.asarray(value) for name, value in values.items()}
-    return metrics.history_row(time, **arrays)
+    if state.particles is None or state.particles.active is None:
+        return metrics.history_row(time, **arrays)
+    active = np.asarray(state.particles.active)
+    for name in ("position", "velocity", "angular_velocity", "mass", "inertia", "drag_force"):
+        if name in arrays and arrays[name].ndim:
+            arrays[name] = arrays[name][active]
+    counts = particle_counts(simulation, state)
+    return metrics.history_row(time, **arrays) | {
+        name: float(counts[name]) for name in ("present", "removed")
+    }
+
+
+def particle_counts(simulation: Simulation, state: State) -> dict[str, int]:
+    """How many there were at the start, have come in, have been removed and are present; {} where none comes or goes.
+
+    initial + inserted = removed + present, for a row of the state is used once.
+    """
+    population, particles = simulation.population, state.particles
+    if population is None or particles is None or particles.active is None:
+        return {}
+    coming = sum(len(inlet.due) for inlet in population.inlets)
+    initial = particles.position.shape[0] - coming
+    inserted = 0 if particles.inserted is None else int(np.sum(particles.inserted))
+    present = int(np.sum(particles.active))
+    removed = initial + inserted - present
+    return {"initial": initial, "inserted": inserted, "removed": removed, "present": present}
 
 
 def wrapped_position(simulation: Simulation, state: State) -> np.ndarray:
@@ -200,6 +237,7 @@ def sample_of(before: State, after: State, forces: FluidForces, volume: np.ndarr
 def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
     """Constants that a reader of samples.h5 needs."""
     assert scene.fluid is not None and scene.coupling is not None and scene.particles is not None
+    bodies = scene_bodies(scene)
     assert simulation.fluid is not None and simulation.fluid.deposition is not None
     return {
         "drag": scene.coupling.drag,
@@ -212,8 +250,8 @@ def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
         "kernel_half_width": np.asarray(simulation.fluid.deposition.half_width),
         "kernel_diameters": scene.coupling.kernel_width.diameters,
         "kernel_cells": scene.coupling.kernel_width.cells,
-        "radius": np.asarray(scene.particles.radius, float),
-        "particle_density": np.asarray(scene.particles.density, float),
+        "radius": bodies.radius,
+        "particle_density": bodies.density,
         "interval": simulation.interval,
         "dimension": scene.dimension,
     }
@@ -265,7 +303,9 @@ def run_summary(
             "neighbor_slots": 0 if neighbors is None else neighbors.capacity,
             "neighbor_resizes": totals.resizes,
             "solver_iterations_max": totals.iterations,
-        },
+        }
+        | particle_counts(simulation, state),
+        **_inlet_figures(simulation, state, totals),
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
@@ -274,6 +314,24 @@ def run_summary(
             "law": None if scene.coupling is None else scene.coupling.drag,
             "out_of_range_fraction": totals.out_of_range / used if used else 0.0,
         },
+    }
+
+
+def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict[str, Any]:
+    """What waited for room; {} without inlets."""
+    if simulation.population is None or not simulation.population.inlets or state.particles is None:
+        return {}
+    inserted = np.asarray(state.particles.inserted)
+    return {
+        "inlets": {
+            "inserted": inserted.tolist(),
+            "waiting": totals.waiting,
+            "waiting_most": totals.waiting_most,
+            # Every interval that a particle waits delays it by one; those that still wait count too.
+            "delay_mean_s": totals.waited
+            * simulation.interval
+            / max(int(inserted.sum()) + totals.waiting, 1),
+        }
     }
 
 

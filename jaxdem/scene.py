@@ -16,9 +16,18 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from jaxdem.bodies import column, largest_radius
 from jaxdem.errors import InputError
 from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
 from jaxdem.scene_coupling import BassetWindow, check_self_disturbance
+from jaxdem.scene_materials import (
+    Material,
+    MaterialPair,
+    Species,
+    check_particle_materials,
+    completed_materials,
+)
+from jaxdem.scene_population import ParticleInlet, check_exits, check_history, completed_inlets
 from jaxdem.scene_walls import Wall, completed_walls
 
 SIDES_2D = ("left", "right", "bottom", "top")
@@ -84,21 +93,27 @@ class Particles(Section):
 
     Attributes:
         count: how many; with positions it must agree with their number.
-        radius: one number, or one per particle [m].
-        density: one number, or one per particle [kg/m3].
+        radius: one number, one per particle, or the name of a file of one per particle [m].
+        density: the same [kg/m3].
+        material: name of one of `[[materials]]`, or one per particle; only in a scene with these.
+        species: parts of the particles with a radius, density or material of their own, mixed by the seed.
         pack: where they start, or
         position: their centres, as rows or the name of a text file (.csv, .txt, .npy) of rows [m].
         velocity: rows or a file's name; at rest when not given [m/s].
         angular_velocity: one number per particle in 2-D, rows of three in 3-D, or a file's name [rad/s].
+        inlet: where more come in while the scene runs.
     """
 
     count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
-    radius: Positive | PerParticle
-    density: Positive | PerParticle
+    radius: Positive | PerParticle | str | None = None
+    density: Positive | PerParticle | str | None = None
+    material: str | tuple[str, ...] | None = None
+    species: tuple[Species, ...] = ()
     pack: Pack | None = None
     position: Rows | str | None = None
     velocity: Rows | str | None = None
     angular_velocity: Rows | tuple[Finite, ...] | str | None = None
+    inlet: tuple[ParticleInlet, ...] = ()
 
 
 class Contact(Section):
@@ -116,6 +131,7 @@ class Contact(Section):
         wall_young_modulus: "rigid", or [Pa]; the particles' when not given.
         wall_poisson_ratio: the particles' when not given [-].
         wall_friction: the particles' when not given [-].
+        wall_material: name of one of `[[materials]]`, for the walls instead of these three.
         normal_stiffness: of the linear law [N/m].
         tangential_stiffness: of the linear law; 2/7 of the normal one when not given [N/m].
         time_step: "auto", or [s].
@@ -136,6 +152,7 @@ class Contact(Section):
     wall_young_modulus: Positive | Literal["rigid"] | None = None
     wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] | None = None
     wall_friction: NonNegative | None = None
+    wall_material: str | None = None
     normal_stiffness: Positive | None = None
     tangential_stiffness: NonNegative | None = None
     time_step: Positive | Literal["auto"] = "auto"
@@ -189,6 +206,7 @@ class BoundarySide(Section):
             axis of the side but those on which it reaches between periodic or free-slip sides; "table".
         positions: of the table along the (last) axis of the side, increasing, over the whole patch [m].
         values: of the table at these positions, multiples of the velocity; linear between them [-].
+        particles: "screen", a wall to them, or "remove": those whose centre crosses the side are taken out.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
@@ -203,6 +221,7 @@ class BoundarySide(Section):
     profile: Literal["uniform", "parabolic", "table"] | None = None
     positions: Abscissae | None = None
     values: tuple[Finite, ...] | None = None
+    particles: Literal["screen", "remove"] = "screen"
 
     @field_validator("kind", mode="before")
     @classmethod
@@ -315,6 +334,8 @@ class Scene(Section):
     domain: Domain
     particles: Particles | None = None
     contact: Contact | None = None
+    materials: tuple[Material, ...] = ()
+    material_pairs: tuple[MaterialPair, ...] = ()
     walls: tuple[Wall, ...] = ()
     fluid: Fluid | None = None
     boundary: dict[str, BoundarySide] = {}
@@ -408,21 +429,31 @@ def _completed(scene: Scene) -> Scene:
     gravity = domain.gravity if domain.gravity is not None else (0.0,) * (dimension - 1) + (-9.81,)
     _entries("domain.gravity", gravity, dimension)
     depth = domain.depth
+    if scene.particles is not None:
+        _check_particles(scene)
     if dimension == 2 and depth is None:
-        depth = 2.0 * _largest(scene.particles.radius) if scene.particles else 1.0
+        depth = 2.0 * largest_radius(scene.particles) if scene.particles else 1.0
     _check_boundary(scene)
     boundary = {name: _completed_side(scene, name) for name in scene.sides}
     scene = scene.model_copy(update={"boundary": boundary})
     update: dict[str, Any] = {"domain": domain.model_copy(update={"gravity": gravity, "depth": depth})}
     if scene.particles is not None:
-        update["contact"] = _completed_contact(scene.contact or Contact())
-        _check_particles(scene)
-        update["particles"] = _completed_pack(scene.particles)
+        contact = _completed_contact(scene.contact or Contact())
+        update["contact"] = contact
+        update["materials"] = completed_materials(scene.materials, scene.material_pairs, contact)
+        names = tuple(material.name for material in scene.materials)
+        check_particle_materials(scene.particles, scene.walls, contact, names)
+        inlets = completed_inlets(
+            scene.particles, scene.domain.size, scene.sides, scene.periodic, scene.time.end, names
+        )
+        update["particles"] = _completed_pack(scene.particles).model_copy(update={"inlet": inlets})
         update["walls"] = completed_walls(scene.walls, dimension, scene.periodic)
     elif scene.walls:
         raise InputError("walls", f"{len(scene.walls)} walls", "need [particles]", "remove [[walls]]")
     elif scene.contact is not None:
         raise InputError("contact", "...", "needs [particles]", "add [particles] or remove [contact]")
+    elif scene.materials:
+        raise InputError("materials", "...", "need [particles]", "remove [[materials]]")
     if scene.fluid is not None:
         _entries("fluid.cells", scene.fluid.cells, dimension)
         velocity = scene.fluid.velocity or (0.0,) * dimension
@@ -446,6 +477,8 @@ def _completed(scene: Scene) -> Scene:
             "particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]"
         )
     _check_times(scene)
+    check_exits(scene)
+    check_history(scene)
     return scene.model_copy(update=update)
 
 
@@ -457,7 +490,15 @@ def _completed_contact(contact: Contact) -> Contact:
         )
     update: dict[str, Any] = {}
     for name in ("young_modulus", "poisson_ratio", "friction"):
-        if getattr(contact, f"wall_{name}") is None:
+        if contact.wall_material is not None:
+            if getattr(contact, f"wall_{name}") is not None:
+                raise InputError(
+                    f"contact.wall_{name}",
+                    getattr(contact, f"wall_{name}"),
+                    f"the walls have that of contact.wall_material = {contact.wall_material!r}",
+                    "remove one of the two",
+                )
+        elif getattr(contact, f"wall_{name}") is None:
             update[f"wall_{name}"] = getattr(contact, name)
     if contact.normal_stiffness is not None and contact.tangential_stiffness is None:
         update["tangential_stiffness"] = 2.0 / 7.0 * contact.normal_stiffness
@@ -621,8 +662,13 @@ def _vector(
 def _check_particles(scene: Scene) -> None:
     particles = scene.particles
     assert particles is not None
+    for name in ("radius", "density"):
+        if getattr(particles, name) is None and not particles.species:
+            raise InputError(f"particles.{name}", None, "is missing", "add it to the scene")
+        if isinstance(getattr(particles, name), str):
+            column(f"particles.{name}", getattr(particles, name))
     ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
-    if len(ways) != 1 and particles.count != 0:
+    if len(ways) != 1 and particles.count != 0 and (ways or not particles.inlet):
         raise InputError(
             "particles.pack",
             ways,
@@ -678,10 +724,6 @@ def _check_times(scene: Scene) -> None:
 def _entries(key: str, value: tuple[Any, ...], count: int) -> None:
     if len(value) != count:
         raise InputError(key, value, f"needs {count} number(s), got {len(value)}", f"give {count}")
-
-
-def _largest(value: float | tuple[float, ...]) -> float:
-    return max(value) if isinstance(value, tuple) else value
 
 
 def _refuse_unknown(key: str, name: str, allowed: tuple[str, ...]) -> None:
@@ -780,6 +822,8 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
     """File names in a scene are relative to it; the scene as run holds absolute ones."""
     tables = _copy(tables)
     for table, key in (
+        ("particles", "radius"),
+        ("particles", "density"),
         ("particles", "position"),
         ("particles", "velocity"),
         ("particles", "angular_velocity"),

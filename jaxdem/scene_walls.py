@@ -16,12 +16,12 @@ STRAIGHT = 1e-6
 NEEDED = {"plane": ("point", "normal"), "cylinder": ("center", "radius"), "wedge": ("apex", "directions")}
 """Keys that each kind of wall must have."""
 
-OPTIONAL = {"plane": (), "cylinder": ("axis", "inside"), "wedge": ()}
+OPTIONAL = {"plane": ("material",), "cylinder": ("axis", "inside", "material"), "wedge": ("material",)}
 """Keys that it may have."""
 
 
 class Wall(Section):
-    """A wall that does not move, with the constants of the walls of the box.
+    """A wall that does not move, with the constants of the walls of the box or a material of its own.
 
     Attributes:
         kind: "plane", "cylinder" (endless; in 2-D a circle) or "wedge" (two planes, particles between them).
@@ -33,6 +33,7 @@ class Wall(Section):
         inside: whether the particles are inside the cylinder; true when not given.
         apex: a point of the edge where the planes of a wedge meet [m].
         directions: along either plane, away from the edge and across it, of any length.
+        material: name of one of `[[materials]]`; `contact.wall_material` when not given.
     """
 
     kind: Literal["plane", "cylinder", "wedge"]
@@ -44,6 +45,7 @@ class Wall(Section):
     inside: Annotated[bool, Field(strict=True)] | None = None
     apex: tuple[Finite, ...] | None = None
     directions: Rows | None = None
+    material: str | None = None
 
 
 def completed_walls(walls: tuple[Wall, ...], dimension: int, periodic: tuple[bool, ...]) -> tuple[Wall, ...]:

@@ -251,6 +251,10 @@ def samples_every(scene: Scene, simulation: Simulation) -> int:
         return 0
     if scene.coupling is None:
         raise InputError("output.samples", wanted, "needs both [fluid] and [particles]", "set it to 0")
+    if simulation.population is not None:
+        raise InputError(
+            "output.samples", wanted, "training samples of particles that come and go are not built", "set it to 0"
+        )  # fmt: skip
     ratio = wanted / simulation.interval
     every = max(1, round(ratio))
     if abs(every - ratio) > 1e-6 * every:

@@ -9,7 +9,7 @@ from jax import Array
 from jaxdem.coupling.exchange import FluidDiagnostics, FluidForces
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
-from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 
 
 class State(NamedTuple):
@@ -36,14 +36,16 @@ class Parameters(NamedTuple):
         fluid: density, viscosity, boundary velocities.
         drag_scale: () factor on the drag, 1 for the law as it is [-].
         closure: a learned drag closure with its weights; None for a correlation, which has none.
+        inlet_velocity: (D,) with which particles come in, of each inlet [m/s].
     """
 
     gravity: Array
     bodies: ParticleProperties | None
-    contact: ContactParameters | None
+    contact: ContactParameters | SeveralMaterials | None
     fluid: FluidProperties | None
     drag_scale: Array | None
     closure: Any
+    inlet_velocity: tuple[Array, ...] = ()
 
 
 class ParticleDiagnostics(NamedTuple):
@@ -56,6 +58,7 @@ class ParticleDiagnostics(NamedTuple):
         finite: () bool, no position or velocity is NaN or infinite.
         lost: () int32, number of particles whose centre left the box through a wall.
         fastest: () largest particle speed [m/s].
+        waiting: () int32, particles that are due at an inlet and have not found room; None without inlets.
     """
 
     collision_force: Array
@@ -64,6 +67,7 @@ class ParticleDiagnostics(NamedTuple):
     finite: Array
     lost: Array
     fastest: Array
+    waiting: Array | None = None
 
 
 class Diagnostics(NamedTuple):

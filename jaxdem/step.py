@@ -80,4 +80,7 @@ def particle_part(
         particles = remembered(
             simulation.fluid, parameters.fluid, parameters.bodies, forces, particles, start
         )
-        return particles, neighbors, simulation.particle_report(particles, neighbors, collision)
+        if simulation.population is not None:
+            particles, neighbors = simulation.renewed(parameters, particles, neighbors, state.step + 1)
+        report = simulation.particle_report(particles, neighbors, collision, state.step + 1)
+        return particles, neighbors, report

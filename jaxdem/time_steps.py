@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxdem import stability
+from jaxdem.bodies import material_table, wall_materials
 from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT
 from jaxdem.errors import InputError
 from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
-from jaxdem.initial import rows_of
+from jaxdem.initial import scene_bodies
+from jaxdem.rows import rows_of
 from jaxdem.scene import Scene, parabolic_axes
+from jaxdem.scene_population import inlet_speed
 
 AUTO_COURANT = 0.5
 """Courant number of the automatic fluid step at the largest boundary speed."""
@@ -148,41 +152,103 @@ def _substeps_for(interval: float, fluid_step: float, limits: dict[str, float]) 
 
 def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
     """Limits of the contact step [s], into `limits`; returns expected speed and overlap over diameter."""
-    contact, particles = scene.contact, scene.particles
-    assert contact is not None and particles is not None
-    radius = float(np.min(particles.radius))
-    density = float(np.min(particles.density))
-    heaviest = 4.0 / 3.0 * math.pi * float(np.max(particles.radius)) ** 3 * float(np.max(particles.density))
-    mass = 4.0 / 3.0 * math.pi * radius**3 * density
+    contact = scene.contact
+    assert contact is not None
     speed = expected_speed(scene)
-    ratio = stability.damping_ratio(contact.restitution)
-    if contact.law == "linear_spring_dashpot":
-        stiffness = contact.normal_stiffness or 0.0
-        limits["contact_duration"] = stability.linear_duration(0.5 * mass, stiffness, ratio)
-        overlap = stability.linear_overlap(heaviest, stiffness, speed)
-    else:
-        modulus = 0.5 * contact.young_modulus / (1.0 - contact.poisson_ratio**2)
-        limits["rayleigh"] = stability.rayleigh_time(
-            radius, density, contact.young_modulus, contact.poisson_ratio
+    bodies = _contact_bodies(scene)
+    linear = contact.law == "linear_spring_dashpot"
+    durations, stable, overlaps = [], [], []
+    for one, other in itertools.combinations_with_replacement(bodies, 2):
+        light = min(one.mass, other.mass)
+        if math.isinf(light):
+            continue  # two walls
+        mass, radius = _effective(one.mass, other.mass), _effective(one.radius, other.radius)
+        if linear:
+            stiffness = contact.normal_stiffness or 0.0
+            heaviest = max(body.mass for body in bodies if math.isfinite(body.mass))
+            durations.append(stability.linear_duration(mass, stiffness, _least_damping(scene)))
+            overlap = stability.linear_overlap(heaviest, stiffness, speed)
+        else:
+            modulus = _effective(one.modulus, other.modulus)
+            durations.append(stability.hertz_duration(mass, radius, modulus, speed))
+            overlap = stability.hertz_overlap(mass, radius, modulus, speed)
+            stiffness = stability.hertz_stiffness(radius, modulus, overlap)
+        stable.append(stability.contact_stability_limit(light, stiffness))
+        overlaps.append((overlap / (2.0 * min(one.radius, other.radius)), one, other))
+    if not linear:
+        limits["rayleigh"] = min(
+            stability.rayleigh_time(body.radius, body.density, body.young_modulus, body.poisson_ratio)
+            for body in bodies
+            if math.isfinite(body.mass)
         )
-        limits["contact_duration"] = stability.hertz_duration(0.5 * mass, 0.5 * radius, modulus, speed)
-        overlap = stability.hertz_overlap(0.5 * mass, 0.5 * radius, modulus, speed)
-        stiffness = stability.hertz_stiffness(0.5 * radius, modulus, overlap)
-    limits["contact_stability"] = stability.contact_stability_limit(mass, stiffness)
-    relative = overlap / (2.0 * radius)
+    limits["contact_duration"], limits["contact_stability"] = min(durations), min(stable)
+    relative, one, other = max(overlaps, key=lambda found: found[0])
     if relative > contact.maximum_overlap:
-        key = (
-            "contact.normal_stiffness" if contact.law == "linear_spring_dashpot" else "contact.young_modulus"
-        )
-        value = contact.normal_stiffness if contact.law == "linear_spring_dashpot" else contact.young_modulus
+        soft = min(one, other, key=lambda body: body.young_modulus)
         raise InputError(
-            key,
-            value,
+            "contact.normal_stiffness" if linear else soft.key,
+            contact.normal_stiffness if linear else soft.young_modulus,
             f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.3g} % of a diameter, "
             f"the limit is {100 * contact.maximum_overlap:.3g} %",
             "stiffen the contact, lower contact.speed, or raise contact.maximum_overlap",
         )
     return speed, relative
+
+
+class _ContactBody(NamedTuple):
+    """The smallest and lightest, or largest and heaviest, particle that there may be of a material; or a wall."""
+
+    radius: float
+    density: float
+    mass: float
+    young_modulus: float
+    poisson_ratio: float
+    key: str
+
+    @property
+    def modulus(self) -> float:
+        """E / (1 - nu^2) [Pa]; two of them make E* as two masses make m*."""
+        return self.young_modulus / (1.0 - self.poisson_ratio**2)
+
+
+def _contact_bodies(scene: Scene) -> list[_ContactBody]:
+    """The extremes of every material: among their pairs are the shortest contact and the deepest overlap."""
+    contact, table = scene.contact, material_table(scene)
+    assert contact is not None
+    sizes = scene_bodies(scene)
+    radius, density, material = np.broadcast_arrays(*sizes)
+    found = []
+    for number in np.unique(material):
+        young, poisson, key = contact.young_modulus, contact.poisson_ratio, "contact.young_modulus"
+        if table is not None:
+            young, poisson = float(table.young_modulus[number]), float(table.poisson_ratio[number])
+            key = f"materials.{number}.young_modulus"
+        here = material == number
+        extremes = {(float(f(radius[here])), float(f(density[here]))) for f in (np.min, np.max)}
+        for r, rho in sorted(extremes):
+            found.append(_ContactBody(r, rho, 4.0 / 3.0 * math.pi * r**3 * rho, young, poisson, key))
+    if table is None:
+        return found  # walls have always been left to the margin of the automatic step
+    model_walls = wall_materials(scene, table, 1, 1 + 2 * len(scene.walls))
+    for number in np.unique(model_walls):
+        young, poisson = float(table.young_modulus[number]), float(table.poisson_ratio[number])
+        wall = number == len(table.names) - 1
+        key = "contact.wall_young_modulus" if wall else f"materials.{number}.young_modulus"
+        found.append(_ContactBody(math.inf, math.inf, math.inf, young, poisson, key))
+    return found
+
+
+def _effective(a: float, b: float) -> float:
+    """1 / (1/a + 1/b); half of two equal numbers, exactly."""
+    return 0.5 * a if a == b else 1.0 / (1.0 / a + 1.0 / b)
+
+
+def _least_damping(scene: Scene) -> float:
+    """Damping ratio of the pair with the highest restitution, whose contacts are the shortest [-]."""
+    table = material_table(scene)
+    assert scene.contact is not None
+    restitution = scene.contact.restitution if table is None else float(table.restitution.max())
+    return stability.damping_ratio(restitution)
 
 
 def expected_speed(scene: Scene) -> float:
@@ -195,6 +261,7 @@ def expected_speed(scene: Scene) -> float:
     fall = math.sqrt(2.0 * sum(abs(g) * length for g, length in zip(gravity, scene.domain.size, strict=True)))
     given = rows_of("particles.velocity", particles.velocity, scene.dimension)
     fastest = 0.0 if given is None or len(given) == 0 else float(np.linalg.norm(given, axis=1).max())
+    fastest = max(fastest, inlet_speed(particles))
     return max(boundary_speed(scene), fall, 2.0 * fastest, 1e-3)
 
 

@@ -17,6 +17,8 @@ MODULES = {
 
 HOST = {
     "build",
+    "arrivals",
+    "bodies",
     "initial",
     "time_steps",
     "simulate",

@@ -37,6 +37,7 @@ from jaxdem.coupling.interpolation import (
     interpolate_faces,
 )
 from jaxdem.coupling.lift import LiftInputs, LiftLaw, rotational_drag, vorticity
+from jaxdem.coupling.presence import present_drag, present_volume, present_weights
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
 from jaxdem.coupling.unsteady import (
@@ -209,10 +210,12 @@ def exchange(
     grid = interval.solver.grid
     assert interval.deposition is not None
     weights = interval.deposition.weights(grid, particles.position, bodies.radius)
+    weights = present_weights(weights, particles.active)
     solids = solid_fraction(grid, weights, bodies.volume)
     law, drag, inputs = _drag(
         interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids
     )
+    drag = present_drag(drag, particles.active)
     lift, torque = _rotation(interval, properties, bodies, fluid, particles, weights, inputs)
     acting = drag
     if lift is not None:
@@ -269,7 +272,7 @@ def exchange(
     )
     given, lost = carry.balance
     size = jnp.sum(jnp.abs(carry.drag)) + jnp.finfo(solids.dtype).tiny
-    volume = jnp.sum(jnp.broadcast_to(bodies.volume, drag.coefficient.shape))
+    volume = present_volume(bodies.volume, drag.coefficient.shape[0], particles.active)
     diagnostics = FluidDiagnostics(
         count,
         courant / count,
@@ -335,7 +338,7 @@ def _unsteady(
     slip = inputs.slip_velocity
     return unsteady_forces(
         interval.virtual_mass, interval.basset, particles.fluid_memory, properties, bodies, slip,
-        jnp.asarray(interval.duration, slip.dtype),
+        jnp.asarray(interval.duration, slip.dtype), particles.active,
     )  # fmt: skip
 
 

@@ -85,6 +85,7 @@ def unsteady_forces(
     bodies: ParticleProperties,
     slip: Array,
     duration: Array,
+    active: Array | None,
 ) -> Unsteady:
     """Virtual mass and Basset force of an interval.
 
@@ -96,10 +97,13 @@ def unsteady_forces(
         bodies: of the particles.
         slip: (N, D) at the start of the interval [m/s].
         duration: of the interval () [s].
+        active: (N,) bool, which particles are present; None where all are. Those that are not have no virtual mass;
+            the Basset force is for particles that stay, see `jaxdem.scene_coupling`.
     """
     added = trailing = past = history = None
     if coefficient > 0.0:
         added = added_mass(coefficient, bodies, properties.density)
+        added = added if active is None else jnp.where(active, added, 0.0)
     if basset is not None:
         trailing = basset.inertia(bodies, properties.density, properties.viscosity, duration)
         history = basset.advance(memory.history, slip)

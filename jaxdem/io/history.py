@@ -28,25 +28,35 @@ COLUMNS = (
     "fluid_velocity_mean",
     "fluid_velocity_median",
 )
+EXTRA_COLUMNS = ("present", "removed")
+"""Numbers of particles; only in runs in which they change."""
+
 _HEADER = ",".join(COLUMNS) + "\n"
+_HEADERS = (_HEADER, ",".join(COLUMNS + EXTRA_COLUMNS) + "\n")
 
 
 class History:
     """Writer of a `history.csv`; `rows` is the number of lines that are safely on disk.
 
-    An absent file is made with its header. Of an existing one a partial last line is cut off.
+    An absent file is made with its header, with the `EXTRA_COLUMNS` if asked. Of an existing one a partial last
+    line is cut off.
 
     Raises:
         InputError: the file is there and is not a history.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, extra: bool = False):
         self.path = path
+        self._columns = COLUMNS + EXTRA_COLUMNS if extra else COLUMNS
+        self._header = _HEADERS[extra]
         if not path.exists():
-            write_bytes(path, _HEADER.encode())
-        lines = _complete_lines(path)
+            write_bytes(path, self._header.encode())
+        header, lines = _complete_lines(path)
+        if header != self._header:
+            limit = f"does not start with the header {self._header.strip()}"
+            raise InputError(path.name, str(path), limit, "Give another folder.")
         self.rows = len(lines)
-        if path.stat().st_size != _size(lines):
+        if path.stat().st_size != _size(header, lines):
             self.cut(self.rows)
 
     def append(self, row: Mapping[str, float | None]) -> None:
@@ -56,10 +66,10 @@ class History:
             ValueError: `row` has a key that is no column, or no time.
             OSError: the disk refused; the file is then as it was.
         """
-        unknown = set(row) - set(COLUMNS)
+        unknown = set(row) - set(self._columns)
         if unknown or row.get("time") is None:
             raise ValueError(f"a row of the history needs a time and has no columns {sorted(unknown)}")
-        line = ",".join(_field(row.get(name)) for name in COLUMNS) + "\n"
+        line = ",".join(_field(row.get(name)) for name in self._columns) + "\n"
         with open(self.path, "r+b", buffering=0) as file:
             end = file.seek(0, os.SEEK_END)
             try:
@@ -73,8 +83,8 @@ class History:
 
     def cut(self, rows: int) -> None:
         """Keep the first `rows` lines."""
-        lines = _complete_lines(self.path)[:rows]
-        write_bytes(self.path, (_HEADER + "".join(lines)).encode())
+        lines = _complete_lines(self.path)[1][:rows]
+        write_bytes(self.path, (self._header + "".join(lines)).encode())
         self.rows = len(lines)
 
 
@@ -84,9 +94,11 @@ def read_history(path: str | Path) -> dict[str, np.ndarray]:
     Raises:
         InputError: the file is missing or is not a history.
     """
-    rows = [_values(line) for line in _complete_lines(Path(path))]
-    table = np.array(rows, np.float64).reshape(len(rows), len(COLUMNS))
-    return {name: table[:, column].copy() for column, name in enumerate(COLUMNS)}
+    header, lines = _complete_lines(Path(path))
+    columns = header.strip().split(",")
+    rows = [_values(line, len(columns)) for line in lines]
+    table = np.array(rows, np.float64).reshape(len(rows), len(columns))
+    return {name: table[:, column].copy() for column, name in enumerate(columns)}
 
 
 def _field(value: float | None) -> str:
@@ -95,37 +107,37 @@ def _field(value: float | None) -> str:
     return repr(float(value))
 
 
-def _values(line: str) -> list[float]:
+def _values(line: str, number: int) -> list[float]:
     """Numbers of one line; raises ValueError where it is not one of ours."""
     fields = line.rstrip("\n").split(",")
-    if len(fields) != len(COLUMNS) or not fields[0]:
+    if len(fields) != number or not fields[0]:
         raise ValueError(line)
     return [float(field) if field else math.nan for field in fields]
 
 
-def _complete_lines(path: Path) -> list[str]:
-    """The data lines that are whole; only the last may be damaged."""
+def _complete_lines(path: Path) -> tuple[str, list[str]]:
+    """The header, and the data lines that are whole; only the last may be damaged."""
     remedy = "Give a folder that `jaxdem run` wrote, with its files as they were."
     try:
         lines = path.read_text("utf-8", errors="replace").splitlines(keepends=True)
     except OSError as error:
         raise InputError(path.name, str(path), f"cannot be read ({error.strerror})", remedy) from error
-    if not lines or lines[0] != _HEADER:
+    if not lines or lines[0] not in _HEADERS:
         raise InputError(path.name, str(path), f"does not start with the header {_HEADER.strip()}", remedy)
-    complete = []
+    complete, columns = [], lines[0].count(",") + 1
     for number, line in enumerate(lines[1:], start=2):
         try:
-            _values(line)
+            _values(line, columns)
             if not line.endswith("\n"):
                 raise ValueError(line)
         except ValueError as error:
             if number == len(lines):
                 break
-            limit = f"line {number} does not hold {len(COLUMNS)} numbers"
+            limit = f"line {number} does not hold {columns} numbers"
             raise InputError(path.name, line, limit, remedy) from error
         complete.append(line)
-    return complete
+    return lines[0], complete
 
 
-def _size(lines: list[str]) -> int:
-    return len(_HEADER.encode()) + sum(len(line.encode()) for line in lines)
+def _size(header: str, lines: list[str]) -> int:
+    return len(header.encode()) + sum(len(line.encode()) for line in lines)

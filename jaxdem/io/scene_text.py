@@ -54,6 +54,13 @@ def depth(scene: dict[str, Any], cell: tuple[float, ...]) -> float:
     return float(scene.get("domain", {}).get("depth") or min(cell))
 
 
+def comes_and_goes(scene: dict[str, Any]) -> bool:
+    """Whether the number of particles changes while the scene runs."""
+    sides = scene.get("boundary", {}).values()
+    leaves = any(isinstance(side, dict) and side.get("particles") == "remove" for side in sides)
+    return leaves or bool(scene.get("particles", {}).get("inlet"))
+
+
 def _flat(scene: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in scene.items():

@@ -86,7 +86,9 @@ class CellGrid(NamedTuple):
         return math.prod(math.floor(width / spacing) + 1 for width in widths)
 
 
-def neighbors_in_cells(grid: CellGrid, position: Vector, slots: int, cell_slots: int) -> tuple[Array, Array]:
+def neighbors_in_cells(
+    grid: CellGrid, position: Vector, slots: int, cell_slots: int, active: Array | None = None
+) -> tuple[Array, Array]:
     """Indices of all particles in reach of every particle.
 
     Args:
@@ -94,6 +96,7 @@ def neighbors_in_cells(grid: CellGrid, position: Vector, slots: int, cell_slots:
         position: D arrays (N,) [m].
         slots: K, room for neighbours of a particle.
         cell_slots: room for particles in a cell.
+        active: (N,) bool, which particles there are; all if None. The others are in no cell and reach nobody.
 
     Returns:
         (K, N) int32 with the particle itself in empty slots, and () bool: there was not enough room.
@@ -101,6 +104,9 @@ def neighbors_in_cells(grid: CellGrid, position: Vector, slots: int, cell_slots:
     own = jnp.arange(position[0].shape[0], dtype=jnp.int32)
     cells = grid.cells(position)
     home = grid.flat(cells)
+    if active is not None:
+        home = jnp.where(active, home, math.prod(grid.padded_shape))  # beyond the last cell
+        position = tuple(jnp.where(active, x, jnp.nan) for x in position)
     table, crowded = _table(grid, home, cell_slots)
     around = grid.around(cells)
     words = _words(grid, position, own, table, around)

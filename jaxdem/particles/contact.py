@@ -26,7 +26,10 @@ from jaxdem.particles.vectors import Vector
 
 
 class ContactMaterial(NamedTuple):
-    """Numbers of a contact between two bodies; each () and traced. A law uses those it knows.
+    """Numbers of contacts between two bodies; traced. A law uses those it knows.
+
+    Each () where all contacts have the same, else of the shape of the contacts; with several materials a scene
+    holds them as tables (P,) by pair of materials.
 
     Attributes:
         effective_young_modulus: E*, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 [Pa].

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxdem.particles import tangent, vectors, walls
@@ -16,6 +18,36 @@ from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.particles.vectors import Vector
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class MaterialIndex:
+    """Which contact is of which pair of materials; static.
+
+    Attributes:
+        particle: () or (N,) material of the particles.
+        wall: (S,) material of the walls.
+        pair: (M, M) number of the pair that two materials make.
+    """
+
+    particle: np.ndarray
+    wall: np.ndarray
+    pair: np.ndarray
+
+    def between_particles(self, table: ContactMaterial, other: Array) -> ContactMaterial:
+        """Numbers () or (K, N) of the contacts of all particles with the others (K, N)."""
+        if self.particle.ndim == 0:
+            return _entries(table, self.pair[self.particle, self.particle])
+        own = jnp.asarray(self.particle)
+        return _entries(table, jnp.asarray(self.pair)[own[None], own[other]])
+
+    def with_walls(self, table: ContactMaterial) -> ContactMaterial:
+        """Numbers (S, 1) or (S, N) of the contacts of all particles with the S walls."""
+        return _entries(table, self.pair[self.wall[:, None], np.atleast_1d(self.particle)[None]])
+
+
+def _entries(table: ContactMaterial, number: Array | np.ndarray) -> ContactMaterial:
+    return ContactMaterial(*(column if column.ndim == 0 else column[number] for column in table))
+
+
 class ContactModel(NamedTuple):
     """Which contacts a scene has; static.
 
@@ -24,12 +56,14 @@ class ContactModel(NamedTuple):
         rolling: rolling friction, or None: then no such term is compiled.
         sides: walls of the box.
         surfaces: further walls; none: then no such term is compiled.
+        materials: None where all particles, and all walls, are of one material: then nothing is looked up.
     """
 
     law: ContactLaw
     rolling: RollingFriction | None
     sides: tuple[walls.BoxSide, ...]
     surfaces: tuple[Surface, ...] = ()
+    materials: MaterialIndex | None = None
 
     @property
     def walls(self) -> int:
@@ -46,8 +80,8 @@ class Surroundings(NamedTuple):
     """Materials of the contacts; traced.
 
     Attributes:
-        pair: between particles.
-        wall: between particles and walls.
+        pair: between particles; of each pair of materials in a scene with several.
+        wall: between particles and walls; the same.
         wall_velocity: velocity (D,) of each wall, sliding sides of the box included [m/s].
     """
 
@@ -83,6 +117,7 @@ def contact_forces(
     neighbors: Neighbors,
     time_step: Array,
     mid_velocity: Vector | None = None,
+    active: Array | None = None,
 ) -> tuple[Sums, Motion]:
     """Force and torque of all contacts on every particle, and the motion with its new contact history.
 
@@ -96,8 +131,9 @@ def contact_forces(
         mid_velocity: D arrays (N,), velocity expected in the middle of the step, where `motion` has the
             positions: the normal dashpots act on it. The velocity in `motion`, at the step's start, if not
             given; the springs grow by that one, which is in the middle between two forces [m/s].
+        active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
     """
-    loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step)
+    loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step, active)
     zero = jnp.zeros_like(motion.position[0])
     sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity))
     spring, wall_spring = motion.contact_spring, motion.wall_spring
@@ -117,6 +153,7 @@ class _Loop(NamedTuple):
     motion: Motion
     mid_velocity: Vector
     time_step: Array
+    active: Array | None = None
 
     def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts between particles; returns their new springs too."""
@@ -135,12 +172,17 @@ class _Loop(NamedTuple):
             effective_mass=_row(mass) * other_mass / (_row(mass) + other_mass),
             rolling_inertia=1.4 / (1.0 / (_row(mass * radius**2)) + 1.0 / (other_mass * other_radius**2)),
         )
-        return self._add(self.surroundings.pair, body, overlap, normal, motion.contact_spring, sums)
+        material = self.surroundings.pair
+        if self.model.materials is not None:
+            material = self.model.materials.between_particles(material, other)
+        return self._add(material, body, overlap, normal, motion.contact_spring, sums)
 
     def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts with the walls, bodies of infinite radius and mass."""
         motion, radius = self.motion, self.properties.radius
         overlap, normal = self._wall_geometry()
+        if self.active is not None:  # out of reach by a radius, whatever the speed
+            overlap = jnp.where(self.active[None], overlap, -jnp.ones_like(overlap) * _row(radius))
         velocity = tuple(
             jnp.stack(components)[:, None]
             for components in zip(*self.surroundings.wall_velocity, strict=True)
@@ -154,7 +196,10 @@ class _Loop(NamedTuple):
             effective_mass=_row(self.properties.mass),
             rolling_inertia=1.4 * _row(self.properties.mass * radius**2),
         )
-        return self._add(self.surroundings.wall, body, overlap, normal, motion.wall_spring, sums)
+        material = self.surroundings.wall
+        if self.model.materials is not None:
+            material = self.model.materials.with_walls(material)
+        return self._add(material, body, overlap, normal, motion.wall_spring, sums)
 
     def _wall_geometry(self) -> tuple[Array, Vector]:
         """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""

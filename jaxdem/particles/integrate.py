@@ -28,6 +28,8 @@ class ParticleState(NamedTuple):
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
         fluid_memory: what forces of the fluid keep of earlier intervals, arrays with an axis of length N; None
             where no such force is on.
+        active: (N,) bool, which particles are present; None where all are, always. See `population`.
+        inserted: (I,) int32, how many have come in through each inlet; None without inlets.
     """
 
     position: Array
@@ -39,6 +41,8 @@ class ParticleState(NamedTuple):
     contact_force: Array
     fluid_force: Array | None
     fluid_memory: Any = None
+    active: Array | None = None
+    inserted: Array | None = None
 
 
 class Motion(NamedTuple):

@@ -80,8 +80,12 @@ def contact_interval(
 
     Returns:
         state at the end, with `contact_force` the mean over the interval; the list; and the mean over
-        particles and steps of |sum of contact forces| () [N].
+        particles present and steps of |sum of contact forces| () [N].
     """
+    active, count = state.active, max(state.position.shape[0], 1)
+    if active is not None:
+        body_force = jnp.where(active[:, None], body_force, 0.0)
+        body_torque = None if body_torque is None else jnp.where(active[:, None], body_torque, 0.0)
     force = vectors.components(body_force)
     turning = None if body_torque is None else vectors.components(body_torque)
     resting = vectors.add(force, vectors.components(state.contact_force))
@@ -90,7 +94,7 @@ def contact_interval(
         motion = drift(carry.motion, 0.5 * time_step)
         expected = vectors.add(motion.velocity, vectors.scale(0.5 * time_step, carry.acceleration))
         sums, motion = contact_forces(
-            interval.model, surroundings, properties, motion, neighbors, time_step, expected
+            interval.model, surroundings, properties, motion, neighbors, time_step, expected, active
         )
         total = vectors.add(sums.force, force)
         torque = sums.torque if turning is None else vectors.add(sums.torque, turning)
@@ -102,7 +106,6 @@ def contact_interval(
         return _Carry(drift(motion, 0.5 * time_step), acceleration, impulse, collision, carry.step + 1)
 
     zero = jnp.zeros_like(force[0])
-    count = max(state.position.shape[0], 1)
     carry = _Carry(
         Motion.of(state),
         vectors.scale(1.0 / properties.mass, resting),
@@ -111,32 +114,44 @@ def contact_interval(
         jnp.zeros((), jnp.int32),
     )
     loop = _reversible_loop if interval.reversible else _fast_loop
-    carry, neighbors = loop(interval, step, time_step, carry, neighbors)
+    carry, neighbors = loop(interval, step, time_step, carry, neighbors, active)
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
+    if active is not None:
+        return state, neighbors, carry.collision / (interval.steps * jnp.maximum(jnp.sum(active), 1))
     return state, neighbors, carry.collision / (interval.steps * count)
 
 
 def _reversible_loop(
-    interval: ContactInterval, step: _Step, time_step: Array, carry: _Carry, neighbors: Neighbors
+    interval: ContactInterval,
+    step: _Step,
+    time_step: Array,
+    carry: _Carry,
+    neighbors: Neighbors,
+    active: Array | None,
 ) -> tuple[_Carry, Neighbors]:
     """A scan of fixed length."""
 
     @jax.checkpoint
     def checked_step(both: tuple[_Carry, Neighbors], _: None) -> tuple[tuple[_Carry, Neighbors], None]:
-        carry, neighbors = _with_list_in_date(interval, time_step, *both)
+        carry, neighbors = _with_list_in_date(interval, time_step, *both, active)
         return (step(carry, neighbors), neighbors), None
 
     return lax.scan(checked_step, (carry, neighbors), None, length=interval.steps)[0]
 
 
 def _fast_loop(
-    interval: ContactInterval, step: _Step, time_step: Array, carry: _Carry, neighbors: Neighbors
+    interval: ContactInterval,
+    step: _Step,
+    time_step: Array,
+    carry: _Carry,
+    neighbors: Neighbors,
+    active: Array | None,
 ) -> tuple[_Carry, Neighbors]:
     """Stretches of steps between rebuilds: within a stretch the list is constant and never copied."""
 
     def stretch(both: tuple[_Carry, Neighbors]) -> tuple[_Carry, Neighbors]:
-        carry, neighbors = _with_list_in_date(interval, time_step, *both)
+        carry, neighbors = _with_list_in_date(interval, time_step, *both, active)
 
         # Whether the list covers the next step is found at the end of a step, beside its last drift: in the
         # condition of the loop the positions would be read again.
@@ -165,7 +180,7 @@ def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors
 
 
 def _with_list_in_date(
-    interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors
+    interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors, active: Array | None
 ) -> tuple[_Carry, Neighbors]:
     """The list rebuilt if it is stale, and the springs moved to its slots."""
 
@@ -176,7 +191,7 @@ def _with_list_in_date(
     def rebuild(carry: _Carry, neighbors: Neighbors) -> tuple[_Carry, Neighbors]:
         # Where `_stale` looks: the new list is in date whatever the speed, and the loop goes on.
         motion = drift(carry.motion, time_step)
-        new = search.update(motion.position, motion.low, neighbors)
+        new = search.update(motion.position, motion.low, neighbors, active)
         springs = carry_history(carry.motion.contact_spring, neighbors, new)
         return carry._replace(motion=carry.motion._replace(contact_spring=springs)), new
 

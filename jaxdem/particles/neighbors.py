@@ -33,6 +33,10 @@ USUAL_SLOTS = {2: 8, 3: 16}
 """Slots allocated at least, by dimension: what a dense pack of equal spheres needs once it has formed."""
 
 
+DENSE = {2: 0.85, 3: 0.64}
+"""Solid fraction of a dense pack, by dimension."""
+
+
 class NeighborGeometry(NamedTuple):
     """What the search needs to know; static.
 
@@ -114,7 +118,12 @@ class NeighborSearch:
         self._grid = CellGrid(geometry.box, geometry.periodic, geometry.cutoff + geometry.skin)
 
     def allocate(
-        self, position: Vector, low: tuple[Low, ...], slots: int = 0, cell_slots: int | None = None
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        slots: int = 0,
+        cell_slots: int | None = None,
+        active: Array | None = None,
     ) -> Neighbors:
         """A new list with room for these positions, and for `slots` neighbours at least; not jittable.
 
@@ -124,27 +133,38 @@ class NeighborSearch:
             slots: smallest number of slots per particle.
             cell_slots: room in a cell of the search; then `slots` is exact too. A resumed run asks for the
                 capacities that it had, so that it compiles and computes the same.
+            active: (N,) bool, which particles there are; all if None.
         """
         count = position[0].shape[0]
+        present = position if active is None else tuple(x[np.asarray(active)] for x in position)
         if count < 2:
             slots = 0
         elif cell_slots is None:
-            slots = max(slots, self._slots_of_jax_md(position), min(USUAL_SLOTS[len(position)], count - 1))
+            usual = USUAL_SLOTS[len(position)]
+            if active is not None:
+                usual = math.ceil(EXTRA_CAPACITY * self._crowd(self._grid.reach))
+            slots = max(slots, self._slots_of_jax_md(present), min(usual, count - 1))
         if cell_slots is None:
             crowd = max(
-                self._grid.largest_occupancy(position), self._grid.dense_occupancy(self.geometry.cutoff)
+                self._grid.largest_occupancy(present), self._grid.dense_occupancy(self.geometry.cutoff)
             )
+            if active is not None:
+                widths = (length / n for length, n in zip(self.geometry.box, self._grid.shape, strict=True))
+                crowd = max(crowd, self._crowd(0.6 * max(widths)))
             cell_slots = math.ceil(EXTRA_CAPACITY * crowd)
         # As one program: outside of jit every operation would be compiled by itself.
         built = jax.jit(self._built, static_argnums=(2, 3))
-        return built(position, low, slots, cell_slots, jnp.zeros((), bool), jnp.ones((), jnp.int32))
+        return built(position, low, slots, cell_slots, jnp.zeros((), bool), jnp.ones((), jnp.int32), active)
 
-    def update(self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors) -> Neighbors:
+    def update(
+        self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors, active: Array | None = None
+    ) -> Neighbors:
         """The list rebuilt at these positions; jittable, capacities unchanged, overflow flagged."""
         position, low = lax.stop_gradient((position, low))
         return self._built(
-            position, low, neighbors.capacity, neighbors.cell_slots, neighbors.overflow, neighbors.builds + 1
-        )
+            position, low, neighbors.capacity, neighbors.cell_slots, neighbors.overflow,
+            neighbors.builds + 1, active,
+        )  # fmt: skip
 
     def _built(
         self,
@@ -154,12 +174,13 @@ class NeighborSearch:
         cell_slots: int,
         overflow: Array,
         builds: Array,
+        active: Array | None = None,
     ) -> Neighbors:
         if slots == 0:
             nothing = jnp.zeros((0, *position[0].shape), position[0].dtype)
             index, separation, overlap = nothing.astype(jnp.int32), (nothing,) * len(position), nothing
         else:
-            index, crowded = neighbors_in_cells(self._grid, position, slots, cell_slots)
+            index, crowded = neighbors_in_cells(self._grid, position, slots, cell_slots, active)
             overflow = overflow | crowded
             separation, overlap = self._pair_geometry(index, position, low)
         return Neighbors(index, separation, overlap, position, low, overflow, builds, cell_slots)
@@ -184,8 +205,19 @@ class NeighborSearch:
         pairs[0] = (jnp.where(empty, far, pairs[0][0]), first_low)
         return tuple(high for high, _ in pairs), compensated.overlap_of_spheres(tuple(pairs), radius_sum)
 
+    def _crowd(self, reach: float) -> int:
+        """How many particles of the mean volume a dense pack has within `reach` [m], `USUAL_SLOTS` at least.
+
+        Where particles come in while the scene runs, what stands at the start tells nothing.
+        """
+        dimension = len(self.geometry.box)
+        mean = float(np.mean(np.asarray(self.radius) ** dimension))
+        return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * reach**dimension / mean))
+
     def _slots_of_jax_md(self, position: Vector) -> int:
         """Room for neighbours that jax-md allocates at these positions."""
+        if position[0].shape[0] < 2:  # jax-md does not handle no particles
+            return 0
         partition, geometry = _import_partition(), self.geometry
         reach = self._grid.reach
         # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.

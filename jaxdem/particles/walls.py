@@ -26,13 +26,22 @@ class BoxSide(NamedTuple):
     inward: int
 
 
-def box_sides(box: tuple[float, ...], periodic: tuple[bool, ...]) -> tuple[BoxSide, ...]:
-    """The walls of a box, lower and upper side of every axis that is not periodic."""
+def box_sides(
+    box: tuple[float, ...], periodic: tuple[bool, ...], without: tuple[tuple[int, int], ...] = ()
+) -> tuple[BoxSide, ...]:
+    """The walls of a box, lower and upper side of every axis that is not periodic.
+
+    Args:
+        box: side lengths [m].
+        periodic: whether each axis is periodic.
+        without: (axis, inward) of sides that are no wall.
+    """
     return tuple(
         BoxSide(axis, coordinate, inward)
         for axis, length in enumerate(box)
         if not periodic[axis]
         for coordinate, inward in ((0.0, 1), (length, -1))
+        if (axis, inward) not in without
     )
 
 

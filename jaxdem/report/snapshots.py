@@ -84,7 +84,7 @@ def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array | No
         return None, None
     xyz = np.asarray(position, dtype=np.float64)
     radius = np.broadcast_to(np.asarray(particles.get("radius", np.nan), dtype=np.float64), (len(xyz),))
-    good = np.isfinite(xyz).all(axis=1) & np.isfinite(radius)
+    good = np.isfinite(xyz).all(axis=1) & np.isfinite(radius) & (particles.get("active", 1) != 0)
     xyz, radius = xyz[good], radius[good]
     if dimension == 2:
         return xyz[:, :2], radius

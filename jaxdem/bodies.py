@@ -1,0 +1,213 @@
+"""Size, density and material of every particle, and the constants of every pair of materials. Host, numpy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.rows import rows_of
+from jaxdem.scene_materials import WALL, Species
+
+if TYPE_CHECKING:
+    from jaxdem.scene import Particles, Scene
+
+
+class Bodies(NamedTuple):
+    """What the particles are; () where all are alike, else (N,).
+
+    Attributes:
+        radius: [m].
+        density: [kg/m3].
+        material: number in the table of materials; 0 in a scene without.
+    """
+
+    radius: np.ndarray
+    density: np.ndarray
+    material: np.ndarray
+
+
+class MaterialTable(NamedTuple):
+    """Constants of M materials and of their P = M (M + 1) / 2 pairs, walls without a material last.
+
+    Attributes:
+        names: of the materials.
+        young_modulus: (M,) infinite for rigid walls [Pa].
+        poisson_ratio: (M,) [-].
+        restitution, friction, rolling_friction: (P,) [-].
+        pair: (M, M) number of the pair that two materials make.
+    """
+
+    names: tuple[str, ...]
+    young_modulus: np.ndarray
+    poisson_ratio: np.ndarray
+    restitution: np.ndarray
+    friction: np.ndarray
+    rolling_friction: np.ndarray
+    pair: np.ndarray
+
+    def number(self, name: str | None) -> int:
+        """Number of a material; that of walls for None."""
+        return self.names.index(WALL if name is None else name)
+
+
+def material_table(scene: Scene) -> MaterialTable | None:
+    """The materials of a scene and what their pairs have; None for a scene with one material only.
+
+    A pair that the scene says nothing about has the geometric mean of what the two have against themselves:
+    between the two, and zero if one of them is.
+    """
+    contact = scene.contact
+    if not scene.materials or contact is None:
+        return None
+    wall_modulus = contact.wall_young_modulus
+    young = [m.young_modulus for m in scene.materials]
+    young.append(np.inf if wall_modulus == "rigid" else wall_modulus or contact.young_modulus)
+    poisson = [m.poisson_ratio for m in scene.materials]
+    poisson.append(
+        contact.poisson_ratio if contact.wall_poisson_ratio is None else contact.wall_poisson_ratio
+    )
+    names = (*(m.name for m in scene.materials), WALL)
+    wall_friction = contact.friction if contact.wall_friction is None else contact.wall_friction
+    own = {
+        "restitution": [*(m.restitution for m in scene.materials), contact.restitution],
+        "friction": [*(m.friction for m in scene.materials), wall_friction],
+        "rolling_friction": [*(m.rolling_friction for m in scene.materials), contact.rolling_friction],
+    }
+    count = len(names)
+    first, second = np.triu_indices(count)
+    pair = np.zeros((count, count), np.int32)
+    pair[first, second] = pair[second, first] = np.arange(len(first))
+    constants = {}
+    for name, values in own.items():
+        mixed = np.sqrt(np.multiply.outer(np.asarray(values, float), np.asarray(values, float)))
+        np.fill_diagonal(mixed, values)  # not through a square and its root
+        for given in scene.material_pairs:
+            a, b = (names.index(material) for material in given.materials)
+            if getattr(given, name) is not None:
+                mixed[a, b] = mixed[b, a] = getattr(given, name)
+        constants[name] = mixed[first, second]
+    return MaterialTable(names, np.asarray(young, float), np.asarray(poisson, float), **constants, pair=pair)
+
+
+def wall_materials(scene: Scene, table: MaterialTable, sides: int, surfaces: int) -> np.ndarray:
+    """(S,) material of the sides of the box, then of the walls beside it, a wedge counting twice.
+
+    Args:
+        scene: with materials.
+        table: of it.
+        sides: number of walls of the box.
+        surfaces: number of walls beside it; those given as functions have the material of the sides.
+    """
+    assert scene.contact is not None
+    common = table.number(scene.contact.wall_material)
+    numbers = [common] * sides
+    for wall in scene.walls:
+        own = common if wall.material is None else table.number(wall.material)
+        numbers += [own] * (2 if wall.kind == "wedge" else 1)
+    return np.asarray(numbers + [common] * (sides + surfaces - len(numbers)), np.int32)
+
+
+def particle_bodies(scene: Scene, count: int) -> Bodies:
+    """Size, density and material of `count` particles of a scene.
+
+    Raises:
+        InputError: a list or a file has another number of entries, or a number in a file is not positive.
+    """
+    assert scene.particles is not None
+    names = tuple(material.name for material in scene.materials)
+    return _particle_bodies(scene.particles, names, count, scene.seed)
+
+
+def radius_range(particles: Particles) -> tuple[float, float]:
+    """Smallest and largest radius of the particles [m]."""
+    sizes = [one.radius for one in particles.species if one.radius is not None]
+    if not particles.species or len(sizes) < len(particles.species):
+        sizes += np.atleast_1d(column("particles.radius", particles.radius)).tolist()
+    return min(sizes), max(sizes)
+
+
+def largest_radius(particles: Particles) -> float:
+    """Largest radius of all particles that there ever are [m]."""
+    sizes = [radius_range(particles)[1]] if particles.radius is not None or particles.species else []
+    for inlet in particles.inlet:
+        sizes += [one.radius for one in inlet.species_of(particles) if one.radius is not None]
+    return max(sizes)
+
+
+def column(key: str, value: Any, count: int | None = None) -> np.ndarray:
+    """() for one number, else one per particle, from a list or a file.
+
+    Args:
+        key: scene key, for the messages.
+        value: a number, numbers, or the name of a file of positive numbers.
+        count: of particles, if known.
+    """
+    if isinstance(value, str):
+        rows = _file_column(key, value)
+        if not (rows > 0.0).all():
+            row = int(np.argmin(rows > 0.0))
+            raise InputError(key, float(rows[row]), f"row {row} of {value} must be positive", "correct it")
+        value = tuple(rows.tolist())
+    if count is not None and isinstance(value, tuple) and len(value) != count:
+        raise InputError(
+            key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}"
+        )
+    return np.asarray(value, float)
+
+
+def species_bodies(
+    species: tuple[Species, ...], particles: Particles, names: tuple[str, ...], kind: np.ndarray
+) -> Bodies:
+    """What particles are whose species are `kind` (N,), with what a species has not from `particles`."""
+
+    def of(name: str) -> np.ndarray:
+        values = [
+            getattr(particles, name) if getattr(one, name) is None else getattr(one, name) for one in species
+        ]
+        return np.asarray(values, float)[kind]
+
+    material = [names.index(one.material or str(particles.material)) for one in species] if names else [0]
+    return Bodies(of("radius"), of("density"), np.resize(np.asarray(material, np.int32), len(species))[kind])
+
+
+def collapsed(bodies: Bodies) -> Bodies:
+    """() for what all particles share: per particle it would cost memory and time."""
+    return Bodies(*(a.flat[0].reshape(()) if a.size and (a == a.flat[0]).all() else a for a in bodies))
+
+
+def shares_of(species: tuple[Species, ...], count: int) -> np.ndarray:
+    """How many of `count` particles each species gets: its share, rounded so that the numbers add up."""
+    exact = np.asarray([one.share for one in species]) * count
+    numbers = np.floor(exact + 1e-9).astype(int)
+    left = np.argsort(numbers - exact, kind="stable")[: count - int(numbers.sum())]
+    numbers[left] += 1
+    return numbers
+
+
+def _particle_bodies(particles: Particles, names: tuple[str, ...], count: int, seed: int) -> Bodies:
+    if particles.species:
+        kind = np.repeat(np.arange(len(particles.species)), shares_of(particles.species, count))
+        np.random.default_rng([seed, 1]).shuffle(kind)
+        kind = kind if count else np.zeros(1, int)  # no particle at all: the numbers of any species
+        return collapsed(species_bodies(particles.species, particles, names, kind))
+    material: Any = particles.material
+    if isinstance(material, tuple):
+        if len(material) != count:
+            raise InputError(
+                "particles.material", f"{len(material)} names", f"there are {count} particles",
+                f"give one name or {count}",
+            )  # fmt: skip
+        numbers = np.asarray([names.index(name) for name in material], np.int32)
+    else:
+        numbers = np.asarray(names.index(material) if names and material else 0, np.int32)
+    radius = column("particles.radius", particles.radius, count)
+    density = column("particles.density", particles.density, count)
+    return Bodies(radius, density, numbers)
+
+
+def _file_column(key: str, name: str) -> np.ndarray:
+    rows = rows_of(key, name, 1)
+    assert rows is not None
+    return rows[:, 0]

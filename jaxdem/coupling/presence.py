@@ -1,0 +1,41 @@
+"""The exchange with particles that are not all present: those that are not give nothing and get nothing."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.closures.base import Drag
+from jaxdem.coupling.interpolation import Weights
+
+
+def present_weights(weights: Weights, active: Array | None) -> Weights:
+    """Weights that deposit nothing of particles that are not present, and show them a field of zeros.
+
+    Args:
+        weights: of all N particles.
+        active: (N,) bool; None where all are present.
+    """
+    return weights if active is None else weights._replace(weight=weights.weight * active[:, None])
+
+
+def present_drag(drag: Drag, active: Array | None) -> Drag:
+    """The drag law's answer, with none for particles that are not present; see `present_weights`."""
+    if active is None:
+        return drag
+    remainder = None if drag.remainder is None else jnp.where(active[:, None], drag.remainder, 0.0)
+    return Drag(jnp.where(active, drag.coefficient, 0.0), remainder, drag.out_of_range & active)
+
+
+def present_volume(volume: Array, count: int, active: Array | None) -> Array:
+    """() volume of all particles present [m3]; of none, the smallest number that one may divide by.
+
+    Args:
+        volume: () or (N,) of the particles [m3].
+        count: N.
+        active: (N,) bool; None where all are present.
+    """
+    each = jnp.broadcast_to(volume, (count,))
+    if active is None:
+        return jnp.sum(each)
+    return jnp.maximum(jnp.sum(jnp.where(active, each, 0.0)), jnp.finfo(each.dtype).tiny)

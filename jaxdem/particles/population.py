@@ -1,0 +1,249 @@
+"""Particles that leave through sides of the box and come in through inlets, in arrays of fixed shape.
+
+Every particle that there will be has its row from the start. `ParticleState.active` says which are present: the
+others have no neighbours, touch no wall, feel no force and do not move. A row is never used twice, so row i
+is particle i in every frame, and what is not present either has been removed or is still to come: those of an inlet
+come in their order, and the state counts them.
+
+It all happens at the end of a coupling interval, so that the fluid, the neighbour list and what is written see one
+population. Where it has changed the list is rebuilt there, and the springs of the others move along by identity.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxdem.particles import vectors
+from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.neighbors import Neighbors, NeighborSearch, carry_history
+from jaxdem.particles.surfaces import Surface, surface_contacts
+
+TRIES = 16
+"""Places that are tried for a particle in an interval before it has to wait for the next."""
+
+MARGIN = 1e-6
+"""Gap that a new particle leaves to others and to walls, over the sum of the radii: more than float32 rounds."""
+
+
+class Exit(NamedTuple):
+    """A side of the box that removes the particles whose centre crosses it; static.
+
+    Attributes:
+        axis: that it is normal to.
+        upper: whether it is the upper side.
+        coordinate: where it stands [m].
+    """
+
+    axis: int
+    upper: bool
+    coordinate: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Inlet:
+    """A region into which particles are put, one after the other where there is room; static.
+
+    Attributes:
+        first: row of its first particle; the others follow.
+        due: (M,) number of the coupling interval at whose end each should come in, in order.
+        lower: (D,) corner of the region, which holds the particles whole [m].
+        upper: (D,) opposite corner [m].
+        batch: most that come in at the end of an interval.
+    """
+
+    first: int
+    due: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    batch: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Population:
+    """How the number of particles changes; static.
+
+    Attributes:
+        exits: sides that remove particles.
+        inlets: where particles come in.
+        box: side lengths [m].
+        periodic: whether each axis is periodic.
+        seed: of the places where they come in.
+    """
+
+    exits: tuple[Exit, ...]
+    inlets: tuple[Inlet, ...]
+    box: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    seed: int
+
+    def waiting(self, inserted: Array | None, step: Array) -> Array:
+        """() int32, particles that are due after `step` intervals and have not found room."""
+        waiting = jnp.zeros((), jnp.int32)
+        for k, inlet in enumerate(self.inlets):
+            assert inserted is not None
+            waiting = waiting + _due(inlet, step) - inserted[k]
+        return waiting
+
+
+def renewed(
+    population: Population,
+    search: NeighborSearch,
+    surfaces: tuple[Surface, ...],
+    inlet_velocity: tuple[Array, ...],
+    particles: ParticleState,
+    neighbors: Neighbors,
+    step: Array,
+) -> tuple[ParticleState, Neighbors]:
+    """Particles and list at the end of an interval, after those who leave and those who come.
+
+    Args:
+        population: static description.
+        search: of the list.
+        surfaces: walls beside the box, which no particle may overlap when it comes in.
+        inlet_velocity: (D,) of each inlet [m/s].
+        particles: after the contact steps.
+        neighbors: their list.
+        step: () int32, number of intervals done with this one.
+    """
+    before = particles.active
+    particles = _without_those_outside(population, particles)
+    for number in range(len(population.inlets)):
+        particles = _with_those_due(
+            population, number, search.radius, surfaces, inlet_velocity[number], particles, step
+        )
+    if neighbors.capacity == 0:
+        return particles, neighbors
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+
+    def rebuild() -> tuple[tuple[Array, ...], Neighbors]:
+        new = search.update(position, low, neighbors, particles.active)
+        return carry_history(particles.contact_spring, neighbors, new), new
+
+    springs, neighbors = lax.cond(
+        jnp.any(particles.active != before), rebuild, lambda: (particles.contact_spring, neighbors)
+    )
+    return particles._replace(contact_spring=springs), neighbors
+
+
+def _without_those_outside(population: Population, particles: ParticleState) -> ParticleState:
+    """Those whose centre is beyond an exit taken out, at rest where they are."""
+    stays = particles.active
+    assert stays is not None
+    for side in population.exits:
+        along = particles.position[:, side.axis]
+        inside = along <= side.coordinate if side.upper else along >= side.coordinate
+        stays = stays & inside
+
+    def kept(rows: Array) -> Array:
+        return jnp.where(stays[:, None], rows, 0.0)
+
+    fluid_force = particles.fluid_force
+    return particles._replace(
+        velocity=kept(particles.velocity),
+        angular_velocity=kept(particles.angular_velocity),
+        contact_force=kept(particles.contact_force),
+        wall_spring=tuple(jnp.where(stays[None], spring, 0.0) for spring in particles.wall_spring),
+        fluid_force=None if fluid_force is None else kept(fluid_force),
+        fluid_memory=jax.tree.map(kept, particles.fluid_memory),
+        active=stays,
+    )
+
+
+def _with_those_due(
+    population: Population,
+    number: int,
+    radius: Array,
+    surfaces: tuple[Surface, ...],
+    velocity: Array,
+    particles: ParticleState,
+    step: Array,
+) -> ParticleState:
+    """Those of an inlet that are due put where there is room, and the others left to wait."""
+    inlet = population.inlets[number]
+    before, inserted = particles.active, particles.inserted
+    assert before is not None and inserted is not None
+    due = _due(inlet, step)
+    start = lax.stop_gradient(particles.position)
+    position, active, count = lax.cond(
+        due > inserted[number],
+        lambda: _placed(population, number, radius, surfaces, start, before, inserted[number], due, step),
+        lambda: (start, before, inserted[number]),
+    )
+    new = (active & ~before)[:, None]
+    low = particles.position_low
+    return particles._replace(
+        position=jnp.where(new, position, particles.position),
+        position_low=None if low is None else jnp.where(new, 0.0, low),
+        velocity=jnp.where(new, velocity[None], particles.velocity),
+        active=active,
+        inserted=inserted.at[number].set(count),
+    )
+
+
+def _placed(
+    population: Population,
+    number: int,
+    radius: Array,
+    surfaces: tuple[Surface, ...],
+    position: Array,
+    active: Array,
+    inserted: Array,
+    due: Array,
+    step: Array,
+) -> tuple[Array, Array, Array]:
+    """Positions, who is present and how many of the inlet have come, after up to `batch` more."""
+    inlet, dtype = population.inlets[number], position.dtype
+    key = jax.random.fold_in(jax.random.fold_in(jax.random.key(population.seed), step), number)
+    drawn = jax.random.uniform(key, (inlet.batch, TRIES, position.shape[1]), dtype)
+    lower, upper = jnp.asarray(inlet.lower, dtype), jnp.asarray(inlet.upper, dtype)
+
+    def one(carry: tuple[Array, Array, Array], u: Array) -> tuple[tuple[Array, Array, Array], None]:
+        position, active, count = carry
+        row = inlet.first + jnp.minimum(count, len(inlet.due) - 1)
+        own = radius if radius.ndim == 0 else radius[row]
+        places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
+        free = _free(population, surfaces, places, own, position, active, radius) & (count < due)
+        chosen = places[jnp.argmax(free)]
+        comes = jnp.any(free)
+        position = position.at[row].set(jnp.where(comes, chosen, position[row]))
+        active = active.at[row].set(active[row] | comes)
+        return (position, active, count + comes.astype(count.dtype)), None
+
+    return lax.scan(one, (position, active, inserted), drawn)[0]
+
+
+def _free(
+    population: Population,
+    surfaces: tuple[Surface, ...],
+    places: Array,
+    own: Array,
+    position: Array,
+    active: Array,
+    radius: Array,
+) -> Array:
+    """(T,) bool, at which of the places (T, D) a particle of radius `own` () touches nothing."""
+    squared = jnp.zeros((places.shape[0], position.shape[0]), position.dtype)
+    for axis, (length, wraps) in enumerate(zip(population.box, population.periodic, strict=True)):
+        apart = places[:, axis, None] - position[None, :, axis]
+        if wraps:
+            apart = apart - length * jnp.round(apart / length)
+        squared = squared + apart * apart
+    reach = (1.0 + MARGIN) * jnp.broadcast_to(own + radius, active.shape)
+    free = jnp.all((squared >= reach[None] ** 2) | ~active[None], axis=1)
+    if surfaces:
+        x = vectors.components(places)
+        overlap, _ = surface_contacts(surfaces, x, (None,) * len(x), own)
+        free = free & jnp.all(overlap <= -MARGIN * own, axis=0)
+    return free
+
+
+def _due(inlet: Inlet, step: Array) -> Array:
+    """() int32, how many should have come in after `step` intervals."""
+    return jnp.sum((jnp.asarray(inlet.due, jnp.int32) <= step).astype(jnp.int32))

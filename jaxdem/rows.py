@@ -1,0 +1,76 @@
+"""Rows of numbers from a scene: given in it, or in a file that it names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxdem.errors import InputError
+
+
+def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.ndarray | None:
+    """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file; None stays None.
+
+    Args:
+        key: scene key, for the messages.
+        source: rows, list, or name of a .npy file or of a text file of comma or blank separated rows.
+        width: numbers per row.
+        count: rows expected, if known.
+    """
+    if source is None:
+        return None
+    rows = _read_rows(key, source) if isinstance(source, str) else _as_array(key, source)
+    if rows.ndim == 1 and (width == 1 or rows.size == 0):
+        rows = rows.reshape(-1, width)
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise InputError(
+            key, f"an array of shape {rows.shape}", f"needs rows of {width} number(s)", "correct it"
+        )
+    if not np.isfinite(rows).all():
+        raise InputError(
+            key, f"row {int(np.argmin(np.isfinite(rows).all(axis=1)))}", "must be finite", "correct it"
+        )
+    if count is not None and len(rows) != count:
+        raise InputError(
+            key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle"
+        )
+    return rows
+
+
+def _read_rows(key: str, name: str) -> np.ndarray:
+    path = Path(name)
+    try:
+        if path.suffix == ".npy":
+            return np.asarray(np.load(path, allow_pickle=False), float)
+        text = path.read_text(encoding="utf-8").replace(",", " ")
+        lines = [
+            line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")
+        ]
+        if lines and not _is_number(lines[0][0]):
+            lines = lines[1:]  # a line of column names
+        return np.asarray(lines, float)
+    except FileNotFoundError:
+        raise InputError(key, name, "no such file", "names are relative to the scene file") from None
+    except (OSError, ValueError, UnicodeDecodeError) as error:
+        raise InputError(
+            key, name, f"cannot be read as rows of numbers ({error})", "correct the file"
+        ) from None
+
+
+def _as_array(key: str, rows: Any) -> np.ndarray:
+    try:
+        return np.asarray(rows, float)
+    except ValueError:
+        raise InputError(
+            key, "rows of unequal length", "all rows need as many numbers", "correct it"
+        ) from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,163 @@
+"""The tables `[[materials]]`, `[[material_pairs]]` and `[[particles.species]]` of a scene."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from jaxdem.errors import InputError
+from jaxdem.scene_base import NonNegative, Positive, Section
+
+WALL = "wall"
+"""Name of the material of walls that have no other: the `contact.wall_*` keys."""
+
+Poisson = Annotated[float, Field(gt=-1.0, le=0.5, strict=True)]
+Restitution = Annotated[float, Field(ge=0.0, le=1.0, strict=True)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+class Material(Section):
+    """A material; what is not given is that of `[contact]`.
+
+    Attributes:
+        name: that particles, walls and pairs refer to.
+        young_modulus: [Pa].
+        poisson_ratio: [-].
+        restitution: against itself, rebound over approach speed [-].
+        friction: against itself, Coulomb coefficient [-].
+        rolling_friction: against itself [-].
+    """
+
+    name: Name
+    young_modulus: Positive | None = None
+    poisson_ratio: Poisson | None = None
+    restitution: Restitution | None = None
+    friction: NonNegative | None = None
+    rolling_friction: NonNegative | None = None
+
+
+class MaterialPair(Section):
+    """Constants of a contact of two different materials; what is not given is mixed from the two.
+
+    Attributes:
+        materials: names of the two; "wall" for walls without a material.
+        restitution, friction, rolling_friction: of this pair [-].
+    """
+
+    materials: tuple[Name, Name]
+    restitution: Restitution | None = None
+    friction: NonNegative | None = None
+    rolling_friction: NonNegative | None = None
+
+
+class Species(Section):
+    """A part of the particles; what is not given is that of `[particles]`.
+
+    Attributes:
+        share: of their number; the shares of all species add up to 1 [-].
+        radius: [m].
+        density: [kg/m3].
+        material: name.
+    """
+
+    share: Annotated[float, Field(gt=0.0, le=1.0, strict=True)]
+    radius: Positive | None = None
+    density: Positive | None = None
+    material: Name | None = None
+
+
+def completed_materials(
+    materials: tuple[Material, ...], pairs: tuple[MaterialPair, ...], contact: Any
+) -> tuple[Material, ...]:
+    """The materials with the constants of `[contact]` where they have none of their own, checked with the pairs.
+
+    Raises:
+        InputError: a name is taken twice or unknown, or a pair says nothing.
+    """
+    names: list[str] = []
+    for k, material in enumerate(materials):
+        if material.name == WALL or material.name in names:
+            limit = "is the name of walls without a material" if material.name == WALL else "is taken already"
+            raise InputError(f"materials.{k}.name", material.name, limit, "give another name")
+        names.append(material.name)
+    seen: set[frozenset[str]] = set()
+    for k, pair in enumerate(pairs):
+        key = f"material_pairs.{k}"
+        for name in pair.materials:
+            check_material(f"{key}.materials", name, (*names, WALL))
+        if len(set(pair.materials)) < 2:
+            raise InputError(
+                f"{key}.materials", pair.materials, "a material has its constants against itself in its own "
+                "table", "set them in [[materials]]",
+            )  # fmt: skip
+        if frozenset(pair.materials) in seen:
+            raise InputError(f"{key}.materials", pair.materials, "stands twice", "remove one of the two")
+        seen.add(frozenset(pair.materials))
+        if (pair.restitution, pair.friction, pair.rolling_friction) == (None, None, None):
+            raise InputError(key, pair.materials, "says nothing", "set restitution, friction or both")
+    fields = [name for name in Material.model_fields if name != "name"]
+    return tuple(
+        material.model_copy(
+            update={name: getattr(contact, name) for name in fields if getattr(material, name) is None}
+        )
+        for material in materials
+    )
+
+
+def check_material(key: str, name: str | None, known: tuple[str, ...]) -> None:
+    """Refuses a name that no material has."""
+    if name is None or name in known:
+        return
+    near = difflib.get_close_matches(name, known, n=1)
+    remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known) or 'none'}"
+    raise InputError(key, name, "there is no such material in [[materials]]", remedy)
+
+
+def check_species(key: str, species: tuple[Species, ...], particles: Any, names: tuple[str, ...]) -> None:
+    """Refuses species without a size or density, of unknown material, or with shares that do not add up to 1.
+
+    Args:
+        key: of the list of tables, for the messages.
+        species: to check.
+        particles: that have what a species has not.
+        names: of the materials.
+    """
+    for k, one in enumerate(species):
+        for name in ("radius", "density"):
+            if getattr(one, name) is None and not isinstance(getattr(particles, name), float):
+                raise InputError(
+                    f"{key}.{k}.{name}", None, f"is missing, and particles.{name} is not one number",
+                    f"set it, or particles.{name} for all",
+                )  # fmt: skip
+        given = one.material if one.material is not None else particles.material
+        if names and not isinstance(given, str):
+            raise InputError(f"{key}.{k}.material", None, "is missing", f"known: {', '.join(names)}")
+        check_material(f"{key}.{k}.material", one.material, names)
+    total = sum(one.share for one in species)
+    if species and abs(total - 1.0) > 1e-6:
+        raise InputError(f"{key}.share", total, "the shares must add up to 1", "correct them")
+
+
+def check_particle_materials(particles: Any, walls: tuple[Any, ...], contact: Any, names: tuple[str, ...]) -> None:  # fmt: skip
+    """Refuses names that no material has, and particles without one where there are materials."""
+    given = (particles.material,) if isinstance(particles.material, str) else particles.material or ()
+    for name in given:
+        check_material("particles.material", name, names)
+    starts = particles.pack is not None or particles.position is not None
+    if names and not particles.species and not given and starts:
+        raise InputError(
+            "particles.material", None, "is missing, and the scene has [[materials]]", f"known: {', '.join(names)}"
+        )  # fmt: skip
+    for k, wall in enumerate(walls):
+        check_material(f"walls.{k}.material", wall.material, (*names, WALL))
+    check_material("contact.wall_material", contact.wall_material, (*names, WALL))
+    if particles.species:
+        for name, kind in (("radius", float), ("density", float), ("material", str)):
+            if getattr(particles, name) is not None and not isinstance(getattr(particles, name), kind):
+                raise InputError(
+                    f"particles.{name}", "one per particle", "the species say which particle has which",
+                    "give one for all or none, or remove [[particles.species]]",
+                )  # fmt: skip
+        check_species("particles.species", particles.species, particles, names)

@@ -1,0 +1,227 @@
+"""The tables `[[particles.inlet]]` of a scene, and the key `boundary.<side>.particles`."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+from pydantic import Field, field_validator
+
+from jaxdem.errors import InputError
+from jaxdem.scene_base import Finite, NonNegative, Positive, Section
+from jaxdem.scene_materials import Name, Species, check_material, check_species
+
+
+class ParticleInlet(Section):
+    """Particles that come in while the scene runs; what is not given of them is that of `[particles]`.
+
+    Attributes:
+        side: of the box, next to which they come in, in a layer one (largest) diameter thick; or
+        start: lower corner of the box in which they come in, whole [m].
+        stop: its upper corner [m].
+        from_: corner of a patch of the side (key `from`) [m].
+        to: opposite corner [m].
+        rate: particles per second; or
+        mass_flow: mass per second [kg/s].
+        velocity: with which they come in, one number per axis, or the inward speed at a side [m/s].
+        begin: the first is due 1 / rate later [s].
+        end: the last is due by then; `time.end` when not given [s].
+        total: no more than so many.
+        radius: [m].
+        density: [kg/m3].
+        material: name.
+        species: parts with a radius, density or material of their own, drawn by their shares.
+    """
+
+    side: str | None = None
+    start: tuple[Finite, ...] | None = None
+    stop: tuple[Finite, ...] | None = None
+    from_: tuple[Finite, ...] | None = Field(default=None, alias="from")
+    to: tuple[Finite, ...] | None = None
+    rate: Positive | None = None
+    mass_flow: Positive | None = None
+    velocity: Finite | tuple[Finite, ...]
+    begin: NonNegative = 0.0
+    end: Positive | None = None
+    total: Annotated[int, Field(ge=1, le=100_000_000, strict=True)] | None = None
+    radius: Positive | None = None
+    density: Positive | None = None
+    material: Name | None = None
+    species: tuple[Species, ...] = ()
+
+    @field_validator("from_", "to", mode="before")
+    @classmethod
+    def _corner(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+    def species_of(self, particles: Any) -> tuple[Species, ...]:
+        """Its species: its own, one of its own numbers, or those of `[particles]`."""
+        if self.species:
+            return self.species
+        own = {name: getattr(self, name) for name in ("radius", "density", "material")}
+        if particles.species and not any(own.values()):
+            return tuple(particles.species)
+        return (Species(share=1.0, **own),)
+
+
+def completed_inlets(
+    particles: Any, size: tuple[float, ...], sides: tuple[str, ...], periodic: tuple[bool, ...],
+    end: float, names: tuple[str, ...],
+) -> tuple[ParticleInlet, ...]:  # fmt: skip
+    """The inlets with their region, velocity and end written in, checked.
+
+    Args:
+        particles: `[particles]`.
+        size: of the box [m].
+        sides: names of its sides, axis by axis.
+        periodic: whether each axis is periodic.
+        end: of the scene [s].
+        names: of the materials.
+
+    Raises:
+        InputError: a key is missing, too many or wrong.
+    """
+    result = []
+    for k, inlet in enumerate(particles.inlet):
+        key = f"particles.inlet.{k}"
+        if (inlet.rate is None) == (inlet.mass_flow is None):
+            raise InputError(
+                f"{key}.rate", inlet.rate, "give either rate or mass_flow", "keep one of the two"
+            )
+        if inlet.species and (inlet.radius or inlet.density or inlet.material):
+            raise InputError(
+                f"{key}.species", "...", "have numbers of their own", "remove radius, density, material"
+            )
+        check_material(f"{key}.material", inlet.material, names)
+        species = inlet.species_of(particles)
+        check_species(f"{key}.species" if inlet.species else key, species, particles, names)
+        largest = max(one.radius if one.radius is not None else particles.radius for one in species)
+        region = _region(key, inlet, size, sides, periodic, largest)
+        velocity = _velocity(key, inlet, sides, len(size))
+        last = end if inlet.end is None else inlet.end
+        if last <= inlet.begin:
+            raise InputError(f"{key}.end", last, f"must be after begin = {inlet.begin} s", "raise it")
+        _check_room(f"{key}.stop", region, size, largest)
+        result.append(
+            inlet.model_copy(
+                update={"start": region[0], "stop": region[1], "velocity": velocity, "end": last}
+                | {"side": None, "from_": None, "to": None}
+            )
+        )
+    return tuple(result)
+
+
+def _region(
+    key: str, inlet: ParticleInlet, size: tuple[float, ...], sides: tuple[str, ...],
+    periodic: tuple[bool, ...], largest: float,
+) -> tuple[tuple[float, ...], tuple[float, ...]]:  # fmt: skip
+    """Corners of the box in which the particles come in."""
+    if (inlet.side is None) == (inlet.start is None) or (inlet.start is None) != (inlet.stop is None):
+        raise InputError(
+            f"{key}.side", inlet.side, "give either a side, or start and stop of a box", "keep one of the two"
+        )
+    if inlet.start is not None and inlet.stop is not None:
+        for name, corner in (("start", inlet.start), ("stop", inlet.stop)):
+            if len(corner) != len(size):
+                raise InputError(f"{key}.{name}", corner, f"needs {len(size)} numbers", "correct it")
+        if inlet.from_ is not None or inlet.to is not None:
+            raise InputError(
+                f"{key}.from", inlet.from_ or inlet.to, "belongs to a side", "remove from and to"
+            )
+        return inlet.start, inlet.stop
+    if inlet.side not in sides:
+        raise InputError(f"{key}.side", inlet.side, "there is no such side", f"known: {', '.join(sides)}")
+    axis, upper = divmod(sides.index(inlet.side), 2)
+    if periodic[axis]:
+        raise InputError(f"{key}.side", inlet.side, "is periodic", "give start and stop of a box")
+    others = [a for a in range(len(size)) if a != axis]
+    if (inlet.from_ is None) != (inlet.to is None):
+        raise InputError(
+            f"{key}.from", inlet.from_ or inlet.to, "a patch has from and to", "give both or neither"
+        )
+    lower, higher = list(map(float, (0.0,) * len(size))), list(size)
+    for position, a in enumerate(others):
+        if inlet.from_ is not None and inlet.to is not None:
+            if len(inlet.from_) != len(others) or len(inlet.to) != len(others):
+                raise InputError(
+                    f"{key}.from", inlet.from_, f"from and to need {len(others)} number(s)", "correct them"
+                )
+            lower[a], higher[a] = inlet.from_[position], inlet.to[position]
+    # Room for rounding: a layer of exactly one diameter might not hold it.
+    lower[axis] = size[axis] - 2.001 * largest if upper else 0.0
+    higher[axis] = size[axis] if upper else 2.001 * largest
+    return tuple(lower), tuple(higher)
+
+
+def _check_room(
+    key: str, region: tuple[tuple[float, ...], tuple[float, ...]], size: tuple[float, ...], largest: float
+) -> None:
+    for low, high, length in zip(*region, size, strict=True):
+        if not (low >= 0.0 and high <= length):
+            raise InputError(key, region, "the inlet must lie inside the box", "move it")
+        if high - low < 2.0 * largest:
+            raise InputError(
+                key, region, f"holds no particle of radius {largest:.4g} m: it needs {2 * largest:.4g} m along "
+                "every axis", "enlarge it",
+            )  # fmt: skip
+
+
+def _velocity(key: str, inlet: ParticleInlet, sides: tuple[str, ...], dimension: int) -> tuple[float, ...]:
+    velocity = inlet.velocity
+    axis, upper = divmod(sides.index(inlet.side), 2) if inlet.side is not None else (0, 0)
+    if isinstance(velocity, float):
+        if inlet.side is None:
+            raise InputError(
+                f"{key}.velocity", velocity, "is a vector where no side says what inward is",
+                f"give {dimension} numbers",
+            )  # fmt: skip
+        velocity = tuple((-velocity if upper else velocity) if a == axis else 0.0 for a in range(dimension))
+    if len(velocity) != dimension:
+        raise InputError(f"{key}.velocity", velocity, f"needs {dimension} numbers", "correct it")
+    if inlet.side is not None and (velocity[axis] >= 0.0 if upper else velocity[axis] <= 0.0):
+        raise InputError(
+            f"{key}.velocity", velocity, f"does not point inwards at side {inlet.side}", "turn it round"
+        )
+    return velocity
+
+
+def check_exits(scene: Any) -> None:
+    """Refuses to remove particles where that is not built or means nothing."""
+    for name, side in scene.boundary.items():
+        if side.particles == "screen":
+            continue
+        key = f"boundary.{name}.particles"
+        reason = None
+        if scene.particles is None:
+            reason = "needs [particles]"
+        elif side.kind == "periodic":
+            reason = "a periodic side has no outside"
+        elif scene.fluid is not None and side.kind != "outlet":
+            reason = f"with a fluid particles leave at an outlet only, and this side is {side.kind}"
+        elif side.from_ is not None:
+            reason = "the whole side removes particles, and this one is a patch"
+        if reason is not None:
+            raise InputError(key, side.particles, reason, 'set it to "screen"')
+
+
+def check_history(scene: Any) -> None:
+    """Refuses the Basset force for particles without a past."""
+    if scene.coupling is not None and scene.coupling.basset and comes_and_goes(scene):
+        raise InputError(
+            "coupling.basset",
+            scene.coupling.basset,
+            "its history is kept for particles that are there from the start to the end",
+            "set it to 0, or let no particle come in or leave",
+        )
+
+
+def comes_and_goes(scene: Any) -> bool:
+    """Whether the number of particles changes while the scene runs."""
+    if scene.particles is None:
+        return False
+    return bool(scene.particles.inlet) or any(s.particles == "remove" for s in scene.boundary.values())
+
+
+def inlet_speed(particles: Any) -> float:
+    """Largest speed with which particles come in; zero without inlets [m/s]."""
+    return max((math.hypot(*inlet.velocity) for inlet in particles.inlet), default=0.0)

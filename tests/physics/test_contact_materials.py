@@ -1,0 +1,314 @@
+"""Several materials and species: constants of pairs, sizes that differ, and what a scene says about them."""
+
+from __future__ import annotations
+
+import tomllib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxdem
+from benchmarks.cases.worlds import advance, batch, forces, track, world
+from jaxdem.bodies import material_table
+from jaxdem.errors import InputError
+from jaxdem.initial import initial_positions, scene_bodies
+from jaxdem.particles.forces import MaterialIndex
+from jaxdem.particles.materials import SeveralMaterials
+from jaxdem.particles.rolling import ConstantDirectionalTorque
+from jaxdem.particles.surfaces import Plane
+from jaxdem.stability import hertz_duration
+from jaxdem.time_steps import time_steps
+
+ELASTIC = {"soft": (1e9, 0.2), "hard": (1e10, 0.4)}
+TABLES = {
+    "seed": 3,
+    "precision": "float64",
+    "domain": {"size": [1.0, 1.0, 1.0], "gravity": [0.0, 0.0, 0.0]},
+    "contact": {"speed": 1.0, "friction": 0.0, "restitution": 0.9},
+    "materials": [
+        {"name": "soft", "young_modulus": 1e9, "poisson_ratio": 0.2, "restitution": 0.9, "friction": 0.4},
+        {"name": "hard", "young_modulus": 1e10, "poisson_ratio": 0.4, "restitution": 0.4, "friction": 0.1},
+    ],
+    "time": {"end": 0.01, "output_interval": 0.01},
+}
+SOFT_SOFT, SOFT_HARD, SOFT_WALL, HARD_HARD, HARD_WALL, WALL_WALL = range(6)
+SPEED, RADIUS, STEPS = 0.5, 0.01, 200
+
+
+def scene_of(material="soft", radius=0.01, **changes):
+    """A scene of two grains apart, one of either material if two names are given."""
+    particles = {
+        "position": [[0.2, 0.2, 0.2], [0.5, 0.5, 0.5]], "radius": radius, "density": 2500.0, "material": material,
+    }  # fmt: skip
+    tables = {**TABLES, "particles": particles}
+    for key, value in changes.items():
+        tables[key] = {**tables[key], **value} if isinstance(value, dict) else value
+    return jaxdem.load_scene(tables)
+
+
+def tables_of(scene, **given):
+    """The constants that a scene has, with some of them changed."""
+    return jaxdem.build(scene)[1].contact._replace(**{name: jnp.asarray(v) for name, v in given.items()})
+
+
+def with_materials(scene, constants, walls=()):
+    """A world whose first particle is soft and whose second is hard, on walls of these materials."""
+    index = MaterialIndex(
+        np.asarray([0, 1], np.int32), np.asarray(walls, np.int32), material_table(scene_of()).pair
+    )
+    interval = scene.interval._replace(model=scene.interval.model._replace(materials=index))
+    return scene._replace(interval=interval, constants=constants)
+
+
+def pair_of(constants, radius=(RADIUS, RADIUS), gap=1e-9, across=0.0, speed=SPEED):
+    """A soft and a hard ball that meet along x, and a two-hundredth of the duration of their impact."""
+    position = [[0.5, 0.5], [0.5 + sum(radius) + gap, 0.5]]
+    velocity = [[0.5 * speed, across], [-0.5 * speed, -across]]
+    scene = world(position, velocity, radius=np.asarray(radius), walls=False, rebuild=False)
+    mass = [4.0 / 3.0 * np.pi * r**3 * 2500.0 for r in radius]
+    modulus = 1.0 / sum((1.0 - nu**2) / young for young, nu in ELASTIC.values())
+    reduced = [a * b / (a + b) for a, b in (mass, radius)]
+    step = hertz_duration(*reduced, modulus, speed or 1.0) / STEPS
+    return with_materials(scene, constants), step if speed else 1e-15
+
+
+@pytest.fixture(scope="module")
+def impacts():
+    """All impacts of a soft and a hard ball, in one program."""
+    scene = scene_of()
+    mixed = tables_of(scene)
+    rows = mixed.restitution.at[SOFT_HARD].set(0.25)
+    said = mixed._replace(restitution=rows)
+    rubbing = mixed._replace(friction=mixed.friction.at[SOFT_HARD].set(0.05))
+    cases = {
+        "mixed": pair_of(mixed),
+        "said": pair_of(said),
+        "ten to one": pair_of(mixed, (0.05, 0.005)),
+        "pressed": pair_of(mixed, (0.01, 0.02), gap=-1e-6, speed=0.0),
+        "rubbing": pair_of(rubbing, across=2.0),
+        "rubbing, ten to one": pair_of(rubbing, (0.05, 0.005), across=2.0),
+    }
+    scenes = [scene for scene, _ in cases.values()]
+    # One static part for all; particles and walls have the same materials in each.
+    _, seen = track(batch(scenes), [step for _, step in cases.values()], STEPS + STEPS // 2)
+    return {name: (scenes[k], type(seen)(*(a[k] for a in seen))) for k, name in enumerate(cases)}
+
+
+@pytest.mark.parametrize(
+    ("name", "restitution"),
+    [("mixed", np.sqrt(0.9 * 0.4)), ("said", 0.25), ("ten to one", np.sqrt(0.9 * 0.4))],
+)
+def test_restitution_and_momentum_of_a_pair(impacts, name, restitution):
+    """The geometric mean of 0.9 and 0.4, or what the pair says; also where the masses are 1000 to 1.
+
+    A two-hundredth of the impact a step; momentum is that of the start, zero for equals, to round-off."""
+    scene, seen = impacts[name]
+    ends, mass = seen.velocity[-1], np.asarray(scene.properties.mass)
+    assert ends[1, 0] - ends[0, 0] == pytest.approx(restitution * SPEED, rel=0.01)
+    before = mass @ np.asarray(scene.state.velocity)
+    np.testing.assert_allclose(mass @ ends, before, atol=1e-13 * mass.max() * SPEED)
+
+
+def test_force_of_two_materials_is_that_of_hertz(impacts):
+    """F = 4/3 E* sqrt(R*) d^1.5 with 1/E* = (1 - a^2)/E_a + (1 - b^2)/E_b (Johnson 1985, eqs 4.22 and 4.23)."""
+    modulus = 1.0 / sum((1.0 - nu**2) / young for young, nu in ELASTIC.values())
+    force = 4.0 / 3.0 * modulus * np.sqrt(0.01 * 0.02 / 0.03) * 1e-6**1.5
+    np.testing.assert_allclose(impacts["pressed"][1].force[0, :, 0], [-force, force], rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["rubbing", "rubbing, ten to one"])
+def test_sliding_friction_is_that_of_the_pair(impacts, name):
+    """|F_t| = mu |F_n| in the middle of an oblique impact, whatever the sizes; and the two spins come from one
+    force on arms r - d/2."""
+    scene, seen = impacts[name]
+    middle = STEPS // 2
+    normal = seen.position[middle, 1] - seen.position[middle, 0]
+    normal /= np.linalg.norm(normal)
+    force = seen.force[middle, 0]
+    along = force @ normal
+    across = force[1] * normal[0] - force[0] * normal[1]
+    assert along < 0.0
+    # The normal turns by a step's share of the impact within a frame.
+    assert abs(across / along) == pytest.approx(0.05, rel=5e-3)
+    spin = np.asarray(scene.properties.inertia) * seen.spin[-1, :, 0]
+    np.testing.assert_allclose(spin[0] / spin[1], np.divide(*np.asarray(scene.properties.radius)), rtol=5e-3)
+
+
+def test_walls_have_materials():
+    """Two balls pressed on the floor, of "wall", and on a plane, soft: friction, then rolling, of each pair."""
+    position = [[0.3, RADIUS - 1e-6], [0.7, 0.5 + RADIUS - 1e-6]]
+    plane = Plane((0.0, 0.5), (0.0, 1.0))
+    base = world(
+        position, [[1.0, 0.0]] * 2, [[100.0]] * 2, rolling=ConstantDirectionalTorque(), surfaces=(plane,),
+        rebuild=False,
+    )  # fmt: skip
+    # The soft ball is on the floor, which is left where it would be above the plane.
+    base = base._replace(
+        state=base.state._replace(position=base.state.position.at[0, 1].set(0.5 + RADIUS - 1e-6))
+    )
+    mixed = tables_of(scene_of())
+    friction = mixed._replace(friction=jnp.asarray([0.0, 0.11, 0.0, 0.0, 0.0, 0.0]).at[SOFT_SOFT].set(0.13))
+    rolling = mixed._replace(
+        friction=jnp.zeros(6), rolling_friction=jnp.zeros(6).at[SOFT_SOFT].set(0.3).at[SOFT_HARD].set(0.2)
+    )
+    walls = [2, 2, 2, 2, 0]
+    scenes = [with_materials(base, constants, walls) for constants in (friction, rolling)]
+    step = 1e-7
+    _, seen = track(batch(scenes), [step, step], 1, 1)
+    force = seen.force[:, 0]
+    np.testing.assert_allclose(force[0, :, 0] / force[0, :, 1], [-0.13, -0.11], rtol=1e-6)
+    lost = (100.0 - seen.spin[1, 0, :, 0]) * np.asarray(base.properties.inertia)
+    np.testing.assert_allclose(lost, np.asarray([0.3, 0.2]) * force[1, :, 1] * RADIUS * step, rtol=0.01)
+
+
+def test_gradients_by_the_constants_of_a_pair():
+    """Of a damped, sliding contact's force, by restitution, friction and a modulus: central differences."""
+    scene, _ = pair_of(tables_of(scene_of()), gap=-1e-6, across=2.0)
+
+    def force(constants):
+        return jnp.sum(forces(scene._replace(constants=constants), 1e-6)[0][0] * jnp.asarray([1.0, 2.0]))
+
+    compiled = jax.jit(jax.value_and_grad(force))
+    slopes = compiled(scene.constants)[1]
+    assert isinstance(slopes, SeveralMaterials)
+    for name, index in (("restitution", SOFT_HARD), ("friction", SOFT_HARD), ("young_modulus", 0)):
+        values = getattr(scene.constants, name)
+        step = 1e-5 * values[index]
+        ahead, behind = (
+            compiled(scene.constants._replace(**{name: values.at[index].add(sign * step)}))[0]
+            for sign in (1, -1)
+        )
+        assert ahead != behind
+        np.testing.assert_allclose(getattr(slopes, name)[index], (ahead - behind) / (2.0 * step), rtol=1e-5)
+    assert slopes.restitution[SOFT_SOFT] == 0.0  # does not occur
+
+
+def test_one_material_compiles_no_table():
+    """Six pairs of two materials and the wall; without [[materials]] the program knows of none."""
+    several, _ = pair_of(tables_of(scene_of()))
+    model = several.interval.model._replace(materials=None)
+    plain = {name: value for name, value in TABLES.items() if name != "materials"}
+    particles = {"position": [[0.2, 0.2, 0.2]], "radius": 0.01, "density": 2500.0}
+    simulation, parameters = jaxdem.build(jaxdem.load_scene({**plain, "particles": particles}))
+    assert simulation.contact.model.materials is None
+    single = several._replace(interval=several.interval._replace(model=model), constants=parameters.contact)
+
+    def program(scene):
+        return jax.jit(lambda s: advance(scene._replace(state=s), 1e-6, 3).state).lower(scene.state).as_text()
+
+    assert "tensor<6xf64>" in program(several)
+    assert "tensor<6xf64>" not in program(single)
+
+
+def test_the_build_hands_materials_on():
+    """Of particles and walls, a wedge being two; and all constants of the table in the parameters."""
+    walls = [
+        {"kind": "plane", "point": [0.0, 0.0, 0.1], "normal": [0.0, 0.0, 1.0], "material": "hard"},
+        {"kind": "wedge", "apex": [0.5, 0.0, 0.0], "directions": [[1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]]},
+    ]
+    contact = {"wall_material": "soft"}
+    simulation, parameters = jaxdem.build(scene_of(["soft", "hard"], walls=walls, contact=contact))
+    index = simulation.contact.model.materials
+    assert index.particle.tolist() == [0, 1]
+    assert index.wall.tolist() == [0] * 6 + [1, 0, 0]
+    assert float(parameters.contact.friction[SOFT_HARD]) == pytest.approx(0.2)
+    assert parameters.contact.young_modulus.tolist() == [1e9, 1e10, 7e7]
+    assert float(jaxdem.build(scene_of())[0].contact.model.materials.particle) == 0
+
+
+def test_the_contact_step_stands_on_the_worst_pair():
+    """Hard grains decide it, also where they are few; and a hard wall, and the smaller of two sizes."""
+
+    def limits(material="soft", radius=0.01, **contact):
+        return time_steps(scene_of(material, radius, contact=contact)).limits
+
+    soft, mixed = limits(wall_material="soft"), limits(["soft", "hard"])
+    assert mixed["rayleigh"] == pytest.approx(2.791e-5, rel=1e-3)  # pi r sqrt(rho/G)/(0.1631 nu + 0.8766)
+    for name in ("rayleigh", "contact_duration", "contact_stability"):
+        assert mixed[name] < soft[name]
+    assert limits(wall_material="hard")["contact_duration"] < soft["contact_duration"]
+    # A ball between larger ones is the stiffer spring.
+    small = limits(radius=0.005, wall_material="soft")["contact_stability"]
+    plain = {name: value for name, value in TABLES.items() if name != "materials"}
+    particles = {"position": [[0.2, 0.2, 0.2], [0.5, 0.5, 0.5]], "density": 2500.0}
+    alike, unlike = (
+        time_steps(jaxdem.load_scene({**plain, "particles": {**particles, "radius": radius}})).limits
+        for radius in (0.005, [0.005, 0.05])
+    )
+    assert unlike["contact_stability"] < alike["contact_stability"]
+    assert small < soft["contact_stability"]
+
+
+SPECIES = [
+    {"share": 0.75, "radius": 0.01, "density": 2500.0, "material": "soft"},
+    {"share": 0.25, "radius": 0.02, "density": 7800.0, "material": "hard"},
+]
+
+
+def mixed(**particles):
+    pack = {"kind": "random", "start": [0.0, 0.0, 0.0], "stop": [1.0, 1.0, 1.0]}
+    return jaxdem.load_scene({**TABLES, "particles": {"count": 201, "pack": pack, **particles}})
+
+
+def test_species_are_mixed_by_share_and_seed():
+    """201 particles, 3 to 1: 151 and 50; every particle has the size, density and material of its species."""
+    scene = mixed(species=SPECIES)
+    bodies = scene_bodies(scene)
+    assert sorted(np.unique(bodies.radius, return_counts=True)[1].tolist()) == [50, 151]
+    np.testing.assert_array_equal(bodies.material, (bodies.radius > 0.015).astype(int))
+    np.testing.assert_array_equal(bodies.density, np.where(bodies.radius > 0.015, 7800.0, 2500.0))
+    assert 20 < np.flatnonzero(bodies.material).mean() / 201 * 100 < 80
+    other = scene_bodies(scene.model_copy(update={"seed": 4}))
+    assert (other.material != bodies.material).any()
+    again = jaxdem.load_scene(tomllib.loads(scene.to_toml()))
+    np.testing.assert_array_equal(scene_bodies(again).material, bodies.material)
+    assert again == scene
+    position = initial_positions(scene)
+    depth = (
+        bodies.radius[:, None] + bodies.radius[None] - np.linalg.norm(position[:, None] - position, axis=2)
+    )
+    assert depth[~np.eye(201, dtype=bool)].max() < 0.0
+
+
+def test_sizes_and_densities_from_a_file(tmp_path):
+    radius = np.linspace(0.005, 0.02, 201)
+    np.savetxt(tmp_path / "radius.csv", radius)
+    np.save(tmp_path / "density.npy", 1e5 * radius)
+    text = mixed(radius=0.01, density=1.0, material="soft").to_toml()
+    text = text.replace("radius = 0.01", 'radius = "radius.csv"', 1).replace(
+        "density = 1.0", 'density = "density.npy"'
+    )
+    (tmp_path / "scene.toml").write_text(text)
+    bodies = scene_bodies(jaxdem.load_scene(tmp_path / "scene.toml"))
+    np.testing.assert_allclose(bodies.radius, radius, rtol=1e-14)
+    np.testing.assert_allclose(bodies.density, 1e5 * radius, rtol=1e-14)
+    np.savetxt(tmp_path / "radius.csv", radius[1:])
+    with pytest.raises(InputError, match="201 particles"):
+        scene_bodies(jaxdem.load_scene(tmp_path / "scene.toml"))
+
+
+@pytest.mark.parametrize(
+    ("particles", "tables", "key", "words"),
+    [
+        ({"material": "sot"}, {}, "particles.material", "did you mean 'soft'"),
+        ({}, {}, "particles.material", "missing"),
+        ({"material": "soft"}, {"materials": []}, "particles.material", "known: none"),
+        ({"species": [{"share": 0.5, "material": "soft"}]}, {}, "particles.species.share", "add up to 1"),
+        ({"species": [{"share": 1.0}]}, {}, "particles.species.0.material", "missing"),
+        ({"species": [{"share": 1.0, "radios": 1.0}]}, {}, "particles.species.0.radios", "did you mean 'radius'"),
+        ({"material": "soft"}, {"contact": {"wall_material": "steel"}}, "contact.wall_material", "known"),
+        ({"material": "soft"}, {"contact": {"wall_material": "soft", "wall_friction": 0.1}}, "contact.wall_friction", "remove one"),
+        ({"material": "soft"}, {"material_pairs": [{"materials": ["soft", "hard"]}]}, "material_pairs.0", "says nothing"),
+        ({"material": "soft"}, {"material_pairs": [{"materials": ["soft", "soft"], "friction": 1.0}]}, "material_pairs.0.materials", "own table"),
+        ({"material": "soft"}, {"materials": [{"name": "soft"}, {"name": "soft"}]}, "materials.1.name", "taken"),
+        ({"material": "soft", "radius": "nowhere.csv"}, {}, "particles.radius", "no such file"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(particles, tables, key, words):
+    base = {"radius": 0.01, "density": 2500.0, "position": [[0.5, 0.5, 0.5]]}
+    with pytest.raises(InputError) as caught:
+        scene_bodies(jaxdem.load_scene({**TABLES, **tables, "particles": {**base, **particles}}))
+    assert caught.value.key == key
+    assert words in str(caught.value)
