@@ -111,6 +111,4 @@ def at_least(what: str, least: float, got: float, unit: str = "-") -> Figure:
 
 def table(name: str) -> np.ndarray:
     """A reference table of tests/data, as records; its first line says where it comes from."""
-    return np.genfromtxt(
-        DATA / name, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8"
-    )
+    return np.genfromtxt(DATA / name, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
