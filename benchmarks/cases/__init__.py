@@ -9,7 +9,7 @@ import importlib
 
 from benchmarks.cases.registry import Case, registered
 
-MODULES = ("contact", "hindered")
+MODULES = ("contact", "granular", "fluidised", "hindered")
 
 
 def collect() -> dict[str, Case]:
