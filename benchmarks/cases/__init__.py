@@ -9,7 +9,18 @@ import importlib
 
 from benchmarks.cases.registry import Case, registered
 
-MODULES = ("contact", "conservation", "fluid", "exchange", "gradients", "invariance", "lists")
+MODULES = (
+    "contact",
+    "conservation",
+    "granular",
+    "fluid",
+    "exchange",
+    "fluidised",
+    "hindered",
+    "gradients",
+    "invariance",
+    "lists",
+)
 
 
 def collect() -> dict[str, Case]:

@@ -1,0 +1,10 @@
+"""The granular cases of the verification page, at the size that a test can afford."""
+
+import pytest
+
+from benchmarks.cases import checked, names
+
+
+@pytest.mark.parametrize("name", names("granular"))
+def test_case(name):
+    checked(name)
