@@ -115,7 +115,7 @@ def settling_sphere(
 
 
 def main() -> None:
-    """The table of `docs/results.md`."""
+    """Speed over undisturbed speed, without and with the correction, for all cells and Reynolds numbers."""
     print("cell/d      Re   without      with   (speed over undisturbed)")
     for reynolds, cells in ((0.01, (16, 16, 16)), (1.0, (16, 16, 32)), (10.0, (16, 16, 48))):
         for cell in (1.0, 1.7, 2.0, 3.3):
