@@ -17,6 +17,7 @@ MODULES = (
     "exchange",
     "fluidised",
     "hindered",
+    "settling",
     "gradients",
     "invariance",
     "lists",

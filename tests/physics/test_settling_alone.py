@@ -1,8 +1,6 @@
 """A sphere that drags its fluid along: the correction for its own wake, coarse; all cases in benchmarks/cases."""
 
-import importlib.util
 import math
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +11,7 @@ from scipy.integrate import quad
 from scipy.special import erfcx
 
 import jaxdem
+from benchmarks.cases import settling
 from jaxdem.check import check_scene
 from jaxdem.closures import SchillerNaumann
 from jaxdem.closures.base import DragInputs
@@ -25,10 +24,6 @@ from jaxdem.coupling.self_disturbance import (
 from jaxdem.errors import InputError
 from jaxdem.step import fluid_part
 
-FILE = Path(__file__).parents[2] / "benchmarks" / "cases" / "settling.py"
-SPEC = importlib.util.spec_from_file_location("settling", FILE)
-settling = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(settling)
 CELLS = 12
 
 
