@@ -13,6 +13,7 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 import jaxdem
+from jaxdem import check
 from jaxdem.bodies import largest_radius
 from jaxdem.errors import InputError
 from jaxdem.records import particle_counts
@@ -51,6 +52,10 @@ SHEET = {
 }  # fmt: skip
 
 
+OPEN = {side: {"particles": "remove"} for side in ("left", "right", "bottom", "top")}
+"""No walls: less to compile."""
+
+
 def built(tables, **particles):
     tables = {**tables, "particles": {**tables["particles"], **particles}}
     scene = jaxdem.load_scene(tables)
@@ -66,6 +71,17 @@ def box():
 @pytest.fixture(scope="module")
 def sheet():
     return built(SHEET)
+
+
+def test_check_says_who_comes_and_goes(sheet):
+    """The number of rows is known before the run, and so is when they are due."""
+    scene = jaxdem.load_scene(SHEET)
+    rows = dict(check._population(scene, sheet[0], sheet[2]))
+    assert rows["present at the start"] == "4" and rows["removed at"] == "right"
+    assert rows["inlet 0"] == "12 particles at 100 1/s, due from 0.01 to 0.12 s, up to 4 at once"
+    compiled_in, left_out = check._parts(scene, sheet[0], sheet[1])
+    assert {"removal of particles", "particle inlets"} <= set(compiled_in)
+    assert "materials by pair" in left_out
 
 
 def renewal(simulation, parameters):
@@ -183,7 +199,11 @@ def test_gradients_pass_those_who_are_absent():
     """Where they are after three intervals, by gravity and by the inlet's velocity: central differences; one particle
     leaves and two come in."""
     simulation, parameters, state, neighbors = built(
-        {**SHEET, "contact": {"young_modulus": 1e6, "time_step": 1e-3, "speed": 1.0, "maximum_overlap": 0.5}},
+        {
+            **SHEET,
+            "boundary": OPEN,
+            "contact": {"young_modulus": 1e6, "time_step": 1e-3, "speed": 1.0, "maximum_overlap": 0.5},
+        },
         velocity=[[4.0, 0.0], [0.0, 0.0], [0.1, 0.0], [-0.1, 0.0]],
     )
 
@@ -216,7 +236,7 @@ def test_a_scene_without_exits_and_inlets_compiles_neither():
         text = jax.jit(lambda p, s: simulation.step(p, s, neighbors)[0]).lower(parameters, state).as_text()
         return simulation, state.particles, text
 
-    _, particles, text = program(SHEET)
+    _, particles, text = program({**SHEET, "boundary": OPEN})
     assert particles.active.shape == (16,) and "threefry2x32" in text and "tensor<16xi1>" in text
     plain = {name: value for name, value in SHEET["particles"].items() if name != "inlet"}
     simulation, particles, text = program({**SHEET, "particles": plain, "boundary": {}})
