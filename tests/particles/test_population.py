@@ -15,6 +15,7 @@ from jax.experimental.compilation_cache import compilation_cache
 import jaxdem
 from jaxdem import check
 from jaxdem.bodies import largest_radius
+from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.errors import InputError
 from jaxdem.records import particle_counts
 from jaxdem.simulate import Interrupted
@@ -286,6 +287,17 @@ def streams(tmp_path_factory):
     for name, value in before.items():
         jax.config.update(name, value)
     compilation_cache.reset_cache()
+
+
+def test_the_error_of_the_volume_counts_those_present():
+    """Of three particles of volume 2 the last is absent; and of none present nothing is deposited."""
+    active, nobody = jnp.asarray([True, True, False]), jnp.zeros(3, bool)
+    for deposited, volume, mask, error in (
+        (4.0, 2.0, active, 0.0), (6.0, 2.0, active, 0.5), (5.0, [1.0, 3.0, 7.0], active, 0.25),
+        (0.0, 2.0, nobody, 0.0), (5.0, 2.0, None, 1.0 / 6.0),
+    ):  # fmt: skip
+        total = present_volume(jnp.asarray(volume), 3, mask)
+        assert volume_error(jnp.asarray(deposited), total, mask) == pytest.approx(error)
 
 
 def test_with_a_fluid_counts_volume_and_momentum_hold(streams):
