@@ -37,7 +37,7 @@ from jaxdem.coupling.interpolation import (
     interpolate_faces,
 )
 from jaxdem.coupling.lift import LiftInputs, LiftLaw, rotational_drag, vorticity
-from jaxdem.coupling.presence import present_drag, present_volume, present_weights
+from jaxdem.coupling.presence import present_drag, present_volume, present_weights, volume_error
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
 from jaxdem.coupling.unsteady import (
@@ -280,7 +280,7 @@ def exchange(
         *reports,
         _finite(fluid),
         jnp.max(jnp.abs(given - lost)) / size,
-        jnp.abs(jnp.sum(solids) * grid.cell_volume - volume) / volume,
+        volume_error(jnp.sum(solids) * grid.cell_volume, volume, particles.active),
         jnp.min(fluid.void_fraction),
         jnp.sum(drag.out_of_range.astype(jnp.int32)),
     )

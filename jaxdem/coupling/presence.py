@@ -28,7 +28,7 @@ def present_drag(drag: Drag, active: Array | None) -> Drag:
 
 
 def present_volume(volume: Array, count: int, active: Array | None) -> Array:
-    """() volume of all particles present [m3]; of none, the smallest number that one may divide by.
+    """() volume of all particles present [m3].
 
     Args:
         volume: () or (N,) of the particles [m3].
@@ -36,6 +36,16 @@ def present_volume(volume: Array, count: int, active: Array | None) -> Array:
         active: (N,) bool; None where all are present.
     """
     each = jnp.broadcast_to(volume, (count,))
-    if active is None:
-        return jnp.sum(each)
-    return jnp.maximum(jnp.sum(jnp.where(active, each, 0.0)), jnp.finfo(each.dtype).tiny)
+    return jnp.sum(each if active is None else jnp.where(active, each, 0.0))
+
+
+def volume_error(deposited: Array, total: Array, active: Array | None) -> Array:
+    """() |deposited - total| / total; zero where nothing is present and nothing deposited [-].
+
+    Args:
+        deposited: () volume of the solids in all cells [m3].
+        total: () volume of the particles present [m3].
+        active: (N,) bool; None where all are present, so that there is something to divide by.
+    """
+    size = total if active is None else jnp.maximum(total, jnp.finfo(total.dtype).tiny)
+    return jnp.abs(deposited - total) / size

@@ -68,7 +68,8 @@ class Run:
 
         Returns:
             `position` (N, 3) [m], `velocity`, `angular_velocity`, `drag_force`, `contact_force` (N, 3),
-            `radius` (N,), `id` (N,), as far as written. In 2-D the components are (x, z, 0), and of the
+            `radius` (N,), `id` (N,), as far as written; `active` (N,) uint8, 1 for those present, where particles
+            come and go. In 2-D the components are (x, z, 0), and of the
             angular velocity (0, 0, scalar).
 
         Raises:

@@ -13,7 +13,9 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 import jaxdem
+from jaxdem import check
 from jaxdem.bodies import largest_radius
+from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.errors import InputError
 from jaxdem.records import particle_counts
 from jaxdem.simulate import Interrupted
@@ -51,6 +53,10 @@ SHEET = {
 }  # fmt: skip
 
 
+OPEN = {side: {"particles": "remove"} for side in ("left", "right", "bottom", "top")}
+"""No walls: less to compile."""
+
+
 def built(tables, **particles):
     tables = {**tables, "particles": {**tables["particles"], **particles}}
     scene = jaxdem.load_scene(tables)
@@ -66,6 +72,17 @@ def box():
 @pytest.fixture(scope="module")
 def sheet():
     return built(SHEET)
+
+
+def test_check_says_who_comes_and_goes(sheet):
+    """The number of rows is known before the run, and so is when they are due."""
+    scene = jaxdem.load_scene(SHEET)
+    rows = dict(check._population(scene, sheet[0], sheet[2]))
+    assert rows["present at the start"] == "4" and rows["removed at"] == "right"
+    assert rows["inlet 0"] == "12 particles at 100 1/s, due from 0.01 to 0.12 s, up to 4 at once"
+    compiled_in, left_out = check._parts(scene, sheet[0], sheet[1])
+    assert {"removal of particles", "particle inlets"} <= set(compiled_in)
+    assert "materials by pair" in left_out
 
 
 def renewal(simulation, parameters):
@@ -183,7 +200,11 @@ def test_gradients_pass_those_who_are_absent():
     """Where they are after three intervals, by gravity and by the inlet's velocity: central differences; one particle
     leaves and two come in."""
     simulation, parameters, state, neighbors = built(
-        {**SHEET, "contact": {"young_modulus": 1e6, "time_step": 1e-3, "speed": 1.0, "maximum_overlap": 0.5}},
+        {
+            **SHEET,
+            "boundary": OPEN,
+            "contact": {"young_modulus": 1e6, "time_step": 1e-3, "speed": 1.0, "maximum_overlap": 0.5},
+        },
         velocity=[[4.0, 0.0], [0.0, 0.0], [0.1, 0.0], [-0.1, 0.0]],
     )
 
@@ -216,7 +237,7 @@ def test_a_scene_without_exits_and_inlets_compiles_neither():
         text = jax.jit(lambda p, s: simulation.step(p, s, neighbors)[0]).lower(parameters, state).as_text()
         return simulation, state.particles, text
 
-    _, particles, text = program(SHEET)
+    _, particles, text = program({**SHEET, "boundary": OPEN})
     assert particles.active.shape == (16,) and "threefry2x32" in text and "tensor<16xi1>" in text
     plain = {name: value for name, value in SHEET["particles"].items() if name != "inlet"}
     simulation, particles, text = program({**SHEET, "particles": plain, "boundary": {}})
@@ -266,6 +287,17 @@ def streams(tmp_path_factory):
     for name, value in before.items():
         jax.config.update(name, value)
     compilation_cache.reset_cache()
+
+
+def test_the_error_of_the_volume_counts_those_present():
+    """Of three particles of volume 2 the last is absent; and of none present nothing is deposited."""
+    active, nobody = jnp.asarray([True, True, False]), jnp.zeros(3, bool)
+    for deposited, volume, mask, error in (
+        (4.0, 2.0, active, 0.0), (6.0, 2.0, active, 0.5), (5.0, [1.0, 3.0, 7.0], active, 0.25),
+        (0.0, 2.0, nobody, 0.0), (5.0, 2.0, None, 1.0 / 6.0),
+    ):  # fmt: skip
+        total = present_volume(jnp.asarray(volume), 3, mask)
+        assert volume_error(jnp.asarray(deposited), total, mask) == pytest.approx(error)
 
 
 def test_with_a_fluid_counts_volume_and_momentum_hold(streams):

@@ -11,6 +11,7 @@ import pytest
 
 import jaxdem
 from benchmarks.cases.worlds import advance, batch, forces, track, world
+from jaxdem import check
 from jaxdem.bodies import material_table
 from jaxdem.errors import InputError
 from jaxdem.initial import initial_positions, scene_bodies
@@ -215,6 +216,8 @@ def test_the_build_hands_materials_on():
     assert index.wall.tolist() == [0] * 6 + [1, 0, 0]
     assert float(parameters.contact.friction[SOFT_HARD]) == pytest.approx(0.2)
     assert parameters.contact.young_modulus.tolist() == [1e9, 1e10, 7e7]
+    scene = scene_of(["soft", "hard"], walls=walls, contact=contact)
+    assert "materials by pair: soft, hard" in check._parts(scene, simulation, parameters)[0]
     assert float(jaxdem.build(scene_of())[0].contact.model.materials.particle) == 0
 
 
