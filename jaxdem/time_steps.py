@@ -11,8 +11,8 @@ from jaxdem import stability
 from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT
 from jaxdem.errors import InputError
 from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
-from jaxdem.initial import rows_of
-from jaxdem.scene import Scene, parabolic_axes
+from jaxdem.initial import initial_count, rows_of
+from jaxdem.scene import Contact, Scene, parabolic_axes
 
 AUTO_COURANT = 0.5
 """Courant number of the automatic fluid step at the largest boundary speed."""
@@ -60,6 +60,7 @@ def time_steps(scene: Scene) -> TimeSteps:
     if scene.fluid is not None:
         interval, fluid_step = _fluid_steps(scene, limits)
         substeps = _substeps_for(interval, fluid_step, limits)
+        _check_courant(scene, interval)
     else:
         interval = min(output, 0.01)
     per_output = _whole(output / interval)
@@ -146,6 +147,35 @@ def _substeps_for(interval: float, fluid_step: float, limits: dict[str, float]) 
     )
 
 
+def _check_courant(scene: Scene, interval: float) -> None:
+    """Refuses an interval in which the initial fluid, or an inlet, certainly passes more cells than 8 steps may."""
+    fluid = scene.fluid
+    assert fluid is not None and fluid.velocity is not None
+    spacing = [length / n for length, n in zip(scene.domain.size, fluid.cells, strict=True)]
+    rates = [sum(abs(u) / h for u, h in zip(fluid.velocity, spacing, strict=True))]
+    for number, name in enumerate(scene.sides):
+        side, axis = scene.boundary[name], number // 2
+        others = [h for a, h in enumerate(spacing) if a != axis]
+        # A patch of two cells holds one whole face of a cell; a profile or a table may be anything in between.
+        patch = side.from_ is None or side.to is None
+        whole = patch or all(
+            b - a >= 2.0 * h for a, b, h in zip(side.from_ or (), side.to or (), others, strict=True)
+        )
+        even = side.profile == "uniform" and isinstance(side.velocity, tuple)
+        if side.kind == "inlet" and whole and even and scene.time.end >= (side.ramp_time or 0.0):
+            rates.append(abs(side.velocity[axis]) / spacing[axis])  # type: ignore[index]
+    allowed = SUBSTEPS[-1] * fluid.courant_limit / max(*rates, 1e-300)
+    if interval > allowed * (1.0 + 5e-4):
+        given = scene.coupling is not None and scene.coupling.interval != "auto"
+        raise InputError(
+            "coupling.interval" if given else "fluid.time_step",
+            interval,
+            f"the fluid passes {interval * max(rates):.3g} cells in it, {SUBSTEPS[-1]} fluid steps of a Courant number "
+            f"of {fluid.courant_limit} pass {SUBSTEPS[-1] * fluid.courant_limit:.3g}",
+            f"set it to {allowed:.3g} or less, or use larger cells",
+        )
+
+
 def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
     """Limits of the contact step [s], into `limits`; returns expected speed and overlap over diameter."""
     contact, particles = scene.contact, scene.particles
@@ -167,8 +197,7 @@ def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, floa
         )
         limits["contact_duration"] = stability.hertz_duration(0.5 * mass, 0.5 * radius, modulus, speed)
         overlap = stability.hertz_overlap(0.5 * mass, 0.5 * radius, modulus, speed)
-        stiffness = stability.hertz_stiffness(0.5 * radius, modulus, overlap)
-    limits["contact_stability"] = stability.contact_stability_limit(mass, stiffness)
+    limits["contact_stability"] = contact_stability(scene, speed)
     relative = overlap / (2.0 * radius)
     if relative > contact.maximum_overlap:
         key = (
@@ -183,6 +212,94 @@ def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, floa
             "stiffen the contact, lower contact.speed, or raise contact.maximum_overlap",
         )
     return speed, relative
+
+
+def contact_stability(scene: Scene, speed: float, overlap: float | None = None) -> float:
+    """Stability limit of the contact step for this scene's materials, sizes and walls [s].
+
+    Every contact that a particle has room for is taken to be as deep as an impact of the heaviest particle at
+    `speed`, on the lightest, makes it, up to `contact.maximum_overlap`.
+
+    Args:
+        scene: with particles.
+        speed: largest to expect [m/s].
+        overlap: of all contacts in place of the expected one [m].
+    """
+    contact, particles = scene.contact, scene.particles
+    assert contact is not None and particles is not None
+    small, large = float(np.min(particles.radius)), float(np.max(particles.radius))
+    light = 4.0 / 3.0 * math.pi * small**3 * float(np.min(particles.density))
+    heavy = 4.0 / 3.0 * math.pi * large**3 * float(np.max(particles.density))
+    # Light particles touch each other and heavy ones. These move less: their factor 1 + q is such that the bound
+    # over a heavy particle's contacts, of which it has more, is the same.
+    more = (0.5 * (1.0 + large / small)) ** (scene.dimension - 1)
+    kinds = [(2.0, 0.5 * light, 0.5 * small)]
+    if heavy > light:
+        reduced = light * heavy / (light + heavy)
+        kinds.append((1.0 + more * light / heavy, reduced, small * large / (small + large)))
+    depths = {}
+    for wall in (False, True):
+        modulus = _effective_moduli(contact, wall)[0]
+        deepest = stability.hertz_overlap(
+            heavy if wall else 0.5 * heavy, small if wall else 0.5 * small, modulus, speed
+        )
+        depths[wall] = overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
+
+    def linearised(mass: float, radius: float, wall: bool) -> stability.LinearContact:
+        rough = ((contact.wall_friction or 0.0) if wall else contact.friction) > 0.0
+        if contact.law == "linear_spring_dashpot":
+            spring, across = contact.normal_stiffness or 0.0, contact.tangential_stiffness or 0.0
+            result = stability.linear_contact(mass, spring, across, contact.restitution, rough)
+        else:
+            moduli = _effective_moduli(contact, wall)
+            result = stability.hertz_mindlin_contact(
+                mass, radius, *moduli, depths[wall], contact.restitution, rough
+            )
+        if contact.rolling_friction > 0.0 and contact.rolling_model == "epsd":
+            result = _with_rolling_spring(result, contact, radius / small, mass)
+        return result
+
+    pairs = [(factor, linearised(mass, radius, wall=False)) for factor, mass, radius in kinds]
+    thin = sum(
+        not wraps and length <= 2.0 * large
+        for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
+    )
+    walls = min(scene.dimension, scene.periodic.count(False) + len(scene.walls))
+    return stability.contact_stability_limit(
+        light,
+        scene.dimension,
+        pairs,
+        linearised(light, small, wall=True),
+        initial_count(scene) - 1,
+        walls,
+        thin,
+    )
+
+
+def _with_rolling_spring(
+    contact: stability.LinearContact, settings: Contact, arm: float, mass: float
+) -> stability.LinearContact:
+    """With the spring of epsd, 9/4 (mu_r R*)^2 F_e/d, and its dashpot; `arm` is R* over the particle's radius."""
+    secant = contact.normal * (2.0 / 3.0 if settings.law == "hertz_mindlin" else 1.0)
+    spring = 2.25 * (settings.rolling_friction * arm) ** 2 * secant
+    dashpot = 2.0 * settings.rolling_damping * math.sqrt(1.4 * mass * spring)
+    return contact._replace(rolling=spring, rolling_damping=dashpot)
+
+
+def _effective_moduli(contact: Contact, wall: bool) -> tuple[float, float]:
+    """E* and G* of two particles, or of a particle and a wall [Pa]; see `jaxdem.particles.materials`."""
+
+    def compliances(young: float, poisson: float) -> tuple[float, float]:
+        return (1.0 - poisson**2) / young, 2.0 * (1.0 + poisson) * (2.0 - poisson) / young
+
+    normal, shear = compliances(contact.young_modulus, contact.poisson_ratio)
+    other = (normal, shear)
+    if wall:
+        young = contact.wall_young_modulus
+        rigid = not isinstance(young, float)
+        poisson = contact.poisson_ratio if contact.wall_poisson_ratio is None else contact.wall_poisson_ratio
+        other = (0.0, 0.0) if rigid else compliances(float(young), poisson)  # type: ignore[arg-type]
+    return 1.0 / (normal + other[0]), 1.0 / (shear + other[1])
 
 
 def expected_speed(scene: Scene) -> float:
@@ -204,7 +321,7 @@ def _contact_step(scene: Scene, limits: dict[str, float]) -> float:
     limits["contact_automatic"] = min(
         0.2 * limits.get("rayleigh", math.inf),
         limits["contact_duration"] / 20.0,
-        0.5 * limits["contact_stability"],
+        limits["contact_stability"],
     )
     if contact.time_step == "auto":
         return limits["contact_automatic"]

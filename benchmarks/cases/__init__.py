@@ -1,0 +1,1 @@
+"""Cases of the benchmarks, one module a question."""
