@@ -13,7 +13,7 @@ from jaxdem.stability import LinearContact, contact_stability_limit
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from cases import extremes, stability  # noqa: E402
+from cases import extremes, stability
 
 SMOOTH = LinearContact(3.0, 0.0, 0.0, 0.0)
 ROUGH = LinearContact(3.0, 2.5, 0.0, 0.0)
