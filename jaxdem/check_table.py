@@ -20,7 +20,7 @@ LIMIT_NAMES = {
     "contact_automatic": "automatic contact step",
     "courant": "Courant limit",
     "viscous": "viscous limit",
-    "viscous_model": "with subgrid viscosity, model B",
+    "viscous_model": "viscous limit of the models",
 }
 
 
