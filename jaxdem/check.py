@@ -13,11 +13,12 @@ import numpy as np
 from jaxdem import stability
 from jaxdem.bodies import material_table
 from jaxdem.build import Simulation, build, initial_state
-from jaxdem.coupling.exchange import FluidInterval
+from jaxdem.coupling.exchange import VISCOUS_LIMIT, FluidInterval
 from jaxdem.initial import scene_bodies
 from jaxdem.scene import Scene
 from jaxdem.simulate import samples_every
 from jaxdem.state import Parameters, State
+from jaxdem.time_steps import boundary_speed
 
 WORKING_COPIES = 3
 """Copies of a state that a compiled step is taken to need: before, after, and in between."""
@@ -42,7 +43,9 @@ class CheckReport:
         time_steps: contact, contacts_per_interval, interval, fluid, fluid_substeps, outputs, intervals.
         limits: named time-step limits.
         expected_speed: of particles, that the contact limits stand on [m/s].
-        expected_overlap: at that speed, over the diameter [-].
+        speed_limit: at which a particle stops the run, for an impact then overlaps by `maximum_overlap` [m/s].
+        expected_overlap: at the expected speed, over the diameter [-].
+        maximum_overlap: that is accepted, over the diameter [-].
         restitution_error: to expect from the contact step's length [-].
         resting_overlap: of a grain under its own weight, over the diameter [-].
         overlap_resolution: rounding of a listed pair's overlap over the resting overlap [-].
@@ -65,7 +68,9 @@ class CheckReport:
     time_steps: dict[str, float]
     limits: dict[str, float]
     expected_speed: float | None
+    speed_limit: float | None
     expected_overlap: float | None
+    maximum_overlap: float | None
     restitution_error: float | None
     resting_overlap: float | None
     overlap_resolution: float | None
@@ -112,15 +117,37 @@ def check_scene(scene: Scene) -> CheckReport:
         kernel_half_width=simulation.half_width,
         void_fraction=None if void is None else (float(jnp.min(void)), float(jnp.mean(void))),
         time_steps=time_steps,
-        limits=dict(steps.limits),
+        limits=dict(steps.limits)
+        | _model_viscous_limit(scene, simulation, None if void is None else float(void.min())),
         expected_speed=steps.expected_speed,
+        speed_limit=steps.speed_limit,
         expected_overlap=steps.expected_overlap,
+        maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
         memory=_memory(simulation, state, neighbors),
         population=_population(scene, simulation, state),
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(scene, simulation),
     )
+
+
+def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | None) -> dict[str, float]:
+    """Viscous limit [s] with what a subgrid viscosity and model B add to nu, as far as that is known beforehand.
+
+    nu_t = (C_s Delta)^2 sqrt(2 S:S) for a shear of the largest boundary speed over the smallest cell side, where
+    sqrt(2 S:S) = U/h; model B: over the smallest void fraction of the start. While running, the true ones decide.
+    """
+    fluid = scene.fluid
+    model_b = (
+        simulation.fluid is not None and not simulation.fluid.solver.shares_stress and lowest is not None
+    )
+    if fluid is None or simulation.fluid is None or not (fluid.smagorinsky > 0.0 or model_b):
+        return {}
+    grid = simulation.fluid.solver.grid
+    width = math.prod(grid.spacing) ** (1.0 / grid.dimension)
+    eddies = (fluid.smagorinsky * width) ** 2 * boundary_speed(scene) / min(grid.spacing)
+    viscosity = (fluid.viscosity + eddies) / (lowest if model_b and lowest else 1.0)
+    return {"viscous_model": stability.viscous_time(viscosity, grid.spacing, VISCOUS_LIMIT)}
 
 
 def restitution_error(contact_steps: float) -> float:

@@ -10,6 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from jaxdem.check import CheckReport
+from jaxdem.closures.correlation import MINIMUM_VOID_FRACTION as LAW_FLOOR
+from jaxdem.failures import MINIMUM_VOID_FRACTION
 
 LIMIT_NAMES = {
     "rayleigh": "Rayleigh time",
@@ -18,6 +20,7 @@ LIMIT_NAMES = {
     "contact_automatic": "automatic contact step",
     "courant": "Courant limit",
     "viscous": "viscous limit",
+    "viscous_model": "viscous limit of the models",
 }
 
 
@@ -59,7 +62,8 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
         yield "kernel half-width", f"{_times(report.kernel_half_width)} m"
     if report.void_fraction is not None:
         low, mean = report.void_fraction
-        yield "void fraction at the start", f"min {low:.3f}, mean {mean:.3f}"
+        text = f"min {low:.3f}, mean {mean:.3f}; limit {MINIMUM_VOID_FRACTION} in a cell"
+        yield "void fraction at the start", f"{text}, drag laws are evaluated at {LAW_FLOOR} at least"
 
 
 def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
@@ -68,6 +72,12 @@ def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
         text = f"{value:.4g} s" if math.isfinite(value) else "none (nothing moves, or no viscosity)"
         if name == "courant" and math.isfinite(value):
             text += " at the largest boundary speed; faster flow is cut into up to 8 fluid steps"
+        if name == "contact_duration":
+            text += f"; the automatic step is 1/20 of it, {value / 20.0:.4g} s"
+        if name == "contact_stability":
+            text += " with every contact that there is room for at the largest overlap expected"
+        if name == "viscous_model" and math.isfinite(value):
+            text += " at the largest boundary speed over a cell; the run stops where the flow asks for less"
         yield LIMIT_NAMES.get(name, name), text
     if "contact" in steps:
         duration = report.limits["contact_duration"] / steps["contact"]
@@ -77,7 +87,7 @@ def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
         yield "fluid step", f"{steps['fluid']:.4g} s, {steps['fluid_substeps']:.0f} per interval at least"
     if report.relaxation_time is not None:
         ratio = report.relaxation_time / steps["fluid"]
-        text = f"{report.relaxation_time:.4g} s, {ratio:.3g} fluid steps (drag is implicit: no limit)"
+        text = f"{report.relaxation_time:.4g} s, {ratio:.3g} fluid steps (drag is implicit: no limit of stability)"
         yield "Stokes relaxation time", text
     yield "coupling interval", f"{steps['interval']:.4g} s"
     total = f"{steps['intervals']:.0f} intervals, {steps['outputs']:.0f} outputs after the first"
@@ -89,7 +99,13 @@ def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
 def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
     if report.expected_speed is not None and report.expected_overlap is not None:
         yield "largest speed expected", f"{report.expected_speed:.3g} m/s (contact.speed)"
-        yield "overlap at that speed", f"{100 * report.expected_overlap:.2g} % of a diameter"
+        text = f"{100 * report.expected_overlap:.2g} % of a diameter"
+        if report.maximum_overlap is not None and report.speed_limit is not None:
+            text += (
+                f"; limit {100 * report.maximum_overlap:.3g} % (contact.maximum_overlap), reached at "
+                f"{report.speed_limit:.3g} m/s, where the run stops"
+            )
+        yield "overlap at that speed", text
     if report.restitution_error is not None:
         yield "error of the restitution", f"about {report.restitution_error:.2g}"
     if report.resting_overlap is not None:

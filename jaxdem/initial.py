@@ -68,6 +68,13 @@ def scene_bodies(scene: Scene) -> Bodies:
     return collapsed(Bodies(*(np.concatenate(columns) for columns in zip(*parts, strict=True))))
 
 
+def initial_count(scene: Scene) -> int:
+    """Number of particles that a scene starts with, without laying out a pack whose number is given."""
+    assert scene.particles is not None
+    count = scene.particles.count
+    return len(initial_positions(scene)) if count is None else count
+
+
 def check_initial_positions(scene: Scene, position: np.ndarray) -> None:
     """Refuses particles that overlap each other or a wall, or lie outside the box."""
     particles = scene.particles

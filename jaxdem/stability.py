@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 
 def rayleigh_time(radius: float, density: float, young_modulus: float, poisson_ratio: float) -> float:
@@ -51,13 +53,168 @@ def linear_overlap(mass: float, stiffness: float, speed: float) -> float:
     return speed * math.sqrt(mass / stiffness)
 
 
-def contact_stability_limit(mass: float, stiffness: float) -> float:
-    """Largest stable contact step, 2 / w_max with w_max = sqrt(8 k / m) [s].
+class LinearContact(NamedTuple):
+    """A contact about a given overlap: stiffnesses and dashpots per displacement and velocity of the surfaces.
 
-    8 k/m is the highest squared frequency of a close-packed lattice of masses m with contacts of stiffness
-    k; looser packs and single contacts (2 k/m) are slower.
+    Attributes:
+        normal: [N/m].
+        tangential: 0 without friction [N/m].
+        normal_damping: [N s/m].
+        tangential_damping: [N s/m].
+        rolling: of the rolling spring over the particle's radius squared, 0 without [N/m].
+        rolling_damping: over the radius squared [N s/m].
     """
-    return 2.0 / math.sqrt(8.0 * stiffness / mass)
+
+    normal: float
+    tangential: float
+    normal_damping: float
+    tangential_damping: float
+    rolling: float = 0.0
+    rolling_damping: float = 0.0
+
+
+def hertz_mindlin_contact(
+    mass: float, radius: float, modulus: float, shear: float, overlap: float, restitution: float, rough: bool
+) -> LinearContact:
+    """A Hertz-Mindlin contact about an overlap d: S_n = 2 E* sqrt(R* d), S_t = 8 G* sqrt(R* d).
+
+    Dashpots 2 sqrt(5/6) |b| sqrt(S m*) of either; both are in `jaxdem.particles.contact`.
+
+    Args:
+        mass: effective m* [kg].
+        radius: effective R* [m].
+        modulus: effective E* [Pa].
+        shear: effective G* [Pa].
+        overlap: [m].
+        restitution: [-].
+        rough: whether there is friction.
+    """
+    normal = hertz_stiffness(radius, modulus, overlap)
+    tangential = 4.0 * shear / modulus * normal if rough else 0.0
+    factor = 2.0 * math.sqrt(5.0 / 6.0) * damping_ratio(restitution)
+    return LinearContact(
+        normal, tangential, factor * math.sqrt(normal * mass), factor * math.sqrt(tangential * mass)
+    )
+
+
+def linear_contact(
+    mass: float, normal: float, tangential: float, restitution: float, rough: bool
+) -> LinearContact:
+    """A linear spring-dashpot contact; the tangential dashpot is half the normal one.
+
+    Args:
+        mass: effective m* [kg].
+        normal, tangential: stiffness [N/m].
+        restitution: [-].
+        rough: whether there is friction.
+    """
+    damping = 2.0 * damping_ratio(restitution) * math.sqrt(normal * mass)
+    return LinearContact(normal, tangential if rough else 0.0, damping, 0.5 * damping if rough else 0.0)
+
+
+ROOM = {0: (0,), 1: (2, 1), 2: (6, 4, 2), 3: (12, 9, 5, 3)}
+"""Equal spheres that touch one at once, in so many free dimensions: in the pack, and with 1, 2, 3 walls in their place."""
+
+LOPSIDED = {
+    0: (0.0,),
+    1: (0.0, 1.0, 0.0),
+    2: (0.0, 1.0, math.sqrt(3.0), 2.0, math.sqrt(3.0), 1.0, 0.0),
+    3: (0.0, 1.0, *(math.sqrt(z * (12.0 - z) / 3.0) for z in range(2, 11)), 1.0, 0.0),
+}
+"""Largest |sum of the unit vectors to Z touching spheres|, by free dimensions and Z. In 2-D of neighbours in a hexagon;
+in 3-D of places in a close packing, bounded by (Z - Z^2/12) 4: their tensor n n^T sums to 4."""
+
+
+def contact_stability_limit(
+    mass: float,
+    dimension: int,
+    pairs: Sequence[tuple[float, LinearContact]],
+    wall: LinearContact,
+    neighbors: int,
+    walls: int,
+    thin: int = 0,
+) -> float:
+    """Largest stable contact step, 2/omega_max with what dashpots take from it [s].
+
+    The integrator (`jaxdem.particles.loop`) is a leapfrog: springs act at the position in the middle of a step,
+    normal dashpots on v + a dt/2 with the acceleration of the step before, tangential ones on the velocity at the
+    start of the step. With x(n) = (-1)^n x, where it loses stability first, these velocities times dt are 4 x and
+    2 x, and the equation of motion becomes
+
+        x.(dt^2 K + 4 dt C_n + 2 dt C_t) x = 4 x.M x.
+
+    All matrices are sums over contacts, and |a - b|^2 <= (1 + q) |a|^2 + (1 + 1/q) |b|^2: so the largest eigenvalue is
+    at most that of one particle's own contacts, times 2 between equal particles (q = 1), 1 at a wall. With
+    k_n = dt^2 S_n + 4 dt c_n and k_t = dt^2 S_t + 2 dt c_t, Z contacts of which at most n_Z act along one line and t_Z
+    on one axis of rotation (inertia 2/5 m r^2), and s_Z = |sum of their normals|,
+
+        T = k_n n_Z + k_t (Z - n_Z),   R = 5/2 k_t t_Z,   X = sqrt(5/2) k_t s_Z,
+        dt at which  (T + R)/2 + sqrt((T - R)^2/4 + X^2) = 4 m.
+
+    Without dashpots that is 2/omega_max: omega_max^2 is 2 S_n/m for a smooth pair, 6 and 8 S_n/m for a smooth
+    hexagonal and a smooth close-packed lattice, 30 and 40 S_t/m for rough ones, in which all grains spin alike: there
+    the bound is met exactly. `benchmarks/stability.py` compares with limits found by trial.
+
+    Args:
+        mass: of the lightest particle [kg].
+        dimension: 2 or 3.
+        pairs: kinds of contacts between particles, each with its factor 1 + q.
+        wall: contact with a wall.
+        neighbors: number of other particles.
+        walls: number of axes with walls, each of which a particle may touch.
+        thin: number of these axes along which a particle may touch both walls.
+
+    Source: derived here, as element bounds are for finite elements (B. M. Irons, Int. J. Numer. Methods Eng. 2
+    (1970) 5-12).
+    """
+    free = dimension - thin
+    limit = math.inf
+    for touching in range(min(walls - thin, free) + 1):
+        count = min(max(neighbors, 0), ROOM[free][touching])
+        for factor, pair in pairs:
+            limit = min(limit, _limit_of(mass, free, factor, pair, count, wall, touching, thin))
+    return limit
+
+
+def _limit_of(
+    mass: float,
+    free: int,
+    factor: float,
+    pair: LinearContact,
+    count: int,
+    wall: LinearContact,
+    touching: int,
+    thin: int,
+) -> float:
+    """The limit for a particle with `count` neighbours, at `touching` single walls and between `thin` pairs of them."""
+    along = min(count, 2.0 + 0.25 * max(count - 2, 0), 4.0 if free == 3 else 3.0)
+    axis = min(count, 6.0 + max(count - 6, 0) / 3.0)
+    held = touching + 2 * thin
+    held_along = 2.0 if thin else min(held, 1.0)
+    kinds = (
+        (factor, pair, along, count, axis, LOPSIDED[free][count]),
+        (1.0, wall, held_along, held, held, math.sqrt(touching)),
+    )
+
+    def largest(step: float) -> float:
+        translation = rotation = cross = 0.0
+        for weight, contact, line, number, spin, lopsided in kinds:
+            normal = weight * (step**2 * contact.normal + 4.0 * step * contact.normal_damping)
+            tangential = weight * (step**2 * contact.tangential + 2.0 * step * contact.tangential_damping)
+            rolling = weight * (step**2 * contact.rolling + 2.0 * step * contact.rolling_damping)
+            translation += normal * line + tangential * (number - line)
+            rotation += 2.5 * (tangential * spin + rolling * number)
+            cross += math.sqrt(2.5) * tangential * lopsided
+        return 0.5 * (translation + rotation) + math.hypot(0.5 * (translation - rotation), cross)
+
+    stiffness = sum(w * c.normal * line for w, c, line, *_ in kinds)
+    if stiffness == 0.0:
+        return math.inf
+    low, high = 0.0, 2.0 * math.sqrt(mass / stiffness)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if largest(middle) <= 4.0 * mass else (low, middle)
+    return low
 
 
 def damping_ratio(restitution: float) -> float:

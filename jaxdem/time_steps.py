@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxdem import stability
+from jaxdem.arrivals import arrivals
 from jaxdem.bodies import material_table, wall_materials
 from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT
 from jaxdem.errors import InputError
 from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
-from jaxdem.initial import scene_bodies
+from jaxdem.initial import initial_count, scene_bodies
 from jaxdem.rows import rows_of
-from jaxdem.scene import Scene, parabolic_axes
+from jaxdem.scene import Contact, Scene, parabolic_axes
 from jaxdem.scene_population import inlet_speed
 
 AUTO_COURANT = 0.5
@@ -64,6 +65,7 @@ def time_steps(scene: Scene) -> TimeSteps:
     if scene.fluid is not None:
         interval, fluid_step = _fluid_steps(scene, limits)
         substeps = _substeps_for(interval, fluid_step, limits)
+        _check_courant(scene, interval)
     else:
         interval = min(output, 0.01)
     per_output = _whole(output / interval)
@@ -150,6 +152,35 @@ def _substeps_for(interval: float, fluid_step: float, limits: dict[str, float]) 
     )
 
 
+def _check_courant(scene: Scene, interval: float) -> None:
+    """Refuses an interval in which the initial fluid, or an inlet, certainly passes more cells than 8 steps may."""
+    fluid = scene.fluid
+    assert fluid is not None and fluid.velocity is not None
+    spacing = [length / n for length, n in zip(scene.domain.size, fluid.cells, strict=True)]
+    rates = [sum(abs(u) / h for u, h in zip(fluid.velocity, spacing, strict=True))]
+    for number, name in enumerate(scene.sides):
+        side, axis = scene.boundary[name], number // 2
+        others = [h for a, h in enumerate(spacing) if a != axis]
+        # A patch of two cells holds one whole face of a cell; a profile or a table may be anything in between.
+        patch = side.from_ is None or side.to is None
+        whole = patch or all(
+            b - a >= 2.0 * h for a, b, h in zip(side.from_ or (), side.to or (), others, strict=True)
+        )
+        even = side.profile == "uniform" and isinstance(side.velocity, tuple)
+        if side.kind == "inlet" and whole and even and scene.time.end >= (side.ramp_time or 0.0):
+            rates.append(abs(side.velocity[axis]) / spacing[axis])  # type: ignore[index]
+    allowed = SUBSTEPS[-1] * fluid.courant_limit / max(*rates, 1e-300)
+    if interval > allowed * (1.0 + 5e-4):
+        given = scene.coupling is not None and scene.coupling.interval != "auto"
+        raise InputError(
+            "coupling.interval" if given else "fluid.time_step",
+            interval,
+            f"the fluid passes {interval * max(rates):.3g} cells in it, {SUBSTEPS[-1]} fluid steps of a Courant number "
+            f"of {fluid.courant_limit} pass {SUBSTEPS[-1] * fluid.courant_limit:.3g}",
+            f"set it to {allowed:.3g} or less, or use larger cells",
+        )
+
+
 def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
     """Limits of the contact step [s], into `limits`; returns expected speed and overlap over diameter."""
     contact = scene.contact
@@ -157,10 +188,9 @@ def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, floa
     speed = expected_speed(scene)
     bodies = _contact_bodies(scene)
     linear = contact.law == "linear_spring_dashpot"
-    durations, stable, overlaps = [], [], []
+    durations, overlaps = [], []
     for one, other in itertools.combinations_with_replacement(bodies, 2):
-        light = min(one.mass, other.mass)
-        if math.isinf(light):
+        if math.isinf(min(one.mass, other.mass)):
             continue  # two walls
         mass, radius = _effective(one.mass, other.mass), _effective(one.radius, other.radius)
         if linear:
@@ -172,8 +202,6 @@ def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, floa
             modulus = _effective(one.modulus, other.modulus)
             durations.append(stability.hertz_duration(mass, radius, modulus, speed))
             overlap = stability.hertz_overlap(mass, radius, modulus, speed)
-            stiffness = stability.hertz_stiffness(radius, modulus, overlap)
-        stable.append(stability.contact_stability_limit(light, stiffness))
         overlaps.append((overlap / (2.0 * min(one.radius, other.radius)), one, other))
     if not linear:
         limits["rayleigh"] = min(
@@ -181,7 +209,7 @@ def _contact_limits(scene: Scene, limits: dict[str, float]) -> tuple[float, floa
             for body in bodies
             if math.isfinite(body.mass)
         )
-    limits["contact_duration"], limits["contact_stability"] = min(durations), min(stable)
+    limits["contact_duration"], limits["contact_stability"] = min(durations), contact_stability(scene, speed)
     relative, one, other = max(overlaps, key=lambda found: found[0])
     if relative > contact.maximum_overlap:
         soft = min(one, other, key=lambda body: body.young_modulus)
@@ -251,6 +279,144 @@ def _least_damping(scene: Scene) -> float:
     return stability.damping_ratio(restitution)
 
 
+def contact_stability(scene: Scene, speed: float, overlap: float | None = None) -> float:
+    """Stability limit of the contact step for this scene's materials, sizes and walls [s].
+
+    Every contact that a particle has room for is taken to be as deep as an impact of the heaviest particle at
+    `speed`, on the lightest, makes it, up to `contact.maximum_overlap`; with several materials, of the stiffest and
+    most damped pair there is.
+
+    Args:
+        scene: with particles.
+        speed: largest to expect [m/s].
+        overlap: of all contacts in place of the expected one [m].
+    """
+    contact = scene.contact
+    assert contact is not None and scene.particles is not None
+    bodies = [body for body in _contact_bodies(scene) if math.isfinite(body.mass)]
+    small, large = min(body.radius for body in bodies), max(body.radius for body in bodies)
+    light, heavy = min(body.mass for body in bodies), max(body.mass for body in bodies)
+    # Light particles touch each other and heavy ones. These move less: their factor 1 + q is such that the bound
+    # over a heavy particle's contacts, of which it has more, is the same.
+    more = (0.5 * (1.0 + large / small)) ** (scene.dimension - 1)
+    kinds = [(2.0, 0.5 * light, 0.5 * small)]
+    if heavy > light:
+        reduced = light * heavy / (light + heavy)
+        kinds.append((1.0 + more * light / heavy, reduced, small * large / (small + large)))
+    worst = {wall: _worst_constants(scene, wall) for wall in (False, True)}
+    depths = {}
+    for wall in (False, True):
+        deepest = stability.hertz_overlap(
+            heavy if wall else 0.5 * heavy, small if wall else 0.5 * small, worst[wall].modulus, speed
+        )
+        depths[wall] = overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
+
+    def linearised(mass: float, radius: float, wall: bool) -> stability.LinearContact:
+        constants = worst[wall]
+        if contact.law == "linear_spring_dashpot":
+            spring, across = contact.normal_stiffness or 0.0, contact.tangential_stiffness or 0.0
+            result = stability.linear_contact(mass, spring, across, constants.restitution, constants.rough)
+        else:
+            result = stability.hertz_mindlin_contact(
+                mass,
+                radius,
+                constants.modulus,
+                constants.shear_modulus,
+                depths[wall],
+                constants.restitution,
+                constants.rough,
+            )
+        if constants.rolling_friction > 0.0 and contact.rolling_model == "epsd":
+            result = _with_rolling_spring(result, contact, constants.rolling_friction, radius / small, mass)
+        return result
+
+    pairs = [(factor, linearised(mass, radius, wall=False)) for factor, mass, radius in kinds]
+    thin = sum(
+        not wraps and length <= 2.0 * large
+        for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
+    )
+    walls = min(scene.dimension, scene.periodic.count(False) + len(scene.walls))
+    return stability.contact_stability_limit(
+        light,
+        scene.dimension,
+        pairs,
+        linearised(light, small, wall=True),
+        _row_count(scene) - 1,
+        walls,
+        thin,
+    )
+
+
+def _row_count(scene: Scene) -> int:
+    """Number of particles that a scene ever has."""
+    return initial_count(scene) + sum(len(arrival.time) for arrival in arrivals(scene))
+
+
+def _with_rolling_spring(
+    contact: stability.LinearContact, settings: Contact, friction: float, arm: float, mass: float
+) -> stability.LinearContact:
+    """With the spring of epsd, 9/4 (mu_r R*)^2 F_e/d, and its dashpot; `arm` is R* over the particle's radius."""
+    secant = contact.normal * (2.0 / 3.0 if settings.law == "hertz_mindlin" else 1.0)
+    spring = 2.25 * (friction * arm) ** 2 * secant
+    dashpot = 2.0 * settings.rolling_damping * math.sqrt(1.4 * mass * spring)
+    return contact._replace(rolling=spring, rolling_damping=dashpot)
+
+
+class _Constants(NamedTuple):
+    """E*, G* [Pa], restitution, whether there is friction, rolling friction."""
+
+    modulus: float
+    shear_modulus: float
+    restitution: float
+    rough: bool
+    rolling_friction: float
+
+
+def _worst_constants(scene: Scene, wall: bool) -> _Constants:
+    """Of contacts between particles, or with walls: the largest moduli and friction, and the least restitution."""
+    contact, table = scene.contact, material_table(scene)
+    assert contact is not None
+
+    def compliances(young: float, poisson: float) -> tuple[float, float]:
+        return (1.0 - poisson**2) / young, 2.0 * (1.0 + poisson) * (2.0 - poisson) / young
+
+    if table is None:
+        own = compliances(contact.young_modulus, contact.poisson_ratio)
+        other = own
+        if wall:
+            young = contact.wall_young_modulus
+            poisson = contact.wall_poisson_ratio
+            poisson = contact.poisson_ratio if poisson is None else poisson
+            other = compliances(young, poisson) if isinstance(young, float) else (0.0, 0.0)
+        friction = (contact.wall_friction or 0.0) if wall else contact.friction
+        return _Constants(
+            1.0 / (own[0] + other[0]),
+            1.0 / (own[1] + other[1]),
+            contact.restitution,
+            friction > 0.0,
+            contact.rolling_friction,
+        )
+    particles = np.unique(np.atleast_1d(scene_bodies(scene).material))
+    walls = np.unique(wall_materials(scene, table, 1, 1 + 2 * len(scene.walls)))
+    found = []
+    for one, other_ in itertools.product(particles, walls if wall else particles):
+        first, second = (
+            compliances(float(table.young_modulus[k]), float(table.poisson_ratio[k])) for k in (one, other_)
+        )
+        k = table.pair[one, other_]
+        found.append(
+            _Constants(
+                1.0 / (first[0] + second[0]),
+                1.0 / (first[1] + second[1]),
+                float(table.restitution[k]),
+                bool(table.friction[k] > 0.0),
+                float(table.rolling_friction[k]),
+            )
+        )
+    moduli, shears, restitutions, rough, rolling = zip(*found, strict=True)
+    return _Constants(max(moduli), max(shears), min(restitutions), any(rough), max(rolling))
+
+
 def expected_speed(scene: Scene) -> float:
     """Largest speed to expect of particles [m/s]: boundary, initial velocities, a fall through the box."""
     contact, particles = scene.contact, scene.particles
@@ -271,7 +437,7 @@ def _contact_step(scene: Scene, limits: dict[str, float]) -> float:
     limits["contact_automatic"] = min(
         0.2 * limits.get("rayleigh", math.inf),
         limits["contact_duration"] / 20.0,
-        0.5 * limits["contact_stability"],
+        limits["contact_stability"],
     )
     if contact.time_step == "auto":
         return limits["contact_automatic"]

@@ -209,6 +209,11 @@ def test_check_prints_what_a_user_decides_by(grains):
         "kernel half-width 0.05 x 0.05 m",
         "Memory (estimate)",
         "void fraction at the start",
+        "limit 0.05 in a cell, drag laws are evaluated at 0.2",
+        "contact.maximum_overlap",
+        "every contact that there is room for",
+        "automatic contact step",
+        "no limit of stability",
         "float32 resolves overlaps",
         "compiled in particles, contact law HertzMindlin, rolling friction",
         "drag law KochHill",
@@ -238,6 +243,13 @@ def test_check_names_the_options_of_the_fluid(grains):
         assert words in left_out and words not in compiled
         compiled, left_out = parts(*options)
         assert words in compiled and words not in left_out
+
+
+@pytest.mark.parametrize("option", ["fluid.smagorinsky=0.2", "fluid.model=B"])
+def test_check_bounds_the_viscous_limit_of_the_models(grains, option):
+    moving = ("--set", "fluid.cells=[4, 4]", "--set", "fluid.velocity=[0.1, 0.0]")
+    assert "viscous limit of the models" not in invoke("check", grains, *moving).stdout
+    assert "viscous limit of the models" in invoke("check", grains, *moving, "--set", option).stdout
 
 
 def test_check_of_grains_alone_has_no_fluid(grains):

@@ -124,3 +124,20 @@ def test_derivative_is_that_of_the_dense_solve():
     for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(truth), strict=True):
         # Tolerances of the two solves, 1e-13, times a condition number of order 1e2.
         np.testing.assert_allclose(a, b, atol=1e-10 * float(jnp.abs(b).max()))
+
+
+@pytest.mark.parametrize("size", [1e-18, 1e-25])
+def test_a_source_near_rest_is_solved_in_float32(size):
+    """The products in conjugate gradients would underflow: a fluid that came to rest got 0/0."""
+    grid, boundary = CASES["walls"]
+    noise = np.random.default_rng(0).normal(size=grid.cells)
+    coefficient = tuple(
+        jnp.asarray(np.random.default_rng(1 + a).uniform(0.5, 2.0, grid.face_shape(a)), jnp.float32)
+        for a in range(2)
+    )
+    source = jnp.asarray(size * (noise - noise.mean()), jnp.float32)
+    solved = jax.jit(lambda c, s: solve_pressure(grid, boundary, c, s, 1e-5 * jnp.max(jnp.abs(s))))
+    pressure, report = solved(coefficient, source)
+    wanted, _ = solved(coefficient, source / jnp.float32(size))
+    assert bool(report.converged)
+    np.testing.assert_allclose(pressure / size, wanted, atol=1e-4 * float(jnp.abs(wanted).max()))

@@ -1,0 +1,82 @@
+"""Time-step limits against closed forms and against limits found by trial; extreme scenes end sound or are refused.
+
+A few rows of `benchmarks/stability.py`, whose cases these are.
+"""
+
+import math
+import sys
+from pathlib import Path
+
+import pytest
+
+from jaxdem.stability import LinearContact, contact_stability_limit
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from cases import extremes, stability
+
+SMOOTH = LinearContact(3.0, 0.0, 0.0, 0.0)
+ROUGH = LinearContact(3.0, 2.5, 0.0, 0.0)
+NONE = LinearContact(0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "neighbors", "contact", "squared"),
+    [
+        (2, 1, SMOOTH, 2 * 3.0),
+        (3, 1, SMOOTH, 2 * 3.0),
+        (2, 99, SMOOTH, 6 * 3.0),  # hexagonal lattice, at the edge of its Brillouin zone
+        (3, 99, SMOOTH, 8 * 3.0),  # close-packed lattice
+        (2, 99, ROUGH, 30 * 2.5),  # all grains spin alike: 2 Z k_t r^2 / (2/5 m r^2)
+        (3, 99, ROUGH, 40 * 2.5),
+    ],
+)
+def test_limit_is_2_over_the_largest_frequency(dimension, neighbors, contact, squared):
+    """Known frequencies of lattices of unit masses; without walls."""
+    limit = contact_stability_limit(1.0, dimension, [(2.0, contact)], NONE, neighbors, 0)
+    assert limit == pytest.approx(2.0 / math.sqrt(squared), rel=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.9])
+def test_dashpots_lower_the_limit(ratio):
+    """A damped mass on a wall: w dt = sqrt(16 b^2 + 4) - 4 b, the dashpot acting on v + a dt/2 of the step before."""
+    wall = LinearContact(3.0, 0.0, 2.0 * ratio * math.sqrt(3.0), 0.0)
+    limit = contact_stability_limit(1.0, 2, [(2.0, NONE)], wall, 0, 1)
+    expected = math.sqrt(16.0 * ratio**2 + 4.0) - 4.0 * ratio
+    assert limit * math.sqrt(3.0) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("material", ["e = 1, mu = 10", "e = 0, mu = 10"])
+@pytest.mark.parametrize("name", ["pair", "hexagonal pack"])
+def test_predicted_contact_limit_is_safe_and_within_a_factor_of_two(name, material):
+    row = stability.contact_limit(name, material)
+    # The trial resolves 1.2 %: the largest stable step lies between the one found and the next.
+    assert 0.5 <= row.ratio <= 1.012
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("the paper: E 70 GPa, step 2e-4 s", ("contact.time_step = 0.0002", "the stable step is", '"auto"')),
+        ("start: full overlap", ("particles 0 and 1", "100 %", "move them apart")),
+        ("viscosity: 0 with particles", ("fluid.viscosity = 0.0", "set fluid.viscosity > 0")),
+        ("viscosity: 10 m2/s, step 5 ms", ("fluid.time_step", "viscous limit", "larger cells")),
+        ("impact: 100 m/s, 70 MPa", ("200 m/s", "the limit is 20 %", "stiffen")),
+        ("Courant number: 20 in an interval", ("fluid.time_step = 0.8", "8 fluid steps", "larger cells")),
+        ("void fraction: all-solid cell", ("void fraction", "above 0.05", "kernel_width")),
+    ],
+)
+def test_what_cannot_work_is_refused_before_the_first_step(name, words):
+    row = extremes.rows()[name]()
+    assert row.outcome == "refused"
+    for word in words:
+        assert word in row.message
+
+
+@pytest.mark.parametrize(
+    "name", ["drag: stokes 1e-06", "drag: stokes 1e+03", "restitution, friction: e = 0, mu = 10"]
+)
+def test_extreme_rows_end_sound(name):
+    """Energy bounded by what there was to get, volume and momentum to round-off."""
+    row = extremes.rows()[name]()
+    assert row.outcome == "sound", row.message
