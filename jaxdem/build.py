@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -28,7 +27,7 @@ from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.advection import Upwind, VanLeer
-from jaxdem.fluid.boundary import Boundary, Side, ramp
+from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
@@ -39,152 +38,21 @@ from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
-from jaxdem.particles.population import Population, renewed
+from jaxdem.particles.population import Population
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, Surface, surface_contacts, wedge
 from jaxdem.particles.walls import box_sides
 from jaxdem.rows import rows_of
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene_walls import Wall
-from jaxdem.state import Parameters, ParticleDiagnostics, State
-from jaxdem.time_steps import TimeSteps, inlet_profiles, time_steps
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+from jaxdem.time_steps import inlet_profiles, time_steps
 
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
 LIFT_LAWS: dict[str, Any] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
 ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Simulation:
-    """The static structure of a scene: what is compiled. Numbers one may differentiate by are `Parameters`.
-
-    Attributes:
-        interval: coupling interval [s].
-        steps: time steps and limits.
-        box: side lengths [m].
-        periodic: whether each axis is periodic.
-        contact: contact model and steps, None without particles.
-        fluid: solver and exchange, None without a fluid.
-        drag_law: correlation, None without coupling or with a learned closure.
-        population: how the number of particles changes, None where it does not.
-    """
-
-    interval: float
-    steps: TimeSteps
-    box: tuple[float, ...]
-    periodic: tuple[bool, ...]
-    contact: ContactInterval | None
-    fluid: FluidInterval | None
-    drag_law: DragClosure | None
-    population: Population | None = None
-
-    def step(self, parameters: Parameters, state: State, neighbors: Neighbors | None) -> Any:
-        """One coupled step; see `jaxdem.step.step`."""
-        from jaxdem.step import step
-
-        return step(self, parameters, state, neighbors)
-
-    def reversible(self) -> Simulation:
-        """The same simulation with loops that reverse-mode differentiation can run backwards."""
-        contact = None if self.contact is None else self.contact._replace(reversible=True)
-        fluid = None if self.fluid is None else dataclasses.replace(self.fluid, reversible=True)
-        return dataclasses.replace(self, contact=contact, fluid=fluid)
-
-    def contact_time_step(self, dtype: Any) -> Array:
-        """() contact step [s]."""
-        return jnp.asarray(self.steps.contact, dtype)
-
-    def wall_velocity(self, parameters: Parameters, time: Array) -> tuple[Array, ...]:
-        """(D,) velocity of every wall at a time [m/s]; moving sides of the box drag grains along too."""
-        still = jnp.zeros_like(parameters.gravity)
-        if self.contact is None:
-            return ()
-        model = self.contact.model
-        if self.fluid is None or parameters.fluid is None:
-            return (still,) * model.walls
-        velocities = []
-        for wall in model.sides:
-            number = 2 * wall.axis + (wall.inward < 0)
-            side = self.fluid.solver.boundary.sides[number]
-            moves = side.kind == "moving_wall" and side.start is None
-            velocities.append(ramp(side, time) * parameters.fluid.side_velocity[number] if moves else still)
-        return (*velocities, *(still,) * len(model.surfaces))
-
-    def renewed(
-        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
-    ) -> tuple[ParticleState, Neighbors]:
-        """Particles and list after those that leave and come at the end of interval number `step`."""
-        return renewed(
-            self.population, self.search, self.contact.model.surfaces, parameters.inlet_velocity,
-            particles, neighbors, step,
-        )  # fmt: skip
-
-    def particle_report(
-        self, particles: ParticleState, neighbors: Neighbors, collision: Array, step: Array
-    ) -> ParticleDiagnostics:
-        """Flags and figures of the particles after `step` intervals."""
-        position, velocity = particles.position, particles.velocity
-        box = jnp.asarray(self.box, position.dtype)
-        outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
-        if particles.active is not None:
-            outside = outside & particles.active[:, None]
-        waiting = None
-        if self.population is not None and self.population.inlets:
-            waiting = self.population.waiting(particles.inserted, step)
-        squared = jnp.sum(velocity**2, axis=1)
-        return ParticleDiagnostics(
-            collision,
-            neighbors.builds,
-            neighbors.overflow,
-            jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(velocity)),
-            jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
-            jnp.sqrt(jnp.max(squared, initial=0.0)),
-            waiting,
-        )
-
-    @property
-    def half_width(self) -> tuple[float, ...] | None:
-        """How far a particle reaches in the deposition, along every axis; None without an exchange [m]."""
-        if self.fluid is None or self.fluid.deposition is None:
-            return None
-        return self.fluid.deposition.half_width
-
-    @property
-    def search(self) -> NeighborSearch:
-        """Builder of the neighbour list of a scene with particles."""
-        assert self.contact is not None and self.contact.search is not None
-        return self.contact.search
-
-    def allocate(self, particles: ParticleState) -> Neighbors:
-        """A neighbour list with room for these positions; not jittable."""
-        position = vectors.components(particles.position)
-        low = split_low(particles.position_low, len(position))
-        return self.search.allocate(position, low, active=particles.active)
-
-    def with_slots(
-        self, state: State, neighbors: Neighbors, slots: int, cell_slots: int
-    ) -> tuple[State, Neighbors]:
-        """State and list with more slots, everything in the old ones as it was; not jittable."""
-        kept, particles = neighbors.capacity, state.particles
-        assert particles is not None
-        wider = self.search.allocate(
-            neighbors.reference, neighbors.reference_low, slots, cell_slots, particles.active
-        )
-        blank = jnp.zeros((wider.capacity - kept, particles.position.shape[0]), particles.position.dtype)
-        springs = tuple(jnp.concatenate((spring, blank)) for spring in particles.contact_spring)
-
-        def extended(old: Array, new: Array) -> Array:
-            return jnp.concatenate((old, new[kept:]))
-
-        neighbors = dataclasses.replace(
-            wider,
-            index=extended(neighbors.index, wider.index),
-            separation=tuple(map(extended, neighbors.separation, wider.separation)),
-            overlap=extended(neighbors.overlap, wider.overlap),
-            builds=neighbors.builds,
-        )
-        return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
 
 
 def build(

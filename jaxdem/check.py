@@ -12,11 +12,12 @@ import numpy as np
 
 from jaxdem import stability
 from jaxdem.bodies import material_table
-from jaxdem.build import Simulation, build, initial_state
+from jaxdem.build import build, initial_state
 from jaxdem.coupling.exchange import VISCOUS_LIMIT, FluidInterval
 from jaxdem.initial import scene_bodies
 from jaxdem.scene import Scene
 from jaxdem.simulate import samples_every
+from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.time_steps import boundary_speed
 

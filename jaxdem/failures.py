@@ -11,7 +11,7 @@ from jax import Array
 from jaxdem.state import Diagnostics
 
 if TYPE_CHECKING:
-    from jaxdem.build import Simulation
+    from jaxdem.simulation import Simulation
 
 
 class Failure(enum.IntFlag):

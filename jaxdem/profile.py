@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 
-from jaxdem.build import Simulation
 from jaxdem.coupling.forces import drag_inputs
 from jaxdem.coupling.interpolation import deposit_on_faces
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -16,6 +15,7 @@ from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.particles import vectors
 from jaxdem.particles.integrate import split_low
 from jaxdem.particles.neighbors import Neighbors, carry_history
+from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
 if TYPE_CHECKING:

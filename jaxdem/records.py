@@ -14,13 +14,13 @@ import jax
 import numpy as np
 
 from jaxdem import __version__, metrics
-from jaxdem.build import Simulation
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.grid import cell_average
 from jaxdem.initial import scene_bodies
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.profile import estimate_stages
 from jaxdem.scene import Scene
+from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 
 SAMPLE_INPUTS = (

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxdem.build import Simulation
 from jaxdem.errors import InputError
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.simulation import Simulation
 from jaxdem.state import State
 
 

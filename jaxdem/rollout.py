@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxdem.build import Simulation
 from jaxdem.failures import failures
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
 KEPT_STEPS = 128

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem import step as coupled
-from jaxdem.build import Simulation, build, initial_state
+from jaxdem.build import build, initial_state
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, failures, first_meaning
@@ -24,6 +24,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
 from jaxdem.restart import from_arrays, to_arrays
 from jaxdem.scene import Scene
+from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 
 Progress = Callable[[float, float], None]

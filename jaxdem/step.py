@@ -17,7 +17,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
 
 if TYPE_CHECKING:
-    from jaxdem.build import Simulation
+    from jaxdem.simulation import Simulation
 
 
 def step(

@@ -41,7 +41,18 @@ BELOW_BUILD = {"particles", "fluid", "coupling", "closures", "state", "stability
 """What `build` puts together: none of it may import `build` or anything above it."""
 
 TERMINAL = {"typer", "rich"}
-PUBLIC = {"jaxdem", "errors", "scene", "build", "io", "simulate", "rollout", "metrics", "closures"}
+PUBLIC = {
+    "jaxdem",
+    "errors",
+    "scene",
+    "build",
+    "simulation",
+    "io",
+    "simulate",
+    "rollout",
+    "metrics",
+    "closures",
+}
 """What `report` may use: public names, files, and metrics."""
 
 

@@ -13,11 +13,11 @@ import numpy as np
 from jax import Array, lax
 
 import jaxdem
-from jaxdem.build import Simulation
 from jaxdem.failures import Failure, failures, first_meaning
 from jaxdem.particles.integrate import split_low
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.surfaces import DistanceFunction
+from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 
 Observe = Callable[[State, Diagnostics], Any]

@@ -19,12 +19,12 @@ from jax import Array
 
 import jaxdem
 from jaxdem import stability
-from jaxdem.build import Simulation
 from jaxdem.coupling.exchange import VISCOUS_LIMIT
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, kinetic_energy
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
+from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.time_steps import AUTO_COURANT, contact_stability, time_steps
 

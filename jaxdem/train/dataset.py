@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.build import Simulation, build
+from jaxdem.build import build
 from jaxdem.coupling.forces import drag_inputs
 from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -34,6 +34,7 @@ from jaxdem.fluid.remap import coarsened, remap_cells, remap_flux
 from jaxdem.io import Run, load_run
 from jaxdem.io.samples import Samples
 from jaxdem.scene import Scene, load_scene
+from jaxdem.simulation import Simulation
 from jaxdem.train.dataset_file import write_dataset
 
 COLUMNS = (
