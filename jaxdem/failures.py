@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.coupling.exchange import VISCOUS_STABLE
 from jaxdem.state import Diagnostics
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def failures(simulation: Simulation, diagnostics: Diagnostics) -> Array:
         code = raise_flag(code, ~fluid.finite, Failure.FLUID_NOT_FINITE)
         # The limits are written so that NaN does not pass them.
         code = raise_flag(code, ~(fluid.courant <= 1.001 * simulation.fluid.courant_limit), Failure.COURANT)
-        code = raise_flag(code, ~(fluid.viscous <= 0.5), Failure.VISCOUS)
+        code = raise_flag(code, ~(fluid.viscous <= VISCOUS_STABLE), Failure.VISCOUS)
         code = raise_flag(code, ~fluid.converged, Failure.SOLVER)
         code = raise_flag(code, ~(fluid.void_fraction >= MINIMUM_VOID_FRACTION), Failure.VOID_FRACTION)
     return code

@@ -19,7 +19,7 @@ from jax import Array
 
 import jaxdem
 from jaxdem import stability
-from jaxdem.coupling.exchange import VISCOUS_LIMIT
+from jaxdem.coupling.exchange import VISCOUS_LIMIT, VISCOUS_STABLE
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, kinetic_energy
 from jaxdem.particles.loop import contact_interval
@@ -377,14 +377,13 @@ def fluid_limit(name: str, stream: tuple[float, float], viscosity: float, advect
     spacing = solver.grid.spacing
     rate = sum(float(jnp.max(jnp.abs(u))) / h for u, h in zip(state.face_velocity, spacing, strict=True))
     courant = scene.fluid.courant_limit / rate
-    viscous = stability.viscous_time(viscosity, spacing, VISCOUS_LIMIT)
+    viscous = stability.viscous_time(viscosity, spacing, VISCOUS_STABLE)
     predicted = min(courant, viscous)
     found = largest_stable(stable, predicted, 0.5, 8.0)
+    default = min(AUTO_COURANT / rate, stability.viscous_time(viscosity, spacing, VISCOUS_LIMIT))
     number = "Courant" if courant < viscous else "viscosity"
-    value = found * (rate if courant < viscous else VISCOUS_LIMIT / viscous)
-    return Limit(
-        "fluid", name, predicted, found, AUTO_COURANT / rate, f"stable to a {number} number of {value:.2f}"
-    )
+    value = found * (rate if courant < viscous else VISCOUS_STABLE / viscous)
+    return Limit("fluid", name, predicted, found, default, f"stable to a {number} number of {value:.2f}")
 
 
 def limits() -> dict[str, Callable[[], Limit]]:

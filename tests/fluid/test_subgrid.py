@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT, advance_fluid
+from benchmarks.cases.flows import PERIODIC, Flow
+from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT, VISCOUS_STABLE, advance_fluid
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.grid import Grid, face_total
@@ -128,6 +129,18 @@ def sheared(**fluid):
     grid = simulation.fluid.solver.grid
     faces = linear_flow(grid, [[0.0, A], [0.0, 0.0]])
     return simulation.fluid, parameters, state.fluid._replace(face_velocity=faces)
+
+
+def test_the_viscous_limit_is_that_of_the_shortest_pressure_wave():
+    """A chequered pressure over a fluid at rest is multiplied by (8/3) nu t sum(1/h^2) in a step: 1 at the limit."""
+    flow = Flow((6, 4), (0.6, 0.8), PERIODIC)
+    chequered = np.indices((6, 4)).sum(axis=0) % 2 - 0.5
+    inverse = sum(1.0 / h**2 for h in flow.grid.spacing)
+    for number in (0.1, VISCOUS_STABLE, 0.5):
+        start = flow.state()._replace(pressure=jnp.asarray(chequered))
+        state, _, _ = flow.march(flow.properties(1.0), start, 1, number / inverse)
+        np.testing.assert_allclose(state.pressure, number / VISCOUS_STABLE * chequered, atol=1e-10)
+    assert VISCOUS_LIMIT < VISCOUS_STABLE == 3.0 / 8.0
 
 
 @pytest.mark.parametrize("coefficient", [0.0, 0.9])
