@@ -179,13 +179,13 @@ def collapses(
     "granular column collapse",
     "granular",
     "Lube et al. (2005), Phys. Rev. E 72, 041301; rods: arXiv:1512.05180; Balmforth & Kerswell (2005)",
-    fast=dict(count=200, aspects=(1.0, 4.0), modulus=2e6, step=1e-4),
+    fast=dict(count=200, aspects=(1.0, 4.0), modulus=2e6, step=8e-5),
 )
 def column_collapse(
     count: int = 1000,
     aspects: Sequence[float] = (0.5, 0.75, 1.0, 1.5, 3.0, 4.5, 6.0, 8.0),
     modulus: float = 1e7,
-    step: float = 5e-5,
+    step: float = 3.6e-5,
 ) -> list[Figure]:
     """Run-off and height of collapsed columns of discs (friction 0.5, rolling friction 0.1, restitution 0.5).
 
