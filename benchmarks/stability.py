@@ -12,14 +12,18 @@ import argparse
 import dataclasses
 import json
 import math
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import harness
 import jax
-from cases import extremes, stability
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+from benchmarks import harness
+from benchmarks.cases import extremes, stability
 
 LIMITS = Path(__file__).parents[1] / "docs" / "limits.md"
 START, END = "<!-- stability table -->", "<!-- end of the stability table -->"

@@ -4,16 +4,11 @@ A few rows of `benchmarks/stability.py`, whose cases these are.
 """
 
 import math
-import sys
-from pathlib import Path
 
 import pytest
 
+from benchmarks.cases import extremes, stability
 from jaxdem.stability import LinearContact, contact_stability_limit
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-from cases import extremes, stability
 
 SMOOTH = LinearContact(3.0, 0.0, 0.0, 0.0)
 ROUGH = LinearContact(3.0, 2.5, 0.0, 0.0)
