@@ -73,7 +73,8 @@ class FluidDiagnostics(NamedTuple):
         divergence: largest after projection, in units of U/h.
         converged: bool, every pressure solve reached its tolerance.
         finite: bool, no velocity is NaN or infinite.
-        momentum: |impulse of the particles + impulse of the faces| over the sum of |impulse| by drag.
+        momentum: |impulse of the particles + impulse of the faces| over the sum of the sizes of the terms that make
+            it, K (|u| + |v|) and the remainder's: what rounding must be small against, also where drag dies out.
         volume: relative error of the deposited particle volume.
         void_fraction: smallest.
         out_of_range: number of particles where the drag law's floor or fallback acted.
@@ -233,6 +234,7 @@ def exchange(
     carry = _Carry(
         fluid, particles.velocity, zero, zero, zero,
         jnp.zeros((2, grid.dimension), solids.dtype),
+        jnp.zeros((), solids.dtype),
         None if unsteady is None else UnsteadySums(zero, zero, zero),
     )  # fmt: skip
     start = fluid.void_fraction
@@ -271,7 +273,7 @@ def exchange(
         **_unsteady_means(interval, unsteady, carry),
     )
     given, lost = carry.balance
-    size = jnp.sum(jnp.abs(carry.drag)) + jnp.finfo(solids.dtype).tiny
+    size = carry.terms + jnp.finfo(solids.dtype).tiny
     volume = present_volume(bodies.volume, drag.coefficient.shape[0], particles.active)
     diagnostics = FluidDiagnostics(
         count,
@@ -294,6 +296,7 @@ class _Carry(NamedTuple):
     pressure_gradient: Array
     viscous: Array
     balance: Array
+    terms: Array
     unsteady: UnsteadySums | None
 
 
@@ -525,6 +528,7 @@ def _substep(
         felt = dragged + driven
         mass = mass if unsteady.added is None else mass + as_column(unsteady.added)
         given = impulse if unsteady.owed is None else impulse + unsteady.owed
+    terms = jnp.sum(gripped * (jnp.abs(seen) + jnp.abs(reached)) + jnp.abs(extra))
     balance = jnp.stack((jnp.sum(given, axis=0), jnp.stack(face_total(grid, lost))))
     new = _Carry(
         result.state,
@@ -533,6 +537,7 @@ def _substep(
         carry.pressure_gradient + pressure,
         carry.viscous + viscous,
         carry.balance + balance,
+        carry.terms + terms,
         sums,
     )
     return new, (result.solver.iterations, result.divergence, result.solver.converged)

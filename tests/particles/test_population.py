@@ -255,6 +255,7 @@ STREAM = {
     },
     "contact": {"young_modulus": 1e5, "speed": 1.0, "skin": 0.3},
     "fluid": {"cells": [8, 4], "time_step": 0.01},
+    "coupling": {"virtual_mass": 0.5},  # what it keeps for a particle goes with it
     "boundary": {
         "left": {"kind": "inlet", "velocity": 0.5, "ramp_time": 0.0},
         "right": {"kind": "outlet", "particles": "remove"},
@@ -395,6 +396,11 @@ def test_mistakes_of_exits_are_named(tables, words):
         jaxdem.load_scene({**STREAM, "boundary": tables})
     assert caught.value.key == "boundary.right.particles"
     assert words in str(caught.value)
+
+
+def test_basset_force_is_refused_where_particles_come_and_leave():
+    with pytest.raises(InputError, match=r"coupling\.basset = 20.*from the start to the end"):
+        jaxdem.load_scene({**STREAM, "coupling": {"basset": 20}})
 
 
 def test_the_depth_is_that_of_the_largest_that_comes():
