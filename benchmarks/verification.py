@@ -4,6 +4,8 @@
                                                           the table of docs/verification.md
     python benchmarks/verification.py --only "MFIX,Hertz"  some of them, all figures printed, nothing written
 
+Topics run in processes of their own, `--jobs` at a time: all but the gradients with `jaxdem.fuse_loops`.
+
 Exit code 1 if a figure is outside its gate.
 """
 
@@ -11,10 +13,15 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import math
+import os
+import subprocess
 import sys
+import tempfile
 import time
 import traceback
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +32,8 @@ import jax
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-from benchmarks import harness  # noqa: E402 - after the settings
+import jaxdem  # noqa: E402 - after the settings
+from benchmarks import harness  # noqa: E402
 from benchmarks.cases import collect  # noqa: E402
 from benchmarks.cases.registry import Case, Figure  # noqa: E402
 
@@ -118,46 +126,93 @@ def write_page(text: str) -> None:
     PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
 
 
+def run_topic(topic: str, out: Path) -> None:
+    """All cases of a topic in this process, their outcomes into a file."""
+    if topic != "gradients":  # reverse mode cannot be compiled so
+        jaxdem.fuse_loops()
+    outcomes = []
+    for case in collect().values():
+        if case.topic == topic:
+            outcomes.append(run(case))
+            print(row(outcomes[-1]), flush=True)
+    records = [
+        {
+            "case": outcome.case.name,
+            "topic": outcome.case.topic,
+            "source": outcome.case.source,
+            "run_time_s": round(outcome.seconds, 2),
+            "problem": outcome.problem,
+            "figures": [dataclasses.asdict(figure) for figure in outcome.figures],
+        }
+        for outcome in outcomes
+    ]
+    out.write_text(json.dumps(records))
+
+
+def run_all(jobs: int) -> list[dict[str, Any]]:
+    """The records of all cases, topics in processes of their own."""
+    topics = list(dict.fromkeys(case.topic for case in collect().values()))
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
+
+        def child(topic: str) -> list[dict[str, Any]]:
+            out = Path(folder) / f"{topic}.json"
+            command = [sys.executable, __file__, "--topic", topic, "--out", str(out)]
+            ended = subprocess.run(command, env=os.environ, check=False)
+            if not out.exists():
+                raise SystemExit(f"the cases of {topic!r} ended with code {ended.returncode}")
+            return json.loads(out.read_text())
+
+        return [record for records in pool.map(child, topics) for record in records]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", default="", help="parts of names of cases, with commas between")
-    parts = [part.strip().lower() for part in parser.parse_args().only.split(",") if part.strip()]
-    cases = [
-        case
-        for case in collect().values()
-        if not parts or any(part in case.name.lower() or part == case.topic for part in parts)
+    parser.add_argument("--jobs", type=int, default=1, help="topics at a time")
+    parser.add_argument("--topic", help=argparse.SUPPRESS)
+    parser.add_argument("--out", type=Path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.topic:
+        run_topic(arguments.topic, arguments.out)
+        return 0
+    parts = [part.strip().lower() for part in arguments.only.split(",") if part.strip()]
+    if parts:
+        return run_some(parts)
+    records = run_all(arguments.jobs)
+    cases = collect()
+    outcomes = [
+        Outcome(
+            cases[record["case"]],
+            [Figure(**figure) for figure in record["figures"]],
+            record["run_time_s"],
+            record["problem"],
+        )
+        for record in records
     ]
-    if not cases:
+    text = table(outcomes)
+    harness.write("verification", {"cases": records}, text)
+    write_page(text)
+    return 0 if all(outcome.passed for outcome in outcomes) else 1
+
+
+def run_some(parts: list[str]) -> int:
+    """The cases whose names contain one of the parts, with all figures."""
+    chosen = [case for case in collect().values() if any(part in case.name.lower() for part in parts)]
+    if not chosen:
         print(f"no case is called so; there are: {', '.join(collect())}", file=sys.stderr)
         return 2
     outcomes = []
-    for case in cases:
+    for case in chosen:
         outcomes.append(run(case))
         print(row(outcomes[-1]), flush=True)
-        if parts:
-            for figure in outcomes[-1].figures:
-                mark = "   " if figure.passed else "-> "
-                print(f"{mark}{figure.what}: {figure.got:.6g}, expected {figure.expected:.6g} {figure.unit}, "
-                      f"error {figure.error:.3g}, gate {figure.gate:.3g}")  # fmt: skip
-    if not parts:
-        text = table(outcomes)
-        result: dict[str, Any] = {
-            "cases": [
-                {
-                    "case": outcome.case.name,
-                    "topic": outcome.case.topic,
-                    "source": outcome.case.source,
-                    "run_time_s": round(outcome.seconds, 2),
-                    "problem": outcome.problem,
-                    "figures": [dataclasses.asdict(figure) for figure in outcome.figures],
-                }
-                for outcome in outcomes
-            ]
-        }
-        harness.write("verification", result, text)
-        write_page(text)
+        for figure in outcomes[-1].figures:
+            mark = "   " if figure.passed else "-> "
+            print(
+                f"{mark}{figure.what}: {figure.got:.6g}, expected {figure.expected:.6g} {figure.unit}, "
+                f"error {figure.error:.3g}, gate {figure.gate:.3g}"
+            )
     return 0 if all(outcome.passed for outcome in outcomes) else 1
 
 

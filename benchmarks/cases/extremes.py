@@ -234,6 +234,8 @@ def rows() -> dict[str, Callable[[], Outcome]]:
         add("Young's modulus", f"{modulus:.0e} Pa", base(contact__young_modulus=modulus, time__end=0.04))
     for ratio in (0.1, 1.001, 5.65, 2500.0):
         add("particle/fluid density", f"{ratio:g}", base(particles__density=1000.0 * ratio))
+    stiff = base(particles__density=2.5e6, contact__young_modulus=7e9)
+    add("particle/fluid density", "2500, 7e+09 Pa", stiff)
     add("viscosity", "0 with particles", base(fluid__viscosity=0.0))
     add(
         "viscosity",
