@@ -49,7 +49,6 @@ def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None
     import jaxdem
     from jaxdem.step import step
 
-    jaxdem.fuse_loops()
     np.savetxt(folder / "column.txt", column())
     (folder / "pile.toml").write_text(
         f"""

@@ -59,7 +59,6 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1500)
     parser.add_argument("--seeds", type=int, default=2)
     arguments = parser.parse_args()
-    jaxdem.fuse_loops()
     runs = {}
     for modulus in MODULI:
         for seed in range(arguments.seeds):

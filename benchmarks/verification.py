@@ -4,7 +4,7 @@
                                                           the table of docs/verification.md
     python benchmarks/verification.py --only "MFIX,Hertz"  some of them, all figures printed, nothing written
 
-Topics run in processes of their own, `--jobs` at a time: all but the gradients with `jaxdem.fuse_loops`.
+Topics run in processes of their own, `--jobs` at a time.
 
 Exit code 1 if a figure is outside its gate.
 """
@@ -32,8 +32,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-import jaxdem  # noqa: E402 - after the settings
-from benchmarks import harness  # noqa: E402
+from benchmarks import harness  # noqa: E402 - after the settings
 from benchmarks.cases import collect  # noqa: E402
 from benchmarks.cases.registry import Case, Figure  # noqa: E402
 
@@ -128,8 +127,6 @@ def write_page(text: str) -> None:
 
 def run_topic(topic: str, out: Path) -> None:
     """All cases of a topic in this process, their outcomes into a file."""
-    if topic != "gradients":  # reverse mode cannot be compiled so
-        jaxdem.fuse_loops()
     outcomes = []
     for case in collect().values():
         if case.topic == topic:

@@ -9,7 +9,6 @@ from jaxdem.simulation import Simulation
 from jaxdem.io import load_run
 from jaxdem.rollout import Rollout, rollout
 from jaxdem.simulate import simulate
-from jaxdem.xla import fuse_loops
 
 __all__ = [
     "InputError",
@@ -18,7 +17,6 @@ __all__ = [
     "Scene",
     "Simulation",
     "build",
-    "fuse_loops",
     "initial_state",
     "load_run",
     "load_scene",

@@ -18,7 +18,6 @@ from typer.core import TyperGroup
 
 from jaxdem import terminal
 from jaxdem.errors import InputError, JaxdemError
-from jaxdem.xla import fuse_loops
 
 if TYPE_CHECKING:
     from jaxdem.scene import Scene
@@ -121,7 +120,6 @@ def run(
 ) -> None:
     """Run a scene and write a run directory."""
     description = _load(scene, settings, closure)
-    fuse_loops()
     _use_compilation_cache()
     from jaxdem.io import RunDirectory
     from jaxdem.simulate import Interrupted, simulate
@@ -229,7 +227,6 @@ def study(
     ] = Scale.demo,
 ) -> None:
     """Run, dataset, train, run with the closure, compare: the whole chain; goes on where it was stopped."""
-    fuse_loops()
     _use_compilation_cache()
     from jaxdem.simulate import Interrupted
     from jaxdem.study import run_study

@@ -5,7 +5,6 @@ import pytest
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
-jax.devices()  # from here on `fuse_loops`, which commands call, changes the environment only: gradients compile
 
 from benchmarks.cases.worlds import runner  # noqa: E402 - after the settings
 
