@@ -207,7 +207,7 @@ def compared(what: str, gate: float, pairs: dict[str, tuple[Any, Any]]) -> list[
 
 @case(
     "invariance of particles in a fluid", "invariance", "symmetry; the same equations",
-    fast={"programs": ("batch",)},
+    fast={"programs": ()},
 )  # fmt: skip
 def in_fluid(programs: tuple[str, ...] = ("batch", "slots", "rotation", "layer")) -> list[Figure]:
     """Five grains that fall, meet and stir a channel: in another order, moved along by a cell, in two chunks, in a
