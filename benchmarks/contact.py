@@ -21,8 +21,11 @@ import tempfile
 import time
 from pathlib import Path
 
-import harness
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+from benchmarks import harness
 
 COUNT, RADIUS, DENSITY, STEP = 20_000, 0.01, 5650.0, 5e-5
 BOX = (12.0, 2.0)

@@ -141,7 +141,7 @@ def initial_state(
         count, walls = bare.position.shape[0], simulation.contact.model.walls
         kept = simulation.contact.model.history_size(scene.dimension)
         particles = bare._replace(
-            contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * kept,
+            contact_spring=(jnp.zeros(neighbors.room.pairs, dtype),) * kept,
             wall_spring=(jnp.zeros((walls, count), dtype),) * kept,
             fluid_memory=_initial_memory(scene, simulation.fluid, bare),
         )

@@ -32,8 +32,8 @@ class Failure(enum.IntFlag):
 
 MEANING = {
     Failure.OVERFLOW: (
-        "the neighbour list ran out of slots",
-        "simulate() enlarges it and repeats the interval; in a rollout allocate it with more slots",
+        "the neighbour list ran out of room",
+        "simulate() enlarges it and repeats the interval; in a rollout allocate it with more room (Simulation.with_room)",
     ),
     Failure.PARTICLES_NOT_FINITE: (
         "a particle's position or velocity is not finite",

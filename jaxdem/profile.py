@@ -50,7 +50,7 @@ def estimate_stages(
         "compile": totals.stages["compile"],
     }
     estimated: list[str] = []
-    if neighbors is not None and neighbors.capacity and particles > WORTH_SPLITTING:
+    if neighbors is not None and neighbors.room.slots and particles > WORTH_SPLITTING:
         share = min(_neighbors_time(simulation, state, neighbors) * totals.builds, particles)
         stages |= {"neighbors": share, "contact": particles - share}
         estimated += ["neighbors", "contact"]

@@ -300,7 +300,8 @@ def run_summary(
             "contact_steps": totals.intervals * steps.contacts_per_interval,
             "fluid_steps": totals.fluid_steps,
             "neighbor_builds": totals.builds,
-            "neighbor_slots": 0 if neighbors is None else neighbors.capacity,
+            "neighbor_slots": 0 if neighbors is None else neighbors.room.slots,
+            "pair_slots": 0 if neighbors is None else neighbors.room.pairs,
             "neighbor_resizes": totals.resizes,
             "solver_iterations_max": totals.iterations,
         }

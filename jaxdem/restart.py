@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.simulation import Simulation
 from jaxdem.state import State
 
@@ -25,8 +25,7 @@ def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) 
     arrays = _named("state", state)
     if neighbors is not None:
         arrays |= _named("neighbors", neighbors)
-        arrays["capacity/slots"] = np.asarray(neighbors.capacity)
-        arrays["capacity/cell_slots"] = np.asarray(neighbors.cell_slots)
+        arrays["room"] = np.asarray(neighbors.room)
     return arrays | {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
 
 
@@ -45,9 +44,9 @@ def from_arrays(
     """
     neighbors = None
     if template.particles is not None:
-        slots = int(_get(arrays, "capacity/slots"))
+        room = Room(*map(int, _get(arrays, "room")))
         particles = template.particles
-        blank = jnp.zeros((slots, particles.position.shape[0]), particles.position.dtype)
+        blank = jnp.zeros(room.pairs, particles.position.dtype)
         springs = (blank,) * len(particles.contact_spring)
         template = template._replace(particles=particles._replace(contact_spring=springs))
     state = _restored("state", template, arrays)
@@ -58,7 +57,7 @@ def from_arrays(
         low: Any = (None,) * dimension
         if state.particles.position_low is not None:
             low = tuple(jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
-        fresh = simulation.search.allocate(reference, low, slots, int(_get(arrays, "capacity/cell_slots")))
+        fresh = simulation.search.allocate(reference, low, room)
         neighbors = _restored("neighbors", fresh, arrays)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra

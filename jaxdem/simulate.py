@@ -191,12 +191,10 @@ class TimeLoop:
         return diagnostics
 
     def _enlarge(self) -> None:
-        """A neighbour list with half as many slots again; the contact history moves along."""
+        """A neighbour list with half as much room again; the contact history moves along."""
         old = self.neighbors
         assert old is not None and self.state.particles is not None
-        slots, cell_slots = (n + max(2, n // 2) for n in (old.capacity, old.cell_slots))
-        # The old list is extended rather than rebuilt, so that results do not depend on the capacity.
-        self.state, self.neighbors = self.simulation.with_slots(self.state, old, slots, cell_slots)
+        self.state, self.neighbors = self.simulation.with_room(self.state, old, old.room.enlarged())
         self.totals.resizes += 1
         self._compile()
 

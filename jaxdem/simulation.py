@@ -14,7 +14,7 @@ from jaxdem.fluid.boundary import ramp
 from jaxdem.particles import vectors
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval
-from jaxdem.particles.neighbors import Neighbors, NeighborSearch
+from jaxdem.particles.neighbors import Neighbors, NeighborSearch, Room, carry_history
 from jaxdem.particles.population import Population, renewed
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 
@@ -129,26 +129,11 @@ class Simulation:
         low = split_low(particles.position_low, len(position))
         return self.search.allocate(position, low, active=particles.active)
 
-    def with_slots(
-        self, state: State, neighbors: Neighbors, slots: int, cell_slots: int
-    ) -> tuple[State, Neighbors]:
-        """State and list with more slots, everything in the old ones as it was; not jittable."""
-        kept, particles = neighbors.capacity, state.particles
+    def with_room(self, state: State, neighbors: Neighbors, room: Room) -> tuple[State, Neighbors]:
+        """State and list with more room, the pairs and what they keep as before; not jittable."""
+        particles = state.particles
         assert particles is not None
-        wider = self.search.allocate(
-            neighbors.reference, neighbors.reference_low, slots, cell_slots, particles.active
-        )
-        blank = jnp.zeros((wider.capacity - kept, particles.position.shape[0]), particles.position.dtype)
-        springs = tuple(jnp.concatenate((spring, blank)) for spring in particles.contact_spring)
-
-        def extended(old: Array, new: Array) -> Array:
-            return jnp.concatenate((old, new[kept:]))
-
-        neighbors = dataclasses.replace(
-            wider,
-            index=extended(neighbors.index, wider.index),
-            separation=tuple(map(extended, neighbors.separation, wider.separation)),
-            overlap=extended(neighbors.overlap, wider.overlap),
-            builds=neighbors.builds,
-        )
-        return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
+        wider = self.search.allocate(neighbors.reference, neighbors.reference_low, room, particles.active)
+        springs = carry_history(particles.contact_spring, neighbors, wider)
+        wider = dataclasses.replace(wider, builds=neighbors.builds)
+        return state._replace(particles=particles._replace(contact_spring=springs)), wider

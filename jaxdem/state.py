@@ -54,7 +54,7 @@ class ParticleDiagnostics(NamedTuple):
     Attributes:
         collision_force: () mean over particles and contact steps of |sum of contact forces| [N].
         builds: () int32, builds of the neighbour list since the start.
-        overflow: () bool, the neighbour list ran out of slots: the interval must be repeated with more.
+        overflow: () bool, the neighbour list ran out of room: the interval must be repeated with more.
         finite: () bool, no position or velocity is NaN or infinite.
         lost: () int32, number of particles whose centre left the box through a wall.
         fastest: () largest particle speed [m/s].

@@ -1,4 +1,4 @@
-"""A run that was stopped and resumed is the uninterrupted run, bit for bit; one that ran out of slots is it
+"""A run that was stopped and resumed is the uninterrupted run, bit for bit; one that ran out of room is it
 but for rounding."""
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ def pack(overlap):
 
 
 @functools.cache
-def compiled(capacity):
+def compiled(pairs):
     """Contact forces of a pack in float32, one program for all scenes here: they differ in numbers only."""
     static = ContactInterval(ContactModel(HertzMindlin(), None, ()), None, 1, False)
     return jax.jit(lambda arrays: forces(World(static, *arrays))[0])
@@ -166,7 +166,7 @@ def loads(scene, position, modulus):
     moved = scene._replace(constants=constants(jnp.float32, young_modulus=modulus), state=state)
     # The room in a cell plays no part here, and would compile anew for every box.
     moved = moved._replace(neighbors=dataclasses.replace(scene.neighbors, cell_slots=0))
-    return np.asarray(compiled(scene.neighbors.capacity)(tuple(moved[1:])))
+    return np.asarray(compiled(scene.neighbors.room.pairs)(tuple(moved[1:])))
 
 
 def reference(position, modulus):

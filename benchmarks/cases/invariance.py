@@ -13,6 +13,7 @@ import jaxdem
 from benchmarks.cases.registry import Figure, at_least, below, case
 from benchmarks.cases.worlds import Track, batch, constants, track, world
 from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.particles.neighbors import Room
 
 # --- particles alone --------------------------------------------------------------------------------------
 
@@ -255,9 +256,9 @@ def in_fluid(programs: tuple[str, ...] = ("batch", "slots", "rotation", "layer")
             at_least("batch: members differ", 1e-3, float(np.abs(many.particles.position[2] - x).max()), "m")
         )
     if "slots" in programs:
-        wider = one.simulation.with_slots(
-            one.state, one.neighbors, one.neighbors.capacity + 5, one.neighbors.cell_slots + 3
-        )
+        room = one.neighbors.room
+        more = Room(room.slots + 5, room.pairs + 7, room.cell + 3)
+        wider = one.simulation.with_room(one.state, one.neighbors, more)
         other = one.run(steps, *wider)[0]
         figures += compared("capacity of the list", COUPLED_TOLERANCE, {
             "position": (x, other.particles.position), "velocity": (v, other.particles.velocity),

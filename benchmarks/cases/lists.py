@@ -24,6 +24,20 @@ def listed_pairs(neighbors):
     return pairs
 
 
+def entries_of(neighbors):
+    """How many entries are not what the slot's index says: the pair of the two, from the side of the particle."""
+    first, second = np.asarray(neighbors.pairs.first), np.asarray(neighbors.pairs.second)
+    room, wrong = len(first), 0
+    for others, entries in zip(np.asarray(neighbors.index), np.asarray(neighbors.pairs.entry), strict=True):
+        for i, (j, entry) in enumerate(zip(others.tolist(), entries.tolist(), strict=True)):
+            p, side = entry % room, entry // room
+            if i == j:
+                wrong += entry != room - 1
+            else:
+                wrong += (first[p], second[p]) != ((i, j) if side == 0 else (j, i))
+    return wrong
+
+
 BOXES = {
     "square": ((0.4, 0.3), (False, False)),
     "periodic across": ((0.4, 0.3), (True, False)),
@@ -58,24 +72,32 @@ def list_is_all_pairs(names: tuple[str, ...] = tuple(BOXES)) -> list[Figure]:
         neighbors, largest = scene.neighbors, np.max(sizes)
         listed = listed_pairs(neighbors)
         expected = pairs_within(position, 2 * largest * 1.2, box, periodic)
-        distance = touching_empty = 0.0
-        for slot, index in enumerate(neighbors.index):
-            j, own = np.asarray(index), np.arange(90)
-            full = j != own
-            difference = position - position[j]
-            for axis, wraps in enumerate(periodic):
-                if wraps:
-                    difference[:, axis] -= box[axis] * np.round(difference[:, axis] / box[axis])
-            ours = np.stack([np.asarray(x[slot]) for x in neighbors.separation], 1)
-            overlap = np.asarray(neighbors.overlap[slot])
-            exact = sizes + sizes[j] - np.linalg.norm(difference, axis=1)
-            errors = [np.abs(ours - difference)[full], np.abs(overlap - exact)[full], [0.0]]
-            distance = max(distance, *(np.max(e, initial=0.0) for e in errors))
-            touching_empty += np.count_nonzero(overlap[~full] >= -largest)
+        pairs = neighbors.pairs
+        first, second = np.asarray(pairs.first), np.asarray(pairs.second)
+        full = first != second
+        difference = position[first] - position[second]
+        for axis, wraps in enumerate(periodic):
+            if wraps:
+                difference[:, axis] -= box[axis] * np.round(difference[:, axis] / box[axis])
+        ours = np.stack([np.asarray(x) for x in neighbors.separation], 1)
+        overlap = np.asarray(neighbors.overlap)
+        exact = sizes[first] + sizes[second] - np.linalg.norm(difference, axis=1)
+        errors = [np.abs(ours - difference)[full], np.abs(overlap - exact)[full], [0.0]]
+        distance = max(np.max(e, initial=0.0) for e in errors)
+        touching_empty = np.count_nonzero(overlap[~full] >= -largest)
+        once = list(zip(first[full].tolist(), second[full].tolist(), strict=True))
+        found = entries_of(neighbors)
         figures += [
             at_least(f"{name}: pairs", 50, len(expected)),
             below(f"{name}: pairs missed or too many", len(expected ^ set(listed)), 0.0),
             below(f"{name}: pairs twice", len(listed) - len(set(listed)), 0.0),
+            below(
+                f"{name}: pairs of the flat list off",
+                len({p for p in expected if p[0] < p[1]} ^ set(once)),
+                0.0,
+            ),
+            below(f"{name}: pairs of the flat list twice", len(once) - len(set(once)), 0.0),
+            below(f"{name}: entries of a particle that lead elsewhere", found, 0.0),
             below(f"{name}: overflow", float(neighbors.overflow), 0.0),
             below(f"{name}: separation and overlap", distance, 2e-16, "m"),
             below(f"{name}: empty slots that might touch", touching_empty, 0.0),

@@ -79,10 +79,8 @@ class March:
         self.state = State(particles, None, jnp.zeros_like(self.state.step))
         axes = tuple(leading.T)
         # As many slots as the list has, so that the compiled loop still fits.
-        self.neighbors = self.simulation.search.allocate(
-            axes, split_low(low, len(axes)), old.capacity, old.cell_slots
-        )
-        self._fit(self.neighbors.capacity)
+        self.neighbors = self.simulation.search.allocate(axes, split_low(low, len(axes)), old.room)
+        self._fit(old.room.pairs)
 
     def advance(self, duration: float) -> Any:
         """The mean of the observations over `duration` [s], rounded to whole coupling intervals.
@@ -99,19 +97,19 @@ class March:
             if not int(code) & Failure.OVERFLOW:
                 break
             assert self.neighbors is not None
-            more = (n + max(2, n // 2) for n in (self.neighbors.capacity, self.neighbors.cell_slots))
-            self.state, self.neighbors = self.simulation.with_slots(self.state, self.neighbors, *more)
+            self.state, self.neighbors = self.simulation.with_room(
+                self.state, self.neighbors, self.neighbors.room.enlarged()
+            )
         if int(code):
             raise RuntimeError(first_meaning(int(code))[0])
         self.state, self.neighbors = state, neighbors
         return mean
 
-    def _fit(self, slots: int) -> None:
-        """Contact springs with so many slots, all zero."""
+    def _fit(self, pairs: int) -> None:
+        """Contact springs of so many pairs, all zero."""
         particles = self.state.particles
         assert particles is not None
-        count = particles.position.shape[0]
-        springs = tuple(jnp.zeros((slots, count), x.dtype) for x in particles.contact_spring)
+        springs = tuple(jnp.zeros(pairs, x.dtype) for x in particles.contact_spring)
         self.state = self.state._replace(particles=particles._replace(contact_spring=springs))
 
     def _placed(self, place: Array) -> Simulation:

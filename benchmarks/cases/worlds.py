@@ -15,6 +15,7 @@ from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.loop import ContactInterval, contact_interval
 from jaxdem.particles.materials import ContactParameters, surroundings
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
+from jaxdem.particles.pairs import Pairs
 from jaxdem.particles.walls import box_sides
 
 DEFAULTS = {
@@ -51,7 +52,7 @@ class World(NamedTuple):
 
 def world(
     position, velocity=None, spin=None, *, radius=0.01, density=2500.0, box=None, periodic=None, skin=0.2,
-    law=None, rolling=None, gravity=None, material=None, walls=True, rebuild=True, slots=0,
+    law=None, rolling=None, gravity=None, material=None, walls=True, rebuild=True, room=None,
     dtype=jnp.float64, precise=None, wall_velocity=None, surfaces=(),
 ) -> World:  # fmt: skip
     """A world of N particles; positions as float64 rows, split into pairs in float32.
@@ -84,11 +85,11 @@ def world(
     )
     motion = Motion.of(state)
     if rebuild:
-        neighbors = search.allocate(motion.position, motion.low, slots)
+        neighbors = search.allocate(motion.position, motion.low, room)
     else:
         neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
     state = state._replace(
-        contact_spring=(jnp.zeros((neighbors.capacity, count), dtype),) * model.history_size(dimension),
+        contact_spring=(jnp.zeros(neighbors.room.pairs, dtype),) * model.history_size(dimension),
         wall_spring=(jnp.zeros((model.walls, count), dtype),) * model.history_size(dimension),
     )
     gravity = jnp.zeros(dimension, dtype) if gravity is None else jnp.asarray(gravity, dtype)
@@ -108,15 +109,23 @@ def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
     count, dimension = position.shape
     rows = [[j for j in range(count) if j != i] for i in range(count)]
     others = np.array(rows, int).reshape(count, max(count - 1, 0)).T
-    difference = position[None] - position[others]
+    listed = [(i, j) for i in range(count) for j in range(i + 1, count)]
+    number, room = {pair: p for p, pair in enumerate(listed)}, len(listed) + 1
+    entry = [
+        [number[i, j] if i < j else room + number[j, i] for i, j in enumerate(row)] for row in others.tolist()
+    ]
+    first, second = np.array([*listed, (0, 0)], int).T
+    difference = position[first] - position[second]
     for axis in range(dimension):
         if periodic[axis]:
-            difference[..., axis] -= box[axis] * np.round(difference[..., axis] / box[axis])
-    overlap = radius[None] + radius[others] - np.linalg.norm(difference, axis=2)
+            difference[:, axis] -= box[axis] * np.round(difference[:, axis] / box[axis])
+    difference[-1, 0] = 10.0 * radius.max()  # the empty pair, out of reach
+    overlap = radius[first] + radius[second] - np.linalg.norm(difference, axis=1)
     dtype = motion.position[0].dtype
     return Neighbors(
         jnp.asarray(others, jnp.int32),
-        tuple(jnp.asarray(difference[..., k], dtype) for k in range(dimension)),
+        Pairs(*(jnp.asarray(x, jnp.int32) for x in (first, second, np.reshape(entry, others.shape)))),
+        tuple(jnp.asarray(difference[:, k], dtype) for k in range(dimension)),
         jnp.asarray(overlap, dtype),
         motion.position, motion.low, jnp.zeros((), bool), jnp.ones((), jnp.int32), 0,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from jaxdem.particles import tangent, vectors, walls
 from jaxdem.particles.contact import Contact, ContactLaw, ContactMaterial
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
+from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.rolling import RollingFriction
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.particles.vectors import Vector
@@ -32,12 +33,12 @@ class MaterialIndex:
     wall: np.ndarray
     pair: np.ndarray
 
-    def between_particles(self, table: ContactMaterial, other: Array) -> ContactMaterial:
-        """Numbers () or (K, N) of the contacts of all particles with the others (K, N)."""
+    def between_particles(self, table: ContactMaterial, pairs: Pairs) -> ContactMaterial:
+        """Numbers () or (P,) of the contacts between particles."""
         if self.particle.ndim == 0:
             return _entries(table, self.pair[self.particle, self.particle])
         own = jnp.asarray(self.particle)
-        return _entries(table, jnp.asarray(self.pair)[own[None], own[other]])
+        return _entries(table, jnp.asarray(self.pair)[own[pairs.first], own[pairs.second]])
 
     def with_walls(self, table: ContactMaterial) -> ContactMaterial:
         """Numbers (S, 1) or (S, N) of the contacts of all particles with the S walls."""
@@ -98,15 +99,36 @@ class Sums(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """The other body of a contact, as the particle sees it; no angular velocity means that it cannot turn."""
+    """One body of a contact; no angular velocity means that it cannot turn."""
 
-    arm: Array
+    radius: Array
     velocity: Vector
     mid_velocity: Vector
     angular_velocity: Vector | None
-    effective_radius: Array
-    effective_mass: Array
+
+
+class _Meeting(NamedTuple):
+    """Two bodies that may touch: the overlap, and the unit normal from the other to the one.
+
+    `radius`, `mass` and `rolling_inertia` are the effective ones of the two, see `Contact`.
+    """
+
+    one: _Body
+    other: _Body
+    overlap: Array
+    normal: Vector
+    radius: Array
+    mass: Array
     rolling_inertia: Array
+
+
+class _Load(NamedTuple):
+    """What a contact does: force and torque on the one, torque on the other if that can turn, and what it keeps."""
+
+    force: Vector
+    torque: Vector
+    other_torque: Vector
+    spring: Vector
 
 
 def contact_forces(
@@ -137,7 +159,7 @@ def contact_forces(
     zero = jnp.zeros_like(motion.position[0])
     sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity))
     spring, wall_spring = motion.contact_spring, motion.wall_spring
-    if neighbors.capacity:
+    if neighbors.room.slots:
         sums, spring = loop.add_pairs(neighbors, sums)
     if model.walls:
         sums, wall_spring = loop.add_walls(sums)
@@ -145,7 +167,7 @@ def contact_forces(
 
 
 class _Loop(NamedTuple):
-    """What all contacts of a step share. All K slots of all N particles, then all S walls, are one array each."""
+    """What all contacts of a step share. All P pairs are one array each, and so are all S walls of N particles."""
 
     model: ContactModel
     surroundings: Surroundings
@@ -157,49 +179,65 @@ class _Loop(NamedTuple):
 
     def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts between particles; returns their new springs too."""
-        other, motion = neighbors.index, self.motion
-        radius, mass = self.properties.radius, self.properties.mass
-        other_radius = radius if radius.ndim == 0 else radius[other]
-        other_mass = mass if mass.ndim == 0 else mass[other]
+        pairs, motion = neighbors.pairs, self.motion
+        mass, inertia = self.properties.mass, self.properties.mass * self.properties.radius**2
+        one, other = self._particle(pairs.first), self._particle(pairs.second)
         displacement = displacement_since_build(motion.position, motion.low, neighbors)
-        overlap, normal = _pair_geometry(neighbors, displacement, _row(radius) + other_radius)
-        body = _Body(
-            arm=other_radius,
-            velocity=tuple(x[other] for x in motion.velocity),
-            mid_velocity=tuple(x[other] for x in self.mid_velocity),
-            angular_velocity=tuple(x[other] for x in motion.angular_velocity),
-            effective_radius=_row(radius) * other_radius / (_row(radius) + other_radius),
-            effective_mass=_row(mass) * other_mass / (_row(mass) + other_mass),
-            rolling_inertia=1.4 / (1.0 / (_row(mass * radius**2)) + 1.0 / (other_mass * other_radius**2)),
-        )
+        overlap, normal = _pair_geometry(neighbors, displacement, one.radius + other.radius)
         material = self.surroundings.pair
         if self.model.materials is not None:
-            material = self.model.materials.between_particles(material, other)
-        return self._add(material, body, overlap, normal, motion.contact_spring, sums)
+            material = self.model.materials.between_particles(material, pairs)
+        load = self._load(
+            material,
+            _Meeting(
+                one, other, overlap, normal,
+                radius=_harmonic(one.radius, other.radius),
+                mass=_harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
+                rolling_inertia=1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
+            ),
+            motion.contact_spring,
+        )  # fmt: skip
+
+        def added(total: Vector, on_one: Vector, on_other: Vector) -> Vector:
+            parts = zip(total, on_one, on_other, strict=True)
+            return tuple(x + sum_over_pairs(a, b, pairs) for x, a, b in parts)
+
+        force = added(sums.force, load.force, vectors.scale(-1.0, load.force))
+        return Sums(force, added(sums.torque, load.torque, load.other_torque)), load.spring
+
+    def _particle(self, index: Array) -> _Body:
+        """The particles of these indices (P,)."""
+        motion = self.motion
+        return _Body(
+            _of(self.properties.radius, index),
+            at(motion.velocity, index),
+            at(self.mid_velocity, index),
+            at(motion.angular_velocity, index),
+        )
 
     def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts with the walls, bodies of infinite radius and mass."""
-        motion, radius = self.motion, self.properties.radius
+        motion, radius, mass = self.motion, _row(self.properties.radius), _row(self.properties.mass)
         overlap, normal = self._wall_geometry()
         if self.active is not None:  # out of reach by a radius, whatever the speed
-            overlap = jnp.where(self.active[None], overlap, -jnp.ones_like(overlap) * _row(radius))
+            overlap = jnp.where(self.active[None], overlap, -jnp.ones_like(overlap) * radius)
         velocity = tuple(
             jnp.stack(components)[:, None]
             for components in zip(*self.surroundings.wall_velocity, strict=True)
         )
-        body = _Body(
-            arm=jnp.zeros((), overlap.dtype),
-            velocity=velocity,
-            mid_velocity=velocity,
-            angular_velocity=None,
-            effective_radius=_row(radius),
-            effective_mass=_row(self.properties.mass),
-            rolling_inertia=1.4 * _row(self.properties.mass * radius**2),
-        )
+        own = _Body(radius, _rows(motion.velocity), _rows(self.mid_velocity), _rows(motion.angular_velocity))
+        wall = _Body(jnp.zeros((), overlap.dtype), velocity, velocity, None)
         material = self.surroundings.wall
         if self.model.materials is not None:
             material = self.model.materials.with_walls(material)
-        return self._add(material, body, overlap, normal, motion.wall_spring, sums)
+        load = self._load(
+            material,
+            _Meeting(own, wall, overlap, normal, radius, mass, 1.4 * mass * radius**2),
+            motion.wall_spring,
+        )
+        force = vectors.add(sums.force, tuple(_sum_slots(x) for x in load.force))
+        torque = vectors.add(sums.torque, tuple(_sum_slots(x) for x in load.torque))
+        return Sums(force, torque), load.spring
 
     def _wall_geometry(self) -> tuple[Array, Vector]:
         """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""
@@ -218,30 +256,23 @@ class _Loop(NamedTuple):
         normals[0] = tuple(jnp.broadcast_to(x, overlaps[0].shape) for x in normals[0])
         return jnp.concatenate(overlaps), tuple(map(jnp.concatenate, zip(*normals, strict=True)))
 
-    def _add(
-        self,
-        material: ContactMaterial,
-        body: _Body,
-        overlap: Array,
-        normal: Vector,
-        spring: Vector,
-        sums: Sums,
-    ) -> tuple[Sums, Vector]:
-        """Forces and torques of the contacts in all slots, added to the sums; and their new springs."""
-        radius, own_spin = _row(self.properties.radius), _rows(self.motion.angular_velocity)
-        approach = vectors.subtract(_rows(self.mid_velocity), body.mid_velocity)
+    def _load(self, material: ContactMaterial, meeting: _Meeting, spring: Vector) -> _Load:
+        """Force, torques and new springs of all contacts; zero where nothing touches."""
+        one, other, overlap, normal, effective_radius, effective_mass, rolling_inertia = meeting
+        approach = vectors.subtract(one.mid_velocity, other.mid_velocity)
         approach_speed = -vectors.dot(approach, normal)
         share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
         touching = overlap > 0
         # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
         # the same from either side, for a dashpot may act already.
-        overlap = jnp.where(touching, overlap, 1e-12 * body.effective_radius)
-        arm = radius - 0.5 * overlap
-        spin, relative_spin = vectors.scale(arm, own_spin), own_spin
-        if body.angular_velocity is not None:
-            spin = vectors.add(spin, vectors.scale(body.arm - 0.5 * overlap, body.angular_velocity))
-            relative_spin = vectors.subtract(relative_spin, body.angular_velocity)
-        relative = vectors.subtract(_rows(self.motion.velocity), body.velocity)
+        overlap = jnp.where(touching, overlap, 1e-12 * effective_radius)
+        arm, other_arm = one.radius - 0.5 * overlap, other.radius - 0.5 * overlap
+        assert one.angular_velocity is not None
+        spin, relative_spin = vectors.scale(arm, one.angular_velocity), one.angular_velocity
+        if other.angular_velocity is not None:
+            spin = vectors.add(spin, vectors.scale(other_arm, other.angular_velocity))
+            relative_spin = vectors.subtract(relative_spin, other.angular_velocity)
+        relative = vectors.subtract(one.velocity, other.velocity)
         slip = vectors.subtract(
             tangent.part_in_plane(relative, normal), tangent.surface_velocity(spin, normal)
         )
@@ -254,26 +285,26 @@ class _Loop(NamedTuple):
             approach_speed=share * approach_speed,
             slip=slip,
             spring=vectors.add(turned, vectors.scale(self.time_step, slip)),
-            effective_radius=body.effective_radius,
-            effective_mass=body.effective_mass,
-            rolling_inertia=body.rolling_inertia,
+            effective_radius=effective_radius,
+            effective_mass=effective_mass,
+            rolling_inertia=rolling_inertia,
         )
         result = self.model.law(contact, material)
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
         along = jnp.where(touching, result.normal, result.normal - result.elastic)
         across = vectors.where(touching, result.tangential, 0.0)
         force = vectors.add(vectors.scale(along, normal), tangent.in_space(across, normal))
-        torque = vectors.scale(-arm, tangent.moment(normal, across))
+        # The tangential force turns both bodies the same way, rolling resistance one against the other.
+        moment = tangent.moment(normal, across)
+        torque, other_torque = vectors.scale(-arm, moment), vectors.scale(-other_arm, moment)
         if self.model.rolling is not None:
             resistance, kept = self.model.rolling(
                 contact, result, material, normal, relative_spin, rolling_spring, self.time_step
             )
-            torque = vectors.add(torque, vectors.where(touching, resistance, 0.0))
-        sums = Sums(
-            vectors.add(sums.force, tuple(_sum_slots(x) for x in force)),
-            vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque)),
-        )
-        return sums, vectors.where(touching, (*result.spring, *kept), 0.0)
+            resistance = vectors.where(touching, resistance, 0.0)
+            torque = vectors.add(torque, resistance)
+            other_torque = vectors.subtract(other_torque, resistance)
+        return _Load(force, torque, other_torque, vectors.where(touching, (*result.spring, *kept), 0.0))
 
 
 def _sum_slots(array: Array) -> Array:
@@ -282,6 +313,16 @@ def _sum_slots(array: Array) -> Array:
     for k in range(1, array.shape[0]):
         total = total + array[k]
     return total
+
+
+def _of(quantity: Array, index: Array) -> Array:
+    """() unchanged, of (N,) the rows of these indices."""
+    return quantity if quantity.ndim == 0 else at((quantity,), index)[0]
+
+
+def _harmonic(a: Array, b: Array) -> Array:
+    """1/(1/a + 1/b)."""
+    return a * b / (a + b)
 
 
 def _row(quantity: Array) -> Array:
@@ -307,13 +348,13 @@ def _share_of_step(overlap: Array, reach: Array) -> Array:
 
 
 def _pair_geometry(neighbors: Neighbors, displacement: Vector, radius_sum: Array) -> tuple[Array, Vector]:
-    """Overlap now, and unit normal towards the particle, of all pairs.
+    """Overlap now, and unit normal towards the first particle, of all pairs.
 
     |r0 + D| - |r0| = D.(2 r0 + D) / (|r0 + D| + |r0|), D the change of the separation since the build:
     so the overlap keeps its leading digits.
     """
-    other, initial = neighbors.index, neighbors.separation
-    change = vectors.subtract(_rows(displacement), tuple(x[other] for x in displacement))
+    pairs, initial = neighbors.pairs, neighbors.separation
+    change = vectors.subtract(at(displacement, pairs.first), at(displacement, pairs.second))
     separation = vectors.add(initial, change)
     distance = vectors.safe_sqrt(vectors.dot(separation, separation))
     apart = distance > 0
@@ -323,6 +364,5 @@ def _pair_geometry(neighbors: Neighbors, displacement: Vector, radius_sum: Array
     initial_distance = radius_sum - neighbors.overlap
     overlap = neighbors.overlap - growth / (distance + initial_distance)
     # Coincident centres have no direction: they part along the first axis, the lower index backwards.
-    own = jnp.arange(other.shape[1], dtype=other.dtype)[None]
-    first = jnp.where(apart, separation[0] * inverse, jnp.where(own < other, -1.0, 1.0))
+    first = jnp.where(apart, separation[0] * inverse, -1.0)
     return overlap, (first.astype(distance.dtype), *(x * inverse for x in separation[1:]))

@@ -20,10 +20,10 @@ class ParticleState(NamedTuple):
         position_low: (N, D) trailing part, position + position_low is the centre; None in float64 [m].
         velocity: (N, D) [m/s].
         angular_velocity: (N, A) [rad/s].
-        contact_spring: elastic tangential displacement of the pairs in K slots, (K, N) for every component that
-            a vector in the contact plane has (1 in 2-D, 3 in 3-D, see `tangent`) [m]; then as many of the torque
-            of the rolling spring, if rolling friction has one [N m].
-        wall_spring: the same at the S walls, arrays (S, N) [m].
+        contact_spring: elastic tangential displacement of the first particle against the second of every pair,
+            (P,) for every component that a vector in the contact plane has (1 in 2-D, 3 in 3-D, see `tangent`) [m];
+            then as many of the torque of the rolling spring, if rolling friction has one [N m].
+        wall_spring: the same of every particle at the S walls, arrays (S, N) [m].
         contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
         fluid_memory: what forces of the fluid keep of earlier intervals, arrays with an axis of length N; None
@@ -53,7 +53,7 @@ class Motion(NamedTuple):
         low: D arrays (N,) or Nones, trailing part [m].
         velocity: D arrays (N,) [m/s].
         angular_velocity: A arrays (N,) [rad/s].
-        contact_spring: arrays (K, N) [m].
+        contact_spring: arrays (P,) [m].
         wall_spring: arrays (S, N) [m].
     """
 

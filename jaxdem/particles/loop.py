@@ -40,8 +40,10 @@ class ContactInterval(NamedTuple):
 
 
 class _Carry(NamedTuple):
+    # The contact force itself, not the acceleration: XLA writes what a loop carries to memory once, and would
+    # otherwise sum all contacts anew for everything that needs the sum.
     motion: Motion
-    acceleration: Vector
+    contact_force: Vector
     contact_impulse: Vector
     collision: Array
     step: Array
@@ -88,11 +90,11 @@ def contact_interval(
         body_torque = None if body_torque is None else jnp.where(active[:, None], body_torque, 0.0)
     force = vectors.components(body_force)
     turning = None if body_torque is None else vectors.components(body_torque)
-    resting = vectors.add(force, vectors.components(state.contact_force))
 
     def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
         motion = drift(carry.motion, 0.5 * time_step)
-        expected = vectors.add(motion.velocity, vectors.scale(0.5 * time_step, carry.acceleration))
+        acceleration = vectors.scale(1.0 / properties.mass, vectors.add(carry.contact_force, force))
+        expected = vectors.add(motion.velocity, vectors.scale(0.5 * time_step, acceleration))
         sums, motion = contact_forces(
             interval.model, surroundings, properties, motion, neighbors, time_step, expected, active
         )
@@ -102,13 +104,12 @@ def contact_interval(
         impulse = vectors.add(carry.contact_impulse, vectors.scale(time_step, sums.force))
         size = vectors.safe_sqrt(vectors.dot(sums.force, sums.force))
         collision = carry.collision + jnp.sum(size)
-        acceleration = vectors.scale(1.0 / properties.mass, total)
-        return _Carry(drift(motion, 0.5 * time_step), acceleration, impulse, collision, carry.step + 1)
+        return _Carry(drift(motion, 0.5 * time_step), sums.force, impulse, collision, carry.step + 1)
 
     zero = jnp.zeros_like(force[0])
     carry = _Carry(
         Motion.of(state),
-        vectors.scale(1.0 / properties.mass, resting),
+        vectors.components(state.contact_force),
         (zero,) * len(force),
         jnp.zeros((), zero.dtype),
         jnp.zeros((), jnp.int32),
@@ -172,7 +173,7 @@ def _fast_loop(
 def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors) -> Array:
     """() bool: the list does not cover the coming step, up to its end."""
     # A list of nothing is never out of date: the loop would wait for it for ever.
-    if interval.search is None or neighbors.capacity == 0:
+    if interval.search is None or neighbors.room.slots == 0:
         return jnp.zeros((), bool)
     motion = drift(carry.motion, time_step)
     displacement = displacement_since_build(motion.position, motion.low, neighbors)
@@ -185,7 +186,7 @@ def _with_list_in_date(
     """The list rebuilt if it is stale, and the springs moved to its slots."""
 
     search = interval.search
-    if search is None or neighbors.capacity == 0:
+    if search is None or neighbors.room.slots == 0:
         return carry, neighbors
 
     def rebuild(carry: _Carry, neighbors: Neighbors) -> tuple[_Carry, Neighbors]:

@@ -1,9 +1,9 @@
 """Neighbour list: who may touch whom, and where the pair stood when the list was made.
 
 The list is jax-md's dense list: allocated by jax-md outside jit, and updated inside by `cells`, which finds the
-same pairs faster. Beside each index it keeps the separation and the overlap of the pair at the build, computed
-in pairs of floats; a contact step only adds the change of distance since then, so that float32 resolves
-overlaps of a nanometre in a box of metres.
+same pairs faster; `pairs` has each of them once. Beside each pair it keeps the separation and the overlap at the
+build, computed in pairs of floats; a contact step only adds the change of distance since then, so that float32
+resolves overlaps of a nanometre in a box of metres.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from jax import Array, lax
 from jaxdem.particles import compensated, vectors
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.compensated import Low
+from jaxdem.particles.pairs import Pairs, at, pairs_of
 from jaxdem.particles.vectors import Vector
 
 EXTRA_CAPACITY = 1.25
@@ -32,6 +33,11 @@ EXTRA_CAPACITY = 1.25
 USUAL_SLOTS = {2: 8, 3: 16}
 """Slots allocated at least, by dimension: what a dense pack of equal spheres needs once it has formed."""
 
+USUAL_PAIRS = {2: 3.25, 3: 5.0}
+"""Pairs allocated at least for each particle, by dimension: three in a hexagonal layer, and a margin."""
+
+EXTRA_PAIRS = 1.1
+"""Pairs are allocated for this multiple of those found: their sum varies less than the most that one particle has."""
 
 DENSE = {2: 0.85, 3: 0.64}
 """Solid fraction of a dense pack, by dimension."""
@@ -53,23 +59,43 @@ class NeighborGeometry(NamedTuple):
     skin: float
 
 
+class Room(NamedTuple):
+    """What a list has room for; static.
+
+    Attributes:
+        slots: K, neighbours of a particle; 0 for nothing to list.
+        pairs: P, pairs and the empty one.
+        cell: particles in a cell of the search.
+    """
+
+    slots: int
+    pairs: int
+    cell: int
+
+    def enlarged(self) -> Room:
+        """Half as much again."""
+        return Room(*(n + max(2, n // 2) for n in self))
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Neighbors:
-    """Pairs in reach (K slots for each of N particles; every pair stands twice, once from either side).
+    """Pairs in reach: P pairs, each once, and K slots for each of N particles, where each stands twice.
 
     Attributes:
         index: (K, N) int32, the other particle; an empty slot holds the particle itself.
-        separation: D arrays (K, N), centre of the particle less centre of the other, at the build [m].
-        overlap: (K, N) overlap at the build, negative for a gap [m].
+        pairs: who the pairs are, and where those of each particle stand.
+        separation: D arrays (P,), centre of the first less centre of the second, at the build [m].
+        overlap: (P,) overlap at the build, negative for a gap [m].
         reference: D arrays (N,), positions at the build, leading part [m].
         reference_low: D arrays (N,), trailing part, or Nones in float64.
-        overflow: () bool, a particle had more neighbours than slots; the list is then incomplete.
+        overflow: () bool, there were more neighbours or pairs than room; the list is then incomplete.
         builds: () int32, number of builds so far.
         cell_slots: room for particles in a cell of the search; static.
     """
 
     index: Array
+    pairs: Pairs
     separation: Vector
     overlap: Array
     reference: Vector
@@ -79,9 +105,9 @@ class Neighbors:
     cell_slots: int = dataclasses.field(metadata={"static": True})
 
     @property
-    def capacity(self) -> int:
-        """Number of slots per particle; 0 where there is nothing to list."""
-        return self.index.shape[0]
+    def room(self) -> Room:
+        """What there is room for."""
+        return Room(self.index.shape[0], self.overlap.shape[0], self.cell_slots)
 
 
 def wrap(displacement: Array, geometry: NeighborGeometry) -> Array:
@@ -121,89 +147,92 @@ class NeighborSearch:
         self,
         position: Vector,
         low: tuple[Low, ...],
-        slots: int = 0,
-        cell_slots: int | None = None,
+        room: Room | None = None,
         active: Array | None = None,
     ) -> Neighbors:
-        """A new list with room for these positions, and for `slots` neighbours at least; not jittable.
+        """A new list with room for these positions, and for what is usual; not jittable.
 
         Args:
             position: D arrays (N,), leading parts [m]; must be finite.
             low: D arrays (N,) or Nones, trailing parts.
-            slots: smallest number of slots per particle.
-            cell_slots: room in a cell of the search; then `slots` is exact too. A resumed run asks for the
-                capacities that it had, so that it compiles and computes the same.
+            room: exactly so much room instead. A resumed run asks for what it had, so that it compiles and
+                computes the same.
             active: (N,) bool, which particles there are; all if None.
         """
-        count = position[0].shape[0]
-        present = position if active is None else tuple(x[np.asarray(active)] for x in position)
-        if count < 2:
-            slots = 0
-        elif cell_slots is None:
-            usual = USUAL_SLOTS[len(position)]
-            if active is not None:
-                usual = math.ceil(EXTRA_CAPACITY * self._crowd(self._grid.reach))
-            slots = max(slots, self._slots_of_jax_md(present), min(usual, count - 1))
-        if cell_slots is None:
-            crowd = max(
-                self._grid.largest_occupancy(present), self._grid.dense_occupancy(self.geometry.cutoff)
-            )
-            if active is not None:
-                widths = (length / n for length, n in zip(self.geometry.box, self._grid.shape, strict=True))
-                crowd = max(crowd, self._crowd(0.6 * max(widths)))
-            cell_slots = math.ceil(EXTRA_CAPACITY * crowd)
+        if room is None:
+            room = self._room(position, active)
         # As one program: outside of jit every operation would be compiled by itself.
-        built = jax.jit(self._built, static_argnums=(2, 3))
-        return built(position, low, slots, cell_slots, jnp.zeros((), bool), jnp.ones((), jnp.int32), active)
+        built = jax.jit(self._built, static_argnums=2)
+        return built(position, low, room, jnp.zeros((), bool), jnp.ones((), jnp.int32), active)
 
     def update(
         self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors, active: Array | None = None
     ) -> Neighbors:
-        """The list rebuilt at these positions; jittable, capacities unchanged, overflow flagged."""
+        """The list rebuilt at these positions; jittable, room unchanged, overflow flagged."""
         position, low = lax.stop_gradient((position, low))
-        return self._built(
-            position, low, neighbors.capacity, neighbors.cell_slots, neighbors.overflow,
-            neighbors.builds + 1, active,
-        )  # fmt: skip
+        return self._built(position, low, neighbors.room, neighbors.overflow, neighbors.builds + 1, active)
 
     def _built(
         self,
         position: Vector,
         low: tuple[Low, ...],
-        slots: int,
-        cell_slots: int,
+        room: Room,
         overflow: Array,
         builds: Array,
         active: Array | None = None,
     ) -> Neighbors:
-        if slots == 0:
-            nothing = jnp.zeros((0, *position[0].shape), position[0].dtype)
-            index, separation, overlap = nothing.astype(jnp.int32), (nothing,) * len(position), nothing
+        if room.slots == 0:
+            none = jnp.zeros(0, jnp.int32)
+            index = jnp.zeros((0, *position[0].shape), jnp.int32)
+            pairs, blank = Pairs(none, none, index), jnp.zeros(0, position[0].dtype)
+            separation, overlap = (blank,) * len(position), blank
         else:
-            index, crowded = neighbors_in_cells(self._grid, position, slots, cell_slots, active)
-            overflow = overflow | crowded
-            separation, overlap = self._pair_geometry(index, position, low)
-        return Neighbors(index, separation, overlap, position, low, overflow, builds, cell_slots)
+            index, crowded = neighbors_in_cells(self._grid, position, room.slots, room.cell, active)
+            pairs, too_many = pairs_of(index, room.pairs)
+            overflow = overflow | crowded | too_many
+            separation, overlap = self._pair_geometry(pairs, position, low)
+        return Neighbors(index, pairs, separation, overlap, position, low, overflow, builds, room.cell)
 
-    def _pair_geometry(self, other: Array, position: Vector, low: tuple[Low, ...]) -> tuple[Vector, Array]:
-        """Separation, D arrays (K, N), and overlap (K, N) of all pairs."""
-        pairs = []
+    def _pair_geometry(self, pairs: Pairs, position: Vector, low: tuple[Low, ...]) -> tuple[Vector, Array]:
+        """Separation, D arrays (P,), and overlap (P,) of all pairs."""
+        apart = []
         for k, (high, trailing) in enumerate(zip(position, low, strict=True)):
-            other_low = None if trailing is None else trailing[other]
-            separation = compensated.difference(high[None], _row(trailing), high[other], other_low)
+            one_low = None if trailing is None else trailing[pairs.first]
+            other_low = None if trailing is None else trailing[pairs.second]
+            separation = compensated.difference(high[pairs.first], one_low, high[pairs.second], other_low)
             if self.geometry.periodic[k]:
                 box = jnp.asarray(self.geometry.box[k], high.dtype)
                 image = box * jnp.round(separation[0] / box)
                 image_low = None if trailing is None else jnp.zeros_like(image)
                 separation = compensated.difference(*separation, image, image_low)
-            pairs.append(separation)
-        radius_sum = 2.0 * self.radius if self.radius.ndim == 0 else self.radius[None] + self.radius[other]
-        # An empty slot pairs a particle with itself: place it out of reach, so that it never touches.
-        empty = other == jnp.arange(other.shape[1], dtype=jnp.int32)[None]
+            apart.append(separation)
+        radius_sum = 2.0 * self.radius
+        if self.radius.ndim:
+            radius_sum = self.radius[pairs.first] + self.radius[pairs.second]
+        # Where there is no pair the first particle stands with itself: placed out of reach, so that it never touches.
+        empty = pairs.first == pairs.second
         far = jnp.asarray(2.0 * (self.geometry.cutoff + self.geometry.skin), position[0].dtype)
-        first_low = None if pairs[0][1] is None else jnp.where(empty, 0.0, pairs[0][1])
-        pairs[0] = (jnp.where(empty, far, pairs[0][0]), first_low)
-        return tuple(high for high, _ in pairs), compensated.overlap_of_spheres(tuple(pairs), radius_sum)
+        first_low = None if apart[0][1] is None else jnp.where(empty, 0.0, apart[0][1])
+        apart[0] = (jnp.where(empty, far, apart[0][0]), first_low)
+        return tuple(high for high, _ in apart), compensated.overlap_of_spheres(tuple(apart), radius_sum)
+
+    def _room(self, position: Vector, active: Array | None) -> Room:
+        """Room for these positions and for a dense pack, with a margin."""
+        count, dimension = position[0].shape[0], len(position)
+        if count < 2:
+            return Room(0, 0, 1)
+        present = position if active is None else tuple(x[np.asarray(active)] for x in position)
+        crowd = max(self._grid.largest_occupancy(present), self._grid.dense_occupancy(self.geometry.cutoff))
+        usual, each = USUAL_SLOTS[dimension], USUAL_PAIRS[dimension]
+        if active is not None:  # what stands there at the start tells nothing of those who come
+            usual = math.ceil(EXTRA_CAPACITY * self._crowd(self._grid.reach))
+            each = max(each, 0.5 * self._crowd(self._grid.reach))
+            widths = (length / n for length, n in zip(self.geometry.box, self._grid.shape, strict=True))
+            crowd = max(crowd, self._crowd(0.6 * max(widths)))
+        found, slots = self._found_by_jax_md(present)
+        everyone = count * (count - 1) // 2
+        pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
+        return Room(max(slots, min(usual, count - 1)), pairs + 1, math.ceil(EXTRA_CAPACITY * crowd))
 
     def _crowd(self, reach: float) -> int:
         """How many particles of the mean volume a dense pack has within `reach` [m], `USUAL_SLOTS` at least.
@@ -214,10 +243,11 @@ class NeighborSearch:
         mean = float(np.mean(np.asarray(self.radius) ** dimension))
         return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * reach**dimension / mean))
 
-    def _slots_of_jax_md(self, position: Vector) -> int:
-        """Room for neighbours that jax-md allocates at these positions."""
-        if position[0].shape[0] < 2:  # jax-md does not handle no particles
-            return 0
+    def _found_by_jax_md(self, position: Vector) -> tuple[int, int]:
+        """Number of pairs at these positions, and the slots that jax-md allocates for the neighbours of a particle."""
+        count = position[0].shape[0]
+        if count < 2:  # jax-md does not handle no particles
+            return 0, 0
         partition, geometry = _import_partition(), self.geometry
         reach = self._grid.reach
         # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.
@@ -240,28 +270,29 @@ class NeighborSearch:
                 capacity_multiplier=EXTRA_CAPACITY,
                 format=partition.NeighborListFormat.Dense,
             )
-            return functions.allocate(jnp.asarray(inside, position[0].dtype)).idx.shape[1]
+            listed = functions.allocate(jnp.asarray(inside, position[0].dtype)).idx
+        return int(np.count_nonzero(np.asarray(listed) < count)) // 2, listed.shape[1]
 
 
 def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:
-    """Values kept per pair, moved to the slots of a new list by the identity of the other particle.
+    """Values kept per pair, moved to the places of a new list by the identity of the two particles.
 
     Args:
-        history: components (K, N), the value of each pair in the old list.
+        history: components (P,), the value of each pair in the old list.
         old: list that `history` belongs to.
-        new: list with K' slots.
+        new: list with P' pairs.
 
     Returns:
-        Components (K', N); zero for pairs that were not listed before.
+        Components (P',); zero for pairs that were not listed before.
     """
-    # An empty slot matches empty slots, whose values are zero. A pair stands once in a list, so the sum has
-    # one term.
-    same = old.index[None] == new.index[:, None]
-    return tuple(jnp.sum(jnp.where(same, component[None], 0.0), axis=1) for component in history)
-
-
-def _row(low: Low) -> Low:
-    return None if low is None else low[None]
+    first, second = new.pairs.first, new.pairs.second
+    # Of its first particle a pair is an entry below P; a pair stands once in a list, so the sum has one term.
+    place, found = jnp.zeros_like(first), jnp.zeros(first.shape, bool)
+    for others, entries in zip(old.index, old.pairs.entry, strict=True):
+        other, entry = at((others, entries), first)
+        same = (other == second) & (first != second)
+        place, found = place + jnp.where(same, entry, 0), found | same
+    return tuple(jnp.where(found, component, 0.0) for component in at(history, place))
 
 
 def _import_partition() -> Any:

@@ -117,7 +117,7 @@ def renewed(
         particles = _with_those_due(
             population, number, search.radius, surfaces, inlet_velocity[number], particles, step
         )
-    if neighbors.capacity == 0:
+    if neighbors.room.slots == 0:
         return particles, neighbors
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))

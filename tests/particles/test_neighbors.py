@@ -12,7 +12,8 @@ import pytest
 from benchmarks.cases.lists import listed_pairs
 from benchmarks.cases.worlds import constants, track, world
 from jaxdem.particles import loop
-from jaxdem.particles.neighbors import carry_history
+from jaxdem.particles.neighbors import Room, carry_history
+from jaxdem.particles.pairs import Pairs
 
 
 def gas(rebuild):
@@ -59,24 +60,26 @@ def test_a_list_that_is_never_rebuilt_fails(trajectory, monkeypatch):
 
 
 def shuffled(scene, seed):
-    """The same list with the slots of every particle in another order, history with them."""
+    """The same list with the slots of every particle, and the pairs, in another order, history with them."""
     generator = np.random.default_rng(seed)
     neighbors, state = scene.neighbors, scene.state
-    slots, count = neighbors.capacity, state.position.shape[0]
-    order = jnp.asarray(np.argsort(generator.random((slots, count)), axis=0))
+    slots, count, room = neighbors.room.slots, state.position.shape[0], neighbors.room.pairs
+    order = np.argsort(generator.random((slots, count)), axis=0)
+    # The empty pair stays the last.
+    place = np.append(generator.permutation(room - 1), room - 1)
+    whither = jnp.asarray(np.argsort(place), jnp.int32)
 
     def turn(rows):
-        return jnp.take_along_axis(rows, order, axis=0)
+        return jnp.take_along_axis(rows, jnp.asarray(order), axis=0)
 
-    def turn_vectors(components):
-        return tuple(turn(component) for component in components)
-
+    pairs, entry = neighbors.pairs, turn(neighbors.pairs.entry)
+    entry = jnp.where(entry < room, whither[entry % room], room + whither[entry % room])
     new = dataclasses.replace(
         neighbors,
-        index=turn(neighbors.index), separation=turn_vectors(neighbors.separation),
-        overlap=turn(neighbors.overlap),
+        index=turn(neighbors.index), pairs=Pairs(pairs.first[place], pairs.second[place], entry),
+        separation=tuple(x[place] for x in neighbors.separation), overlap=neighbors.overlap[place],
     )  # fmt: skip
-    springs = turn_vectors(state.contact_spring)
+    springs = tuple(x[place] for x in state.contact_spring)
     return scene._replace(neighbors=new, state=state._replace(contact_spring=springs))
 
 
@@ -96,20 +99,18 @@ def test_history_follows_the_identity_of_the_pair():
     scene = world(position, box=(0.08, 0.08))
     # The value of pair (i, j) is a function of both, so that it can be recognised.
     value = lambda i, j: (i + 0.01 * j, -1.0 * i * j)  # noqa: E731
-    own, others = np.arange(30), np.asarray(scene.neighbors.index)
-    history = tuple(jnp.asarray(np.where(others == own, 0.0, x)) for x in value(own[None], others))
+    first, second = map(np.asarray, scene.neighbors.pairs[:2])
+    history = tuple(jnp.asarray(np.where(first == second, 0.0, x)) for x in value(first, second))
     moved = position + generator.uniform(-0.01, 0.01, position.shape)
-    new = world(moved, box=(0.08, 0.08), slots=scene.neighbors.capacity + 3).neighbors
-    carried = carry_history(history, scene.neighbors, new)
+    slots, pairs, cell = scene.neighbors.room
+    new = world(moved, box=(0.08, 0.08), room=Room(slots + 3, pairs + 9, cell)).neighbors
+    carried = np.stack(carry_history(history, scene.neighbors, new), axis=1)
     old_pairs, kept, lost = listed_pairs(scene.neighbors), 0, 0
-    for slot, index in enumerate(new.index):
-        vector = np.stack([component[slot] for component in carried])
-        for i, j in enumerate(np.asarray(index)):
-            known = (i, int(j)) in old_pairs
-            expected = value(i, j) if known else (0.0, 0.0)
-            np.testing.assert_array_equal(vector[:, i], expected)
-            kept, lost = kept + known, lost + (not known and i != j)
-    assert kept > 100 and lost > 5
+    for i, j, vector in zip(*map(np.asarray, new.pairs[:2]), carried, strict=True):
+        known = (int(i), int(j)) in old_pairs
+        np.testing.assert_array_equal(vector, value(i, j) if known else (0.0, 0.0))
+        kept, lost = kept + known, lost + (not known and i != j)
+    assert kept > 50 and lost > 3
 
 
 @pytest.mark.parametrize("control", [False, True])
@@ -140,7 +141,7 @@ def test_rebuilds_do_not_change_sliding_contacts(monkeypatch, control):
 
 
 def test_overflow_is_flagged():
-    """Particles drawn together into one spot exceed the slots: the flag goes up and stays up."""
+    """Particles drawn together into one spot exceed the slots, or the pairs: the flag goes up and stays up."""
     spread = np.stack([np.arange(16) * 0.03 + 0.02, np.full(16, 0.1)], 1)
     scene = world(spread, radius=0.01, box=(0.5, 0.2))
     search, low = scene.interval.search, (None, None)
@@ -150,6 +151,11 @@ def test_overflow_is_flagged():
     crowded = update(together, scene.neighbors)
     assert bool(crowded.overflow)
     assert bool(update(jnp.asarray(spread), crowded).overflow)
+    # 15 pairs of neighbours in the row, at a distance that the list reaches: 15 pairs fit, 14 do not.
+    row = jnp.asarray(np.stack([np.arange(16) * 0.021 + 0.02, np.full(16, 0.1)], 1))
+    for pairs, short in ((15, False), (14, True)):
+        listed = search.allocate((row[:, 0], row[:, 1]), low, Room(8, pairs + 1, 8))
+        assert bool(listed.overflow) == short
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
