@@ -1,0 +1,217 @@
+"""Cost of training the paper's network with the paper's settings, and of training eight of them at once.
+
+    python benchmarks/training.py [--epochs 20] [--rounds 5] [--samples 250000]
+
+The loop is that of `jaxdem.train` on synthetic samples: velocities and void fraction in, Koch-Hill drag out, both
+normalised. With fewer epochs than the paper's 2000 the time of all is extrapolated; `--epochs 2000` runs them all.
+Below 200 epochs the loop reads every loss, which keeps the next shuffle from running beside the device.
+
+`minimize` draws its batches on the host and cannot be mapped over networks. For eight at once its compiled epoch is
+taken from `jaxdem.train.fit_loop` and mapped here over weights, optimiser states and batch orders; the samples are
+shared. The single trainings beside it use the same epoch, unmapped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import resource
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+from benchmarks import harness
+from benchmarks.drag_cost import DIMENSION, random_inputs
+from jaxdem.closures import KochHill, PaperNetwork
+from jaxdem.train.fit_loop import LOSSES, _epoch, make_optimizer, minimize
+from jaxdem.train.fit_settings import FitSettings
+
+NETWORKS = 8
+PAPER_S = 1856.0
+"""Seconds of 2000 epochs of Davydzenka & Tahmasebi (2022), J. Fluid Mech. 938, A20."""
+TARGETS_S = (900.0, 600.0)
+"""Seconds of as many epochs that this project aims at."""
+
+Rows = tuple[jax.Array, jax.Array]
+
+
+def synthetic_samples(count: int) -> Rows:
+    """Normalised inputs (M, 5) and drag forces (M, 2) [-], in the precision and form that `fit_paper` trains on."""
+    inputs = random_inputs(count, jnp.float32)
+    force = KochHill()(inputs).coefficient[:, None] * inputs.slip_velocity
+
+    def normalised(values: jax.Array) -> jax.Array:
+        return (values - jnp.mean(values, axis=0)[None]) / jnp.std(values, axis=0)[None]
+
+    return normalised(PaperNetwork.features(inputs)), normalised(force)
+
+
+def network(settings: FitSettings, seed: int) -> PaperNetwork:
+    """The paper's network with the initial weights of a seed."""
+    return PaperNetwork.initial(DIMENSION, hidden=settings.hidden, activation=settings.activation, seed=seed)
+
+
+def loss_of(settings: FitSettings) -> Callable[[Any, Rows], jax.Array]:
+    """The loss of `fit_paper`: (weights, rows) to the mean over the rows."""
+    closure, measure = network(settings, settings.seed), LOSSES[settings.loss]
+
+    def loss(weights: Any, rows: Rows) -> jax.Array:
+        return measure(dataclasses.replace(closure, weights=weights).normalised_force(rows[0]), rows[1])
+
+    return loss
+
+
+def single_training(settings: FitSettings, data: Rows) -> dict[str, Any]:
+    """Trains one network by `minimize`: seconds per epoch, of the start with its compilation, and of it all."""
+    reached = [(0, time.perf_counter())]
+
+    def progress(epoch: int, _: int, __: float) -> None:
+        reached.append((epoch, time.perf_counter()))
+
+    names = ("batch", "epochs", "learning_rate", "schedule", "seed")
+    chosen = {name: getattr(settings, name) for name in names}
+    weights = network(settings, settings.seed).weights
+    _, history = minimize(loss_of(settings), weights, data, progress=progress, **chosen)
+    epochs, times = np.array([e for e, _ in reached]), np.array([t for _, t in reached])
+    # The first report comes after the compilation.
+    seconds = np.diff(times)[1:] / np.diff(epochs)[1:]
+    return {
+        "epochs": settings.epochs,
+        "seconds_per_epoch": harness.spread(seconds.tolist()),
+        "seconds_until_first_report": float(times[1] - times[0]),
+        "seconds": float(times[-1] - times[0]),
+        "first_and_last_loss": [history[0], history[-1]],
+    }
+
+
+def batch_orders(generators: list[np.random.Generator], samples: int, batch: int) -> np.ndarray:
+    """(networks, batches, batch) rows of the next epoch of every network, shuffled as `minimize` does."""
+    kept = samples // batch * batch
+    orders = [generator.permutation(samples)[:kept].astype(np.int32) for generator in generators]
+    return np.stack(orders).reshape(len(generators), -1, batch)
+
+
+def eight_trainings(settings: FitSettings, data: Rows, rounds: int) -> dict[str, Any]:
+    """Seconds that an epoch of `NETWORKS` networks takes, one after the other and mapped, in turns."""
+    batch = min(settings.batch, settings.samples)
+    updates = settings.epochs * (settings.samples // batch)
+    optimizer = make_optimizer(settings.learning_rate, settings.schedule, updates)
+    epoch = partial(_epoch, loss_of(settings), optimizer)
+    single = jax.jit(epoch, donate_argnums=0)
+    mapped = jax.jit(jax.vmap(epoch, in_axes=(0, None, 0)), donate_argnums=0)
+
+    weights = [network(settings, seed).weights for seed in range(NETWORKS)]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *weights)
+    carries = [(leaves, optimizer.init(leaves)) for leaves in weights]
+    together = (stacked, jax.vmap(optimizer.init)(stacked))
+    generators = [np.random.default_rng(seed) for seed in range(NETWORKS)]
+    seconds: dict[str, list[float]] = {"one_by_one": [], "at_once": []}
+    for _ in range(rounds + 1):  # the first round compiles
+        order = batch_orders(generators, settings.samples, batch)
+        start = time.perf_counter()
+        # Each is waited for, or the device could run several epochs side by side.
+        done = [
+            jax.block_until_ready(single(carry, data, rows))
+            for carry, rows in zip(carries, order, strict=True)
+        ]
+        seconds["one_by_one"].append(time.perf_counter() - start)
+        carries, losses = [carry for carry, _ in done], [float(loss) for _, loss in done]
+        start = time.perf_counter()
+        together, values = jax.block_until_ready(mapped(together, data, order))
+        seconds["at_once"].append(time.perf_counter() - start)
+    ratios = [one / all_ for one, all_ in zip(*seconds.values(), strict=True)][1:]
+    return {
+        "networks": NETWORKS,
+        **{name: harness.spread(values[1:]) for name, values in seconds.items()},
+        "one_by_one_over_at_once": harness.spread(ratios),
+        "losses": {"one_by_one": losses, "at_once": values.tolist()},
+    }
+
+
+def peak_memory() -> dict[str, float]:
+    """Largest memory so far [GiB] of the process and, where the device says it, of the device."""
+    peak = {"process": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20}
+    of_device = jax.devices()[0].memory_stats()
+    if of_device is not None:
+        peak["device"] = of_device["peak_bytes_in_use"] / 2**30
+    return peak
+
+
+def table_of(result: dict[str, Any]) -> str:
+    """One row a figure, with the paper's and the targets in their own rows."""
+    alone, eight, epochs = result["single"], result["eight"], result["paper_epochs"]
+    whole = "measured" if result["measured_whole"] else f"extrapolated from {alone['epochs']} epochs"
+
+    def spread(values: dict[str, float]) -> str:
+        return f"{values['median']:.3g} ({values['lowest']:.3g}-{values['highest']:.3g})"
+
+    def memory(peak: dict[str, float]) -> str:
+        return ", ".join(f"{where} {value:.2f}" for where, value in peak.items())
+
+    rows = [
+        ("one network, s per epoch", spread(alone["seconds_per_epoch"])),
+        ("until the first report, with compilation, s", f"{alone['seconds_until_first_report']:.3g}"),
+        (f"{epochs} epochs, {whole}, s", f"{result['seconds_of_all_epochs']:.0f}"),
+        (f"{epochs} epochs, Davydzenka & Tahmasebi (2022), s", f"{PAPER_S:.0f}"),
+        (f"{epochs} epochs, targets, s", " and ".join(f"{target:.0f}" for target in TARGETS_S)),
+        (f"{NETWORKS} networks one after the other, s per epoch", spread(eight["one_by_one"])),
+        (f"{NETWORKS} networks at once, s per epoch", spread(eight["at_once"])),
+        ("one after the other / at once", spread(eight["one_by_one_over_at_once"])),
+        ("peak memory of one training, GiB", memory(result["peak_memory_single"])),
+        (f"peak memory with {NETWORKS} at once, GiB", memory(result["peak_memory"])),
+    ]
+    caption = (
+        f"{result['settings']['samples']} synthetic samples, batches of {result['settings']['batch']}, "
+        f"network {'-'.join(map(str, result['settings']['hidden']))}, Adamax, on {result['device']}; "
+        "median (range)."
+    )
+    return "\n".join(
+        [caption, "", "| | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows)]
+    )
+
+
+def main() -> None:
+    """One training, then eight, then the table."""
+    paper = FitSettings()
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--epochs", type=int, default=20, help="of the one network")
+    parser.add_argument("--rounds", type=int, default=5, help="epochs of the eight networks")
+    parser.add_argument("--samples", type=int, default=paper.samples)
+    arguments = parser.parse_args()
+    if not 6 <= arguments.epochs <= paper.epochs:
+        parser.error(f"--epochs: 6 (the first compiles, the median needs five) to {paper.epochs}")
+    settings = dataclasses.replace(paper, epochs=arguments.epochs, samples=arguments.samples)
+    data = jax.block_until_ready(synthetic_samples(settings.samples))
+    alone = single_training(settings, data)
+    peak_single = peak_memory()
+    eight = eight_trainings(settings, data, arguments.rounds)
+    remaining = max(0, paper.epochs - settings.epochs)
+    result = {
+        "device": jax.devices()[0].device_kind,
+        "settings": dataclasses.asdict(settings),
+        "paper_epochs": paper.epochs,
+        "single": alone,
+        "measured_whole": remaining == 0,
+        "seconds_of_all_epochs": alone["seconds"] + remaining * alone["seconds_per_epoch"]["median"],
+        "paper_s": PAPER_S,
+        "targets_s": TARGETS_S,
+        "eight": eight,
+        "peak_memory_single": peak_single,
+        "peak_memory": peak_memory(),
+    }
+    harness.write("training", result, table_of(result))
+
+
+if __name__ == "__main__":
+    main()
