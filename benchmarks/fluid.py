@@ -377,7 +377,7 @@ def main() -> None:
             figures = summary(cells, ours(cores, cells, flow, arguments))
             runs[flow, cells, cores] = figures
             result[f"jaxdem, {flow}, {cells}, {cores}"] = figures
-            rows.append(row("jaxdem", flow, cores, figures))
+            rows.append(row(f"jaxdem, {figures['device']}", flow, cores, figures))
             print(rows[-1], flush=True)
     ratios = growth(runs)
     flat = sorted((cells for cells in arguments.meshes if len(cells) == 2), key=math.prod)
