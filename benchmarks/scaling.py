@@ -1,0 +1,333 @@
+"""Time and memory against the number of particles and of cells, and the memory of the injection scene.
+
+    python benchmarks/scaling.py [--particles 1e3 1e4 1e5 1e6] [--cells 1.5e4 6e4 2.4e5 1e6] [--windows 5]
+        [--particle-steps 2e7] [--cell-steps 2e6] [--no-injection]
+
+Particles: the hexagonal column of contact.py with N grains, in a box scaled by the square root of N. It slides at
+2 m/s, which has the neighbour list rebuilt about as often as in a flowing heap, from the first step on and for every
+N. Cells: the jet of fluid.py on a 2-D mesh. Injection: the first coupled steps of `scenes/injection.toml`.
+
+Every size has a process of its own, so that the peak memory is its alone: build, compilation and steps together. On an
+accelerator the peak of the device stands beside it. A size is left out where what the size before took above the
+empty process, times the ratio of the numbers, is more than the machine has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+from benchmarks import contact, fluid, harness
+
+# jax is imported by the processes that measure, not here: a process inherits the peak memory of the one it came from.
+
+SLIDE = 2.0  # of the column [m/s]
+INJECTION = Path(__file__).parents[1] / "scenes" / "injection.toml"
+INJECTION_LIMIT = 1.2e9  # what its memory should stay under [bytes]
+
+
+def column(count: int) -> tuple[np.ndarray, tuple[float, float]]:
+    """(N, 2) hexagonal column of spacing 2.02 radii, jittered by 0.005 radii, and its box, of contact.py's shape."""
+    scale = math.sqrt(count / contact.COUNT)
+    box = (scale * contact.BOX[0], scale * contact.BOX[1])
+    radius, generator = contact.RADIUS, np.random.default_rng(0)
+    spacing = 2.02 * radius
+    per_row = int((5.0 * scale - 2.0 * radius) // spacing)
+    number, place = np.divmod(np.arange(count), per_row)
+    x = 1.02 * radius + place * spacing + (number % 2) * spacing / 2
+    y = 1.02 * radius + number * spacing * np.sqrt(3) / 2
+    return np.stack((x, y), axis=1) + generator.uniform(-0.005 * radius, 0.005 * radius, (count, 2)), box
+
+
+def steps_of(count: int, particle_steps: float) -> int:
+    """Contact steps in a window: few for many particles, but enough for some list builds."""
+    return min(1000, max(50, round(particle_steps / count)))
+
+
+# --- inside a process of its own --------------------------------------------------------------------------
+
+
+def particle_windows(count: int, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Seconds of windows of contact steps of a sliding column, list builds in them, and seconds of a build."""
+    import jax
+
+    import jaxdem
+    from jaxdem.step import step
+
+    steps = steps_of(count, arguments.particle_steps)
+    with tempfile.TemporaryDirectory() as folder:
+        position, box = column(count)
+        np.save(Path(folder, "position.npy"), position)
+        np.save(Path(folder, "velocity.npy"), np.broadcast_to((SLIDE, 0.0), position.shape))
+        Path(folder, "column.toml").write_text(
+            f"""
+[domain]
+size = {list(box)}
+depth = 0.04
+[particles]
+position = "position.npy"
+velocity = "velocity.npy"
+radius = {contact.RADIUS}
+density = {contact.DENSITY}
+[contact]
+young_modulus = 7e7
+restitution = 0.7
+friction = 0.1
+rolling_friction = 0.1
+time_step = {contact.STEP}
+speed = 5.0
+[time]
+end = 1.0
+output_interval = {1.0 / round(1.0 / (steps * contact.STEP))}
+"""
+        )
+        scene = jaxdem.load_scene(Path(folder, "column.toml"))
+        simulation, parameters = jaxdem.build(scene)
+        state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    advance = jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
+    seconds, builds = [], []
+    for _ in range(arguments.windows + 1):
+        before, start = int(neighbors.builds), time.perf_counter()
+        state, neighbors = jax.block_until_ready(advance(state, neighbors))
+        seconds.append(time.perf_counter() - start)
+        builds.append(int(neighbors.builds) - before)
+        assert not bool(neighbors.overflow)
+    memory = peak_memory()  # before the builds alone are compiled: they are no part of a run
+    return {
+        "steps": simulation.steps.contacts_per_interval,
+        "seconds": seconds[1:],
+        "builds": builds[1:],
+        "build_seconds": build_seconds(simulation, state.particles, neighbors, arguments.windows),
+        "pairs_per_particle": float(np.sum(neighbors.pairs.first != neighbors.pairs.second)) / count,
+    } | memory
+
+
+def build_seconds(simulation: Any, particles: Any, neighbors: Any, repetitions: int) -> list[float]:
+    """Seconds of one rebuild of the list and its history, as the contact loop does it when the list is stale."""
+    import jax
+
+    from jaxdem.particles import vectors
+    from jaxdem.particles.integrate import split_low
+    from jaxdem.particles.neighbors import carry_history
+
+    @jax.jit
+    def rebuild(position: Any, low: Any, springs: Any, old: Any) -> Any:
+        new = simulation.search.update(position, low, old, particles.active)
+        return carry_history(springs, old, new), new
+
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+    seconds = []
+    for _ in range(repetitions + 1):
+        start = time.perf_counter()
+        jax.block_until_ready(rebuild(position, low, particles.contact_spring, neighbors))
+        seconds.append(time.perf_counter() - start)
+    return seconds[1:]  # the first one compiles
+
+
+def cell_windows(count: int, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Windows of the jet on a mesh of about so many cells, in the shape of 300 x 50."""
+    up = round(math.sqrt(count / 6))
+    cells = (6 * up, up)
+    measured = fluid.jaxdem_windows(cells, "jet", arguments.windows, arguments.cell_steps)
+    return {"mesh": cells, **measured} | peak_memory()
+
+
+def injection(count: int, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Seconds of the first coupled steps of the injection scene, with so many particles."""
+    import jax
+
+    import jaxdem
+    from jaxdem.step import step
+
+    scene = jaxdem.load_scene(INJECTION, {"particles.count": count})
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    advance = jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
+    seconds = []
+    for _ in range(arguments.windows):
+        start = time.perf_counter()
+        state, neighbors = jax.block_until_ready(advance(state, neighbors))
+        seconds.append(time.perf_counter() - start)
+    return {"seconds": seconds, "contact_steps": simulation.steps.contacts_per_interval} | peak_memory()
+
+
+def peak_memory() -> dict[str, int | None]:
+    """Largest memory of this process so far, and of its device where that reports it [bytes]."""
+    import jax
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    statistics = jax.local_devices()[0].memory_stats() or {}
+    return {
+        "peak_bytes": unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "device_peak_bytes": statistics.get("peak_bytes_in_use"),
+    }
+
+
+def empty_process() -> int:
+    """Peak memory with the package imported and the device opened, before there is a scene [bytes]."""
+    import jaxdem  # noqa: F401
+
+    return int(peak_memory()["peak_bytes"] or 0)
+
+
+KINDS = {"particles": particle_windows, "cells": cell_windows, "injection": injection}
+
+
+# --- the sizes, one process each --------------------------------------------------------------------------
+
+
+def measured(kind: str, count: int, arguments: argparse.Namespace) -> dict[str, Any]:
+    """What a process of its own measures; {"failed": why} where it does not come to its end."""
+    command = [sys.executable, __file__, "--inside", kind, str(count)]
+    for name in ("windows", "particle_steps", "cell_steps"):
+        command += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode < 0:  # by a signal: what the system does when memory runs out
+        return {"failed": f"killed by signal {-done.returncode}"}
+    if done.returncode > 0:
+        print(done.stderr, file=sys.stderr)
+        return {"failed": done.stderr.strip().splitlines()[-1][:80]}
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def sizes(kind: str, counts: list[int], arguments: argparse.Namespace) -> dict[int, dict[str, Any]]:
+    """Every size in increasing order, those that the machine's memory does not hold left out."""
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    results: dict[int, dict[str, Any]] = {}
+    start, each = 0, 0.0
+    for count in sorted(counts):
+        expected = start + each * count
+        if expected > memory:
+            found = {"failed": f"skipped: up to {expected / 1e9:.0f} GB, the machine has {memory / 1e9:.0f}"}
+        else:
+            found = measured(kind, count, arguments)
+            if "failed" not in found:
+                start = found["start_bytes"]
+                each = found["bytes_each"] = (found["peak_bytes"] - start) / count
+        results[count] = found
+        print(kind, count, found.get("failed", "done"), flush=True)
+    return results
+
+
+# --- table ------------------------------------------------------------------------------------------------
+
+
+def memory_text(found: dict[str, Any]) -> str:
+    """Peak memory, with the device's where there is one."""
+    own = f"{found['peak_bytes'] / 1e9:.2f}"
+    device = found["device_peak_bytes"]
+    return own if device is None else f"{own}, device {device / 1e9:.2f}"
+
+
+def spread_text(values: dict[str, float]) -> str:
+    """Median and range."""
+    return f"{values['median']:.3g} ({values['lowest']:.3g}-{values['highest']:.3g})"
+
+
+def particle_table(results: dict[int, dict[str, Any]]) -> list[str]:
+    """Lines of the table over the number of particles; adds its figures to the results."""
+    rows = [
+        "| particles | ns a particle and contact step, median (range) | pairs a particle | contact steps a list build | "
+        "ms a build | share of list builds | peak memory [GB] | of it above the empty process, kB a particle |",
+        "| --- " * 8 + "|",
+    ]
+    for count, found in results.items():
+        if "failed" in found:
+            rows.append(f"| {count} | {found['failed']} | | | | | | |")
+            continue
+        found["nanoseconds"] = harness.spread([1e9 * s / found["steps"] / count for s in found["seconds"]])
+        build, builds = harness.spread(found["build_seconds"]), sum(found["builds"])
+        found["build_share"] = build["median"] * builds / sum(found["seconds"])
+        between = f"{found['steps'] * len(found['seconds']) / builds:.0f}" if builds else "none built"
+        rows.append(
+            f"| {count} | {spread_text(found['nanoseconds'])} | {found['pairs_per_particle']:.2f} | {between} | "
+            f"{1e3 * build['median']:.3g} | {100 * found['build_share']:.0f} % | {memory_text(found)} | "
+            f"{1e-3 * found['bytes_each']:.3g} |"
+        )
+    return rows
+
+
+def cell_table(results: dict[int, dict[str, Any]]) -> list[str]:
+    """Lines of the table over the number of cells; adds its figures to the results."""
+    rows = [
+        "| cells | ns a cell and fluid step, median (range) | pressure iterations a step | peak memory [GB] | "
+        "of it above the empty process, kB a cell |",
+        "| --- " * 5 + "|",
+    ]
+    for count, found in results.items():
+        if "failed" in found:
+            rows.append(f"| {count} | {found['failed']} | | | |")
+            continue
+        cells = math.prod(found["mesh"])
+        windows = found["windows"]
+        found["nanoseconds"] = harness.spread([1e9 * w["seconds"] / w["steps"] / cells for w in windows])
+        iterations = float(np.mean([w["iterations"] for w in windows]))
+        rows.append(
+            f"| {' x '.join(map(str, found['mesh']))} | {spread_text(found['nanoseconds'])} | {iterations:.1f} | "
+            f"{memory_text(found)} | {1e-3 * found['bytes_each']:.3g} |"
+        )
+    return rows
+
+
+def injection_line(found: dict[str, Any]) -> str:
+    """What the injection scene took."""
+    if "failed" in found:
+        return f"scenes/injection.toml: {found['failed']}"
+    found["seconds_per_step"] = harness.spread(found["seconds"])
+    verdict = "under" if found["peak_bytes"] < INJECTION_LIMIT else "over"
+    return (
+        f"scenes/injection.toml, build and {len(found['seconds'])} coupled steps of {found['contact_steps']} contact "
+        f"steps: peak memory {memory_text(found)} GB ({verdict} {INJECTION_LIMIT / 1e9} GB), "
+        f"{spread_text(found['seconds_per_step'])} s a step"
+    )
+
+
+def whole(text: str) -> int:
+    """A number of particles or cells, 1e5 being one too."""
+    return round(float(text))
+
+
+def main() -> None:
+    """All sizes, the injection scene, then the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--particles", nargs="*", type=whole, default=[1000, 10_000, 100_000, 1_000_000])
+    parser.add_argument("--cells", nargs="*", type=whole, default=[15_000, 60_000, 240_000, 1_000_000])
+    parser.add_argument("--windows", type=int, default=5)
+    parser.add_argument("--particle-steps", type=float, default=2e7)
+    parser.add_argument("--cell-steps", type=float, default=2e6)
+    parser.add_argument("--no-injection", action="store_true")
+    parser.add_argument("--inside", nargs=2, metavar=("KIND", "COUNT"), help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.inside:
+        kind, count = arguments.inside
+        start = empty_process()
+        print(json.dumps({"start_bytes": start} | KINDS[kind](int(count), arguments)))
+        return
+    particles = sizes("particles", arguments.particles, arguments)
+    cells = sizes("cells", arguments.cells, arguments)
+    result: dict[str, Any] = {"particles": particles, "cells": cells}
+    lines = [*particle_table(particles), "", *cell_table(cells)]
+    if not arguments.no_injection:
+        result["injection"] = measured("injection", 20_000, arguments)
+        lines += ["", injection_line(result["injection"])]
+    harness.write("scaling", result, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
