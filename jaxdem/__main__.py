@@ -1,0 +1,5 @@
+"""`python -m jaxdem`, the same as the command `jaxdem`."""
+
+from jaxdem.cli import main
+
+main()
