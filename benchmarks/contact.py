@@ -31,15 +31,16 @@ COUNT, RADIUS, DENSITY, STEP = 20_000, 0.01, 5650.0, 5e-5
 BOX = (12.0, 2.0)
 
 
-def column() -> np.ndarray:
-    """(20000, 2) hexagonal column of spacing 2.02 radii, 0 < x < 5 m, jittered by 0.005 radii."""
+def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
+    """(N, 2) hexagonal column of spacing 2.02 radii, jittered by 0.005 radii, and its box; the shape is the same for all N."""
+    scale = np.sqrt(count / COUNT)
     spacing, generator = 2.02 * RADIUS, np.random.default_rng(0)
-    per_row = int((5.0 - 2 * RADIUS) // spacing)
-    row, place = np.divmod(np.arange(COUNT), per_row)
+    per_row = int((5.0 * scale - 2.0 * RADIUS) // spacing)
+    row, place = np.divmod(np.arange(count), per_row)
     x = 1.02 * RADIUS + place * spacing + (row % 2) * spacing / 2
     y = 1.02 * RADIUS + row * spacing * np.sqrt(3) / 2
-    jitter = generator.uniform(-0.005 * RADIUS, 0.005 * RADIUS, (COUNT, 2))
-    return np.stack((x, y), axis=1) + jitter
+    jitter = generator.uniform(-0.005 * RADIUS, 0.005 * RADIUS, (count, 2))
+    return np.stack((x, y), axis=1) + jitter, (float(scale * BOX[0]), float(scale * BOX[1]))
 
 
 # --- jaxdem -----------------------------------------------------------------------------------------------
@@ -52,7 +53,7 @@ def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None
     import jaxdem
     from jaxdem.step import step
 
-    np.savetxt(folder / "column.txt", column())
+    np.savetxt(folder / "column.txt", column()[0])
     (folder / "pile.toml").write_text(
         f"""
 [domain]
@@ -103,7 +104,9 @@ def ours(cores: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
         command = [sys.executable, __file__, "--inside", folder]
         for name in ("windows", "steps", "warm_up"):
             command += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
-        text = subprocess.run(_pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True).stdout
+        text = subprocess.run(
+            harness.pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True
+        ).stdout
     return json.loads(text.splitlines()[-1])
 
 
@@ -139,7 +142,9 @@ WALL = "fix w{axis}{upper} all wall/gran model hertz tangential history rolling_
 def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
     """Windows of LIGGGHTS 3.8, Hertz with tangential history and CDT, at its best skin of 4 mm."""
     with tempfile.TemporaryDirectory() as folder:
-        rows = [f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} 0.0 {z:.8f}" for k, (x, z) in enumerate(column())]
+        rows = [
+            f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} 0.0 {z:.8f}" for k, (x, z) in enumerate(column()[0])
+        ]
         head = f"column\n\n{COUNT} atoms\n1 atom types\n\n0 {BOX[0]} xlo xhi\n-0.02 0.02 ylo yhi\n0 {BOX[1]} zlo zhi"
         Path(folder, "column.data").write_text(f"{head}\n\nAtoms\n\n" + "\n".join(rows) + "\n")
         walls = "\n".join(
@@ -153,7 +158,7 @@ def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[fl
         if processes > 1:
             command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(processes), *command]
         text = subprocess.run(
-            _pinned(processes, command), check=True, capture_output=True, text=True, cwd=folder
+            harness.pinned(processes, command), check=True, capture_output=True, text=True, cwd=folder
         ).stdout
     seconds = [float(value) for value in re.findall(r"Loop time of (\S+)", text)][1:]
     builds = [int(value) for value in re.findall(r"Neighbor list builds = (\d+)", text)][1:]
@@ -170,7 +175,7 @@ def yardstick(threads: int, _: argparse.Namespace) -> dict[str, list[float]]:
         seconds = []
         for _ in range(5):
             text = subprocess.run(
-                _pinned(threads, [program, "2000"]),
+                harness.pinned(threads, [program, "2000"]),
                 check=True,
                 capture_output=True,
                 text=True,
@@ -178,11 +183,6 @@ def yardstick(threads: int, _: argparse.Namespace) -> dict[str, list[float]]:
             ).stdout
             seconds.append(2000 * 1e-3 * float(re.search(r"([\d.]+) ms a step", text)[1]))
     return {"seconds": seconds, "steps": 2000}
-
-
-def _pinned(cores: int, command: list[str]) -> list[str]:
-    chosen = sorted(os.sched_getaffinity(0))[:cores]
-    return ["taskset", "-c", ",".join(map(str, chosen)), *command]
 
 
 CONTENDERS = {

@@ -148,16 +148,10 @@ def ours(cores: int, cells: tuple[int, ...], flow: str, arguments: argparse.Name
     """`jaxdem_windows` in a process of its own, kept on so many cores."""
     command = [sys.executable, __file__, "--inside", flow, "--meshes", "x".join(map(str, cells))]
     command += ["--windows", str(arguments.windows), "--cell-steps", str(arguments.cell_steps)]
-    text = subprocess.run(pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True).stdout
+    text = subprocess.run(
+        harness.pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True
+    ).stdout
     return json.loads(text.splitlines()[-1])
-
-
-def pinned(cores: int, command: list[str]) -> list[str]:
-    """The command kept on so many cores, where taskset is installed."""
-    if shutil.which("taskset") is None:
-        return command
-    chosen = sorted(os.sched_getaffinity(0))[:cores]
-    return ["taskset", "-c", ",".join(map(str, chosen)), *command]
 
 
 # --- OpenFOAM ---------------------------------------------------------------------------------------------
@@ -261,7 +255,7 @@ def write_foam_case(folder: Path, cells: tuple[int, ...], flow: str, intervals: 
 
 def foam(program: str) -> list[str]:
     """A program of OpenFOAM in the environment that it needs, on one core."""
-    return pinned(1, ["bash", "-c", f". {FOAM_SETTINGS} >/dev/null 2>&1; exec {program}"])
+    return harness.pinned(1, ["bash", "-c", f". {FOAM_SETTINGS} >/dev/null 2>&1; exec {program}"])
 
 
 def pisofoam(cells: tuple[int, ...], flow: str, arguments: argparse.Namespace) -> dict[str, Any]:

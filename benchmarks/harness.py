@@ -6,7 +6,10 @@ import importlib.metadata
 import json
 import os
 import platform
+import resource
+import shutil
 import statistics
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +29,26 @@ def machine() -> dict[str, Any]:
         "load_before": os.getloadavg()[0],
         "python": platform.python_version(),
         **{name: importlib.metadata.version(name) for name in PACKAGES},
+    }
+
+
+def pinned(cores: int, command: list[str]) -> list[str]:
+    """The command kept on so many cores, where taskset is installed."""
+    if shutil.which("taskset") is None:
+        return command
+    chosen = sorted(os.sched_getaffinity(0))[:cores]
+    return ["taskset", "-c", ",".join(map(str, chosen)), *command]
+
+
+def peak_memory() -> dict[str, int | None]:
+    """Largest memory of this process so far, and of its device where that reports it [bytes]."""
+    import jax
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    of_device = jax.local_devices()[0].memory_stats() or {}
+    return {
+        "peak_bytes": unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "device_peak_bytes": of_device.get("peak_bytes_in_use"),
     }
 
 

@@ -18,7 +18,6 @@ import argparse
 import json
 import math
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -39,19 +38,6 @@ INJECTION = Path(__file__).parents[1] / "scenes" / "injection.toml"
 INJECTION_LIMIT = 1.2e9  # what its memory should stay under [bytes]
 
 
-def column(count: int) -> tuple[np.ndarray, tuple[float, float]]:
-    """(N, 2) hexagonal column of spacing 2.02 radii, jittered by 0.005 radii, and its box, of contact.py's shape."""
-    scale = math.sqrt(count / contact.COUNT)
-    box = (scale * contact.BOX[0], scale * contact.BOX[1])
-    radius, generator = contact.RADIUS, np.random.default_rng(0)
-    spacing = 2.02 * radius
-    per_row = int((5.0 * scale - 2.0 * radius) // spacing)
-    number, place = np.divmod(np.arange(count), per_row)
-    x = 1.02 * radius + place * spacing + (number % 2) * spacing / 2
-    y = 1.02 * radius + number * spacing * np.sqrt(3) / 2
-    return np.stack((x, y), axis=1) + generator.uniform(-0.005 * radius, 0.005 * radius, (count, 2)), box
-
-
 def steps_of(count: int, particle_steps: float) -> int:
     """Contact steps in a window: few for many particles, but enough for some list builds."""
     return min(1000, max(50, round(particle_steps / count)))
@@ -69,7 +55,7 @@ def particle_windows(count: int, arguments: argparse.Namespace) -> dict[str, Any
 
     steps = steps_of(count, arguments.particle_steps)
     with tempfile.TemporaryDirectory() as folder:
-        position, box = column(count)
+        position, box = contact.column(count)
         np.save(Path(folder, "position.npy"), position)
         np.save(Path(folder, "velocity.npy"), np.broadcast_to((SLIDE, 0.0), position.shape))
         Path(folder, "column.toml").write_text(
@@ -105,7 +91,7 @@ output_interval = {1.0 / round(1.0 / (steps * contact.STEP))}
         seconds.append(time.perf_counter() - start)
         builds.append(int(neighbors.builds) - before)
         assert not bool(neighbors.overflow)
-    memory = peak_memory()  # before the builds alone are compiled: they are no part of a run
+    memory = harness.peak_memory()  # before the builds alone are compiled: they are no part of a run
     return {
         "steps": simulation.steps.contacts_per_interval,
         "seconds": seconds[1:],
@@ -143,7 +129,7 @@ def cell_windows(count: int, arguments: argparse.Namespace) -> dict[str, Any]:
     up = round(math.sqrt(count / 6))
     cells = (6 * up, up)
     measured = fluid.jaxdem_windows(cells, "jet", arguments.windows, arguments.cell_steps)
-    return {"mesh": cells, **measured} | peak_memory()
+    return {"mesh": cells, **measured} | harness.peak_memory()
 
 
 def injection(count: int, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -162,26 +148,17 @@ def injection(count: int, arguments: argparse.Namespace) -> dict[str, Any]:
         start = time.perf_counter()
         state, neighbors = jax.block_until_ready(advance(state, neighbors))
         seconds.append(time.perf_counter() - start)
-    return {"seconds": seconds, "contact_steps": simulation.steps.contacts_per_interval} | peak_memory()
-
-
-def peak_memory() -> dict[str, int | None]:
-    """Largest memory of this process so far, and of its device where that reports it [bytes]."""
-    import jax
-
-    unit = 1 if sys.platform == "darwin" else 1024
-    statistics = jax.local_devices()[0].memory_stats() or {}
     return {
-        "peak_bytes": unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
-        "device_peak_bytes": statistics.get("peak_bytes_in_use"),
-    }
+        "seconds": seconds,
+        "contact_steps": simulation.steps.contacts_per_interval,
+    } | harness.peak_memory()
 
 
 def empty_process() -> int:
     """Peak memory with the package imported and the device opened, before there is a scene [bytes]."""
     import jaxdem  # noqa: F401
 
-    return int(peak_memory()["peak_bytes"] or 0)
+    return int(harness.peak_memory()["peak_bytes"] or 0)
 
 
 KINDS = {"particles": particle_windows, "cells": cell_windows, "injection": injection}

@@ -10,13 +10,15 @@ over the seeds; the last row is the floor under them: the stiffest runs of two s
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
-import harness
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 import jaxdem
+from benchmarks import harness
 from jaxdem import metrics
 from jaxdem.time_steps import time_steps
 

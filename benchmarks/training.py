@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import resource
 import sys
 import time
 from collections.abc import Callable
@@ -137,15 +136,6 @@ def eight_trainings(settings: FitSettings, data: Rows, rounds: int) -> dict[str,
     }
 
 
-def peak_memory() -> dict[str, float]:
-    """Largest memory so far [GiB] of the process and, where the device says it, of the device."""
-    peak = {"process": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20}
-    of_device = jax.devices()[0].memory_stats()
-    if of_device is not None:
-        peak["device"] = of_device["peak_bytes_in_use"] / 2**30
-    return peak
-
-
 def table_of(result: dict[str, Any]) -> str:
     """One row a figure, with the paper's and the targets in their own rows."""
     alone, eight, epochs = result["single"], result["eight"], result["paper_epochs"]
@@ -154,8 +144,9 @@ def table_of(result: dict[str, Any]) -> str:
     def spread(values: dict[str, float]) -> str:
         return f"{values['median']:.3g} ({values['lowest']:.3g}-{values['highest']:.3g})"
 
-    def memory(peak: dict[str, float]) -> str:
-        return ", ".join(f"{where} {value:.2f}" for where, value in peak.items())
+    def memory(peak: dict[str, int | None]) -> str:
+        own, device = f"process {peak['peak_bytes'] / 1e9:.2f}", peak["device_peak_bytes"]
+        return own if device is None else f"{own}, device {device / 1e9:.2f}"
 
     rows = [
         ("one network, s per epoch", spread(alone["seconds_per_epoch"])),
@@ -166,8 +157,8 @@ def table_of(result: dict[str, Any]) -> str:
         (f"{NETWORKS} networks one after the other, s per epoch", spread(eight["one_by_one"])),
         (f"{NETWORKS} networks at once, s per epoch", spread(eight["at_once"])),
         ("one after the other / at once", spread(eight["one_by_one_over_at_once"])),
-        ("peak memory of one training, GiB", memory(result["peak_memory_single"])),
-        (f"peak memory with {NETWORKS} at once, GiB", memory(result["peak_memory"])),
+        ("peak memory of one training, GB", memory(result["peak_memory_single"])),
+        (f"peak memory with {NETWORKS} at once, GB", memory(result["peak_memory"])),
     ]
     caption = (
         f"{result['settings']['samples']} synthetic samples, batches of {result['settings']['batch']}, "
@@ -194,7 +185,7 @@ def main() -> None:
     settings = dataclasses.replace(paper, epochs=arguments.epochs, samples=arguments.samples)
     data = jax.block_until_ready(synthetic_samples(settings.samples))
     alone = single_training(settings, data)
-    peak_single = peak_memory()
+    peak_single = harness.peak_memory()
     eight = eight_trainings(settings, data, arguments.rounds)
     remaining = max(0, paper.epochs - settings.epochs)
     result = {
@@ -208,7 +199,7 @@ def main() -> None:
         "targets_s": TARGETS_S,
         "eight": eight,
         "peak_memory_single": peak_single,
-        "peak_memory": peak_memory(),
+        "peak_memory": harness.peak_memory(),
     }
     harness.write("training", result, table_of(result))
 

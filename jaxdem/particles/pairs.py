@@ -33,7 +33,7 @@ class Pairs(NamedTuple):
 
 
 def at(vector: Vector, index: Array) -> Vector:
-    """Rows of the components at indices that are known to be in range: without the checks that others need."""
+    """Values (P,) of the components (N,) at indices (P,) that are known to be in range: without the checks of others."""
     return tuple(x.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False) for x in vector)
 
 
