@@ -15,6 +15,7 @@ from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.rolling import RollingFriction
+from jaxdem.particles.stages import stage
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.particles.vectors import Vector
 
@@ -98,36 +99,40 @@ class Sums(NamedTuple):
     torque: Vector
 
 
-class _Body(NamedTuple):
-    """One body of a contact; no angular velocity means that it cannot turn."""
-
-    radius: Array
-    velocity: Vector
-    mid_velocity: Vector
-    angular_velocity: Vector | None
-
-
 class _Meeting(NamedTuple):
-    """Two bodies that may touch: the overlap, and the unit normal from the other to the one.
+    """Two bodies that may touch, the one and the other.
 
-    `radius`, `mass` and `rolling_inertia` are the effective ones of the two, see `Contact`.
+    Attributes:
+        overlap: negative for a gap [m].
+        normal: unit vector from the other to the one.
+        approach: velocity of the one relative to the other, expected in the middle of the step [m/s].
+        velocity: the same at the start of the step [m/s].
+        spin: angular velocity of the one [rad/s].
+        other_spin: of the other; None for a body that cannot turn.
+        radius: of the one [m].
+        other_radius: of the other [m].
+        effective_radius, effective_mass, rolling_inertia: of both, see `Contact`.
     """
 
-    one: _Body
-    other: _Body
     overlap: Array
     normal: Vector
+    approach: Vector
+    velocity: Vector
+    spin: Vector
+    other_spin: Vector | None
     radius: Array
-    mass: Array
+    other_radius: Array
+    effective_radius: Array
+    effective_mass: Array
     rolling_inertia: Array
 
 
 class _Load(NamedTuple):
-    """What a contact does: force and torque on the one, torque on the other if that can turn, and what it keeps."""
+    """What a contact does to the one of two bodies, and what it keeps: along the normal, across it, against rolling."""
 
-    force: Vector
-    torque: Vector
-    other_torque: Vector
+    along: Array
+    across: Vector
+    resistance: Vector
     spring: Vector
 
 
@@ -179,40 +184,49 @@ class _Loop(NamedTuple):
 
     def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts between particles; returns their new springs too."""
-        pairs, motion = neighbors.pairs, self.motion
-        mass, inertia = self.properties.mass, self.properties.mass * self.properties.radius**2
-        one, other = self._particle(pairs.first), self._particle(pairs.second)
-        displacement = displacement_since_build(motion.position, motion.low, neighbors)
-        overlap, normal = _pair_geometry(neighbors, displacement, one.radius + other.radius)
+        pairs, radius = neighbors.pairs, self.properties.radius
+        one, other = _of(radius, pairs.first), _of(radius, pairs.second)
+        # Outside of the stage, for a gather would compute it anew.
+        displacement = displacement_since_build(self.motion.position, self.motion.low, neighbors)
+        change, approach, velocity, spin, other_spin = stage(
+            pairs.first[0] != pairs.second[0], lambda: self._relative_motion(pairs, displacement)
+        )
+        overlap, normal = _pair_geometry(neighbors, change, one + other)
+        mass, inertia = self.properties.mass, self.properties.mass * radius**2
+        meeting = _Meeting(
+            overlap, normal, approach, velocity, spin, other_spin, one, other,
+            effective_radius=_harmonic(one, other),
+            effective_mass=_harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
+            rolling_inertia=1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
+        )  # fmt: skip
         material = self.surroundings.pair
         if self.model.materials is not None:
             material = self.model.materials.between_particles(material, pairs)
-        load = self._load(
-            material,
-            _Meeting(
-                one, other, overlap, normal,
-                radius=_harmonic(one.radius, other.radius),
-                mass=_harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
-                rolling_inertia=1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
-            ),
-            motion.contact_spring,
-        )  # fmt: skip
+        load = self._load(material, meeting, self.motion.contact_spring)
+        force, torque, other_torque = _on_bodies(load, meeting)
 
         def added(total: Vector, on_one: Vector, on_other: Vector) -> Vector:
             parts = zip(total, on_one, on_other, strict=True)
             return tuple(x + sum_over_pairs(a, b, pairs) for x, a, b in parts)
 
-        force = added(sums.force, load.force, vectors.scale(-1.0, load.force))
-        return Sums(force, added(sums.torque, load.torque, load.other_torque)), load.spring
+        both = added(sums.force, force, vectors.scale(-1.0, force))
+        return Sums(both, added(sums.torque, torque, other_torque)), load.spring
 
-    def _particle(self, index: Array) -> _Body:
-        """The particles of these indices (P,)."""
-        motion = self.motion
-        return _Body(
-            _of(self.properties.radius, index),
-            at(motion.velocity, index),
-            at(self.mid_velocity, index),
-            at(motion.angular_velocity, index),
+    def _relative_motion(
+        self, pairs: Pairs, displacement: Vector
+    ) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+        """Of all pairs: change of the separation since the build, velocities of approach and now, both spins."""
+
+        def difference(quantity: Vector) -> Vector:
+            return vectors.subtract(at(quantity, pairs.first), at(quantity, pairs.second))
+
+        spin = self.motion.angular_velocity
+        return (
+            difference(displacement),
+            difference(self.mid_velocity),
+            difference(self.motion.velocity),
+            at(spin, pairs.first),
+            at(spin, pairs.second),
         )
 
     def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
@@ -221,23 +235,25 @@ class _Loop(NamedTuple):
         overlap, normal = self._wall_geometry()
         if self.active is not None:  # out of reach by a radius, whatever the speed
             overlap = jnp.where(self.active[None], overlap, -jnp.ones_like(overlap) * radius)
-        velocity = tuple(
+        wall = tuple(
             jnp.stack(components)[:, None]
             for components in zip(*self.surroundings.wall_velocity, strict=True)
         )
-        own = _Body(radius, _rows(motion.velocity), _rows(self.mid_velocity), _rows(motion.angular_velocity))
-        wall = _Body(jnp.zeros((), overlap.dtype), velocity, velocity, None)
+        meeting = _Meeting(
+            overlap, normal,
+            approach=vectors.subtract(_rows(self.mid_velocity), wall),
+            velocity=vectors.subtract(_rows(motion.velocity), wall),
+            spin=_rows(motion.angular_velocity), other_spin=None,
+            radius=radius, other_radius=jnp.zeros((), overlap.dtype),
+            effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
+        )  # fmt: skip
         material = self.surroundings.wall
         if self.model.materials is not None:
             material = self.model.materials.with_walls(material)
-        load = self._load(
-            material,
-            _Meeting(own, wall, overlap, normal, radius, mass, 1.4 * mass * radius**2),
-            motion.wall_spring,
-        )
-        force = vectors.add(sums.force, tuple(_sum_slots(x) for x in load.force))
-        torque = vectors.add(sums.torque, tuple(_sum_slots(x) for x in load.torque))
-        return Sums(force, torque), load.spring
+        load = self._load(material, meeting, motion.wall_spring)
+        force, torque, _ = _on_bodies(load, meeting)
+        added = vectors.add(sums.force, tuple(_sum_slots(x) for x in force))
+        return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque))), load.spring
 
     def _wall_geometry(self) -> tuple[Array, Vector]:
         """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""
@@ -257,54 +273,66 @@ class _Loop(NamedTuple):
         return jnp.concatenate(overlaps), tuple(map(jnp.concatenate, zip(*normals, strict=True)))
 
     def _load(self, material: ContactMaterial, meeting: _Meeting, spring: Vector) -> _Load:
-        """Force, torques and new springs of all contacts; zero where nothing touches."""
-        one, other, overlap, normal, effective_radius, effective_mass, rolling_inertia = meeting
-        approach = vectors.subtract(one.mid_velocity, other.mid_velocity)
-        approach_speed = -vectors.dot(approach, normal)
+        """What all contacts do; zero, and nothing computed, where nothing touches."""
+        # Within the step an overlap changes by less than this: also a contact that is about to begin has a dashpot.
+        change = 0.5 * self.time_step * vectors.safe_sqrt(vectors.dot(meeting.approach, meeting.approach))
+        return stage(jnp.any(meeting.overlap + change > 0), lambda: self._law(material, meeting, spring))
+
+    def _law(self, material: ContactMaterial, meeting: _Meeting, spring: Vector) -> _Load:
+        """The contact law and rolling resistance."""
+        overlap, normal = meeting.overlap, meeting.normal
+        approach_speed = -vectors.dot(meeting.approach, normal)
         share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
         touching = overlap > 0
         # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
         # the same from either side, for a dashpot may act already.
-        overlap = jnp.where(touching, overlap, 1e-12 * effective_radius)
-        arm, other_arm = one.radius - 0.5 * overlap, other.radius - 0.5 * overlap
-        assert one.angular_velocity is not None
-        spin, relative_spin = vectors.scale(arm, one.angular_velocity), one.angular_velocity
-        if other.angular_velocity is not None:
-            spin = vectors.add(spin, vectors.scale(other_arm, other.angular_velocity))
-            relative_spin = vectors.subtract(relative_spin, other.angular_velocity)
-        relative = vectors.subtract(one.velocity, other.velocity)
+        overlap = jnp.where(touching, overlap, 1e-12 * meeting.effective_radius)
+        spin, relative_spin = vectors.scale(meeting.radius - 0.5 * overlap, meeting.spin), meeting.spin
+        if meeting.other_spin is not None:
+            other = vectors.scale(meeting.other_radius - 0.5 * overlap, meeting.other_spin)
+            spin, relative_spin = (
+                vectors.add(spin, other),
+                vectors.subtract(relative_spin, meeting.other_spin),
+            )
         slip = vectors.subtract(
-            tangent.part_in_plane(relative, normal), tangent.surface_velocity(spin, normal)
+            tangent.part_in_plane(meeting.velocity, normal), tangent.surface_velocity(spin, normal)
         )
         in_plane = vectors.angular_size(len(normal))
         spring, rolling_spring = spring[:in_plane], spring[in_plane:]
-        kept: Vector = ()
         turned = tangent.turned_into_plane(spring, normal)
         contact = Contact(
             overlap=overlap,
             approach_speed=share * approach_speed,
             slip=slip,
             spring=vectors.add(turned, vectors.scale(self.time_step, slip)),
-            effective_radius=effective_radius,
-            effective_mass=effective_mass,
-            rolling_inertia=rolling_inertia,
+            effective_radius=meeting.effective_radius,
+            effective_mass=meeting.effective_mass,
+            rolling_inertia=meeting.rolling_inertia,
         )
         result = self.model.law(contact, material)
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
         along = jnp.where(touching, result.normal, result.normal - result.elastic)
         across = vectors.where(touching, result.tangential, 0.0)
-        force = vectors.add(vectors.scale(along, normal), tangent.in_space(across, normal))
-        # The tangential force turns both bodies the same way, rolling resistance one against the other.
-        moment = tangent.moment(normal, across)
-        torque, other_torque = vectors.scale(-arm, moment), vectors.scale(-other_arm, moment)
+        resistance: Vector = tuple(jnp.zeros_like(along) for _ in meeting.spin)
+        kept: Vector = ()
         if self.model.rolling is not None:
             resistance, kept = self.model.rolling(
                 contact, result, material, normal, relative_spin, rolling_spring, self.time_step
             )
             resistance = vectors.where(touching, resistance, 0.0)
-            torque = vectors.add(torque, resistance)
-            other_torque = vectors.subtract(other_torque, resistance)
-        return _Load(force, torque, other_torque, vectors.where(touching, (*result.spring, *kept), 0.0))
+        return _Load(along, across, resistance, vectors.where(touching, (*result.spring, *kept), 0.0))
+
+
+def _on_bodies(load: _Load, meeting: _Meeting) -> tuple[Vector, Vector, Vector]:
+    """Force and torque on the one, and torque on the other, of all contacts [N, N m]."""
+    normal = meeting.normal
+    force = vectors.add(vectors.scale(load.along, normal), tangent.in_space(load.across, normal))
+    # The tangential force turns both bodies the same way, rolling resistance one against the other.
+    moment = tangent.moment(normal, load.across)
+    arm, other_arm = meeting.radius - 0.5 * meeting.overlap, meeting.other_radius - 0.5 * meeting.overlap
+    torque = vectors.subtract(load.resistance, vectors.scale(arm, moment))
+    other_torque = vectors.add(load.resistance, vectors.scale(other_arm, moment))
+    return force, torque, vectors.scale(-1.0, other_torque)
 
 
 def _sum_slots(array: Array) -> Array:
@@ -347,14 +375,13 @@ def _share_of_step(overlap: Array, reach: Array) -> Array:
     return jnp.where(changes, within, (overlap > 0).astype(overlap.dtype))
 
 
-def _pair_geometry(neighbors: Neighbors, displacement: Vector, radius_sum: Array) -> tuple[Array, Vector]:
+def _pair_geometry(neighbors: Neighbors, change: Vector, radius_sum: Array) -> tuple[Array, Vector]:
     """Overlap now, and unit normal towards the first particle, of all pairs.
 
     |r0 + D| - |r0| = D.(2 r0 + D) / (|r0 + D| + |r0|), D the change of the separation since the build:
     so the overlap keeps its leading digits.
     """
-    pairs, initial = neighbors.pairs, neighbors.separation
-    change = vectors.subtract(at(displacement, pairs.first), at(displacement, pairs.second))
+    initial = neighbors.separation
     separation = vectors.add(initial, change)
     distance = vectors.safe_sqrt(vectors.dot(separation, separation))
     apart = distance > 0

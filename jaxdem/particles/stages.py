@@ -1,0 +1,32 @@
+"""Stages of a contact step: parts that are left out while nothing needs them, and whose results are written to memory.
+
+XLA:CPU fuses whatever it can into the loop that consumes it, and computes it anew in each of them: the force of a
+wall once for every component of every sum, in loops of gathers that are not vectorised. A branch of a conditional is
+where its fusion ends. (`lax.optimization_barrier` is taken away before fusion.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+Result = TypeVar("Result")
+
+
+def stage(needed: Array, compute: Callable[[], Result]) -> Result:
+    """What `compute` gives; where it is not needed, and it must then be zero, zeros of its shapes.
+
+    Args:
+        needed: () bool.
+        compute: a function of no arguments, which gives a pytree of arrays.
+    """
+
+    def nothing() -> Result:
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(compute))
+
+    # Elsewhere a branch makes the host wait for the device, and fusion is not what limits.
+    return lax.platform_dependent(cpu=lambda: lax.cond(needed, compute, nothing), default=compute)
