@@ -19,8 +19,31 @@ from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.koch_hill import KochHill
 from jaxdem.errors import InputError
 
+ROWS_AT_ONCE = 5000
+"""Particles that a network treats at once on a CPU: what passes between its layers then stays in the cache."""
+
+
+@jax.custom_jvp
+def elu(x: Array) -> Array:
+    """x where positive, exp(x) - 1 elsewhere; its slope is exp(x) there, which is known already.
+
+    `jax.nn.elu` has expm1, which XLA:CPU evaluates as tanh and exp both, for leading digits near zero that the
+    next layer's sum loses again: the absolute error is that of a float either way.
+
+    Source: Clevert, Unterthiner & Hochreiter (2016), Fast and accurate deep network learning by exponential
+    linear units, eq. 8 with alpha = 1.
+    """
+    return jnp.where(x > 0, x, jnp.exp(jnp.minimum(x, 0.0)) - 1.0)
+
+
+@elu.defjvp
+def _elu_slope(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    value = elu(primals[0])
+    return value, tangents[0] * jnp.where(primals[0] > 0, 1.0, value + 1.0)
+
+
 ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
-    "elu": linen.elu,
+    "elu": elu,
     "relu": linen.relu,
     "sigmoid": linen.sigmoid,
     "tanh": jnp.tanh,
@@ -89,6 +112,17 @@ def apply_weights(network: Perceptron, weights: dict[str, Any], values: Array) -
     """Output of the network, computed in the dtype of its inputs whatever that of the weights."""
     weights = jax.tree.map(lambda leaf: leaf.astype(values.dtype), weights)
     return network.apply({"params": weights}, values)  # type: ignore[return-value]
+
+
+def apply_in_parts(apply: Callable[[Array], Array], values: Array) -> Array:
+    """`apply` of (N, K) rows, on a CPU `ROWS_AT_ONCE` of them after the others: twice as fast for many rows."""
+    if values.shape[0] <= ROWS_AT_ONCE:
+        return apply(values)
+    return jax.lax.platform_dependent(
+        values,
+        cpu=lambda rows: jax.lax.map(lambda row: apply(row[None])[0], rows, batch_size=ROWS_AT_ONCE),
+        default=apply,
+    )
 
 
 def inside_range(values: Array, low: Array, high: Array) -> Array:
@@ -214,7 +248,7 @@ class PaperNetwork:
         inside = inside_range(values, low, high)
         # Outside, the network sees its mean input, so that no infinity reaches the gradient.
         normalised = jnp.where(inside[:, None], (values - mean[None]) / scale[None], 0.0)
-        force = offset[None] + unit[None] * self.normalised_force(normalised)
+        force = offset[None] + unit[None] * apply_in_parts(self.normalised_force, normalised)
         base = self.base(inputs)
         base_force = base.coefficient[:, None] * inputs.slip_velocity
         remainder = jnp.where(inside[:, None], force - base_force, 0.0)
