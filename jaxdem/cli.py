@@ -81,7 +81,8 @@ Settings = Annotated[
 ]
 
 ClosureFile = Annotated[
-    Path | None, typer.Option("--closure", metavar="FILE", help="Learned drag closure; replaces closure.file.")
+    Path | None,
+    typer.Option("--closure", metavar="FILE", help="Learned drag closure; replaces closure.file."),
 ]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
 Colour = Annotated[Color, typer.Option("--color", help="What particles are coloured by.")]
@@ -235,7 +236,8 @@ def plot(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="PATH", help="Folder for metrics.png and snapshot.png, or one .png, .pdf, .svg. [RUN/plots]"
+            metavar="PATH",
+            help="Folder for metrics.png and snapshot.png, or one .png, .pdf, .svg. [RUN/plots]",
         ),
     ] = None,
     time: Annotated[

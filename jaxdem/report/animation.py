@@ -92,5 +92,7 @@ def _writer(out: Path, fps: float) -> AbstractMovieWriter:
         return PillowWriter(fps=fps)  # type: ignore[arg-type, unused-ignore]
     if not FFMpegWriter.isAvailable():
         limit = "MP4 needs the program ffmpeg, which is not found"
-        raise InputError("--out", str(out), limit, "Install ffmpeg, or name a .gif file, which needs nothing.")
+        raise InputError(
+            "--out", str(out), limit, "Install ffmpeg, or name a .gif file, which needs nothing."
+        )
     return FFMpegWriter(fps=fps)  # type: ignore[arg-type, unused-ignore]

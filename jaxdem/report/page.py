@@ -117,9 +117,7 @@ def _image(comparison: Comparison, name: str, heading: str, caption: str) -> lis
     return [f"<h2>{escape(heading)}</h2>", image, _caption(caption)]
 
 
-def _animations(
-    entries: Sequence[Entry], comparison: Comparison, styles: dict[str, RunStyle]
-) -> list[str]:
+def _animations(entries: Sequence[Entry], comparison: Comparison, styles: dict[str, RunStyle]) -> list[str]:
     rows = {row.name: row for row in comparison.rows}
     shown = player.player([entry for entry in entries if entry.role != "noise"], rows, styles)
     if shown is None:

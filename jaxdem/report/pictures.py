@@ -15,9 +15,7 @@ from jaxdem.errors import InputError
 from jaxdem.report.runs import Array, RunLike
 
 WATER = LinearSegmentedColormap.from_list("water", ["#FFFFFF", "#CFE3F3", "#86B9DE", "#3D86BF", "#0B4A85"])
-GRAINS = LinearSegmentedColormap.from_list(
-    "grains", ["#2B1408", "#7A3B12", "#C9661B", "#F39A1E", "#FFD23F"]
-)
+GRAINS = LinearSegmentedColormap.from_list("grains", ["#2B1408", "#7A3B12", "#C9661B", "#F39A1E", "#FFD23F"])
 """Dark at rest, so that a pack shows on still water, and bright in motion, so that grains show in a jet."""
 GRAIN = "#A4541A"
 """Particles whose speed is not shown."""

@@ -109,9 +109,7 @@ def _scales(entries: Sequence[Entry], times: Array) -> dict[str, float]:
     """
     tops: dict[str, float] = {}
     for entry in entries:
-        some = [
-            shot for time in _thinned(times, 8) if (shot := _picture(entry, time, times)) is not None
-        ]
+        some = [shot for time in _thinned(times, 8) if (shot := _picture(entry, time, times)) is not None]
         for quantity in QUANTITIES:
             scales = Scales.of(some, quantity)
             for name, scale in (("fluid", scales.water), (quantity, scales.grains)):

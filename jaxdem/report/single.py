@@ -32,9 +32,7 @@ LEFT, RIGHT, TOP, BOTTOM = 0.75, 0.3, 0.65, 1.15
 """Room around it [inch]: axes, title, colour bars."""
 
 
-def plot_run(
-    run: RunLike, out: Path, *, time: float | None = None, color: str = "velocity"
-) -> list[Path]:
+def plot_run(run: RunLike, out: Path, *, time: float | None = None, color: str = "velocity") -> list[Path]:
     """Draw the metrics of a run over time, and its particles over the fluid's speed at one time.
 
     Args:
@@ -59,7 +57,7 @@ def plot_run(
         if single:
             out.parent.mkdir(parents=True, exist_ok=True)
             figure = style.new_figure(max(size[0], 12.5), size[1] + height)
-            upper, lower = figure.subfigures(2, 1, height_ratios=[size[1], height])
+            upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[size[1], height]).flat
             _snapshot(upper, (figure.get_figwidth(), size[1]), run, picture, color)
             _metrics(lower, run, metrics, picture.time)
             return [style.save(figure, out)]
@@ -159,9 +157,7 @@ def frame_axes(
     width, tall = size
     scale = LONG_SIDE / max(length, height)
     left = LEFT + 0.5 * (width - LEFT - RIGHT - scale * length)
-    axis = figure.add_axes(
-        (left / width, BOTTOM / tall, scale * length / width, scale * height / tall)
-    )
+    axis = figure.add_axes((left / width, BOTTOM / tall, scale * length / width, scale * height / tall))
     axis.set(xlabel="x [m]", ylabel="height [m]")
     quantity = pictures.QUANTITIES[color]
     bars = [

@@ -78,7 +78,11 @@ def snapshots_figure(
             )
             bar = figure.add_axes((0.25, 0.5 / figure.get_figheight(), 0.5, 0.14 / figure.get_figheight()))
             figure.colorbar(
-                ScalarMappable(scale, pictures.WATER), cax=bar, label=text, extend="max", orientation="horizontal"
+                ScalarMappable(scale, pictures.WATER),
+                cax=bar,
+                label=text,
+                extend="max",
+                orientation="horizontal",
             )
         return style.save(figure, path, dpi=160)
 
