@@ -121,7 +121,7 @@ def _scales(entries: Sequence[Entry], times: Array) -> dict[str, float]:
 def _scene(entry: Entry) -> _Scene:
     size = read.domain_size(entry.run)
     assert size is not None
-    particles = entry.run.particles(0) or {}
+    particles = (entry.run.particles(0) if entry.run.number_of_frames else None) or {}
     radius = np.asarray(particles.get("radius", 0.0), dtype=np.float64)
     return _Scene((size[0], size[-1]), float(radius.max(initial=0.0)))
 
