@@ -20,6 +20,7 @@ from jaxdem import terminal
 from jaxdem.errors import InputError, JaxdemError
 
 if TYPE_CHECKING:
+    from jaxdem.io import Run
     from jaxdem.scene import Scene
 
 OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
@@ -37,6 +38,13 @@ class Scale(StrEnum):
 
     demo = "demo"
     paper = "paper"
+
+
+class Color(StrEnum):
+    """What particles are coloured by."""
+
+    velocity = "velocity"
+    drag = "drag"
 
 
 class Commands(TyperGroup):
@@ -71,6 +79,13 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene; may be given many times."),
 ]
+
+ClosureFile = Annotated[
+    Path | None,
+    typer.Option("--closure", metavar="FILE", help="Learned drag closure; replaces closure.file."),
+]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
+Colour = Annotated[Color, typer.Option("--color", help="What particles are coloured by.")]
 
 
 def main() -> None:
@@ -112,9 +127,7 @@ def check(scene: SceneFile, settings: Settings = None) -> None:
 def run(
     scene: SceneFile,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Run directory: new or empty.")],
-    closure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Learned drag closure; replaces closure.file.")
-    ] = None,
+    closure: ClosureFile = None,
     settings: Settings = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
 ) -> None:
@@ -208,14 +221,93 @@ def compare(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv, PNGs.")],
 ) -> None:
     """Compare runs with a reference: the nine metrics, and error against run time."""
-    if out.exists() and not out.is_dir():
-        raise InputError("--out", str(out), "is not a folder", "Name a folder.")
+    _prepare_folder(out)
     from jaxdem.io import load_run
     from jaxdem.report import compare as compare_runs
 
     loaded = [load_run(path) for path in (reference, *runs)]
     comparison = compare_runs(loaded[0], loaded[1:], out)
     terminal.print_comparison(comparison)
+
+
+@app.command()
+def plot(
+    run: RunFolder,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            help="Folder for metrics.png and snapshot.png, or one .png, .pdf, .svg. [RUN/plots]",
+        ),
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Of the snapshot, s; the last output by default.")
+    ] = None,
+    color: Colour = Color.velocity,
+) -> None:
+    """Draw a run's metrics over time, and its particles and fluid at one time."""
+    place = run / "plots" if out is None else out
+    from jaxdem.report.single import is_file, plot_run
+
+    loaded = _load_run(run)
+    (_prepare_file if is_file(place) else _prepare_folder)(place)
+    files = plot_run(loaded, place, time=time, color=color.value)
+    for file in files:
+        terminal.output().print(f"Wrote {file}", markup=False, highlight=False, soft_wrap=True)
+
+
+@app.command()
+def animate(
+    run: RunFolder,
+    out: Annotated[Path, typer.Option(metavar="FILE", help=".gif, or .mp4 where ffmpeg is installed.")],
+    color: Colour = Color.velocity,
+    fps: Annotated[float, typer.Option(metavar="N", help="Outputs a second.")] = 10.0,
+) -> None:
+    """Draw a run as a film: particles over the fluid's speed."""
+    loaded = _load_run(run)
+    _prepare_file(out)
+    from jaxdem.report.animation import animate as make_film
+
+    with terminal.counted("picture") as progress:
+        number = make_film(loaded, out, color=color.value, fps=fps, progress=progress)
+    text = f"Wrote {out}: {number} of {loaded.number_of_frames} outputs"
+    terminal.output().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+@app.command()
+def sweep(
+    scene: SceneFile,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for sweep.csv and the runs.")],
+    vary: Annotated[
+        list[str],
+        typer.Option(metavar="KEY=A,B,C", help="A key and its values, as TOML; may be given many times."),
+    ],
+    settings: Settings = None,
+    closure: ClosureFile = None,
+) -> None:
+    """Run a scene with all combinations of some keys; goes on where it was stopped."""
+    from jaxdem.sweep import parse_variation, run_sweep
+
+    variations = [parse_variation(text) for text in vary]
+    _load(scene, settings, closure)  # sets the precision; what is wrong without variations is said here
+    _use_compilation_cache()
+    from jaxdem.simulate import Interrupted
+
+    try:
+        with terminal.study_display() as display:
+            result = run_sweep(scene, _overrides(settings, closure), variations, out, display)
+    except Interrupted as stop:
+        command = ["jaxdem", "sweep", str(scene), "--out", str(out)]
+        command += ["--closure", str(closure)] if closure else []
+        command += [part for text in vary for part in ("--vary", text)]
+        command += [part for text in settings or () for part in ("--set", text)]
+        hint = f"Go on with: {shlex.join(command)}"
+        terminal.fail(f"{str(stop).capitalize()} of a run of the sweep. {hint}", 128 + stop.number)
+    terminal.print_sweep(result)
+    if result.problems:
+        names = ", ".join(run.name for run in result.problems)
+        code = 2 if all(run.refused for run in result.problems) else 1
+        terminal.fail(f"{len(result.problems)} of {len(result.runs)} runs are not valid: {names}", code)
 
 
 @app.command()
@@ -244,18 +336,31 @@ def study(
 
 def _load(path: Path, settings: list[str] | None, closure: Path | None = None) -> Scene:
     """The scene with the options applied; JAX set to its precision."""
-    from jaxdem.scene import load_scene, parse_override
+    from jaxdem.scene import load_scene
 
-    overrides = dict(parse_override(text) for text in settings or ())
-    if closure is not None:
-        # Names in a scene are relative to it, names on the command line to the working directory.
-        overrides["closure.file"] = str(closure.resolve())
-    scene = load_scene(path, overrides)
+    scene = load_scene(path, _overrides(settings, closure))
     import jax
 
     if scene.precision == "float64":
         jax.config.update("jax_enable_x64", True)
     return scene
+
+
+def _overrides(settings: list[str] | None, closure: Path | None = None) -> dict[str, Any]:
+    """Keys of the scene that the options change."""
+    from jaxdem.scene import parse_override
+
+    overrides = dict(parse_override(text) for text in settings or ())
+    if closure is not None:
+        # Names in a scene are relative to it, names on the command line to the working directory.
+        overrides["closure.file"] = str(closure.resolve())
+    return overrides
+
+
+def _load_run(path: Path) -> Run:
+    from jaxdem.io import load_run
+
+    return load_run(path)
 
 
 def _use_compilation_cache() -> None:
@@ -272,14 +377,20 @@ def _prepare_file(path: Path) -> None:
     """Refuse a place that cannot be written before hours of work, not after them."""
     if path.is_dir():
         raise InputError("--out", str(path), "is a folder", "Name a file in it.")
+    _prepare_folder(path.parent)
+
+
+def _prepare_folder(path: Path) -> None:
+    """Make the folder, or refuse it."""
+    if path.exists() and not path.is_dir():
+        raise InputError("--out", str(path), "is not a folder", "Name a folder.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(
-            "--out", str(path), f"cannot be written ({error.strerror})", "Choose another place."
-        ) from None
-    if not os.access(path.parent, os.W_OK):
-        raise InputError("--out", str(path), "its folder cannot be written", "Choose another place.")
+        limit = f"cannot be written ({error.strerror})"
+        raise InputError("--out", str(path), limit, "Choose another place.") from None
+    if not os.access(path, os.W_OK):
+        raise InputError("--out", str(path), "cannot be written", "Choose another place.")
 
 
 def _whole_numbers(option: str, text: str, separator: str) -> tuple[int, ...]:

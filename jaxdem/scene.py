@@ -389,20 +389,20 @@ def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | 
     return _completed(scene)
 
 
-def parse_override(text: str) -> tuple[str, Any]:
-    """`key=value` of the command line's `--set`, the value as TOML."""
+def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
+    """`key=value` of an option of the command line, the value as TOML; a word needs no quotes."""
     key, separator, value = text.partition("=")
     if not separator or not key.strip():
-        raise InputError("--set", text, "must be key=value", "for example --set time.end=1.0")
+        raise InputError(option, text, "must be key=value", f"for example {option} time.end=1.0")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         if any(mark in value for mark in "[]{}=\"'"):
             raise InputError(
-                f"--set {key}",
+                f"{option} {key}",
                 value,
                 "must be a TOML value",
-                "quote strings: --set coupling.drag='\"koch_hill\"'",
+                f"quote strings: {option} coupling.drag='\"koch_hill\"'",
             ) from None
         return key.strip(), value.strip()
 

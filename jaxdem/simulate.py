@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import shutil
 import signal
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +21,7 @@ from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, failures, first_meaning
 from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io.run_directory import CHECKPOINT, SCENE
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
 from jaxdem.restart import from_arrays, to_arrays
@@ -86,6 +88,25 @@ def simulate(
             loop.restore()
         loop.run(progress, caught)
     return load_run(out)
+
+
+def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run:
+    """The run of a scene in `out`: made, gone on with from its checkpoint, or taken as it is where it is complete.
+
+    Args:
+        scene: from `jaxdem.load_scene`.
+        out: run directory; one that was stopped before its first checkpoint is begun anew.
+        begin: called where there is something to compute; gives `progress` of `simulate`.
+
+    Raises:
+        InputError, RunError, Interrupted: see `simulate`.
+    """
+    if RunDirectory.is_complete(out):
+        return load_run(out)
+    resume = (out / CHECKPOINT).is_file()
+    if not resume and (out / SCENE).is_file():
+        shutil.rmtree(out)
+    return simulate(scene, out, resume=resume, progress=begin())
 
 
 @dataclasses.dataclass

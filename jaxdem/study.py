@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shutil
 import time as clock
 from collections.abc import Callable
 from pathlib import Path
@@ -18,10 +17,10 @@ import numpy as np
 
 from jaxdem.closures import load_closure, save_closure
 from jaxdem.errors import InputError
-from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io import Run
 from jaxdem.report import Comparison, compare
 from jaxdem.scene import Scene, load_scene
-from jaxdem.simulate import simulate
+from jaxdem.simulate import Progress, simulate_once
 from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
 from jaxdem.train.fit import FitResult, FitSettings, fit_filtered, fit_paper
@@ -138,13 +137,12 @@ class Study:
         if closure is not None:
             overrides = overrides | {"closure.file": str(closure)}
         scene = load_scene(scene.model_dump(by_alias=True, exclude_none=True), overrides)
-        if RunDirectory.is_complete(path):
-            return load_run(path)
-        resume = (path / "checkpoint.h5").is_file()
-        if path.exists() and not resume:
-            shutil.rmtree(path)  # stopped before its first checkpoint: nothing to go on from
-        advance = self.listener.stage(f"run {name}", scene.time.end)
-        return simulate(scene, path, resume=resume, progress=lambda time, _: advance(time))
+
+        def begin() -> Progress:
+            advance = self.listener.stage(f"run {name}", scene.time.end)
+            return lambda time, _: advance(time)
+
+        return simulate_once(scene, path, begin)
 
     def dataset(self, reference: Run) -> Path:
         """Training data from the reference run, averaged to its own mesh and to every coarse one."""

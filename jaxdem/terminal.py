@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
 from rich.table import Table
 from rich.text import Text
@@ -16,6 +18,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from jaxdem.io import Run
     from jaxdem.report import Comparison
+    from jaxdem.sweep import Sweep
 
 
 def output() -> Console:
@@ -73,6 +76,29 @@ def print_comparison(comparison: Comparison) -> None:
     for warning in comparison.warnings:
         console.print(f"Note: {warning}", markup=False, highlight=False, soft_wrap=True)
     console.print(f"Report: {comparison.files['html']}", markup=False, highlight=False, soft_wrap=True)
+
+
+def print_sweep(sweep: Sweep) -> None:
+    """One line a run: what was varied, whether it is valid, run time and metrics at the end; then where the table is."""
+    from jaxdem.metrics import METRICS
+
+    table = Table(title="Metrics at the end, SI", title_justify="left", pad_edge=False)
+    shown = [m for m in METRICS if any(math.isfinite(run.final[m.name]) for run in sweep.runs)]
+    for key in sweep.keys:
+        table.add_column(escape(key), overflow="fold")
+    for heading in ("valid", "time [s]", *(metric.label for metric in shown)):
+        table.add_column(escape(heading), justify="right")
+    for run in sweep.runs:
+        values = [escape(text) for text in run.texts.values()]
+        state = "refused" if run.refused else "yes" if run.valid else "no"
+        numbers = [run.wall_time_s, *(run.final[metric.name] for metric in shown)]
+        cells = [f"{number:.3g}" if math.isfinite(number) else "-" for number in numbers]
+        table.add_row(*values, state, *cells, style=None if run.valid else "red")
+    console = output()
+    console.print(table)
+    for run in sweep.problems:
+        console.print(f"{run.name}: {run.reason}", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"Table: {sweep.table}", markup=False, highlight=False, soft_wrap=True)
 
 
 class _Rate(ProgressColumn):

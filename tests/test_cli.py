@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import shutil
@@ -18,6 +19,7 @@ from typer.testing import CliRunner
 
 from jaxdem import __version__, load_run
 from jaxdem.cli import app
+from jaxdem.sweep import _name, parse_variation
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 
 GRAINS = """
@@ -92,7 +94,10 @@ def test_a_run_ends_with_a_summary_and_no_bar(done):
 def test_version_and_help():
     assert invoke("--version").stdout.strip() == f"jaxdem {__version__}"
     text = invoke("--help").stdout
-    assert all(name in text for name in ("check", "run", "dataset", "train", "compare", "study"))
+    assert all(
+        name in text
+        for name in ("check", "run", "dataset", "train", "compare", "plot", "animate", "sweep", "study")
+    )
 
 
 @pytest.mark.parametrize(
@@ -278,6 +283,102 @@ def test_compare_says_where_the_report_is(done, tmp_path):
     refused(
         invoke("compare", done[0], tmp_path / "absent", "--out", tmp_path / "other"), "not a run directory"
     )
+
+
+def test_plot_and_animate_a_run(done, tmp_path):
+    out, _ = done
+    result = invoke("plot", out, "--out", tmp_path / "plots", "--time", 0.0)
+    assert result.exit_code == 0 and not result.stderr, result.output
+    assert {path.name for path in (tmp_path / "plots").iterdir()} == {"metrics.png", "snapshot.png"}
+    result = invoke("animate", out, "--out", tmp_path / "films" / "run.gif", "--fps", 5)
+    assert result.exit_code == 0 and not result.stderr, result.output
+    frames = load_run(out).number_of_frames
+    assert f"{frames} of {frames} outputs" in " ".join(result.stdout.split())
+    assert (tmp_path / "films" / "run.gif").read_bytes()[:6] == b"GIF89a"
+
+
+def test_plot_and_animate_refuse_what_they_cannot_draw(done, tmp_path):
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / "scene.toml").write_text("seed = 1")
+    for command in ("plot", "animate"):
+        out = ("--out", tmp_path / "a.gif") if command == "animate" else ()
+        refused(invoke(command, tmp_path / "absent", *out), "absent", "not a run directory")
+        refused(invoke(command, broken, *out), "history.csv")
+        assert invoke(command, done[0], *out, "--color", "red").exit_code == 2
+    refused(invoke("plot", done[0], "--time", 99.0), "--time", "99.0", "outputs of")
+    refused(invoke("animate", done[0], "--out", tmp_path / "a.avi"), "--out", ".gif or .mp4")
+    refused(invoke("animate", done[0], "--out", tmp_path / "a.gif", "--color", "drag"), "--color", "fluid")
+    assert not (tmp_path / "a.gif").exists()
+
+
+SWEEP = ("--set", "contact.speed=1.0", "--set", "time.end=0.02")
+STILL, FAST = "[[0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]", "[[0.0, 0.0], [-5e4, 0.0], [0.0, 0.0]]"
+
+
+def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp_path):
+    out, vary = tmp_path / "sweep", ("--vary", f"particles.velocity={FAST},{STILL}")
+    arguments = ("sweep", grains, "--out", out, *vary, *SWEEP)
+    result = invoke(*arguments)
+    assert result.exit_code == 1
+    assert "1 of 2 runs are not valid" in result.stderr and "particle 1" in result.stdout
+    with open(out / "sweep.csv", newline="") as file:
+        failed, sound = csv.DictReader(file)
+    assert [failed["valid"], sound["valid"]] == ["false", "true"] and "particle 1" in failed["reason"]
+    run = load_run(out / sound["run"])
+    assert float(sound["kinetic_energy"]) == run.history["kinetic_energy"][-1]
+    assert float(sound["wall_time_s"]) == run.summary["wall_time_s"] and sound["drag_force_mean"] == "nan"
+    before = (out / sound["run"] / "summary.json").stat().st_mtime_ns
+    assert (
+        invoke("sweep", grains, "--out", out, "--vary", f"particles.velocity={STILL}", *SWEEP).exit_code == 0
+    )
+    assert (out / sound["run"] / "summary.json").stat().st_mtime_ns == before, (
+        "a run that is done is not done again"
+    )
+    refused(invoke(*arguments, "--set", "contact.friction=0.1"), "contact.friction", "same scene")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--vary", "contact.friction"), ("--vary", "key=value")),
+        (("--vary", "contact.friction=0.1,,0.2"), ("empty",)),
+        (("--vary", "contact.friction=0.1,0.10"), ("twice",)),
+        (
+            ("--vary", "contact.friction=0.1", "--set", "contact.friction=0.2"),
+            ("contact.friction", "given twice"),
+        ),
+        (("--vary", "contact.fricton=0.1"), ("contact.fricton", "did you mean 'friction'")),
+        (("--vary", "contact.friction=0.1,-1"), ("contact.friction", "-1")),
+        (("--vary", "precision=float32,float64"), ("precision", "--set")),
+        (("--vary", "domain.size=[0.2,0.2],[0.2"), ("TOML",)),
+    ],
+)
+def test_a_sweep_is_refused_before_its_first_run(grains, tmp_path, options, words):
+    refused(invoke("sweep", grains, "--out", tmp_path / "sweep", *options), *words)
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_a_sweep_leaves_other_folders_alone_and_goes_on_after_a_refused_run(grains, tmp_path):
+    (tmp_path / "letter.txt").write_text("dear")
+    vary = ("--vary", "contact.time_step=2e-2")
+    refused(invoke("sweep", grains, "--out", tmp_path, *vary), "not empty")
+    result = invoke("sweep", grains, "--out", tmp_path / "sweep", *vary)
+    assert result.exit_code == 2 and "stable step" in result.stdout and "1 of 1" in result.stderr
+
+
+def test_values_and_names_of_a_sweep():
+    values = parse_variation("a.b=1e-3, koch_hill,[1, 2],'x,y',{k = [1, 2]}").values
+    assert values == (1e-3, "koch_hill", [1, 2], "x,y", {"k": [1, 2]})
+    names = {}
+    for chosen in (
+        {"fluid.cells": [10, 20], "contact.friction": 0.5},
+        {"a.x": 1, "b.x": "p/q"},
+        {"b.x": "p?q", "a.x": 1},
+    ):
+        names[_name(chosen, names)] = None
+    assert list(names)[:2] == ["cells=10x20,friction=0.5", "a.x=1,b.x=p_q"]
+    assert _name({"a.x": 1, "b.x": "p?q"}, names) == "a.x=1,b.x=p_q~2"
 
 
 def test_dataset_and_training_refuse_what_they_cannot_use(done, tmp_path):

@@ -25,6 +25,7 @@ HOST = {
     "records",
     "check",
     "study",
+    "sweep",
     "cli",
     "train",
     "report",

@@ -55,6 +55,7 @@ from jaxdem.fluid.grid import face_total, sum_of
 from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.particles import vectors
+from jaxdem.particles.batches import cond_in_batch
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column
 
 SUBSTEPS = (1, 2, 4, 8)
@@ -562,7 +563,7 @@ def _substeps(interval: FluidInterval, count: Array, substep, carry):  # type: i
 
     @jax.checkpoint
     def body(both, k):  # type: ignore[no-untyped-def]
-        return lax.cond(k < count, lambda b: advance(b, k), lambda b: b, both), None
+        return cond_in_batch(k < count, lambda b: advance(b, k), both), None
 
     return lax.scan(body, (carry, worst), jnp.arange(SUBSTEPS[-1]))[0]
 

@@ -22,6 +22,21 @@ VERSION = (2, 0)
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 """The kinds of cells of PolyData in the order of the columns of `Steps/CellOffsets`."""
 
+UNITS = {
+    "position": "m",
+    "velocity": "m/s",
+    "angular_velocity": "rad/s",
+    "drag_force": "N",
+    "contact_force": "N",
+    "radius": "m",
+    "id": "1",
+    "active": "1",
+    "pressure": "Pa",
+    "void_fraction": "1",
+    "time": "s",
+}
+"""Stored beside each array as its HDF5 attribute `units`, which VTK passes over."""
+
 UNCHANGING = ("id", "radius")
 """Point data stored once while it stays the same; later steps point at the same rows."""
 
@@ -144,6 +159,7 @@ class _StepFormat:
             steps.attrs["NSteps"] = len(entries)
             for name in entries[0]:
                 steps[name] = np.array([entry[name] for entry in entries])
+            _name_unit(steps["Values"], "time")
 
     @staticmethod
     def entry(file: h5py.File, name: str, index: int) -> int:
@@ -182,6 +198,8 @@ class ParticleFormat(_StepFormat):
             if start is None:
                 start = extend(point_data, name, frame.arrays[name], growing, chunk)
             entries[f"PointDataOffsets/{name}"] = start
+            _name_unit(point_data[name], name)
+        _name_unit(root["Points"], "position")
         return entries
 
     def read(self, file: h5py.File, index: int) -> Frame:
@@ -216,6 +234,7 @@ class FluidFormat(_StepFormat):
             turned = _x_fastest(array, dimension)
             start = extend(cell_data, name, turned[None] if growing else turned, growing, 1)
             entries[f"CellDataOffsets/{name}"] = start
+            _name_unit(cell_data[name], name)
         return entries
 
     @staticmethod
@@ -236,6 +255,12 @@ class FluidFormat(_StepFormat):
             arrays[name] = _x_first(dataset[row] if "Steps" in root else dataset[...], dimension)
         geometry = {"dimension": dimension, "origin": root.attrs["Origin"], "spacing": root.attrs["Spacing"]}
         return Frame(float(self.times(file)[index]), arrays, geometry)
+
+
+def _name_unit(dataset: h5py.Dataset, name: str) -> None:
+    """Store the unit of an array that has one, once."""
+    if name in UNITS and "units" not in dataset.attrs:
+        dataset.attrs["units"] = UNITS[name]
 
 
 def _write_topology(root: h5py.Group, number: int) -> None:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.particles import vectors
+from jaxdem.particles.batches import cond_in_batch
 from jaxdem.particles.forces import ContactModel, Surroundings, contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.neighbors import (
@@ -189,7 +190,8 @@ def _with_list_in_date(
     if search is None or neighbors.room.slots == 0:
         return carry, neighbors
 
-    def rebuild(carry: _Carry, neighbors: Neighbors) -> tuple[_Carry, Neighbors]:
+    def rebuild(both: tuple[_Carry, Neighbors]) -> tuple[_Carry, Neighbors]:
+        carry, neighbors = both
         # Where `_stale` looks: the new list is in date whatever the speed, and the loop goes on.
         motion = drift(carry.motion, time_step)
         new = search.update(motion.position, motion.low, neighbors, active)
@@ -197,4 +199,4 @@ def _with_list_in_date(
         return carry._replace(motion=carry.motion._replace(contact_spring=springs)), new
 
     stale = _stale(interval, time_step, carry, neighbors)
-    return lax.cond(stale, rebuild, lambda c, n: (c, n), carry, neighbors)
+    return cond_in_batch(stale, rebuild, (carry, neighbors))

@@ -20,6 +20,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.particles import vectors
+from jaxdem.particles.batches import cond_in_batch
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch, carry_history
 from jaxdem.particles.surfaces import Surface, surface_contacts
@@ -122,13 +123,13 @@ def renewed(
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
 
-    def rebuild() -> tuple[tuple[Array, ...], Neighbors]:
+    def rebuild(both: tuple[tuple[Array, ...], Neighbors]) -> tuple[tuple[Array, ...], Neighbors]:
+        springs, neighbors = both
         new = search.update(position, low, neighbors, particles.active)
-        return carry_history(particles.contact_spring, neighbors, new), new
+        return carry_history(springs, neighbors, new), new
 
-    springs, neighbors = lax.cond(
-        jnp.any(particles.active != before), rebuild, lambda: (particles.contact_spring, neighbors)
-    )
+    changed = jnp.any(particles.active != before)
+    springs, neighbors = cond_in_batch(changed, rebuild, (particles.contact_spring, neighbors))
     return particles._replace(contact_spring=springs), neighbors
 
 
@@ -171,10 +172,10 @@ def _with_those_due(
     assert before is not None and inserted is not None
     due = _due(inlet, step)
     start = lax.stop_gradient(particles.position)
-    position, active, count = lax.cond(
+    position, active, count = cond_in_batch(
         due > inserted[number],
-        lambda: _placed(population, number, radius, surfaces, start, before, inserted[number], due, step),
-        lambda: (start, before, inserted[number]),
+        lambda now: _placed(population, number, radius, surfaces, *now, due, step),
+        (start, before, inserted[number]),
     )
     new = (active & ~before)[:, None]
     low = particles.position_low

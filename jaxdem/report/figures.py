@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
 from jaxdem.errors import InputError
-from jaxdem.metrics import METRICS
+from jaxdem.metrics import METRICS, Metric
 from jaxdem.report import style
 from jaxdem.report.comparison import Comparison, Entry, Row
 from jaxdem.report.runs import Array
@@ -30,24 +31,39 @@ def metrics_figure(
     rows = {row.name: row for row in (*comparison.rows, *comparison.noise_rows)}
     with style.look():
         figure = style.new_figure(12.5, 9.0)
-        axes = figure.subplots(3, 3, sharex=True)
-        for axis, metric in zip(axes.flat, METRICS, strict=True):
-            drawn = [_line(axis, entry, metric.name, rows[entry.name], styles) for entry in entries]
-            axis.set_ylabel(f"{metric.label} [{metric.unit}]")
-            axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
-            if not any(drawn):
-                axis.text(
-                    0.5, 0.5, "not in these runs", transform=axis.transAxes, ha="center", color="#666666"
-                )
-                axis.set_yticks([])
-            elif limits := sound_limits(entries, metric.name, rows):
-                axis.set_ylim(*limits)
-                axis.set_title("an unsound run leaves this panel", color=style.INVALID)
-        for axis in axes[-1]:
-            axis.set_xlabel("time [s]")
+        metrics_panels(figure, METRICS, entries, rows, styles)
         handles = _legend_handles(comparison, styles)
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
         return style.save(figure, path)
+
+
+def metrics_panels(
+    figure: FigureBase,
+    metrics: Sequence[Metric],
+    entries: Sequence[Entry],
+    rows: Mapping[str, Row],
+    styles: Mapping[str, RunStyle],
+) -> list[Axes]:
+    """Metrics over time in up to three columns, all entries in each panel."""
+    columns = min(3, len(metrics))
+    lines = math.ceil(len(metrics) / columns)
+    axes = [figure.add_subplot(lines, columns, number + 1) for number in range(len(metrics))]
+    for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
+        if number:
+            axis.sharex(axes[0])
+        drawn = [_line(axis, entry, metric.name, rows[entry.name], styles) for entry in entries]
+        axis.set_ylabel(f"{metric.label} [{metric.unit}]")
+        axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
+        if not any(drawn):
+            axis.text(0.5, 0.5, "not in these runs", transform=axis.transAxes, ha="center", color="#666666")
+            axis.set_yticks([])
+        elif limits := sound_limits(entries, metric.name, rows):
+            axis.set_ylim(*limits)
+            axis.set_title("an unsound run leaves this panel", color=style.INVALID)
+        lowest = number + columns >= len(metrics)
+        axis.tick_params(labelbottom=lowest)
+        axis.set_xlabel("time [s]" if lowest else "")
+    return axes
 
 
 def _line(axis: Axes, entry: Entry, name: str, row: Row, styles: Mapping[str, RunStyle]) -> bool:

@@ -29,8 +29,8 @@ AXIS = {
 }
 
 
-TICKS = [digit * 10.0**power for power in range(-8, 9) for digit in (1, 2, 5)]
-TICK_TEXT = [f"{tick:g}" for tick in TICKS]
+DIGITS = ((1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9))
+"""First digits of the ticks of a logarithmic axis: over more than a decade, and within one."""
 
 
 def plotly_script() -> str:
@@ -97,11 +97,20 @@ def error_plot(comparison: Comparison, styles: Mapping[str, RunStyle]) -> str:
     for row in points:
         _add_point(figure, row, styles[row.name], max(row.mean_error, floor))
     _add_lines(figure, comparison, points, floor)
-    figure.update_xaxes(type="log", title_text="run time [s]", tickvals=TICKS, ticktext=TICK_TEXT, **AXIS)
+    across = [value for trace in figure.data for value in trace.x]
+    upwards = [value for trace in figure.data for value in trace.y]
+    figure.update_xaxes(type="log", title_text="run time [s]", **_ticks(across), **AXIS)
     title = "mean relative error over the metrics [-]"
-    figure.update_yaxes(type="log", title_text=title, tickvals=TICKS, ticktext=TICK_TEXT, **AXIS)
+    figure.update_yaxes(type="log", title_text=title, **_ticks(upwards), **AXIS)
     figure.update_layout(height=580, **_layout(-0.16))
     return _fragment(figure, "error-plot")
+
+
+def _ticks(values: Sequence[float]) -> dict[str, object]:
+    """Ticks at plain numbers; within a decade close enough that some are in sight."""
+    narrow = not values or max(values) < 10.0 * min(values)
+    ticks = [digit * 10.0**power for power in range(-8, 9) for digit in DIGITS[narrow]]
+    return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
 
 
 def _add_lines(figure: go.Figure, comparison: Comparison, points: Sequence[Row], floor: float) -> None:

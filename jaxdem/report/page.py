@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 
 from jaxdem.metrics import METRICS
-from jaxdem.report import interactive
+from jaxdem.report import interactive, player
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import Comparison, Entry, Row
 from jaxdem.report.figures import label
@@ -30,6 +30,14 @@ th { font-weight: 600; border-bottom: 2px solid #888; vertical-align: bottom; }
 th:first-child, td:first-child, td.text, th.text { text-align: left; }
 td:not(.text) { white-space: nowrap; } tr.reference td { background: #f4f4f4; } tr.noise td { color: #666; } tr.unsound td, .bad { color: #B00020; }
 td.best { font-weight: 700; } .swatch { display: inline-block; width: .8em; height: .8em; margin-right: .4em; }
+#player .controls { display: flex; flex-wrap: wrap; gap: .6rem 1rem; align-items: center; margin: .4rem 0; }
+#player input { flex: 1 1 12rem; } #player button { min-width: 5rem; } #player output { min-width: 7rem; }
+#player .panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 300px), 1fr)); gap: .6rem 1rem; }
+#player .panels.long { grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr)); }
+#player figure { margin: 0; } #player figcaption { font-size: .88rem; } #player small { color: #B00020; }
+#player canvas { width: 100%; display: block; outline: 1px solid #888; }
+#player .scale { display: flex; justify-content: space-between; gap: 1rem; font-size: .8rem; width: 22rem; height: 10px; }
+#player .scale span { margin-top: 12px; } #player .controls:last-child { min-height: 2.2rem; align-items: flex-start; }
 img { max-width: 100%; height: auto; } .caption { color: #555; font-size: .88rem; max-width: 58rem; }
 """
 
@@ -63,6 +71,7 @@ def write_page(
         _caption(
             "Click a name in the legend to hide that run in all panels; drag to zoom, double-click to go back."
         ),
+        *_animations(entries, comparison, styles),
         *_image(
             comparison,
             "snapshots",
@@ -106,6 +115,14 @@ def _image(comparison: Comparison, name: str, heading: str, caption: str) -> lis
     data = base64.b64encode(comparison.files[name].read_bytes()).decode("ascii")
     image = f'<img alt="{escape(heading)}" src="data:image/png;base64,{data}">'
     return [f"<h2>{escape(heading)}</h2>", image, _caption(caption)]
+
+
+def _animations(entries: Sequence[Entry], comparison: Comparison, styles: dict[str, RunStyle]) -> list[str]:
+    rows = {row.name: row for row in comparison.rows}
+    shown = player.player([entry for entry in entries if entry.role != "noise"], rows, styles)
+    if shown is None:
+        return []
+    return ["<h2>Animations</h2>", shown.html, _caption(shown.caption)]
 
 
 def _table(

@@ -4,48 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from jaxdem.report import pictures, style
 from jaxdem.report import runs as read
-from jaxdem.report import style
 from jaxdem.report.comparison import Comparison, Entry, Row
 from jaxdem.report.figures import label
-from jaxdem.report.runs import Array, RunLike
+from jaxdem.report.pictures import Picture
+from jaxdem.report.runs import Array
 from jaxdem.report.style import RunStyle
 
 FRACTIONS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Times of the snapshots, as fractions of the span that is compared."""
 
-WATER = LinearSegmentedColormap.from_list("water", ["#FFFFFF", "#CFE3F3", "#86B9DE", "#3D86BF", "#0B4A85"])
-GRAIN = "#A4541A"
 MIN_PANEL, TITLE = 2.2, 0.32
 """Least width of a panel, and the height of the line above it [inch]."""
 LONG_BOX = 2.0
 """From this ratio of length to height on, runs stand above one another and the times in two columns."""
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """What one panel shows; (x, vertical) plane.
-
-    Attributes:
-        time: of the frame [s].
-        centres: (N, 2) [m], those nearest the viewer last; radius: (N,) [m]; both None without particles.
-        speed: fluid speed (nx, nz) [m/s], in 3-D averaged over the depth; None without fluid.
-    """
-
-    time: float
-    centres: Array | None
-    radius: Array | None
-    speed: Array | None
 
 
 def snapshot_times(times: Array) -> list[float]:
@@ -60,46 +41,6 @@ def snapshot_times(times: Array) -> list[float]:
     return sorted({float(times[int(np.argmin(np.abs(times - time)))]) for time in wanted})
 
 
-def take(run: RunLike, time: float, until: float) -> Snapshot | None:
-    """The frame nearest to `time`; None where the run has none within half an output interval of it.
-
-    Args:
-        until: a run that is shown nowhere later than this [s] may use a frame up to half an interval off.
-    """
-    frames = np.asarray(run.times, dtype=np.float64)[: run.number_of_frames]
-    if not len(frames):
-        return None
-    i = int(np.argmin(np.abs(frames - time)))
-    slack = 0.51 * float(np.max(np.diff(frames))) if len(frames) > 1 else 1e-6 + 0.01 * until
-    if abs(frames[i] - time) > slack:
-        return None
-    particles = run.particles(i) or {}
-    centres, radius = _project(particles, run.dimension)
-    return Snapshot(float(frames[i]), centres, radius, _speed(run.fluid(i), run.dimension))
-
-
-def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array | None, Array | None]:
-    position = particles.get("position")
-    if position is None or not len(position):
-        return None, None
-    xyz = np.asarray(position, dtype=np.float64)
-    radius = np.broadcast_to(np.asarray(particles.get("radius", np.nan), dtype=np.float64), (len(xyz),))
-    good = np.isfinite(xyz).all(axis=1) & np.isfinite(radius) & (particles.get("active", 1) != 0)
-    xyz, radius = xyz[good], radius[good]
-    if dimension == 2:
-        return xyz[:, :2], radius
-    order = np.argsort(-xyz[:, 1], kind="stable")  # the viewer stands at y = 0, in front
-    return xyz[order][:, [0, 2]], radius[order]
-
-
-def _speed(fluid: Mapping[str, Array] | None, dimension: int) -> Array | None:
-    if not fluid or fluid.get("velocity") is None:
-        return None
-    speed: Array = np.linalg.norm(np.asarray(fluid["velocity"], dtype=np.float64), axis=-1)
-    plane: Array = speed.mean(axis=1) if dimension == 3 else speed.reshape(speed.shape[0], -1)
-    return plane
-
-
 def snapshots_figure(
     entries: Sequence[Entry], comparison: Comparison, styles: Mapping[str, RunStyle], path: Path
 ) -> Path | None:
@@ -112,7 +53,7 @@ def snapshots_figure(
     boxes = [box for entry in entries if (box := read.domain_size(entry.run))]
     if not times or not boxes:
         return None
-    shots = [[take(entry.run, time, times[-1]) for time in times] for entry in entries]
+    shots = [[_shot(entry, time, times[-1]) for time in times] for entry in entries]
     if not any(shot for line in shots for shot in line):
         return None
     size = (max(box[0] for box in boxes), max(box[-1] for box in boxes))
@@ -123,7 +64,7 @@ def snapshots_figure(
         for line, entry, run_shots in zip(axes, entries, shots, strict=True):
             for axis, time, shot in zip(line, times, run_shots, strict=True):
                 box = read.domain_size(entry.run) or size
-                _panel(axis, shot, (box[0], box[-1]), size, scale)
+                pictures.draw(axis, shot, (box[0], box[-1]), size, scale)
                 _title(
                     axis,
                     rows[entry.name],
@@ -137,9 +78,18 @@ def snapshots_figure(
             )
             bar = figure.add_axes((0.25, 0.5 / figure.get_figheight(), 0.5, 0.14 / figure.get_figheight()))
             figure.colorbar(
-                ScalarMappable(scale, WATER), cax=bar, label=text, extend="max", orientation="horizontal"
+                ScalarMappable(scale, pictures.WATER),
+                cax=bar,
+                label=text,
+                extend="max",
+                orientation="horizontal",
             )
         return style.save(figure, path, dpi=160)
+
+
+def _shot(entry: Entry, time: float, until: float) -> Picture | None:
+    index = pictures.nearest(entry.run, time, until)
+    return None if index is None else pictures.take(entry.run, index)
 
 
 def _title(axis: Axes, row: Row, time: float, colour: str, missing: bool) -> None:
@@ -158,7 +108,7 @@ def _title(axis: Axes, row: Row, time: float, colour: str, missing: bool) -> Non
         axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", color=style.INVALID)
 
 
-def _top(shots: Sequence[Sequence[Snapshot | None]]) -> float:
+def _top(shots: Sequence[Sequence[Picture | None]]) -> float:
     """Top of the colour scale [m/s]: the reference's largest speed at the shown times, else the largest of all."""
     for lines in (shots[:1], shots):
         speeds = [shot.speed for line in lines for shot in line if shot and shot.speed is not None]
@@ -196,28 +146,3 @@ def _grid(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, lis
         return axis
 
     return figure, [[place(run, time) for time in range(times)] for run in range(runs)]
-
-
-def _panel(
-    axis: Axes, shot: Snapshot | None, box: tuple[float, float], size: tuple[float, float], scale: Normalize
-) -> None:
-    axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal")
-    axis.grid(False)
-    for spine in axis.spines.values():
-        spine.set_visible(True)
-        spine.set_color("#888888")
-    if shot is None:
-        axis.set_facecolor("#F4F4F4")
-        return
-    if shot.speed is not None:
-        axis.imshow(
-            shot.speed.T, origin="lower", extent=(0.0, box[0], 0.0, box[1]), cmap=WATER, norm=scale,
-            interpolation="nearest", aspect="equal",
-        )  # fmt: skip
-    if shot.centres is not None and shot.radius is not None:
-        discs = EllipseCollection(
-            2.0 * shot.radius, 2.0 * shot.radius, np.zeros_like(shot.radius), units="xy", offsets=shot.centres,
-            offset_transform=axis.transData, facecolors=GRAIN, linewidths=0.0,
-        )  # fmt: skip
-        axis.add_collection(discs, autolim=False)
-    axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]))

@@ -93,6 +93,53 @@ def test_fluid_in_vtk(finished):
         assert np.isclose(np.ptp(image.GetBounds()[4:]), depth)
 
 
+PARTICLE_ARRAYS = {"velocity", "angular_velocity", "drag_force", "contact_force", "radius", "id"}
+FLUID_ARRAYS = {"velocity", "pressure", "void_fraction"}
+
+
+def names_of(data):
+    return {data.GetArrayName(number) for number in range(data.GetNumberOfArrays())}
+
+
+def test_names_components_and_units_are_the_contracts(finished):
+    """What a reader of the files may rely on, and nothing unnamed beside it."""
+    _, path = finished
+    _, particles = read_with_vtk(path / "particles.vtkhdf", time_of(1))
+    _, image = read_with_vtk(path / "fluid.vtkhdf", time_of(1))
+    assert (
+        names_of(particles.GetPointData()) == PARTICLE_ARRAYS
+        and names_of(image.GetCellData()) == FLUID_ARRAYS
+    )
+    assert not names_of(particles.GetCellData()) and not names_of(image.GetPointData())
+    scalars = {"radius", "id", "pressure", "void_fraction"}
+    for data in (particles.GetPointData(), image.GetCellData()):
+        for name in names_of(data):
+            assert data.GetArray(name).GetNumberOfComponents() == (1 if name in scalars else 3), name
+    units = {"velocity": "m/s", "angular_velocity": "rad/s", "drag_force": "N", "contact_force": "N"}
+    units |= {"radius": "m", "id": "1", "pressure": "Pa", "void_fraction": "1"}
+    for file_name, group in (("particles", "PointData"), ("fluid", "CellData")):
+        with h5py.File(path / f"{file_name}.vtkhdf") as file:
+            stored = {name: dataset.attrs["units"] for name, dataset in file[f"VTKHDF/{group}"].items()}
+            assert stored == {name: units[name] for name in stored} and stored
+            assert file["VTKHDF/Steps/Values"].attrs["units"] == "s"
+            assert file_name == "fluid" or file["VTKHDF/Points"].attrs["units"] == "m"
+
+
+@pytest.mark.parametrize("present", ["particles", "fluid"])
+def test_a_scene_without_the_other_part_has_one_file(tmp_path, present):
+    with RunDirectory.create(tmp_path / "run", scene_of(2)) as run:
+        for index in range(2):
+            particles = particle_arrays(index, 2) if present == "particles" else None
+            fluid = fluid_arrays(index, 2) if present == "fluid" else None
+            run.write_frame(index, time_of(index), particles, fluid, None, {})
+        run.finish({})
+    assert [path.stem for path in (tmp_path / "run").glob("*.vtkhdf")] == [present]
+    times, data = read_with_vtk(tmp_path / "run" / f"{present}.vtkhdf", time_of(1))
+    assert list(times) == [time_of(0), time_of(1)]
+    names = names_of(data.GetPointData() if present == "particles" else data.GetCellData())
+    assert names == (PARTICLE_ARRAYS if present == "particles" else FLUID_ARRAYS)
+
+
 def test_a_part_is_a_valid_file_by_itself(tmp_path):
     with RunDirectory.create(tmp_path / "run", scene_of(2)) as run:
         write_frames(run, 0, 2)

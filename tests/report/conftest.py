@@ -49,7 +49,15 @@ class FakeRun:
         position[:, 0], position[:, self.dimension - 1] = x, z
         if self.dimension == 3:
             position[:, 1] = rng.uniform(0, size[1], self.count)
-        return {"position": position, "radius": np.full(self.count, self.radius), "id": index}
+        velocity, drag = np.zeros((2, self.count, 3))
+        velocity[:, 0], drag[:, 0] = 0.6 + 0.8 * z, 1e-3 * index
+        return {
+            "position": position,
+            "velocity": velocity,
+            "drag_force": drag,
+            "radius": np.full(self.count, self.radius),
+            "id": index,
+        }
 
     def fluid(self, i: int) -> dict[str, np.ndarray] | None:
         cells = self.scene.get("fluid", {}).get("cells")

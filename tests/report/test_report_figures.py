@@ -11,7 +11,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.image import imread
 
 from jaxdem.errors import InputError
-from jaxdem.report import compare, figures, snapshots, style
+from jaxdem.report import compare, figures, pictures, snapshots, style
 from jaxdem.report.comparison import Entry, build
 from jaxdem.report.runs import history_until
 
@@ -49,23 +49,25 @@ def test_snapshot_times_are_outputs_of_the_reference() -> None:
 
 def test_nearest_frame_or_none(make: Any) -> None:
     run = make(end=1.0, outputs=11)
-    shot = snapshots.take(run, 0.52, 2.0)
-    assert shot is not None and shot.time == pytest.approx(0.5) and run.calls == [5]
-    assert snapshots.take(run, 1.2, 2.0) is None
+    index = pictures.nearest(run, 0.52, 2.0)
+    assert index == 5 and pictures.take(run, index).time == pytest.approx(0.5)
+    assert pictures.nearest(run, 1.2, 2.0) is None
     run.times = np.array([])
-    assert snapshots.take(run, 0.0, 2.0) is None
+    assert pictures.nearest(run, 0.0, 2.0) is None
 
 
 def test_planes(make: Any) -> None:
     flat, deep = make(), make(cells=(10, 4, 6), size=(2.0, 0.5, 1.0))
-    two, three = snapshots.take(flat, 0.0, 2.0), snapshots.take(deep, 0.0, 2.0)
-    assert two is not None and three is not None and two.centres is not None and three.centres is not None
+    two, three = pictures.take(flat, 0), pictures.take(deep, 0)
+    assert two.centres is not None and three.centres is not None
     assert np.array_equal(two.centres, flat.particles(0)["position"][:, :2])
     assert two.speed is not None and two.speed.shape == (75, 12)
     assert three.speed is not None and three.speed.shape == (10, 6)
-    position = deep.particles(0)["position"]
+    position, drag = deep.particles(0)["position"], deep.particles(0)["drag_force"]
     order = np.argsort(-position[:, 1])
     assert np.allclose(three.centres, position[order][:, [0, 2]])
+    assert np.allclose(three.values["drag"], drag[order, 0])
+    assert pictures.view(flat, two) == "" and "averaged over the depth" in pictures.view(deep, three)
 
 
 def test_discs_have_their_true_radius_on_equal_axes(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,98 @@
+"""A run as a film: GIF without any further program, MP4 with ffmpeg.
+
+Example:
+    >>> animate(load_run("runs/settling"), Path("settling.gif"), color="drag")  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+
+from jaxdem.errors import InputError
+from jaxdem.report import pictures, style
+from jaxdem.report.pictures import Scales
+from jaxdem.report.runs import RunLike
+from jaxdem.report.single import draw_frame, frame_axes, frame_size
+
+MAX_GIF_FRAMES = 300
+"""A GIF is put together in memory; of a longer run every second (third, ...) output is drawn."""
+
+DPI = 100
+
+FASTEST = {".gif": 50.0, ".mp4": 240.0}
+"""Most pictures a second: a GIF counts in hundredths of a second, and viewers slow down what is under two."""
+
+
+def animate(
+    run: RunLike,
+    out: Path,
+    *,
+    color: str = "velocity",
+    fps: float = 10.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Draw the outputs of a run one after another: particles over the fluid's speed, one colour scale throughout.
+
+    In 3-D the view is from the front, the fluid's speed averaged over the depth; the title says so.
+
+    Args:
+        run: as `jaxdem.load_run` gives it, finished or not.
+        out: .gif or .mp4 file.
+        color: of the particles, "velocity" or "drag".
+        fps: outputs a second.
+        progress: called with the number of steps of work done and in all.
+
+    Returns:
+        Number of outputs drawn, see `MAX_GIF_FRAMES`.
+
+    Raises:
+        InputError: no output yet, a colour or ending that is not known, MP4 without ffmpeg, a rate out of range.
+    """
+    pictures.require(run, color)
+    writer = _writer(out, fps)
+    every = math.ceil(run.number_of_frames / MAX_GIF_FRAMES) if out.suffix.lower() == ".gif" else 1
+    indices = range(0, run.number_of_frames, every)
+    done, total = 0, 2 * len(indices)
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done, total)
+
+    scales = Scales(None, None)
+    for index in indices:
+        scales = scales.widened(Scales.of([pictures.take(run, index)], color))
+        advance()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with style.look():
+        size = frame_size(run)
+        figure = style.new_figure(*size, layout=None)
+        axis = frame_axes(figure, size, run, scales, color)
+        with writer.saving(figure, str(out), DPI):
+            for index in indices:
+                draw_frame(axis, run, pictures.take(run, index), scales, color)
+                writer.grab_frame()
+                advance()
+    return len(indices)
+
+
+def _writer(out: Path, fps: float) -> AbstractMovieWriter:
+    ending = out.suffix.lower()
+    if ending not in FASTEST:
+        raise InputError("--out", str(out), "must end in .gif or .mp4", "Name such a file.")
+    if not 0.0 < fps <= FASTEST[ending]:
+        limit = f"above 0 and up to {FASTEST[ending]:g} for {ending}"
+        raise InputError("--fps", fps, limit, "For example --fps 10.")
+    if ending == ".gif":
+        return PillowWriter(fps=fps)  # type: ignore[arg-type, unused-ignore]
+    if not FFMpegWriter.isAvailable():
+        limit = "MP4 needs the program ffmpeg, which is not found"
+        raise InputError(
+            "--out", str(out), limit, "Install ffmpeg, or name a .gif file, which needs nothing."
+        )
+    return FFMpegWriter(fps=fps)  # type: ignore[arg-type, unused-ignore]

@@ -1,0 +1,212 @@
+"""One frame of a run as a picture: particles as discs of their true radius over the fluid's speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+from jaxdem.errors import InputError
+from jaxdem.report.runs import Array, RunLike
+
+WATER = LinearSegmentedColormap.from_list("water", ["#FFFFFF", "#CFE3F3", "#86B9DE", "#3D86BF", "#0B4A85"])
+GRAINS = LinearSegmentedColormap.from_list("grains", ["#2B1408", "#7A3B12", "#C9661B", "#F39A1E", "#FFD23F"])
+"""Dark at rest, so that a pack shows on still water, and bright in motion, so that grains show in a jet."""
+GRAIN = "#A4541A"
+"""Particles whose speed is not shown."""
+
+TOP_PERCENTILE = 99.5
+"""The top of a scale is this percentile: one stray grain or one cell at an edge does not darken all others."""
+
+
+class Quantity(NamedTuple):
+    """What particles are coloured by: the size of this array of a frame."""
+
+    array: str
+    label: str
+    unit: str
+
+
+QUANTITIES = {
+    "velocity": Quantity("velocity", "particle speed", "m/s"),
+    "drag": Quantity("drag_force", "drag force", "N"),
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What one panel shows; (x, vertical) plane.
+
+    Attributes:
+        time: of the frame [s].
+        centres: (N, 2) [m], those nearest the viewer last; radius: (N,) [m]; both None without particles.
+        speed: fluid speed (nx, nz) [m/s], in 3-D averaged over the depth; None without fluid.
+        values: (N,) of each of `QUANTITIES` that the frame has.
+    """
+
+    time: float
+    centres: Array | None
+    radius: Array | None
+    speed: Array | None
+    values: dict[str, Array] = field(default_factory=dict)
+
+
+def nearest(run: RunLike, time: float, until: float) -> int | None:
+    """Number of the frame nearest to `time`; None where the run has none within half an output interval of it.
+
+    Args:
+        until: a run that is shown nowhere later than this [s] may use a frame up to half an interval off.
+    """
+    frames = np.asarray(run.times, dtype=np.float64)[: run.number_of_frames]
+    if not len(frames):
+        return None
+    i = int(np.argmin(np.abs(frames - time)))
+    slack = 0.51 * float(np.max(np.diff(frames))) if len(frames) > 1 else 1e-6 + 0.01 * until
+    return i if abs(frames[i] - time) <= slack else None
+
+
+def take(run: RunLike, index: int) -> Picture:
+    """Frame `index` as a picture."""
+    particles = run.particles(index) or {}
+    centres, radius, values = _project(particles, run.dimension)
+    speed = _speed(run.fluid(index), run.dimension)
+    return Picture(float(run.times[index]), centres, radius, speed, values)
+
+
+def _project(
+    particles: Mapping[str, Array], dimension: int
+) -> tuple[Array | None, Array | None, dict[str, Array]]:
+    position = particles.get("position")
+    if position is None or not len(position):
+        return None, None, {}
+    xyz = np.asarray(position, dtype=np.float64)
+    radius = np.broadcast_to(np.asarray(particles.get("radius", np.nan), dtype=np.float64), (len(xyz),))
+    shown = np.isfinite(xyz).all(axis=1) & np.isfinite(radius) & (particles.get("active", 1) != 0)
+    order = np.flatnonzero(shown)
+    if dimension == 3:  # the viewer stands at y = 0, in front
+        order = order[np.argsort(-xyz[order, 1], kind="stable")]
+    values = {
+        name: np.linalg.norm(np.asarray(particles[quantity.array], dtype=np.float64)[order], axis=1)
+        for name, quantity in QUANTITIES.items()
+        if quantity.array in particles
+    }
+    return xyz[order][:, [0, dimension - 1]], radius[order], values
+
+
+def _speed(fluid: Mapping[str, Array] | None, dimension: int) -> Array | None:
+    if not fluid or fluid.get("velocity") is None:
+        return None
+    speed: Array = np.linalg.norm(np.asarray(fluid["velocity"], dtype=np.float64), axis=-1)
+    plane: Array = speed.mean(axis=1) if dimension == 3 else speed.reshape(speed.shape[0], -1)
+    return plane
+
+
+def view(run: RunLike, picture: Picture) -> str:
+    """How a 3-D run is seen, for a title; empty in 2-D."""
+    if run.dimension == 2:
+        return ""
+    averaged = picture.speed is not None
+    return "seen from the front" + (", fluid speed averaged over the depth" if averaged else "")
+
+
+def require(run: RunLike, quantity: str) -> None:
+    """Refuse a run without frames, and a quantity that its particles do not have.
+
+    Raises:
+        InputError: naming the run or the quantity.
+    """
+    if quantity not in QUANTITIES:
+        raise InputError("--color", quantity, "is not known", f"Known: {', '.join(QUANTITIES)}.")
+    if not run.number_of_frames:
+        limit = "has no output that can be read yet"
+        raise InputError("RUN", str(run.path), limit, "Wait for its first output, or run the scene again.")
+    if quantity == "drag" and (run.fluid(0) is None or not run.particles(0)):
+        limit = f"{run.path} has no drag: it lacks particles or a fluid"
+        raise InputError("--color", quantity, limit, "Colour by velocity.")
+
+
+def largest(values: Array | None) -> float:
+    """`TOP_PERCENTILE` of the finite values; 0 where there are none."""
+    if values is None:
+        return 0.0
+    finite = values[np.isfinite(values)]
+    return float(np.percentile(finite, TOP_PERCENTILE)) if finite.size else 0.0
+
+
+class Scales(NamedTuple):
+    """Colour scales of the fluid's speed and of the particles; None for what the run does not have."""
+
+    water: Normalize | None
+    grains: Normalize | None
+
+    @staticmethod
+    def of(pictures: Sequence[Picture], quantity: str) -> Scales:
+        """From zero to the largest of the pictures' tops."""
+        water = [largest(picture.speed) for picture in pictures if picture.speed is not None]
+        grains = [largest(picture.values[quantity]) for picture in pictures if quantity in picture.values]
+        return Scales(_from_zero(water), _from_zero(grains))
+
+    def widened(self, other: Scales) -> Scales:
+        """Scales that cover both."""
+        return Scales(_wider(self.water, other.water), _wider(self.grains, other.grains))
+
+
+def _from_zero(tops: Sequence[float]) -> Normalize | None:
+    return Normalize(0.0, max(tops) or 1.0) if tops else None
+
+
+def _wider(one: Normalize | None, other: Normalize | None) -> Normalize | None:
+    if one is None or other is None:
+        return one or other
+    return max(one, other, key=lambda scale: scale.vmax or 0.0)
+
+
+def draw(
+    axis: Axes,
+    picture: Picture | None,
+    box: tuple[float, float],
+    size: tuple[float, float],
+    water: Normalize | None,
+    grains: tuple[str, Normalize] | None = None,
+) -> None:
+    """Draw a picture; an earlier one is taken away.
+
+    Args:
+        picture: None leaves an empty panel.
+        box: length and height of the run's own box [m].
+        size: of what the panel shows [m].
+        water: scale of the fluid's speed.
+        grains: quantity and scale of the particles' colours; without it they have one colour.
+    """
+    for artist in (*axis.images, *axis.collections):
+        artist.remove()
+    axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal")
+    axis.grid(False)
+    for spine in axis.spines.values():
+        spine.set_visible(True)
+        spine.set_color("#888888")
+    if picture is None:
+        axis.set_facecolor("#F4F4F4")
+        return
+    if picture.speed is not None:
+        axis.imshow(
+            picture.speed.T, origin="lower", extent=(0.0, box[0], 0.0, box[1]), cmap=WATER, norm=water,
+            interpolation="nearest", aspect="equal",
+        )  # fmt: skip
+    if picture.centres is not None and picture.radius is not None:
+        values = None if grains is None else picture.values.get(grains[0])
+        discs = EllipseCollection(
+            2.0 * picture.radius, 2.0 * picture.radius, np.zeros_like(picture.radius), units="xy",
+            offsets=picture.centres, offset_transform=axis.transData, linewidths=0.0,
+        )  # fmt: skip
+        if values is None or grains is None:
+            discs.set_facecolor(GRAIN)
+        else:
+            discs.set(array=values, cmap=GRAINS, norm=grains[1])
+        axis.add_collection(discs, autolim=False)
+    axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]))

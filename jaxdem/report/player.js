@@ -1,0 +1,99 @@
+// Plays all runs of the page at the same output time. The frames are described in player.py, `_encoded`.
+(() => {
+  const root = document.getElementById("player");
+  const data = JSON.parse(document.getElementById("player-data").textContent);
+  const [button, slider, shown, choice] = ["button", "input", "output", "select"].map((tag) => root.querySelector(tag));
+  const figures = [...root.querySelectorAll("figure")];
+  const water = Uint32Array.from(data.water, (hex) => {
+    const [r, g, b] = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
+    return new DataView(Uint8Array.of(r, g, b, 255).buffer).getUint32(0, true);
+  });
+  const kept = data.runs.map(() => new Map());
+  let now = 0, timer = null;
+
+  async function frame(run, number) {
+    const text = data.runs[run].frames[number];
+    if (text === null) return null;
+    if (!kept[run].has(number)) {
+      const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+      const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+      const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+      const [count, nx, nz] = [0, 4, 8].map((at) => new DataView(bytes.buffer).getUint32(at, true));
+      let at = 12;
+      const plane = (length) => bytes.subarray(at, (at += length));
+      const x = [plane(count), plane(count)], z = [plane(count), plane(count)], radius = plane(count);
+      const values = Object.fromEntries(data.planes.map((name) => [name, count ? plane(count) : null]));
+      kept[run].set(number, { count, nx, nz, x, z, radius, values, speed: plane(nx * nz) });
+    }
+    return kept[run].get(number);
+  }
+
+  function drawFluid(pen, f, wide, high) {
+    const image = new ImageData(f.nx, f.nz), pixels = new Uint32Array(image.data.buffer);
+    for (let j = 0; j < f.nz; j++)
+      for (let i = 0; i < f.nx; i++) pixels[(f.nz - 1 - j) * f.nx + i] = water[f.speed[j * f.nx + i]];
+    const small = new OffscreenCanvas(f.nx, f.nz);
+    small.getContext("2d").putImageData(image, 0, 0);
+    pen.imageSmoothingEnabled = false;
+    pen.drawImage(small, 0, 0, wide, high);
+  }
+
+  function drawGrains(pen, f, run, wide, high) {
+    const scale = wide / run.box[0], colour = choice && f.values[choice.value];
+    for (let i = 0; i < f.count; i++) {
+      const x = ((f.x[0][i] + 256 * f.x[1][i]) / 65535) * wide;
+      const y = high - ((f.z[0][i] + 256 * f.z[1][i]) / 65535) * high;
+      const r = Math.max(0.5, (f.radius[i] / 255) * run.radius * scale);
+      pen.fillStyle = data.grains[colour ? colour[i] : 128];
+      if (r < 1) { pen.fillRect(x - r, y - r, 2 * r, 2 * r); continue; }
+      pen.beginPath();
+      pen.arc(x, y, r, 0, 7);
+      pen.fill();
+    }
+  }
+
+  async function draw() {
+    const number = now;
+    const frames = await Promise.all(data.runs.map((_, run) => frame(run, number)));
+    if (number !== now) return;
+    frames.forEach((f, i) => {
+      const run = data.runs[i], canvas = figures[i].querySelector("canvas");
+      const wide = Math.round(canvas.clientWidth * (window.devicePixelRatio || 1));
+      canvas.width = wide;
+      canvas.height = Math.round((wide * run.box[1]) / run.box[0]);
+      const pen = canvas.getContext("2d");
+      figures[i].querySelector("small").textContent = f ? "" : " no output at this time";
+      if (f && f.nx * f.nz) drawFluid(pen, f, canvas.width, canvas.height);
+      if (f) drawGrains(pen, f, run, canvas.width, canvas.height);
+    });
+    slider.value = number;
+    shown.textContent = `t = ${data.times[number]} s`;
+    for (const bar of root.querySelectorAll(".scale")) {
+      const fluid = bar.dataset.scale === "fluid", name = fluid ? "fluid" : choice.value;
+      const colours = (fluid ? data.water : data.grains).filter((_, k) => k % 15 === 0);
+      const label = fluid ? "fluid speed [m/s]" : choice.selectedOptions[0].text;
+      bar.style.background = `linear-gradient(to right, ${colours.join(",")})`;
+      bar.textContent = "";
+      for (const text of ["0", label, `${Number(data.tops[name].toPrecision(2))}+`])
+        bar.appendChild(document.createElement("span")).textContent = text;
+    }
+  }
+
+  function stop() {
+    clearInterval(timer);
+    timer = null;
+    button.textContent = "Play";
+  }
+
+  button.addEventListener("click", () => {
+    if (timer) return stop();
+    button.textContent = "Pause";
+    // The whole run in about eight seconds, within what the eye follows.
+    const wait = Math.min(500, Math.max(50, 8000 / data.times.length));
+    timer = setInterval(() => { now = (now + 1) % data.times.length; draw(); }, wait);
+  });
+  slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
+  if (choice) choice.addEventListener("change", draw);
+  window.addEventListener("resize", draw);
+  draw();
+})();
