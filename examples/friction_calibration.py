@@ -81,7 +81,8 @@ def calibrate(states: list, measured: np.ndarray) -> list[float]:
     for _ in range(6):
         found = [predict(jnp.asarray(path[-1]), *start)[:2] for start in states]
         residual, slope = np.array([r for r, _ in found]) - measured, np.array([s for _, s in found])
-        path.append(float(np.clip(path[-1] - slope @ residual / (slope @ slope), 0.01, 1.0)))
+        step = np.clip(-slope @ residual / (slope @ slope), -0.15, 0.15)
+        path.append(float(np.clip(path[-1] + step, 0.01, 1.0)))
         print(f"friction {path[-2]:.4f}: rms error {1e3 * np.sqrt(np.mean(residual**2)):.4f} mm")
     return path
 
@@ -109,11 +110,20 @@ def main() -> None:
     _, slope = jax.jit(lambda mu: jax.jvp(at_the_end, (mu,), (jnp.ones_like(mu),)))(jnp.asarray(TRUE))
     values, final = whole_collapse()
     trend = np.polyfit(values, final.mean(axis=1), 2)
-    print(f"slope of the final run-off at {TRUE}: {slope:.3g} m through the solver, trend {np.polyval(np.polyder(trend), TRUE):.3g} m")
+    print(
+        f"slope of the final run-off at {TRUE}: {slope:.3g} m through the solver, trend {np.polyval(np.polyder(trend), TRUE):.3g} m"
+    )
 
     scan = np.linspace(0.1, 0.7, 25)
     errors = [
-        np.sqrt(np.mean([(float(predict(jnp.asarray(mu), *s)[0]) - m) ** 2 for s, m in zip(states, measured, strict=True)]))
+        np.sqrt(
+            np.mean(
+                [
+                    (float(predict(jnp.asarray(mu), *s)[0]) - m) ** 2
+                    for s, m in zip(states, measured, strict=True)
+                ]
+            )
+        )
         for mu in scan
     ]
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")

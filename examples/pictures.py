@@ -9,10 +9,10 @@ import matplotlib
 
 matplotlib.use("Agg")
 
-import matplotlib.pyplot as plt  # noqa: E402 - after the choice of a backend without a window
-import numpy as np  # noqa: E402
-from matplotlib.collections import EllipseCollection  # noqa: E402
-from PIL import Image  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import EllipseCollection
+from PIL import Image
 
 ROOT = Path(__file__).parent.parent
 SCENES = ROOT / "scenes"

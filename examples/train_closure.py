@@ -36,7 +36,9 @@ def main() -> None:
 
     coarse = FINE | {"fluid.cells": [n // FACTOR for n in FINE["fluid.cells"]], "output.samples": 0.0}
     plain = jaxdem.simulate(jaxdem.load_scene(scene, coarse), folder / "coarse")
-    learned = jaxdem.simulate(jaxdem.load_scene(scene, coarse), folder / "coarse_filtered", closure=fit.closure)
+    learned = jaxdem.simulate(
+        jaxdem.load_scene(scene, coarse), folder / "coarse_filtered", closure=fit.closure
+    )
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     held_out, r2 = fit.parity[FACTOR], fit.metadata["r2"][str(FACTOR)]
@@ -56,7 +58,9 @@ def main() -> None:
     right.legend(frameon=False)
     save(figure, "train_closure")
     for factor, figures in fit.metadata["r2"].items():
-        print(f"held out, inputs averaged {factor}x: R2 {figures['closure']:.3f}, base law {figures['base']:.3f}")
+        print(
+            f"held out, inputs averaged {factor}x: R2 {figures['closure']:.3f}, base law {figures['base']:.3f}"
+        )
 
 
 if __name__ == "__main__":

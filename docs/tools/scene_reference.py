@@ -20,7 +20,12 @@ from jaxdem.scene import Scene
 from jaxdem.scene_base import Section
 
 NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false"}
-LIMITS = {annotated_types.Gt: "> ", annotated_types.Ge: "≥ ", annotated_types.Lt: "< ", annotated_types.Le: "≤ "}
+LIMITS = {
+    annotated_types.Gt: "> ",
+    annotated_types.Ge: "≥ ",
+    annotated_types.Lt: "< ",
+    annotated_types.Le: "≤ ",
+}
 KEY, UNIT = re.compile(r"^    (\w+): (.*)"), re.compile(r" ?\[([^\[\]]+)\]\.?$")
 
 
@@ -162,7 +167,13 @@ def markdown() -> str:
         lines += [inspect.cleandoc(model.__doc__ or "").split("\n\n")[0], ""]
         lines += ["| key | type | unit | default | meaning |", "| --- | --- | --- | --- | --- |"]
         for key, kind, unit, preset, text in rows(model):
-            cells = (f"`{key}`", kind, unit.replace("m2", "m²").replace("m3", "m³").replace("s2", "s²"), preset, text)
+            cells = (
+                f"`{key}`",
+                kind,
+                unit.replace("m2", "m²").replace("m3", "m³").replace("s2", "s²"),
+                preset,
+                text,
+            )
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
         lines.append("")
     return "\n".join(lines)
