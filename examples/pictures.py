@@ -84,6 +84,6 @@ def save(figure, name: str) -> None:
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=100)
     plt.close(figure)
-    # 64 colours are enough for these pictures and make them a third of the size.
-    Image.open(buffer).convert("RGB").quantize(64, dither=Image.Dither.NONE).save(path, optimize=True)
+    # 256 colours are enough for these pictures and make them half the size.
+    Image.open(buffer).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
     print(f"Wrote {path}")
