@@ -5,8 +5,9 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile
 # Threads of the libraries that numpy and XLA use are left alone; two test processes share two cores.
 WORKERS ?= 2
+EXAMPLES := column_collapse settling fluidised_bed injection friction_calibration train_closure
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint docs examples coverage dist dist-check clean
 
 demo: $(VENV)/run.done
 	$(BIN)/jaxdem study injection --scale demo --out runs/demo
@@ -19,8 +20,27 @@ lint: $(VENV)/test.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# The site, in build/site; it opens from the file system (its search needs a server: python -m http.server -d build/site).
+docs: $(VENV)/docs.done
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# The examples, and their pictures in docs/pictures.
+examples: $(VENV)/run.done
+	for name in $(EXAMPLES); do $(BIN)/python examples/$$name.py docs/pictures/$$name.png || exit 1; done
+
+# Report in build/coverage; what runs in processes of its own (killed runs) is not seen.
+coverage: $(VENV)/test.done
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --cov=jaxdem --cov-report=term-missing:skip-covered --cov-report=html:build/coverage
+
+dist: $(VENV)/test.done
+	rm -rf dist build/lib build/bdist.*
+	$(BIN)/python -m build --outdir dist .
+
+dist-check:
+	.ci/dist_check
+
 clean:
-	rm -rf $(VENV) runs build *.egg-info
+	rm -rf $(VENV) runs build dist *.egg-info
 
 $(VENV)/run.done: constraints.txt pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -30,4 +50,8 @@ $(VENV)/run.done: constraints.txt pyproject.toml
 
 $(VENV)/test.done: $(VENV)/run.done constraints-test.txt
 	$(PIP) --no-deps -r constraints-test.txt
+	touch $@
+
+$(VENV)/docs.done: $(VENV)/run.done constraints-docs.txt
+	$(PIP) --no-deps -r constraints-docs.txt
 	touch $@

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -29,10 +30,11 @@ from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.advection import Upwind, VanLeer
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
 from jaxdem.particles import vectors
-from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.forces import ContactModel, MaterialIndex
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval
@@ -56,22 +58,32 @@ ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
 
 
 def build(
-    scene: Scene, closure: DragClosure | None = None, walls: Sequence[Callable[[Array], Array]] = ()
+    scene: Scene,
+    closure: DragClosure | None = None,
+    walls: Sequence[Callable[[Array], Array]] = (),
+    contact_law: ContactLaw | None = None,
+    inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
 ) -> tuple[Simulation, Parameters]:
     """The simulation of a scene, and its parameters.
 
     Args:
         scene: from `jaxdem.load_scene`.
-        closure: learned drag closure to use instead of the scene's `closure.file` or drag law.
+        closure: drag law or learned closure to use instead of the scene's `closure.file` or `coupling.drag`. One
+            that is a pytree goes into the parameters, and one may differentiate by its weights.
         walls: signed distances x (D,) [m] -> () [m], positive where particles may be, of walls beside those of
             the scene; see `jaxdem.particles.surfaces.DistanceFunction`.
+        contact_law: to use instead of the scene's `contact.law`. The limits of the contact step and the overlap
+            stay those of the scene's law: name there the one that is most like it, or stiffer.
+        inlet_profiles: by the side's name, one for each of its other axes or None where it is even, instead of the
+            scene's `boundary.<side>.profile`; see `jaxdem.fluid.inlet.InletProfile`. The automatic fluid step
+            takes them for even; a faster flow is met by sub-steps, or by a flag.
 
     Raises:
         InputError: a step or size that the scene asks for cannot work.
     """
     dtype = _dtype(scene)
     grid = _grid(scene)
-    boundary = _boundary(scene)
+    boundary = _boundary(scene, inlet_profiles or {})
     bodies = scene_bodies(scene)
     radius = bodies.radius
     steps = time_steps(scene)
@@ -92,7 +104,8 @@ def build(
         if table is not None:
             of_walls = wall_materials(scene, table, len(sides), len(surfaces))
             index = MaterialIndex(bodies.material, of_walls, table.pair)
-        model = ContactModel(CONTACT_LAWS[scene.contact.law](), rolling, sides, surfaces, index)
+        contact_law = CONTACT_LAWS[scene.contact.law]() if contact_law is None else contact_law
+        model = ContactModel(contact_law, rolling, sides, surfaces, index)
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
         viscous = scene.fluid.viscosity > 0.0 or scene.fluid.smagorinsky > 0.0
@@ -100,9 +113,7 @@ def build(
         deposition = None
         if scene.coupling is not None:
             deposition = _deposition(scene, grid, 2.0 * float(np.max(radius)))
-            if closure is None and scene.closure.file is not None:
-                closure = load_closure(scene.closure.file)[0]
-            law = drag_law(scene) if closure is None else None
+            law, closure = _drag(scene, closure)
         fluid = FluidInterval(
             solver,
             deposition,
@@ -159,6 +170,13 @@ def drag_law(scene: Scene) -> DragClosure:
     return DRAG_LAWS[name]()
 
 
+def _drag(scene: Scene, closure: DragClosure | None) -> tuple[DragClosure | None, DragClosure | None]:
+    """The drag law, which is static, and the closure with weights, which are parameters: one of them is None."""
+    if closure is None:
+        closure = drag_law(scene) if scene.closure.file is None else load_closure(scene.closure.file)[0]
+    return (closure, None) if jax.tree_util.all_leaves([closure]) else (None, closure)
+
+
 def neighbor_geometry(scene: Scene, largest_radius: float) -> NeighborGeometry:
     """Reach of the neighbour list; the automatic skin is 0.4 diameters.
 
@@ -198,7 +216,18 @@ def _grid(scene: Scene) -> Grid | None:
     return Grid(scene.fluid.cells, scene.domain.size, float(depth or 1.0), scene.periodic)
 
 
-def _boundary(scene: Scene) -> Boundary:
+def _boundary(scene: Scene, given: Mapping[str, Sequence[InletProfile | None]]) -> Boundary:
+    for name, profiles in given.items():
+        if name not in scene.sides or scene.boundary[name].kind != "inlet":
+            known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
+            raise InputError("inlet_profiles", name, "is no inlet", f"inlets: {', '.join(known) or 'none'}")
+        if len(profiles) != scene.dimension - 1:
+            raise InputError(
+                f"inlet_profiles.{name}",
+                len(profiles),
+                f"a side has {scene.dimension - 1} axes of its own",
+                "give a profile, or None, for each",
+            )
     sides = []
     for number, name in enumerate(scene.sides):
         side = scene.boundary[name]
@@ -210,7 +239,7 @@ def _boundary(scene: Scene) -> Boundary:
                 side.from_,
                 side.to,
                 side.ramp_time or 0.0,
-                inlet_profiles(scene, name),
+                tuple(given[name]) if name in given else inlet_profiles(scene, name),
                 side.times,
             )
         )
@@ -284,7 +313,8 @@ def _of_wall(wall: Wall) -> tuple[Surface, ...]:
 def _check_walls(surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array) -> None:
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
-    overlap, _ = surface_contacts(surfaces, position, low, radius)
+    # As one program: operation by operation it takes seconds to compile.
+    overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
     if particles.active is not None:  # those still to come are looked at when they come
         overlap = jnp.where(particles.active[None], overlap, -1.0)
     check_walls(np.asarray(particles.position), np.asarray(radius), surfaces, np.asarray(overlap))

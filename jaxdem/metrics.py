@@ -181,9 +181,12 @@ def history_row(
 
     Args:
         time: simulated time [s].
-        position, velocity, drag_force: particles (N, D) [m], [m/s], [N]; None without particles (drag: without fluid).
-        mass, inertia: (N,) or one number [kg], [kg m2].
+        position: of the particles (N, D) [m]; None without particles.
+        velocity: (N, D) [m/s].
+        mass: (N,) or one number [kg].
         angular_velocity: (N,), (N, 1) or (N, 3) [rad/s].
+        inertia: (N,) or one number [kg m2].
+        drag_force: (N, D) [N]; None without fluid.
         collision_force: interval average from the time loop [N].
         fluid_pressure: reduced (cells...) [Pa]; None without fluid.
         fluid_velocity: interstitial at cell centres (cells..., D) [m/s]; None without fluid.
@@ -237,8 +240,10 @@ def relative_error(
     after it that is not finite.
 
     Args:
-        times, values: history of the run, (T,) [s] and (T,) in the metric's unit.
-        reference_times, reference_values: the same of the reference, (S,).
+        times: of the run's history (T,) [s].
+        values: (T,) in the metric's unit.
+        reference_times: of the reference's history (S,) [s].
+        reference_values: (S,).
 
     Returns:
         The error; NaN where either history has no finite value or they share no span of time. Where the integral of
@@ -268,7 +273,8 @@ def errors(history: Mapping[str, ArrayLike], reference_history: Mapping[str, Arr
     """`relative_error` of each of the nine metrics [-]; NaN where either history lacks the column.
 
     Args:
-        history, reference_history: columns of history.csv by name, each (T,); `time` is needed.
+        history: columns of history.csv by name, each (T,); `time` is needed.
+        reference_history: the same of the reference.
     """
     result = {}
     for metric in METRICS:
@@ -284,8 +290,8 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
     """Which points no other point beats: none costs at most as much and errs at most as much, one of the two less.
 
     Args:
-        cost, error: (P,), e.g. run time [s] and relative error [-]; a point with a value that is not finite is never
-            on the front.
+        cost: (P,), e.g. run time [s]; a point with a value that is not finite is never on the front.
+        error: (P,), e.g. relative error [-].
 
     Returns:
         (P,) bool; two equal points are both on the front or both not.

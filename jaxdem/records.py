@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from jaxdem import __version__, metrics
+from jaxdem.closures import DRAG_LAWS
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.grid import cell_average
 from jaxdem.initial import scene_bodies
@@ -312,10 +313,18 @@ def run_summary(
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
         "closure": {
             "file": scene.closure.file,
-            "law": None if scene.coupling is None else scene.coupling.drag,
+            "law": _law_name(scene, simulation),
             "out_of_range_fraction": totals.out_of_range / used if used else 0.0,
         },
     }
+
+
+def _law_name(scene: Scene, simulation: Simulation) -> str | None:
+    """The scene's name of the drag law, or the class of one that was given in its place."""
+    if scene.coupling is None:
+        return None
+    law, name = simulation.drag_law, scene.coupling.drag
+    return name if law is None or type(law) is DRAG_LAWS.get(name) else type(law).__name__
 
 
 def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict[str, Any]:

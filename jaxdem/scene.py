@@ -56,8 +56,9 @@ class Domain(Section):
 
     Attributes:
         size: side lengths, two or three; the last axis is up [m].
-        depth: extent of the third direction of a 2-D scene [m].
-        gravity: acceleration, one number per axis [m/s2].
+        depth: extent of the third direction, in 2-D only; one (largest) diameter when not given, 1 m without
+            particles [m].
+        gravity: acceleration, one number per axis; 9.81 downwards when not given [m/s2].
     """
 
     size: tuple[Positive, ...] = Field(min_length=2, max_length=3)
@@ -71,7 +72,7 @@ class Pack(Section):
     Attributes:
         kind: "polygon" fills a polygon of the x-vertical plane in rows from below, "lattice" a box; "random"
             puts particles anywhere in a box, one after the other where there is room.
-        vertices: corners (x, vertical) of the polygon [m].
+        vertices: corners (x, vertical) of the polygon, in 3-D extruded over the whole second axis [m].
         start: lower corner of the lattice's or the random pack's box [m].
         stop: upper corner [m].
         spacing: distance of neighbours over the (largest) diameter; in a random pack the least distance of two
@@ -92,15 +93,16 @@ class Particles(Section):
     """The particles: spheres; in 2-D discs with a sphere's mass and inertia.
 
     Attributes:
-        count: how many; with positions it must agree with their number.
-        radius: one number, one per particle, or the name of a file of one per particle [m].
-        density: the same [kg/m3].
+        count: how many; with positions it must agree with their number. A polygon or lattice without it is filled.
+        radius: one number, one per particle, or the name of a file (.npy, or text) of one per particle [m].
+        density: one number, one per particle, or the name of a file of one per particle [kg/m3].
         material: name of one of `[[materials]]`, or one per particle; only in a scene with these.
         species: parts of the particles with a radius, density or material of their own, mixed by the seed.
-        pack: where they start, or
-        position: their centres, as rows or the name of a text file (.csv, .txt, .npy) of rows [m].
-        velocity: rows or a file's name; at rest when not given [m/s].
-        angular_velocity: one number per particle in 2-D, rows of three in 3-D, or a file's name [rad/s].
+        pack: where they start; or `position`.
+        position: their centres instead of a pack, as rows or the name of a file (.npy, or text) of rows [m].
+        velocity: of each at the start, as rows or the name of a file of rows; at rest when not given [m/s].
+        angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file;
+            at rest when not given [rad/s].
         inlet: where more come in while the scene runs.
     """
 
@@ -120,25 +122,25 @@ class Contact(Section):
     """What happens where particles touch each other and the walls.
 
     Attributes:
-        law: "hertz_mindlin" or "linear_spring_dashpot".
-        young_modulus: [Pa].
-        poisson_ratio: [-].
+        law: force law of a contact: Hertz and Mindlin, or linear spring and dashpot.
+        young_modulus: of the particles [Pa].
+        poisson_ratio: of the particles [-].
         restitution: rebound over approach speed [-].
         friction: Coulomb coefficient [-].
         rolling_friction: coefficient of rolling friction; 0 leaves it out [-].
         rolling_model: "cdt" (constant directional torque) or "epsd" (elastic-plastic spring and dashpot).
         rolling_damping: of the spring of epsd, over critical [-].
-        wall_young_modulus: "rigid", or [Pa]; the particles' when not given.
-        wall_poisson_ratio: the particles' when not given [-].
-        wall_friction: the particles' when not given [-].
+        wall_young_modulus: of the walls, or "rigid"; the particles' when not given [Pa].
+        wall_poisson_ratio: of the walls; the particles' when not given [-].
+        wall_friction: of particles and walls; the particles' when not given [-].
         wall_material: name of one of `[[materials]]`, for the walls instead of these three.
         normal_stiffness: of the linear law [N/m].
         tangential_stiffness: of the linear law; 2/7 of the normal one when not given [N/m].
-        time_step: "auto", or [s].
+        time_step: of the contacts; "auto" takes what is stable and resolves an impact [s].
         speed: largest speed expected, for the automatic time step and the overlap; "auto" takes it from
             the inlet, the initial velocities and a fall through the box [m/s].
         maximum_overlap: largest expected overlap over the diameter that is accepted [-].
-        skin: extra reach of the neighbour list over the (largest) diameter; "auto" or [-].
+        skin: extra reach of the neighbour list over the (largest) diameter; "auto" is 0.4 [-].
     """
 
     law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
@@ -166,12 +168,12 @@ class Fluid(Section):
 
     Attributes:
         cells: number of cells per axis.
-        density: [kg/m3].
+        density: of the fluid [kg/m3].
         viscosity: kinematic [m2/s].
         model: of the volume-averaged equations: "A", pressure and stress act on fluid and particles by their
             volumes, or "B", on the fluid alone, with the drag over the void fraction.
         smagorinsky: coefficient of the subgrid viscosity, 0.1 to 0.2 usually; 0 leaves it out [-].
-        time_step: "auto" (Courant number 0.5 at the largest boundary speed), or [s].
+        time_step: of the fluid; "auto" is a Courant number of 0.5 at the largest boundary speed, 0.01 s at most [s].
         advection: "limited" (second order, van Leer) or "upwind" (first order).
         courant_limit: a fluid step is halved, up to three times, until its Courant number is under this [-].
         velocity: initial interstitial velocity, one number per axis; at rest when not given [m/s].
@@ -194,7 +196,7 @@ class BoundarySide(Section):
     """One side of the box, or a patch of it; the rest of a patched side is a no-slip wall.
 
     Attributes:
-        kind: no_slip, free_slip, moving_wall, inlet, outlet or periodic (both sides of an axis).
+        kind: what the side is to the fluid; periodic holds for both sides of an axis.
         velocity: inlet: superficial velocity, the inward speed or one number per axis; moving_wall: the
             wall's velocity, one number per axis [m/s].
         from_: corner of the patch in the other axes: a number in 2-D, two in 3-D (key `from`) [m].
@@ -238,7 +240,12 @@ class BoundarySide(Section):
 
 
 class Width(Section):
-    """Half-width of the deposition kernel, max(diameters d, cells h) per axis."""
+    """Half-width of the deposition kernel, max(diameters d, cells h) per axis.
+
+    Attributes:
+        diameters: multiple of the (largest) diameter d [-].
+        cells: multiple of the cell side h [-].
+    """
 
     diameters: NonNegative = 1.5
     cells: Annotated[float, Field(ge=0.0, le=20.0, strict=True)] = 1.0
@@ -254,12 +261,12 @@ class Coupling(Section):
     """How particles and fluid meet.
 
     Attributes:
-        drag: name of the drag law.
+        drag: name of the drag law, one of `jaxdem.closures.DRAG_LAWS`.
         void_fraction: how particles are spread over the cells: "kernel" (triangular, smooth), "centre", "divided"
             or "diffusion" (divided, then smoothed).
         kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples; of
             diffusion, of the triangle with the variance of its Gaussian.
-        interval: time between exchanges, "auto" (the fluid step) or [s].
+        interval: time between exchanges; "auto" is the fluid step [s].
         lift: lift laws, of "saffman_mei" (shear) and "magnus" (rotation).
         rotational_drag: whether the fluid turns the particles.
         virtual_mass: coefficient of the virtual mass, 0 for none, 0.5 for a sphere.
@@ -301,14 +308,19 @@ class Closure(Section):
     """A learned drag closure.
 
     Attributes:
-        file: written by `jaxdem train`.
+        file: written by `jaxdem train`, used in place of `coupling.drag`.
     """
 
     file: str | None = None
 
 
 class Time(Section):
-    """Attributes: end of the simulation [s]; output_interval between frames [s]."""
+    """Duration and output.
+
+    Attributes:
+        end: of the simulation [s].
+        output_interval: time between frames and rows of `history.csv`; it divides `end` [s].
+    """
 
     end: Positive
     output_interval: Positive
@@ -327,7 +339,25 @@ class Output(Section):
 
 
 class Scene(Section):
-    """A scene. `[fluid]` left out: contact mechanics alone; `[particles]` left out: a fluid alone."""
+    """A scene. `[fluid]` left out: contact mechanics alone; `[particles]` left out: a fluid alone.
+
+    Attributes:
+        seed: of everything random: jitter, random packs, the order of species, places at inlets.
+        precision: of all arrays; float64 for verification.
+        domain: the box.
+        particles: the particles.
+        contact: contacts of particles with each other and with walls.
+        materials: materials beside that of `[contact]`.
+        material_pairs: constants of contacts of two different materials.
+        walls: walls beside the sides of the box.
+        fluid: the fluid and its mesh.
+        boundary: the sides of the box by name: left, right, bottom, top, in 3-D front and back; no-slip walls when
+            not given.
+        coupling: exchange of particles and fluid.
+        closure: a learned drag closure.
+        time: duration and output.
+        output: what is written beside the fixed files.
+    """
 
     seed: Annotated[int, Field(ge=0, lt=2**32, strict=True)] = 0
     precision: Literal["float32", "float64"] = "float32"

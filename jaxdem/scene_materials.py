@@ -23,11 +23,11 @@ class Material(Section):
 
     Attributes:
         name: that particles, walls and pairs refer to.
-        young_modulus: [Pa].
-        poisson_ratio: [-].
+        young_modulus: of the material [Pa].
+        poisson_ratio: of the material [-].
         restitution: against itself, rebound over approach speed [-].
         friction: against itself, Coulomb coefficient [-].
-        rolling_friction: against itself [-].
+        rolling_friction: against itself, coefficient of rolling friction [-].
     """
 
     name: Name
@@ -43,7 +43,9 @@ class MaterialPair(Section):
 
     Attributes:
         materials: names of the two; "wall" for walls without a material.
-        restitution, friction, rolling_friction: of this pair [-].
+        restitution: of this pair; the geometric mean of the two when not given [-].
+        friction: of this pair; the geometric mean when not given [-].
+        rolling_friction: of this pair; the geometric mean when not given [-].
     """
 
     materials: tuple[Name, Name]
@@ -57,9 +59,9 @@ class Species(Section):
 
     Attributes:
         share: of their number; the shares of all species add up to 1 [-].
-        radius: [m].
-        density: [kg/m3].
-        material: name.
+        radius: of these particles [m].
+        density: of these particles [kg/m3].
+        material: name of one of `[[materials]]`.
     """
 
     share: Annotated[float, Field(gt=0.0, le=1.0, strict=True)]

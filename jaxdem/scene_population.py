@@ -16,20 +16,20 @@ class ParticleInlet(Section):
     """Particles that come in while the scene runs; what is not given of them is that of `[particles]`.
 
     Attributes:
-        side: of the box, next to which they come in, in a layer one (largest) diameter thick; or
-        start: lower corner of the box in which they come in, whole [m].
+        side: of the box, next to which they come in, in a layer one (largest) diameter thick; or `start` and `stop`.
+        start: lower corner of a box in which they come in, whole [m].
         stop: its upper corner [m].
-        from_: corner of a patch of the side (key `from`) [m].
+        from_: corner of a patch of the side, in the other axes (key `from`) [m].
         to: opposite corner [m].
-        rate: particles per second; or
-        mass_flow: mass per second [kg/s].
+        rate: particles per second; or `mass_flow` [1/s].
+        mass_flow: mass per second, instead of `rate` [kg/s].
         velocity: with which they come in, one number per axis, or the inward speed at a side [m/s].
         begin: the first is due 1 / rate later [s].
         end: the last is due by then; `time.end` when not given [s].
         total: no more than so many.
-        radius: [m].
-        density: [kg/m3].
-        material: name.
+        radius: of these particles [m].
+        density: of these particles [kg/m3].
+        material: name of one of `[[materials]]`.
         species: parts with a radius, density or material of their own, drawn by their shares.
     """
 

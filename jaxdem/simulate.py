@@ -7,7 +7,7 @@ import dataclasses
 import shutil
 import signal
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,10 @@ from jaxdem.build import build, initial_state
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, failures, first_meaning
+from jaxdem.fluid.inlet import InletProfile
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.run_directory import CHECKPOINT, SCENE
+from jaxdem.particles.contact import ContactLaw
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
 from jaxdem.restart import from_arrays, to_arrays
@@ -52,6 +54,8 @@ def simulate(
     *,
     closure: DragClosure | None = None,
     walls: Sequence[Callable[[Array], Array]] = (),
+    contact_law: ContactLaw | None = None,
+    inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> Run:
@@ -60,8 +64,11 @@ def simulate(
     Args:
         scene: from `jaxdem.load_scene`.
         out: run directory; must be new or empty unless `resume`.
-        closure: learned drag closure in place of the scene's.
-        walls: signed distances of further walls, see `jaxdem.build`; a resumed run must be given the same.
+        closure: drag law or learned closure in place of the scene's, see `jaxdem.build`. This and the next three are
+            not in the scene file: a resumed run must be given the same.
+        walls: signed distances of further walls.
+        contact_law: in place of the scene's.
+        inlet_profiles: in place of the scene's, by the side's name.
         resume: go on from the directory's checkpoint.
         progress: called after every coupling interval.
 
@@ -76,7 +83,7 @@ def simulate(
     if resume and RunDirectory.is_complete(out):
         RunDirectory.require_same_scene(out, scene.to_toml())
         return load_run(out)
-    simulation, parameters = build(scene, closure, walls)
+    simulation, parameters = build(scene, closure, walls, contact_law, inlet_profiles)
     every = samples_every(scene, simulation)
     state, neighbors = initial_state(scene, simulation, parameters)
     attributes = sample_attributes(scene, simulation) if every else None

@@ -14,6 +14,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxdem.particles.batches import in_any
+
 Result = TypeVar("Result")
 
 
@@ -21,7 +23,7 @@ def stage(needed: Array, compute: Callable[[], Result]) -> Result:
     """What `compute` gives; where it is not needed, and it must then be zero, zeros of its shapes.
 
     Args:
-        needed: () bool.
+        needed: () bool; in a batch of scenes all are computed where one needs it.
         compute: a function of no arguments, which gives a pytree of arrays.
     """
 
@@ -29,4 +31,4 @@ def stage(needed: Array, compute: Callable[[], Result]) -> Result:
         return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(compute))
 
     # Elsewhere a branch makes the host wait for the device, and fusion is not what limits.
-    return lax.platform_dependent(cpu=lambda: lax.cond(needed, compute, nothing), default=compute)
+    return lax.platform_dependent(cpu=lambda: lax.cond(in_any(needed), compute, nothing), default=compute)

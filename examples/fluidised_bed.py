@@ -1,0 +1,77 @@
+"""A bed of spheres is fluidised from below: pressure drop against the velocity of the liquid.
+
+The grains fall together for 1.5 s, then the inflow rises from zero (`boundary.bottom.times` and `velocities`). While the
+bed is fixed the pressure drop follows Ergun's equation; from the velocity on at which it carries the bed's submerged
+weight it rises no more.
+
+Run: python examples/fluidised_bed.py [PICTURE]
+"""
+
+import math
+
+import matplotlib.pyplot as plt
+import numpy as np
+from pictures import draw, new_folder, save
+
+import jaxdem
+
+DIAMETER, COUNT, WIDTH = 4e-3, 360, 0.072
+FLUID, SOLID, VISCOSITY, GRAVITY = 1000.0, 2000.0, 1e-5, 9.81
+SETTLED, RISEN, FASTEST = 1.5, 6.0, 0.03
+SCENE = {
+    "domain": {"size": [WIDTH, 0.216], "depth": DIAMETER},
+    "particles": {
+        "count": COUNT,
+        "radius": DIAMETER / 2,
+        "density": SOLID,
+        "pack": {"kind": "lattice", "start": [0.0, 0.0], "stop": [WIDTH, 0.16], "jitter": 0.005},
+    },
+    "contact": {"young_modulus": 1e6, "restitution": 0.5, "friction": 0.2, "speed": 0.2},
+    "fluid": {"cells": [12, 36], "density": FLUID, "viscosity": VISCOSITY, "time_step": 0.002},
+    "boundary": {
+        "left": {"kind": "free_slip"},
+        "right": {"kind": "free_slip"},
+        "bottom": {"kind": "inlet", "times": [SETTLED, RISEN], "velocities": [0.0, FASTEST]},
+        "top": {"kind": "outlet"},
+    },
+    "coupling": {"drag": "ergun"},
+    "time": {"end": 6.5, "output_interval": 0.1},
+}
+
+
+def ergun(velocity: np.ndarray, solid_fraction: float, height: float) -> np.ndarray:
+    """Pressure drop of a fixed bed [Pa]: Ergun (1952), superficial velocity."""
+    s, g = solid_fraction, 1.0 - solid_fraction
+    viscous = 150.0 * FLUID * VISCOSITY * velocity * s**2 / (g**3 * DIAMETER**2)
+    return height * (viscous + 1.75 * FLUID * velocity**2 * s / (g**3 * DIAMETER))
+
+
+def main() -> None:
+    """Run the bed, compare its pressure drop with Ergun's equation and the bed's weight, and draw both."""
+    run = jaxdem.simulate(jaxdem.load_scene(SCENE), new_folder("fluidised_bed"))
+    first = round(SETTLED / SCENE["time"]["output_interval"])
+    frames = range(first, run.number_of_frames)
+    pressure = np.array([run.fluid(i)["pressure"].mean(axis=0) for i in frames])
+    drop = pressure[:, 0] - pressure[:, -1]
+    velocity = FASTEST * np.clip((run.times[first:] - SETTLED) / (RISEN - SETTLED), 0.0, 1.0)
+    volume = COUNT * math.pi / 6.0 * DIAMETER**3
+    weight = volume * (SOLID - FLUID) * GRAVITY / (WIDTH * DIAMETER)
+    height = run.history["height"][first] + DIAMETER / 2
+    fixed = ergun(velocity, volume / (WIDTH * DIAMETER * height), height)
+
+    figure = plt.figure(figsize=(9.6, 4.8), layout="constrained")
+    curve, *panels = figure.subplots(1, 4, width_ratios=(2.6, 1, 1, 1))
+    curve.plot(1e3 * velocity, drop / weight, "o", ms=4, label="measured")
+    curve.plot(1e3 * velocity, fixed / weight, "k--", lw=1, label="Ergun, fixed bed")
+    curve.axhline(1.0, color="k", lw=0.8, label="submerged weight")
+    curve.set(xlabel="superficial velocity [mm/s]", ylabel="pressure drop over weight [-]", ylim=(0, 1.6))
+    curve.legend(frameon=False)
+    for axis, frame in zip(panels, (15, 40, 65), strict=True):
+        grains, water = draw(axis, run, frame, fastest_grain=0.1, fastest_water=0.1)
+    figure.colorbar(grains, ax=panels, label="grain speed [m/s]", shrink=0.6)
+    save(figure, "fluidised_bed")
+    print(f"pressure drop over the submerged weight at the end: {np.mean(drop[-10:]) / weight:.3f}")
+
+
+if __name__ == "__main__":
+    main()

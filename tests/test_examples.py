@@ -1,0 +1,79 @@
+"""The examples of the page on extending do what they say, and so does the page of the scene's keys."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from pydantic import Field
+
+from jaxdem.scene_base import Section
+
+ROOT = Path(__file__).parent.parent
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def quickly_compiled():
+    """Tiny scenes: compiling takes far longer than running, so it is done with few optimisations."""
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
+
+
+def extending(name):
+    return load(ROOT / "examples" / "extending" / f"{name}.py").main()
+
+
+def test_a_drag_law_of_ones_own(quickly_compiled):
+    found, expected = extending("drag_law")
+    assert found == pytest.approx(expected, rel=0.01)  # the cell hides about 0.5 % of the slip
+
+
+def test_a_contact_law_of_ones_own(quickly_compiled):
+    found, expected = extending("contact_law")
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_wall_of_ones_own(quickly_compiled):
+    position, gap = extending("wall")
+    elastic = -(((0.75 * 0.1027 * 2 * 0.91) / (1e6 * 0.1)) ** (2.0 / 3.0))  # Hertz under the grain's weight
+    assert gap == pytest.approx(elastic, rel=0.02)
+    assert position[:, 0] == pytest.approx([0.09, 0.11], abs=2e-4)  # beside each other, in the trough
+
+
+def test_an_inlet_profile_of_ones_own(quickly_compiled):
+    inflow, rate = extending("inlet_profile")
+    assert rate == pytest.approx(0.1, rel=1e-6)
+    assert inflow.max() == pytest.approx(0.5 * 8 / 7, rel=0.03)
+    assert np.all(np.diff(inflow[: len(inflow) // 2]) > 0.0)
+
+
+def test_every_key_of_a_scene_is_described():
+    reference = load(ROOT / "docs" / "tools" / "scene_reference.py")
+    text = reference.markdown()
+    assert "| `viscosity` | number ≥ 0 | m²/s | `1e-06` | Kinematic. |" in text
+    assert "## `[[particles.inlet]]`" in text
+
+    class Undescribed(Section):
+        """A table.
+
+        Attributes:
+            known: of the table [m].
+        """
+
+        known: float = 0.0
+        forgotten: float = Field(default=0.0)
+
+    with pytest.raises(ValueError, match="forgotten"):
+        list(reference.rows(Undescribed))
