@@ -24,7 +24,8 @@ from jax import Array, lax
 from jax.scipy.fft import dct, idct
 
 FAST_FROM = 128
-"""Cells from which a fast transform takes less time than a product with the matrix of eigenvectors."""
+"""Cells from which a fast transform takes less time than a product with the matrix of eigenvectors; twice as many for
+type II, which `jax.scipy.fft` makes of a complex transform of full length."""
 
 End = Literal["no_flux", "zero"]
 
@@ -97,9 +98,11 @@ class Row(NamedTuple):
 
     @property
     def _fast(self) -> bool:
-        # The transform of type IV is made of complex pairs of cells.
-        paired = self.ends is not None and self.ends[0] != self.ends[1]
-        return self.cells >= FAST_FROM and not (paired and self.cells % 2)
+        if self.ends is None:
+            return self.cells >= FAST_FROM
+        if self.ends[0] == self.ends[1]:
+            return self.cells >= 2 * FAST_FROM
+        return self.cells >= FAST_FROM and self.cells % 2 == 0  # made of complex pairs of cells
 
     def _alternating(self, rows: Array) -> Array:
         signs = jnp.asarray((-1.0) ** np.arange(self.cells), rows.dtype)
