@@ -31,6 +31,7 @@ from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
+from jaxdem.magnitudes import check_magnitudes, check_memory
 from jaxdem.particles import vectors
 from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.forces import ContactModel, MaterialIndex
@@ -70,9 +71,11 @@ def build(
         InputError: a step or size that the scene asks for cannot work.
     """
     dtype = _dtype(scene)
+    check_memory(scene)
     grid = _grid(scene)
     boundary = _boundary(scene)
     bodies = scene_bodies(scene)
+    check_magnitudes(scene, bodies)
     radius = bodies.radius
     steps = time_steps(scene)
     contact, fluid, law, population = None, None, None, None
@@ -103,6 +106,12 @@ def build(
             if closure is None and scene.closure.file is not None:
                 closure = load_closure(scene.closure.file)[0]
             law = drag_law(scene) if closure is None else None
+            trained = getattr(closure, "dimension", scene.dimension)
+            if trained != scene.dimension:
+                raise InputError(
+                    "closure.file", scene.closure.file, f"was trained in {trained}-D, the scene is {scene.dimension}-D",
+                    "train one on runs of as many dimensions",
+                )  # fmt: skip
         fluid = FluidInterval(
             solver,
             deposition,
