@@ -146,8 +146,6 @@ def column(key: str, value: Any, count: int | None = None) -> np.ndarray:
     """
     if isinstance(value, str):
         rows = _file_column(key, value)
-        if len(rows) == 0:
-            raise InputError(key, value, "holds no number", "give one per particle")
         if not (rows > 0.0).all():
             row = int(np.argmin(rows > 0.0))
             raise InputError(key, float(rows[row]), f"row {row} of {value} must be positive", "correct it")

@@ -68,6 +68,8 @@ def _read_rows(key: str, name: str) -> np.ndarray:
         ]
         if lines and not _is_number(lines[0][0]):
             lines = lines[1:]  # a line of column names
+        if not lines:
+            raise ValueError("it holds no number")
         return np.asarray(lines, float)
     except FileNotFoundError:
         raise InputError(key, name, "no such file", "names are relative to the scene file") from None
@@ -81,6 +83,8 @@ def _read_rows(key: str, name: str) -> np.ndarray:
 def _plain_numbers(stored: np.ndarray) -> np.ndarray:
     if stored.dtype.kind not in "iuf":
         raise ValueError(f"it holds {stored.dtype}")
+    if stored.size == 0:
+        raise ValueError("it holds no number")
     return stored.astype(float)
 
 

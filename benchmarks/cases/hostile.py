@@ -12,11 +12,21 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple, get_args
 
+import jax
+import numpy as np
 from pydantic import BaseModel
 
-from jaxdem.scene import Scene
+from jaxdem.build import build, initial_state
+from jaxdem.errors import InputError
+from jaxdem.failures import failures, first_meaning
+from jaxdem.initial import check_initial_positions, initial_positions
+from jaxdem.scene import Scene, load_scene
+from jaxdem.time_steps import time_steps
 
 Tables = dict[str, Any]
+
+LONG = 3000
+"""Contact steps in an interval that are not worth the wait."""
 
 COUPLED: Tables = {
     "seed": 3,
@@ -358,3 +368,43 @@ def _value(tables: Tables, key: str) -> Any:
     for part in key.split("."):
         table = table[int(part)] if isinstance(table, list) else table.get(part)
     return table
+
+
+def outcome(tables: Tables) -> str:
+    """ "refused" with a message that names a key and says what to do, or "accepted"; anything else raises."""
+    try:
+        scene = load_scene(tables)
+        scene.to_toml()
+        steps = time_steps(scene)
+        if scene.particles is not None:
+            check_initial_positions(scene, initial_positions(scene))
+    except InputError as error:
+        assert error.key and error.limit and error.remedy, error
+        assert len(str(error)) < 2000, error
+        return "refused"
+    assert math.isfinite(steps.interval)
+    return "accepted"
+
+
+def few_steps(tables: Tables, steps: int = 3) -> str:
+    """ "finite", or "refused" or "stopped" with a message, within the first coupling intervals; anything else raises."""
+    scene = load_scene(tables)
+    jax.config.update("jax_enable_x64", scene.precision == "float64")
+    try:
+        simulation, parameters = build(scene)
+        state, neighbors = initial_state(scene, simulation, parameters)
+    except InputError:
+        return "refused"
+    if simulation.steps.contacts_per_interval > LONG:
+        return "too long to try"
+    step = jax.jit(simulation.step)
+    for _ in range(steps):
+        reached, neighbors, diagnostics = step(parameters, state, neighbors)
+        code = int(failures(simulation, diagnostics))
+        if code:
+            assert first_meaning(code)
+            return "stopped"
+        state = reached
+    for path, leaf in jax.tree_util.tree_flatten_with_path(state)[0]:
+        assert np.isfinite(np.asarray(leaf)).all(), f"{jax.tree_util.keystr(path)} is not finite"
+    return "finite"

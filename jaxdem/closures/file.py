@@ -112,7 +112,7 @@ def _read(file: h5py.File, path: str) -> tuple[LearnedClosure, dict[str, Any]]:
             limit = f"the array {name} has shape {found}, its structure asks for {leaf.shape} floats"
             raise InputError(KEY, path, limit, "Train or copy it again.")
         values = stored[()]
-        unbounded = name in ("input_low", "input_high")  # the range of a closure that has not been trained
+        unbounded = name.endswith(("_low", "_high"))  # the range of a closure that has not been trained
         if np.isnan(values).any() or (np.isinf(values).any() and not unbounded):
             limit = f"the array {name} holds values that are not finite numbers"
             raise InputError(KEY, path, limit, "Train or copy it again.")
