@@ -33,6 +33,7 @@ from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
+from jaxdem.magnitudes import check_magnitudes, check_memory
 from jaxdem.particles import vectors
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.forces import ContactModel, MaterialIndex
@@ -82,9 +83,11 @@ def build(
         InputError: a step or size that the scene asks for cannot work.
     """
     dtype = _dtype(scene)
+    check_memory(scene)
     grid = _grid(scene)
     boundary = _boundary(scene, inlet_profiles or {})
     bodies = scene_bodies(scene)
+    check_magnitudes(scene, bodies)
     radius = bodies.radius
     steps = time_steps(scene)
     contact, fluid, law, population = None, None, None, None
@@ -174,6 +177,14 @@ def _drag(scene: Scene, closure: DragClosure | None) -> tuple[DragClosure | None
     """The drag law, which is static, and the closure with weights, which are parameters: one of them is None."""
     if closure is None:
         closure = drag_law(scene) if scene.closure.file is None else load_closure(scene.closure.file)[0]
+    trained = getattr(closure, "dimension", scene.dimension)
+    if trained != scene.dimension:
+        raise InputError(
+            "closure.file",
+            scene.closure.file,
+            f"was trained in {trained}-D, the scene is {scene.dimension}-D",
+            "train one on runs of as many dimensions",
+        )
     return (closure, None) if jax.tree_util.all_leaves([closure]) else (None, closure)
 
 

@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SI
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
 import signal
@@ -56,6 +57,11 @@ class Commands(TyperGroup):
             return super().invoke(ctx)
         except JaxdemError as error:
             terminal.fail(str(error), error.exit_code)
+        except OSError as error:
+            if error.errno == errno.EPIPE:  # who read the output has gone
+                raise
+            place = f"{error.filename}: " if error.filename else ""
+            terminal.fail(f"{place}{error.strerror or error}. Make room or give access, and try again.", 1)
         except (MemoryError, RuntimeError) as error:
             if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
                 raise

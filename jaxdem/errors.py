@@ -25,7 +25,8 @@ class InputError(JaxdemError):
 
     def __init__(self, key: str, value: Any, limit: str, remedy: str):
         self.key, self.value, self.limit, self.remedy = key, value, limit, remedy
-        super().__init__(f"{key} = {_shorten(value)}: {limit}. {remedy}")
+        text = f"{cut(key)} = {cut(_repr(value))}: {cut(limit, 600)}. {cut(remedy, 600)}"
+        super().__init__(text)
 
 
 class RunError(JaxdemError):
@@ -43,6 +44,13 @@ class RunError(JaxdemError):
         super().__init__(f"{reason} ({where}) at t = {time:.6g} s. {remedy}")
 
 
-def _shorten(value: Any, length: int = 300) -> str:
-    text = repr(value)
+def cut(text: str, length: int = 300) -> str:
+    """The text, its end replaced by dots where it is longer than `length`."""
     return text if len(text) <= length else text[: length - 3] + "..."
+
+
+def _repr(value: Any) -> str:
+    try:
+        return repr(value)
+    except ValueError:  # Python refuses to write out thousands of digits
+        return f"a {type(value).__name__} of very many digits"

@@ -36,7 +36,7 @@ MEANING = {
         "simulate() enlarges it and repeats the interval; in a rollout allocate it with more room (Simulation.with_room)",
     ),
     Failure.PARTICLES_NOT_FINITE: (
-        "a particle's position or velocity is not finite",
+        "a particle's position, velocity or rotation is not finite",
         "lower contact.time_step or raise contact.speed to the speeds that occur",
     ),
     Failure.PARTICLE_LOST: (
@@ -49,7 +49,7 @@ MEANING = {
         "raise contact.speed to the speeds that occur, stiffen the contact, or look for what drives it",
     ),
     Failure.FLUID_NOT_FINITE: (
-        "the fluid's velocity is not finite",
+        "the fluid's velocity or pressure is not finite",
         "lower fluid.time_step or coupling.interval",
     ),
     Failure.COURANT: (

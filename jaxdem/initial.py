@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from jaxdem.scene import Pack, Particles, Scene
 
 INSERTION_OVERLAP = 0.01
 """Two particles may overlap by this part of the smaller diameter at the start; more would throw them apart."""
+
+MOST_PLACES = 20_000_000
+"""Places that a pack may have; more would fill the memory before the first particle stands."""
 
 
 def initial_positions(scene: Scene) -> np.ndarray:
@@ -34,7 +38,7 @@ def initial_positions(scene: Scene) -> np.ndarray:
         if particles.count is None:  # refused by the scene
             return np.zeros((0, scene.dimension))
         radius = np.broadcast_to(particle_bodies(scene, particles.count).radius, particles.count)
-        return _random(particles, scene.seed, tuple(radius.tolist())).copy()
+        return _random(particles, scene.seed, tuple(radius.tolist()), scene.domain.size).copy()
     if particles.pack is not None:
         packed = _packed(scene, particles.pack)
         if particles.count is not None and len(packed) < particles.count:
@@ -129,14 +133,21 @@ def check_walls(
 
 
 @functools.lru_cache(maxsize=1)  # asked for its length and for its particles, and it takes seconds
-def _random(particles: Particles, seed: int, sizes: tuple[float, ...]) -> np.ndarray:
-    """Centres (N, D) of a random pack of particles of these radii."""
+def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tuple[float, ...]) -> np.ndarray:
+    """Centres (N, D) of a random pack of particles of these radii in a box of these sides."""
     pack, count = particles.pack, particles.count
     assert pack is not None and count is not None
     start, stop = np.asarray(pack.start), np.asarray(pack.stop)
     dimension = len(start)
     if (stop <= start).any():
         raise InputError("particles.pack.stop", pack.stop, f"must be above start = {pack.start}", "swap them")
+    if (start < 0.0).any() or (stop > np.asarray(box)).any():
+        raise InputError(
+            "particles.pack.stop",
+            pack.stop,
+            f"start and stop must lie in the box, 0 ... {box} m",
+            "move them",
+        )
     radius = np.asarray(sizes)
     fraction = packing.random_solid_fraction(start, stop, radius, pack.spacing)
     limit, remedy = packing.REACHABLE[dimension], 'use a lattice (particles.pack.kind = "lattice")'
@@ -165,25 +176,42 @@ def _check_corner(name: str, corner: tuple[float, ...] | None, dimension: int) -
         raise InputError(f"particles.pack.{name}", corner, f"needs {dimension} numbers", "correct it")
 
 
+def _check_places(name: str, sides: tuple[float, ...], spacing: float) -> None:
+    """Refuses a pack between whose sides [m] lie too many places."""
+    places = math.prod(max(side, 0.0) / spacing + 1.0 for side in sides)
+    if places > MOST_PLACES:
+        raise InputError(
+            f"particles.pack.{name}",
+            f"sides of {', '.join(f'{side:.4g}' for side in sides)} m",
+            f"the pack has about {places:.3g} places {spacing:.3g} m apart, the limit is {MOST_PLACES}",
+            "make it smaller, or raise particles.radius or particles.pack.spacing",
+        )
+
+
 def _packed(scene: Scene, pack: Pack) -> np.ndarray:
     particles = scene.particles
     assert particles is not None
     smallest, largest = radius_range(particles)
     spacing, jitter = 2.0 * largest * pack.spacing, (pack.jitter or 0.0) * smallest
     if pack.kind == "polygon":
-        vertices = np.asarray(pack.vertices, float)
-        if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2:
+        corners = pack.vertices or ()
+        if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
             raise InputError(
                 "particles.pack.vertices",
                 pack.vertices,
                 "needs at least three corners (x, vertical)",
                 "add corners",
             )
+        vertices = np.asarray(corners, float)
+        across = scene.domain.size[1:-1]
+        _check_places("vertices", (*np.ptp(vertices, axis=0), *across), spacing)
         points = packing.polygon_pack(vertices, scene.domain.size, largest, spacing, jitter)
     else:
         for name in ("start", "stop"):
             _check_corner(name, getattr(pack, name), scene.dimension)
-        points = packing.lattice_pack(np.asarray(pack.start), np.asarray(pack.stop), largest, spacing, jitter)
+        start, stop = np.asarray(pack.start), np.asarray(pack.stop)
+        _check_places("stop", tuple(stop - start), spacing)
+        points = packing.lattice_pack(start, stop, largest, spacing, jitter)
     return packing.jittered(points, jitter, scene.seed)
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxdem import __version__
 from jaxdem.errors import InputError
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.simulation import Simulation
-from jaxdem.state import State
+from jaxdem.state import Parameters, State
 
 
 def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -61,6 +64,49 @@ def from_arrays(
         neighbors = _restored("neighbors", fresh, arrays)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra
+
+
+def origin(scene_toml: str, parameters: Parameters) -> dict[str, str]:
+    """What a checkpoint belongs to, as attributes of it.
+
+    Args:
+        scene_toml: the scene, as it writes itself.
+        parameters: that go with it; they hold what the scene only names, the weights of a closure and the sizes
+            in a file.
+    """
+    digest = hashlib.sha256()
+    for name, array in sorted(_named("parameters", parameters).items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+    return {
+        "jaxdem": __version__,
+        "scene": hashlib.sha256(scene_toml.encode()).hexdigest(),
+        "parameters": digest.hexdigest(),
+    }
+
+
+def require_same_origin(attributes: Mapping[str, Any], here: Mapping[str, str]) -> None:
+    """Refuses a checkpoint that was put into the folder of another run, or whose inputs have changed since.
+
+    Args:
+        attributes: of the checkpoint.
+        here: `origin` of the run that wants to go on from it.
+
+    Raises:
+        InputError: it is of another version or scene, or a file that the scene names has other content now.
+    """
+    version = attributes.get("jaxdem")
+    for name, limit, remedy in (
+        ("jaxdem", f"was written by jaxdem {version}, this is {here['jaxdem']}", "Resume with that version"),
+        ("scene", "was written by a run of another scene", "Put this run's own checkpoint back"),
+        (
+            "parameters",
+            "was written with another closure, or other sizes or densities of particles, than their files hold now",
+            "Put the files that the scene names back as they were",
+        ),
+    ):
+        if attributes.get(name) != here[name]:
+            remedy = f"{remedy}, or start the run anew in another folder."
+            raise InputError("checkpoint.h5", attributes.get(name), limit, remedy)
 
 
 def _named(prefix: str, tree: Any) -> dict[str, np.ndarray]:

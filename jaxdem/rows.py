@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import io
+import os
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -39,24 +43,49 @@ def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.n
     return rows
 
 
+def read_whole(path: Path) -> bytes:
+    """The content of a file.
+
+    Raises:
+        OSError: it cannot be read, or is a device, which may have no end.
+    """
+    with open(path, "rb") as file:
+        mode = os.fstat(file.fileno()).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise OSError(errno.EINVAL, "is a device", str(path))
+        return file.read()
+
+
 def _read_rows(key: str, name: str) -> np.ndarray:
     path = Path(name)
     try:
+        content = read_whole(path)
         if path.suffix == ".npy":
-            return np.asarray(np.load(path, allow_pickle=False), float)
-        text = path.read_text(encoding="utf-8").replace(",", " ")
+            return _plain_numbers(np.lib.format.read_array(io.BytesIO(content), allow_pickle=False))
+        text = content.decode("utf-8").replace(",", " ")
         lines = [
             line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")
         ]
         if lines and not _is_number(lines[0][0]):
             lines = lines[1:]  # a line of column names
+        if not lines:
+            raise ValueError("it holds no number")
         return np.asarray(lines, float)
     except FileNotFoundError:
         raise InputError(key, name, "no such file", "names are relative to the scene file") from None
-    except (OSError, ValueError, UnicodeDecodeError) as error:
+    except (OSError, ValueError, EOFError, MemoryError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or "too large"
         raise InputError(
-            key, name, f"cannot be read as rows of numbers ({error})", "correct the file"
+            key, name, f"cannot be read as rows of numbers ({reason})", "correct the file"
         ) from None
+
+
+def _plain_numbers(stored: np.ndarray) -> np.ndarray:
+    if stored.dtype.kind not in "iuf":
+        raise ValueError(f"it holds {stored.dtype}")
+    if stored.size == 0:
+        raise ValueError("it holds no number")
+    return stored.astype(float)
 
 
 def _as_array(key: str, rows: Any) -> np.ndarray:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from jaxdem.bodies import column, largest_radius
 from jaxdem.errors import InputError
+from jaxdem.rows import read_whole
 from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
 from jaxdem.scene_coupling import BassetWindow, check_self_disturbance
 from jaxdem.scene_materials import (
@@ -426,7 +427,7 @@ def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
         raise InputError(option, text, "must be key=value", f"for example {option} time.end=1.0")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError):
         if any(mark in value for mark in "[]{}=\"'"):
             raise InputError(
                 f"{option} {key}",
@@ -439,7 +440,7 @@ def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
+        return tomllib.loads(read_whole(path).decode("utf-8"))
     except FileNotFoundError:
         raise InputError("SCENE", str(path), "no such file", "give the path of a scene file") from None
     except OSError as error:
@@ -448,6 +449,11 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError("SCENE", str(path), "is not UTF-8 text", "save the scene as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError("SCENE", str(path), f"is not valid TOML: {error}", "mend that line") from None
+    except (RecursionError, ValueError) as error:
+        limit = (
+            "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
+        )
+        raise InputError("SCENE", str(path), limit, "mend the scene") from None
 
 
 def _completed(scene: Scene) -> Scene:
@@ -836,7 +842,7 @@ def _set(tables: dict[str, Any], key: str, value: Any) -> None:
     table = tables
     for part in parents:
         if isinstance(table, list):
-            if not part.isdigit() or int(part) >= len(table):
+            if not part.isdecimal() or int(part) >= len(table):
                 raise InputError(f"--set {key}", value, f"there are {len(table)} tables", "count from 0")
             table = table[int(part)]
         else:
@@ -861,7 +867,15 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
     ):
         holder = tables.get(table)
         if isinstance(holder, dict) and isinstance(holder.get(key), str):
-            holder[key] = str((folder / holder[key]).resolve())
+            try:
+                holder[key] = str((folder / holder[key]).resolve())
+            except (OSError, ValueError, RuntimeError) as error:
+                raise InputError(
+                    f"{table}.{key}",
+                    holder[key],
+                    f"cannot be the name of a file ({error})",
+                    "correct the name",
+                ) from None
     return tables
 
 

@@ -26,7 +26,7 @@ from jaxdem.io.run_directory import CHECKPOINT, SCENE
 from jaxdem.particles.contact import ContactLaw
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
-from jaxdem.restart import from_arrays, to_arrays
+from jaxdem.restart import from_arrays, origin, require_same_origin, to_arrays
 from jaxdem.scene import Scene
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
@@ -91,7 +91,7 @@ def simulate(
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
     with _signals() as caught, opener(out, scene.to_toml(), attributes) as directory:
         loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, every)
-        if resume:
+        if directory.has_checkpoint:
             loop.restore()
         loop.run(progress, caught)
     return load_run(out)
@@ -149,19 +149,23 @@ class TimeLoop:
         """
         self.totals.start = clock.perf_counter()
         try:
+            if not self.directory.has_checkpoint:  # first of all: a kill while compiling loses nothing either
+                self._write_checkpoint()
             self._compile()
             if self.done == 0 and self.directory.frames == 0:
                 self._write_frame(None)
-                self._write_checkpoint()
             self._advance_to_end(progress, caught)
         except RunError as error:
-            self.directory.interrupt(self._summary(False, str(error)))
+            # A disk that is full refuses the summary too; what it refused first is what to tell.
+            with contextlib.suppress(RunError):
+                self.directory.interrupt(self._summary(False, str(error)))
             raise
         self.directory.finish(self._summary(True, ""))
 
     def restore(self) -> None:
         """State, list and counters from the directory's checkpoint, files cut back to it."""
         arrays, attributes = self.directory.checkpoint()
+        require_same_origin(attributes, self._origin())
         state, neighbors, extra = from_arrays(self.simulation, self.state, arrays)
         self.state, self.neighbors = state, neighbors
         self.totals.load(extra)
@@ -254,8 +258,11 @@ class TimeLoop:
         with self.totals.timed("output"):
             extra = self.totals.save() | {"done": self.done}
             arrays = to_arrays(self.state, self.neighbors, extra)
-            attributes = {"frames": self.directory.frames, "samples": self.directory.samples}
+            attributes = {"frames": self.directory.frames, "samples": self.directory.samples} | self._origin()
             self.directory.write_checkpoint(arrays, attributes)
+
+    def _origin(self) -> dict[str, str]:
+        return origin(self.scene.to_toml(), self.parameters)
 
     def _summary(self, valid: bool, reason: str) -> dict[str, Any]:
         return run_summary(

@@ -104,7 +104,9 @@ class Simulation:
             collision,
             neighbors.builds,
             neighbors.overflow,
-            jnp.all(jnp.isfinite(position)) & jnp.all(jnp.isfinite(velocity)),
+            jnp.all(jnp.isfinite(position))
+            & jnp.all(jnp.isfinite(velocity))
+            & jnp.all(jnp.isfinite(particles.angular_velocity)),
             jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
             jnp.sqrt(jnp.max(squared, initial=0.0)),
             waiting,

@@ -19,6 +19,12 @@ from jaxdem.rows import rows_of
 from jaxdem.scene import Contact, Scene, parabolic_axes
 from jaxdem.scene_population import inlet_speed
 
+MOST_CONTACT_STEPS = 1_000_000
+"""Contact steps in a coupling interval; more would run for minutes without a word, and for years in all."""
+
+MOST_INTERVALS = 2**31 - 1
+"""Coupling intervals of a run, which an integer of 32 bits counts."""
+
 AUTO_COURANT = 0.5
 """Courant number of the automatic fluid step at the largest boundary speed."""
 
@@ -78,6 +84,13 @@ def time_steps(scene: Scene) -> TimeSteps:
             f"for example coupling.interval = {output / per_output:.6g}",
         )
     interval = output / per_output
+    if outputs * per_output > MOST_INTERVALS:
+        raise InputError(
+            "time.end",
+            scene.time.end,
+            f"needs {outputs * per_output:.3g} coupling intervals of {interval:.3g} s, the limit is {MOST_INTERVALS}",
+            "lower time.end, or raise the step that is so short: coupling.interval, fluid.time_step or fluid.viscosity",
+        )
     count = 0
     if scene.particles is not None and scene.contact is not None:
         speed, overlap = _contact_limits(scene, limits)
@@ -85,6 +98,15 @@ def time_steps(scene: Scene) -> TimeSteps:
         power = 1.0 if scene.contact.law == "linear_spring_dashpot" else 1.25
         speed_limit = speed * (scene.contact.maximum_overlap / overlap) ** power
         contact_step = _contact_step(scene, limits)
+        if not contact_step * MOST_CONTACT_STEPS >= interval:
+            raise InputError(
+                "contact.time_step",
+                scene.contact.time_step,
+                f"makes contact steps of {contact_step:.3g} s, more than {MOST_CONTACT_STEPS} in a coupling interval "
+                f"of {interval:.3g} s",
+                "soften the contact, use larger particles, lower contact.speed, or shorten coupling.interval "
+                "(time.output_interval without a fluid)",
+            )
         count = _whole(interval / contact_step)
         contact_step = interval / count
     return TimeSteps(

@@ -20,6 +20,7 @@ HOST = {
     "arrivals",
     "bodies",
     "initial",
+    "magnitudes",
     "time_steps",
     "simulate",
     "records",

@@ -23,6 +23,11 @@ FORMAT = "jaxdem-closure"
 VERSION = 1
 KEY = "closure.file"
 
+UNREADABLE = (
+    OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, OverflowError, MemoryError,
+)  # fmt: skip
+"""What h5py, and what reads from it, raise on a file that is truncated, altered or another program's."""
+
 LearnedClosure = PaperNetwork | InvariantClosure
 
 
@@ -78,14 +83,14 @@ def load_closure(path: str | os.PathLike[str]) -> tuple[LearnedClosure, dict[str
 
     Raises:
         InputError: no such file, not HDF5 or cut short, not a closure, of a newer version, or arrays that are
-            missing or do not have the shapes of the structure.
+            missing, do not have the shapes of the structure, or are not finite.
     """
-    if not Path(path).is_file():
-        raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem train`.")
     try:
+        if not Path(path).is_file():
+            raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem train`.")
         with h5py.File(path, "r") as file:
             return _read(file, str(path))
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except UNREADABLE as error:
         reason = f"cannot be read as a closure ({error})"
         raise InputError(KEY, str(path), reason, "Train or copy it again.") from error
 
@@ -106,7 +111,12 @@ def _read(file: h5py.File, path: str) -> tuple[LearnedClosure, dict[str, Any]]:
             found = f"{stored.shape} {stored.dtype}"
             limit = f"the array {name} has shape {found}, its structure asks for {leaf.shape} floats"
             raise InputError(KEY, path, limit, "Train or copy it again.")
-        leaves.append(jnp.asarray(stored[()]))
+        values = stored[()]
+        unbounded = name.endswith(("_low", "_high"))  # the range of a closure that has not been trained
+        if np.isnan(values).any() or (np.isinf(values).any() and not unbounded):
+            limit = f"the array {name} holds values that are not finite numbers"
+            raise InputError(KEY, path, limit, "Train or copy it again.")
+        leaves.append(jnp.asarray(values))
     closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
     return closure, json.loads(file["metadata"].asstr()[()])
 

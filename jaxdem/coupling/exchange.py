@@ -73,7 +73,7 @@ class FluidDiagnostics(NamedTuple):
         iterations: of the pressure solver, most of any step.
         divergence: largest after projection, in units of U/h.
         converged: bool, every pressure solve reached its tolerance.
-        finite: bool, no velocity is NaN or infinite.
+        finite: bool, no velocity and no pressure is NaN or infinite.
         momentum: |impulse of the particles + impulse of the faces| over the sum of the sizes of the terms that make
             it, K (|u| + |v|) and the remainder's: what rounding must be small against, also where drag dies out.
         volume: relative error of the deposited particle volume.
@@ -604,7 +604,7 @@ VISCOUS_LIMIT = 0.3
 
 
 def _finite(state: FluidState) -> Array:
-    return jnp.all(jnp.asarray([jnp.all(jnp.isfinite(u)) for u in state.face_velocity]))
+    return jnp.all(jnp.asarray([jnp.all(jnp.isfinite(u)) for u in (*state.face_velocity, state.pressure)]))
 
 
 def _submerged_mass(bodies: ParticleProperties, properties: FluidProperties) -> Array:

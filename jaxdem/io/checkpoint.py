@@ -21,7 +21,7 @@ from jaxdem.io.durable import write_bytes
 from jaxdem.io.frames import UNREADABLE, open_for_reading
 
 FORMAT_NAME = "jaxdem checkpoint"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 Attributes = dict[str, str | int | float]
 

@@ -25,13 +25,18 @@ def sync_directory(folder: Path) -> None:
         os.close(descriptor)
 
 
+def aside_name(path: Path) -> Path:
+    """What a file is called while it is written."""
+    return path.with_name(f".{path.name}{SUFFIX_ASIDE}")
+
+
 @contextmanager
 def aside(path: Path) -> Iterator[Path]:
     """Give a temporary name beside `path` to write to; when the block ends well it replaces `path`.
 
     If the block raises (an interrupt included) the temporary file is removed and `path` is as it was.
     """
-    temporary = path.with_name(f".{path.name}{SUFFIX_ASIDE}")
+    temporary = aside_name(path)
     try:
         yield temporary
         descriptor = os.open(temporary, os.O_RDONLY)

@@ -20,7 +20,7 @@ from jaxdem.errors import InputError, RunError
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of
-from jaxdem.io.durable import remove_leftovers, sync_directory, write_bytes
+from jaxdem.io.durable import aside_name, remove_leftovers, sync_directory, write_bytes
 from jaxdem.io.frames import PARTS_FOLDER, FrameSeries
 from jaxdem.io.history import History
 from jaxdem.io.samples import SampleFormat, sample_frame
@@ -69,13 +69,13 @@ class RunDirectory:
         scene_text.parse(scene_toml, "the scene given")
         with input_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-            if any(entry.name != LOCK for entry in path.iterdir()):
+            if _entries(path):
                 raise _occupied(path)
         lock = acquire_lock(path)
         try:
             with input_errors(path):
                 # Between the look above and the lock another run may have come and gone.
-                if any(entry.name != LOCK for entry in path.iterdir()):
+                if _entries(path):
                     raise _occupied(path)
                 write_bytes(path / SCENE, scene_toml.encode())
                 return cls(path, scene_toml, lock, sample_attributes)
@@ -89,11 +89,14 @@ class RunDirectory:
     ) -> RunDirectory:
         """Open the folder of an unfinished run; nothing is cut yet, see `cut_back`.
 
+        A run that was killed before its first checkpoint has its scene only, and starts from the beginning:
+        see `has_checkpoint`.
+
         Raises:
             InputError: there is no checkpoint, the stored scene is another one, or the folder is in use.
         """
         path = Path(path)
-        if not (path / CHECKPOINT).is_file():
+        if not (path / CHECKPOINT).is_file() and not _just_begun(path):
             limit = f"--resume needs {CHECKPOINT} in it, and there is none"
             raise InputError(OPTION, str(path), limit, "Start the run without --resume in an empty folder.")
         cls.require_same_scene(path, scene_toml)
@@ -106,6 +109,11 @@ class RunDirectory:
         except BaseException:
             os.close(lock)
             raise
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether there is a restart state."""
+        return (self.path / CHECKPOINT).is_file()
 
     @staticmethod
     def is_complete(path: str | Path) -> bool:
@@ -291,8 +299,21 @@ def _require_same_scene(path: Path, scene_toml: str) -> None:
         raise InputError(key, after, limit, f"Give {key} as stored in {path / SCENE}, or another {OPTION}.")
 
 
+def _entries(path: Path) -> set[str]:
+    """Names in the folder, without the lock and without the scene that a kill left unfinished."""
+    return {entry.name for entry in path.iterdir()} - {LOCK, aside_name(path / SCENE).name}
+
+
+def _just_begun(path: Path) -> bool:
+    """Whether the folder holds what a run writes before its first checkpoint, and nothing else."""
+    if not (path / SCENE).is_file():
+        return False
+    begun = {SCENE, HISTORY, aside_name(path / HISTORY).name, aside_name(path / CHECKPOINT).name}
+    return _entries(path) <= begun
+
+
 def _occupied(path: Path) -> InputError:
-    if (path / CHECKPOINT).is_file():
+    if (path / CHECKPOINT).is_file() or _just_begun(path):
         remedy = "Give another folder, or --resume to go on with the run in it."
     else:
         remedy = "Give another folder, or empty this one (there is no checkpoint to --resume from)."

@@ -21,6 +21,9 @@ from jaxdem.particles.vectors import Vector
 WORD = 32
 """Bits of a word; a cell with more slots takes several words."""
 
+MOST_CELLS = 2**24
+"""A few grains of sand in a box of metres would have more cells than memory holds, nearly all of them empty."""
+
 
 class CellGrid(NamedTuple):
     """Cells at least as wide as the reach, over a box; static.
@@ -37,8 +40,13 @@ class CellGrid(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of cells along each axis."""
-        return tuple(max(1, math.floor(length / self.reach)) for length in self.box)
+        """Number of cells along each axis; wider cells where there would be more than `MOST_CELLS`."""
+        width = self.reach
+        while True:
+            shape = tuple(max(1, math.floor(length / width)) for length in self.box)
+            if math.prod(shape) <= MOST_CELLS:
+                return shape
+            width *= 1.25
 
     @property
     def padded_shape(self) -> tuple[int, ...]:

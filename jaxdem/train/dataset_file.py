@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxdem.closures.base import DragInputs
-from jaxdem.closures.file import write_aside
+from jaxdem.closures.file import UNREADABLE, write_aside
 from jaxdem.errors import InputError
 
 FORMAT = "jaxdem-dataset"
@@ -39,6 +40,9 @@ VECTORS = (
     "drag_force",
     "target_force",
 )
+
+RANGES = {"diameter": (0.0, math.inf)}
+"""What lies outside cannot be the sample of a run."""
 
 Floats = NDArray[np.floating[Any]]
 
@@ -157,12 +161,12 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
         InputError: no such file, not HDF5 or cut short, not a dataset, of a newer version, without a group,
             or with an array that is missing, of another shape, or not finite (the array is named).
     """
-    if not Path(path).is_file():
-        raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem dataset`.")
     try:
+        if not Path(path).is_file():
+            raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem dataset`.")
         with h5py.File(path, "r") as file:
             return _read(file, str(path))
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except UNREADABLE as error:
         reason = f"cannot be read as a dataset ({error})"
         raise InputError(KEY, str(path), reason, "Make it again with `jaxdem dataset`.") from error
 
@@ -175,6 +179,11 @@ def _read(file: h5py.File, path: str) -> Dataset:
         raise InputError(KEY, path, limit, "Update jaxdem.")
     root = {name: _require(file.attrs, name, path) for name in ROOT_ATTRIBUTES}
     fluid: dict[str, Any] = {name: float(root[name]) for name in ("fluid_density", "dynamic_viscosity")}
+    for name, value in fluid.items():
+        if not 0.0 < value < math.inf:
+            raise InputError(
+                KEY, path, f"{name} is {value}, it must be positive", "Make it again with `jaxdem dataset`."
+            )
     dimension = int(root["dimension"])
     coarsenings = sorted(int(name.removeprefix("coarsen_")) for name in file if name.startswith("coarsen_"))
     if not coarsenings:
@@ -202,6 +211,11 @@ def _read_group(group: h5py.Group, place: str, dimension: int, path: str) -> dic
             limit = f"{place}/{name} has shape {stored.shape}, {shape} with at least one row is needed"
             raise InputError(KEY, path, limit, "Make it again with `jaxdem dataset`.")
         content[name] = stored[()]
+        if name in RANGES and not (
+            RANGES[name][0] < content[name].min() and content[name].max() < RANGES[name][1]
+        ):
+            limit = f"{place}/{name} reaches from {content[name].min()} to {content[name].max()}, beyond {RANGES[name]}"
+            raise InputError(KEY, path, limit, "Make it again from a run whose summary says valid.")
         if content[name].dtype.kind != "f" or not np.all(np.isfinite(content[name])):
             limit = f"{place}/{name} holds values that are not finite numbers"
             raise InputError(KEY, path, limit, "Make it again from a run whose summary says valid.")

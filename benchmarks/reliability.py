@@ -1,0 +1,211 @@
+"""What the program survives: kills at any moment, bad scenes, damaged files. Counts, not times.
+
+    python benchmarks/reliability.py [--only kills scenes runs files] [--kills 20] [--runs 40] [--files 200] [--seed 0]
+
+Prints a table and writes results/reliability.json and .md; sections that are not run keep their rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import json
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # run as a script from anywhere
+
+from benchmarks import harness  # noqa: E402
+from benchmarks.cases import damage, hostile  # noqa: E402
+from jaxdem.io import RunDirectory, load_run  # noqa: E402
+
+PATIENCE = 600
+"""For all damaged files of a kind [s]: HDF5 may go round in circles in a file whose own tables are altered."""
+
+SCENE = """
+[domain]
+size = [0.2, 0.2]
+depth = 0.04
+[particles]
+radius = 0.01
+density = 2650.0
+[particles.pack]
+kind = "lattice"
+start = [0.01, 0.02]
+stop = [0.15, 0.15]
+spacing = 1.05
+[contact]
+young_modulus = 5e5
+speed = 1.0
+[fluid]
+cells = [5, 5]
+time_step = 0.01
+[boundary.left]
+kind = "inlet"
+velocity = 0.2
+[boundary.right]
+kind = "outlet"
+[time]
+end = 4.0
+output_interval = 0.04
+[output]
+samples = 0.04
+checkpoint_interval = 0.1
+"""
+
+KILLED_IN_WRITE = """
+import sys
+from pathlib import Path
+sys.path[:0] = [sys.argv[1], sys.argv[1] + "/tests/io"]
+from deaths import die_in_write
+from jaxdem.cli import app
+die_in_write(int(sys.argv[2]))
+app(sys.argv[3:], prog_name="jaxdem")
+"""
+
+
+def kills(number: int, seed: int) -> dict[str, Any]:
+    """The command line killed again and again, every other time inside a write, and resumed; against a whole run."""
+    generator = random.Random(seed)
+    folder = Path(tempfile.mkdtemp())
+    (folder / "scene.toml").write_text(SCENE)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+
+    def command(out: Path, write: int = 0) -> list[str]:
+        arguments = ["run", str(folder / "scene.toml"), "--out", str(out)]
+        if RunDirectory.is_complete(out) or (out / "scene.toml").exists():
+            arguments.append("--resume")
+        start = [sys.executable, "-m", "jaxdem"]
+        return [
+            *([sys.executable, "-c", KILLED_IN_WRITE, str(ROOT), str(write)] if write else start),
+            *arguments,
+        ]
+
+    started = time.monotonic()
+    subprocess.run(command(folder / "whole"), env=environment, check=True, capture_output=True)
+    length = time.monotonic() - started
+    survived, resumed_to, out = 0, [], folder / "killed"
+    while survived < number:
+        write = generator.randint(1, 80) if survived % 2 else 0
+        process = subprocess.Popen(
+            command(out, write), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        try:
+            process.wait(None if write else generator.uniform(0.0, length))
+        except subprocess.TimeoutExpired:
+            process.kill()
+        _, errors = process.communicate()
+        if process.returncode == 0:  # it came to its end before the kill: another run
+            _same_runs(folder / "whole", out)
+            out = folder / f"killed_{survived}"
+            continue
+        if process.returncode != -9:
+            raise RuntimeError(f"exit code {process.returncode} instead of a kill: {errors}")
+        survived += 1
+        resumed_to.append(load_run(out).number_of_frames if (out / "history.csv").exists() else 0)
+    subprocess.run(command(out), env=environment, check=True, capture_output=True)
+    frames = _same_runs(folder / "whole", out)
+    return {"kills survived": survived, "frames equal bit for bit": frames, "frames at the kills": resumed_to}
+
+
+def _same_runs(one: Path, other: Path) -> int:
+    """Compares two finished runs bit for bit; the number of frames."""
+    if (one / "history.csv").read_bytes() != (other / "history.csv").read_bytes():
+        raise RuntimeError(f"{other}: the histories differ")
+    first, second = load_run(one), load_run(other)
+    for index in range(first.number_of_frames):
+        for read in ("particles", "fluid"):
+            ours, theirs = getattr(first, read)(index), getattr(second, read)(index)
+            if any(ours[name].tobytes() != theirs[name].tobytes() for name in ours):
+                raise RuntimeError(f"{other}: frame {index} of the {read} differs")
+    for index in range(len(first.samples or ())):
+        ours, theirs = first.samples.frame(index), second.samples.frame(index)  # type: ignore[union-attr]
+        if any(np.asarray(ours[name]).tobytes() != np.asarray(theirs[name]).tobytes() for name in ours):
+            raise RuntimeError(f"{other}: sample {index} differs")
+    return first.number_of_frames
+
+
+def scenes() -> tuple[dict[str, Any], list[hostile.BadScene]]:
+    """Every bad scene read; those that are accepted."""
+    found: collections.Counter[str] = collections.Counter()
+    accepted, slowest = [], (0.0, "")
+    for case in hostile.bad_scenes():
+        started = time.process_time()
+        outcome = hostile.outcome(case.tables)
+        slowest = max(slowest, (time.process_time() - started, f"{case.base}: {case.key}, {case.kind}"))
+        found[outcome] += 1
+        if outcome == "accepted":
+            accepted.append(case)
+    counts = {
+        "bad scenes tried": sum(found.values()),
+        **{f"scenes {name}": n for name, n in sorted(found.items())},
+    }
+    return counts | {f"processor time [s] of the slowest ({slowest[1]})": round(slowest[0], 2)}, accepted
+
+
+def runs(accepted: list[hostile.BadScene], number: int, seed: int) -> dict[str, Any]:
+    """Some of the accepted scenes built and run for three intervals: finite, or stopped with a message."""
+    chosen = random.Random(seed).sample(accepted, min(number, len(accepted)))
+    found = collections.Counter(hostile.few_steps(case.tables) for case in chosen)
+    return {"strange scenes run": len(chosen), **{f"runs {name}": n for name, n in sorted(found.items())}}
+
+
+def files(number: int, seed: int) -> dict[str, Any]:
+    """Damaged copies of every kind of file read by a process of its own, which may be killed by a hang."""
+    result: dict[str, Any] = {}
+    for kind in damage.KINDS:
+        command = [sys.executable, "-m", "benchmarks.cases.damage", kind, str(number), str(seed)]
+        try:
+            done = subprocess.run(
+                command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PATIENCE
+            )
+        except subprocess.TimeoutExpired:
+            result[f"{kind}: did not end"] = 1
+            continue
+        if done.returncode != 0:
+            raise RuntimeError(f"{kind}: exit code {done.returncode}: {done.stderr[-1000:]}")
+        result |= {f"{kind}: {name}": n for name, n in json.loads(done.stdout).items()}
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", default=["kills", "scenes", "runs", "files"])
+    for name, default in (("kills", 20), ("runs", 40), ("files", 200), ("seed", 0)):
+        parser.add_argument(f"--{name}", type=int, default=default)
+    options = parser.parse_args()
+    path = harness.RESULTS / "reliability.json"
+    results: dict[str, Any] = {}
+    accepted: list[hostile.BadScene] = []
+    if {"scenes", "runs"} & set(options.only):
+        results["scenes"], accepted = scenes()
+    work: dict[str, Callable[[], dict[str, Any]]] = {
+        "kills": lambda: kills(options.kills, options.seed),
+        "runs": lambda: runs(accepted, options.runs, options.seed),
+        "files": lambda: files(options.files, options.seed),
+    }
+    for name in work:
+        if name in options.only:
+            results[name] = work[name]()
+    before = json.loads(path.read_text())["sections"] if path.exists() else {}
+    results = before | results
+    lines = ["| section | what | count |", "| --- | --- | --- |"]
+    for name, counts in results.items():
+        lines += [f"| {name} | {what} | {count} |" for what, count in counts.items()]
+    harness.write("reliability", {"sections": results}, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
