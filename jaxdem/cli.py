@@ -39,6 +39,14 @@ class Scale(StrEnum):
     paper = "paper"
 
 
+class ExportFormat(StrEnum):
+    """What a closure is written as."""
+
+    c = "c"
+    onnx = "onnx"
+    stablehlo = "stablehlo"
+
+
 class Commands(TyperGroup):
     """The commands; what jaxdem raises on purpose becomes one message and an exit code."""
 
@@ -199,6 +207,24 @@ def train(
     console.print(f"Split {result.split}", markup=False, highlight=False)
     seconds = result.metadata["seconds"]
     console.print(f"Wrote {out} after {seconds:.3g} s of training", markup=False, highlight=False)
+
+
+@app.command()
+def export(
+    closure: Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")],
+    form: Annotated[
+        ExportFormat, typer.Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
+) -> None:
+    """Write a learned drag closure, base law and fallback included, for use in another program."""
+    _prepare_file(out)
+    from jaxdem import __version__
+    from jaxdem.closures import load_closure
+    from jaxdem.closures.export import export_closure
+
+    for path in export_closure(*load_closure(closure), form.value, out, __version__):
+        terminal.output().print(f"Wrote {path}", markup=False, highlight=False, soft_wrap=True)
 
 
 @app.command()
