@@ -95,7 +95,7 @@ def test_version_and_help():
     text = invoke("--help").stdout
     assert all(
         name in text
-        for name in ("check", "run", "dataset", "train", "compare", "study", "export")
+        for name in ("check", "run", "dataset", "train", "finetune", "compare", "study", "export")
     )
 
 
