@@ -237,7 +237,8 @@ def finetune(
     _prepare_file(out)
     _use_compilation_cache()
     from jaxdem.closures import load_closure, save_closure
-    from jaxdem.train.finetune import FinetuneSettings, finetune as train_through_solver
+    from jaxdem.train.finetune import FinetuneSettings
+    from jaxdem.train.finetune import finetune as train_through_solver
 
     options = FinetuneSettings(
         horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed

@@ -69,12 +69,15 @@ def measured_rollout(
     neighbors: Neighbors | None,
     steps: int,
     measure: Callable[[State, Diagnostics], Any] | None,
+    stop: Array | None = None,
 ) -> Rollout:
     """`rollout` with observations that also need what a step reports, such as the forces on the particles.
 
     Args:
         simulation, parameters, state, neighbors, steps: as for `rollout`.
         measure: function of the state after a step and of its diagnostics.
+        stop: () int32, the steps after so many are left out and their observations are zero; so runs of all lengths
+            share one program, with the memory of the longest. None takes all `steps`.
     """
     simulation = simulation.reversible()
 
@@ -93,8 +96,9 @@ def measured_rollout(
     @jax.checkpoint
     def checked(carry: Any, number: Array) -> tuple[Any, Any]:
         # The last stretch is filled up with steps left out: a loop of its own would compile it all once more.
-        filled = count * length != steps
-        return lax.cond(number < steps, one, none, carry) if filled else one(carry)
+        if stop is None and count * length == steps:
+            return one(carry)
+        return lax.cond(number < (steps if stop is None else stop), one, none, carry)
 
     def stretch(carry: Any, numbers: Array) -> tuple[Any, Any]:
         return lax.scan(checked, carry, numbers)

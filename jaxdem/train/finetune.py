@@ -16,6 +16,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,7 +60,7 @@ class FinetuneSettings:
         method: "gradient" (Adam) or "gradient-free" (Nelder-Mead at the longest horizon).
         parameters: "all" weights, or "few": a shift of every output and one factor on the network's last layer.
             A gradient-free search always has few.
-        learning_rate: of Adam.
+        learning_rate: of Adam, which falls to a twentieth along a cosine.
         largest_gradient: global norm that a gradient is clipped to.
         seed: of the order of the start times.
     """
@@ -159,14 +160,16 @@ def finetune(
 class Unrolled:
     """Coarse runs from frames of the reference, their loss and its gradient."""
 
-    def __init__(self, course: Course, closure: LearnedClosure):
-        self.course, self.closure = course, closure
-        self.scales = jax.tree.map(lambda m: _mean_size(m), course.targets)
+    def __init__(self, course: Course, closure: LearnedClosure, longest: int):
+        self.course, self.closure, self.longest = course, closure, longest
+        self.scales = jax.tree.map(_mean_size, course.targets)
         self.room: Room | None = None
         self.forward_runs = self.resizes = 0
         self._states: dict[int, State] = {}
         self._listed: dict[int, tuple[State, Neighbors]] = {}
-        self._programs: dict[Any, Any] = {}
+        # One program for all horizons: the gradient's takes a minute to compile.
+        self._loss = jax.jit(self.loss_of_run)
+        self._slope = jax.jit(jax.value_and_grad(self.loss_of_run, has_aux=True))
 
     def loss(self, weights: Any, index: int, outputs: int) -> tuple[float, int]:
         """Loss of the run from frame `index` over some outputs, and its failure flags."""
@@ -178,10 +181,17 @@ class Unrolled:
         (value, code), slopes = self._evaluated(True, weights, index, outputs)
         return value, code, slopes
 
-    def compiled_loss(
-        self, weights: Any, state: State, neighbors: Neighbors, targets: Observables, steps: int
+    def loss_of_run(
+        self, weights: Any, state: State, neighbors: Neighbors, targets: Observables, outputs: Array
     ) -> tuple[Array, Array]:
-        """Loss and failure flags as a pure function of the weights; see the module."""
+        """Loss and failure flags as a pure function of the weights; see the module.
+
+        Args:
+            weights: of the closure.
+            state, neighbors: to start from.
+            targets: of the coming outputs, as many as the longest horizon has.
+            outputs: () int32, how many of them count.
+        """
         course, grains = self.course, self.course.grains
         parameters = course.parameters._replace(closure=dataclasses.replace(self.closure, weights=weights))
 
@@ -192,38 +202,38 @@ class Unrolled:
                 grains, particles.position, particles.velocity, particles.angular_velocity, forces.drag
             )
 
-        result = measured_rollout(course.simulation, parameters, state, neighbors, steps, measure)
-        each = course.per_output
-        terms = [
-            jnp.mean(((seen[each - 1 :: each] - target) / scale) ** 2)
-            for seen, target, scale in zip(result.observations, targets, self.scales, strict=True)
-        ]
+        each, longest = course.per_output, len(targets.runoff)
+        result = measured_rollout(
+            course.simulation, parameters, state, neighbors, longest * each, measure, outputs * each
+        )
+        counts = jnp.arange(longest) < outputs
+
+        def term(seen: Array, target: Array, scale: Array) -> Array:
+            squared = ((seen[each - 1 :: each] - target) / scale) ** 2
+            of_time = squared if squared.ndim == 1 else jnp.mean(squared, axis=1)
+            return jnp.sum(jnp.where(counts, of_time, 0.0)) / outputs
+
+        terms = list(map(term, result.observations, targets, self.scales))
         return jnp.mean(jnp.stack(terms)), result.failures
 
     def _evaluated(self, sloped: bool, weights: Any, index: int, outputs: int) -> Any:
         """A compiled call; on overflow of the neighbour list again, with more room."""
-        targets = jax.tree.map(lambda m: m[index + 1 : index + 1 + outputs], self.course.targets)
+        # Beyond the horizon any row will do; it does not count.
+        rows = np.minimum(
+            np.arange(index + 1, index + 1 + self.longest), self.course.run.number_of_frames - 1
+        )
+        targets = jax.tree.map(lambda m: m[rows], self.course.targets)
+        program = self._slope if sloped else self._loss
         while True:
             state, neighbors = self._start(index)
             self.forward_runs += 1
-            result = self._program(sloped, outputs)(weights, state, neighbors, targets)
+            result = program(weights, state, neighbors, targets, jnp.asarray(outputs, jnp.int32))
             (value, code), slopes = result if sloped else (result, None)
             if not int(code) & Failure.OVERFLOW:
                 return (float(value), int(code)), slopes
             assert self.room is not None
             self.room = self.room.enlarged()
             self.resizes += 1
-
-    def _program(self, sloped: bool, outputs: int) -> Any:
-        if (sloped, outputs) not in self._programs:
-            steps = outputs * self.course.per_output
-
-            def loss(*arguments: Any) -> tuple[Array, Array]:
-                return self.compiled_loss(*arguments, steps=steps)
-
-            made = jax.value_and_grad(loss, has_aux=True) if sloped else loss
-            self._programs[sloped, outputs] = jax.jit(made)
-        return self._programs[sloped, outputs]
 
     def _start(self, index: int) -> tuple[State, Neighbors]:
         """State and list of a frame; all lists have the same room, so that they share their programs."""
@@ -242,14 +252,19 @@ class Training:
     def __init__(
         self, course: Course, closure: LearnedClosure, settings: FinetuneSettings, stages: tuple[int, ...]
     ):
-        self.unrolled = Unrolled(course, closure)
+        self.unrolled = Unrolled(course, closure, max(stages))
         self.settings, self.stages = settings, stages
         self.best = closure.weights
         self.validation: list[float] = []
         self.losses: list[float] = []
         self.skipped = 0
         few = settings.parameters == "few" or settings.method == "gradient-free"
-        self.variables, self.weights_of = few_parameters(closure) if few else (closure.weights, lambda w: w)
+        self.variables: Any = closure.weights
+        self.weights_of: Callable[[Any], Any] = lambda weights: weights
+        if few:
+            self.variables, weights_of = few_parameters(closure)
+            self.weights_of = jax.jit(weights_of)
+        self._slopes_of = jax.jit(lambda at, slopes: jax.vjp(self.weights_of, at)[1](slopes)[0])
 
     def run(self, progress: Progress | None) -> str:
         """Train; returns why it ended early, or nothing.
@@ -290,10 +305,12 @@ class Training:
 
     def _by_gradient(self, progress: Progress | None) -> str:
         settings = self.settings
-        optimizer = optax.chain(
-            optax.clip_by_global_norm(settings.largest_gradient), optax.adam(settings.learning_rate)
+        rate = optax.cosine_decay_schedule(
+            settings.learning_rate, settings.updates * len(self.stages), alpha=0.05
         )
-        variables, state = self.variables, optimizer.init(self.variables)
+        optimizer = optax.chain(optax.clip_by_global_norm(settings.largest_gradient), optax.adam(rate))
+        update_of = jax.jit(partial(_update, optimizer))
+        variables, state = self.variables, jax.jit(optimizer.init)(self.variables)
         generator, in_a_row = np.random.default_rng(settings.seed), 0
         for horizon in self.stages:
             starts = self.starts(horizon)
@@ -301,14 +318,14 @@ class Training:
                 if update % len(starts) == 0:
                     order = generator.permutation(starts)
                 value, code, slopes = self._slope(variables, int(order[update % len(starts)]), horizon)
-                sound = code == 0 and math.isfinite(value) and math.isfinite(float(optax.tree.norm(slopes)))
+                changed, changed_state, size = update_of(variables, state, slopes)
+                sound = code == 0 and math.isfinite(value) and math.isfinite(float(size))
                 in_a_row = 0 if sound else in_a_row + 1
                 self.skipped += not sound
                 if in_a_row == PATIENCE:
                     return _no_gradient(code, horizon)
                 if sound:
-                    changes, state = optimizer.update(slopes, state)
-                    variables = optax.apply_updates(variables, changes)
+                    variables, state = changed, changed_state
                 self.losses.append(value)
                 self._report(progress, value)
             self._validate(variables)
@@ -316,9 +333,8 @@ class Training:
 
     def _slope(self, variables: Any, index: int, horizon: int) -> tuple[float, int, Any]:
         """Loss, flags and gradient by the variables."""
-        weights, backwards = jax.vjp(self.weights_of, variables)
-        value, code, slopes = self.unrolled.slope(weights, index, horizon)
-        return value, code, backwards(slopes)[0]
+        value, code, slopes = self.unrolled.slope(self.weights_of(variables), index, horizon)
+        return value, code, self._slopes_of(variables, slopes)
 
     def _by_search(self, progress: Progress | None) -> str:
         horizon = max(self.stages)
@@ -357,6 +373,14 @@ class Training:
     def _report(self, progress: Progress | None, value: float) -> None:
         if progress is not None:
             progress(len(self.losses), self.settings.updates * len(self.stages), value)
+
+
+def _update(
+    optimizer: optax.GradientTransformationExtraArgs, variables: Any, state: Any, slopes: Any
+) -> tuple[Any, Any, Array]:
+    """Variables and state of the optimiser after an update, and the norm of the gradient."""
+    changes, state = optimizer.update(slopes, state)
+    return optax.apply_updates(variables, changes), state, optax.tree.norm(slopes)
 
 
 def few_parameters(closure: LearnedClosure) -> tuple[Array, Callable[[Array], Any]]:
