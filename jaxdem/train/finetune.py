@@ -45,6 +45,9 @@ Progress = Callable[[int, int, float], None]
 PATIENCE = 5
 """So many updates in a row without a finite gradient end the training."""
 
+MEMORY = 0.95
+"""Adam's decay of squared gradients: a training has tens of updates, and its first gradients are the largest."""
+
 USUAL_HORIZONS = (1, 2, 4, 8)
 
 
@@ -308,7 +311,9 @@ class Training:
         rate = optax.cosine_decay_schedule(
             settings.learning_rate, settings.updates * len(self.stages), alpha=0.05
         )
-        optimizer = optax.chain(optax.clip_by_global_norm(settings.largest_gradient), optax.adam(rate))
+        optimizer = optax.chain(
+            optax.clip_by_global_norm(settings.largest_gradient), optax.adam(rate, b2=MEMORY)
+        )
         update_of = jax.jit(partial(_update, optimizer))
         variables, state = self.variables, jax.jit(optimizer.init)(self.variables)
         generator, in_a_row = np.random.default_rng(settings.seed), 0

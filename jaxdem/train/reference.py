@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property, partial
 from typing import Any
 
 import jax
@@ -14,9 +15,10 @@ from jaxdem.build import build, initial_state
 from jaxdem.closures import InvariantClosure, PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
-from jaxdem.fluid.grid import Grid, face_average
+from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
+from jaxdem.initial import initial_positions, scene_bodies
 from jaxdem.io import Run
 from jaxdem.particles import vectors
 from jaxdem.particles.integrate import split_low
@@ -24,6 +26,7 @@ from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
+from jaxdem.time_steps import time_steps
 from jaxdem.train.observables import Grains, Observables, observe_particles
 
 OPTION = "--reference"
@@ -96,24 +99,35 @@ class Course:
 
     def _fluid(self, flow: dict[str, np.ndarray], position: Array) -> FluidState:
         """The reference's fluid on the coarse mesh: flux by area, pressure by volume, void fraction deposited."""
-        assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
-        assert self.parameters.bodies is not None
+        assert self.simulation.fluid is not None
         coarse, dtype = self.simulation.fluid.solver.grid, position.dtype
         fine = coarse._replace(cells=tuple(flow["pressure"].shape))
-        fractions = face_average(fine, jnp.asarray(flow["void_fraction"], dtype))
-        flux = tuple(
-            np.asarray(fraction, float) * _on_faces(fine, flow["velocity"][..., axis].astype(float), axis)
-            for axis, fraction in enumerate(fractions)
-        )
-        weights = self.simulation.fluid.deposition.weights(coarse, position, self.parameters.bodies.radius)
-        void_fraction = 1.0 - solid_fraction(coarse, weights, self.parameters.bodies.volume)
-        coarse_flux = remap_flux(fine, coarse, flux)
+        given = (flow["void_fraction"].astype(dtype), flow["velocity"].astype(dtype))
+        flux = tuple(np.asarray(f, float) for f in _flux_of_cells(fine, *given))
+        void_fraction, gaps = self._deposited(position)
         faces = tuple(
-            jnp.asarray(f, dtype) / g
-            for f, g in zip(coarse_flux, face_average(coarse, void_fraction), strict=True)
+            jnp.asarray(f / np.asarray(g, float), dtype)
+            for f, g in zip(remap_flux(fine, coarse, flux), gaps, strict=True)
         )
         pressure = remap_cells(fine, coarse, flow["pressure"].astype(float))
         return FluidState(faces, jnp.asarray(pressure, dtype), void_fraction)
+
+    @cached_property
+    def _deposited(self) -> Any:
+        """Void fraction of the cells and of the faces as a function of the positions, compiled."""
+        assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
+        assert self.parameters.bodies is not None
+        grid, deposition = self.simulation.fluid.solver.grid, self.simulation.fluid.deposition
+        bodies = self.parameters.bodies
+
+        @jax.jit
+        def deposited(position: Array) -> tuple[Array, tuple[Array, ...]]:
+            weights = deposition.weights(grid, position, bodies.radius)
+            void_fraction = 1.0 - solid_fraction(grid, weights, bodies.volume)
+            faces = (face_average_along(grid, void_fraction, axis) for axis in range(grid.dimension))
+            return void_fraction, tuple(faces)
+
+        return deposited
 
 
 def follow(scene: Scene, run: Run, closure: PaperNetwork | InvariantClosure) -> Course:
@@ -124,14 +138,14 @@ def follow(scene: Scene, run: Run, closure: PaperNetwork | InvariantClosure) -> 
             reference's, a finer mesh than its, particles that come and go, or forces with a memory.
     """
     _check_scene(scene, closure)
-    simulation, parameters = build(scene, closure)
     _check_reference(scene, run)
-    per_output = _intervals_per_output(simulation, run)
+    _check_grains(scene, run)
+    per_output = _intervals_per_output(time_steps(scene).interval, run)
+    simulation, parameters = build(scene, closure)
     if simulation.population is not None:
         limit = "training where particles come and go is not built"
         raise InputError("particles", "inlets or exits", limit, "Take them out of the scene.")
     template, _ = initial_state(scene, simulation, parameters)
-    _check_grains(scene, template, parameters, run)
     course = Course(scene, simulation, parameters, run, template, per_output, targets=None)  # type: ignore[arg-type]
     return dataclasses.replace(course, targets=_targets(course))
 
@@ -152,14 +166,13 @@ def _targets(course: Course) -> Observables:
     return jax.tree.map(lambda *values: jnp.stack(values), *rows)
 
 
-def _on_faces(grid: Grid, cells: np.ndarray, axis: int) -> np.ndarray:
-    """Mean of the two cells at every face; at the sides of the box the cell's own value, or around a periodic box."""
-    if grid.periodic[axis]:
-        wrapped = np.concatenate([np.take(cells, [-1], axis), cells, np.take(cells, [0], axis)], axis)
-    else:
-        wrapped = np.concatenate([np.take(cells, [0], axis), cells, np.take(cells, [-1], axis)], axis)
-    count = cells.shape[axis] + 1
-    return 0.5 * (np.take(wrapped, range(count), axis) + np.take(wrapped, range(1, count + 1), axis))
+@partial(jax.jit, static_argnums=0)
+def _flux_of_cells(grid: Grid, void_fraction: Array, velocity: Array) -> tuple[Array, ...]:
+    """Flux g u on the faces from values of the cells (cells..., and three components)."""
+    return tuple(
+        face_average_along(grid, void_fraction, axis) * face_average_along(grid, velocity[..., axis], axis)
+        for axis in range(grid.dimension)
+    )
 
 
 def _check_scene(scene: Scene, closure: PaperNetwork | InvariantClosure) -> None:
@@ -200,31 +213,30 @@ def _check_reference(scene: Scene, run: Run) -> None:
         raise InputError("fluid.cells", scene.fluid.cells, limit, "Give as many cells as it has, or fewer.")
 
 
-def _check_grains(scene: Scene, template: State, parameters: Parameters, run: Run) -> None:
+def _check_grains(scene: Scene, run: Run) -> None:
     frame = run.particles(0)
-    assert template.particles is not None and parameters.bodies is not None
-    own, count = len(template.particles.position), len(frame["position"])
+    own, count = len(initial_positions(scene)), len(frame["position"])
     remedy = "Take the reference's scene with fewer cells."
     if own != count:
         limit = f"the scene has {own} particles, the reference {count}"
         raise InputError("particles.count", own, limit, remedy)
-    radius = np.broadcast_to(np.asarray(parameters.bodies.radius), count)
+    radius = np.broadcast_to(scene_bodies(scene).radius, count)
     if not np.allclose(radius, frame["radius"], rtol=1e-5):
         raise InputError(
             "particles.radius", radius[:1].tolist(), "the reference's grains have others", remedy
         )
 
 
-def _intervals_per_output(simulation: Simulation, run: Run) -> int:
+def _intervals_per_output(interval: float, run: Run) -> int:
     times: Any = np.asarray(run.times, float)
     spacing = float(times[1] - times[0])
-    ratio = spacing / simulation.interval
+    ratio = spacing / interval
     per_output = max(1, round(ratio))
     if abs(ratio - per_output) > 1e-4 * per_output or not np.allclose(np.diff(times), spacing, rtol=1e-4):
         raise InputError(
             "time.output_interval",
             f"{spacing:.6g} s in the reference",
-            f"must be a multiple of the coarse run's coupling interval, {simulation.interval:.6g} s, all outputs "
+            f"must be a multiple of the coarse run's coupling interval, {interval:.6g} s, all outputs "
             "at even distance",
             "Set coupling.interval, or run the reference with another time.output_interval.",
         )
