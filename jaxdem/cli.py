@@ -48,6 +48,21 @@ class Color(StrEnum):
     drag = "drag"
 
 
+class Method(StrEnum):
+    """How a closure is trained through the solver."""
+
+    gradient = "gradient"
+    gradient_free = "gradient-free"
+
+
+class ExportFormat(StrEnum):
+    """What a closure is written as."""
+
+    c = "c"
+    onnx = "onnx"
+    stablehlo = "stablehlo"
+
+
 class Commands(TyperGroup):
     """The commands; what jaxdem raises on purpose becomes one message and an exit code."""
 
@@ -218,6 +233,67 @@ def train(
     console.print(f"Split {result.split}", markup=False, highlight=False)
     seconds = result.metadata["seconds"]
     console.print(f"Wrote {out} after {seconds:.3g} s of training", markup=False, highlight=False)
+
+
+@app.command()
+def finetune(
+    scene: SceneFile,
+    reference: Annotated[Path, typer.Option(metavar="RUN", help="Run directory of a finer run to follow.")],
+    closure: Annotated[Path, typer.Option(metavar="FILE", help="Closure file to start from.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Closure file to write (HDF5).")],
+    horizons: Annotated[
+        str | None, typer.Option(metavar="N,N,...", help="Outputs of the reference to unroll, by stage.")
+    ] = None,
+    updates: Annotated[int, typer.Option(min=1, help="Of each stage.")] = 10,
+    learning_rate: Annotated[float, typer.Option(help="Of Adam.")] = 3e-3,
+    method: Annotated[Method, typer.Option(help="Adam, or a search on a few parameters.")] = Method.gradient,
+    seed: Annotated[int, typer.Option(min=0, help="Of the order of the start times.")] = 0,
+    settings: Settings = None,
+) -> None:
+    """Train a closure through runs of a coarse scene, so that they have the statistics of a fine run."""
+    description = _load(scene, settings)
+    chosen = None if horizons is None else _whole_numbers("--horizons", horizons, ",")
+    _prepare_file(out)
+    _use_compilation_cache()
+    from jaxdem.closures import load_closure, save_closure
+    from jaxdem.train.finetune import FinetuneSettings
+    from jaxdem.train.finetune import finetune as train_through_solver
+
+    options = FinetuneSettings(
+        horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
+    )
+    start, metadata = load_closure(closure)
+    with terminal.counted("update") as progress:
+        result = train_through_solver(description, reference, start, metadata, options, progress)
+    save_closure(out, result.closure, result.metadata)
+    record, console = result.metadata["finetune"], terminal.output()
+    before, after = record["validation_loss_before"], record["validation_loss"]
+    skipped = f", {record['skipped']} updates skipped" if record["skipped"] else ""
+    summary = f"Loss over the longest horizon from {before:.4g} to {after:.4g}{skipped}"
+    console.print(summary, markup=False, highlight=False)
+    console.print(
+        f"Wrote {out} after {record['seconds']:.3g} s", markup=False, highlight=False, soft_wrap=True
+    )
+    if result.stopped:
+        terminal.fail(result.stopped, 1)
+
+
+@app.command()
+def export(
+    closure: Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")],
+    form: Annotated[
+        ExportFormat, typer.Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
+) -> None:
+    """Write a learned drag closure, base law and fallback included, for use in another program."""
+    _prepare_file(out)
+    from jaxdem import __version__
+    from jaxdem.closures import load_closure
+    from jaxdem.closures.export import export_closure
+
+    for path in export_closure(*load_closure(closure), form.value, out, __version__):
+        terminal.output().print(f"Wrote {path}", markup=False, highlight=False, soft_wrap=True)
 
 
 @app.command()

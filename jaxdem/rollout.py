@@ -13,7 +13,7 @@ from jax import Array, lax
 from jaxdem.failures import failures
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.simulation import Simulation
-from jaxdem.state import Parameters, State
+from jaxdem.state import Diagnostics, Parameters, State
 
 KEPT_STEPS = 128
 """Up to this length reverse mode keeps the state of every step. The contact steps within a single interval
@@ -63,21 +63,47 @@ def rollout(
     """
     if reversible:
         simulation = simulation.reversible()
+    measure = None if observe is None else (lambda state, _: observe(state))
+    return measured_rollout(simulation, parameters, state, neighbors, steps, measure)
 
-    def one(carry: Any) -> Any:
+
+def measured_rollout(
+    simulation: Simulation,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors | None,
+    steps: int,
+    measure: Callable[[State, Diagnostics], Any] | None,
+    stop: Array | None = None,
+) -> Rollout:
+    """`rollout` with observations that also need what a step reports, such as the forces on the particles.
+
+    Args:
+        simulation: `Simulation.reversible` if the result is differentiated in reverse mode.
+        parameters, state, neighbors, steps: as for `rollout`.
+        measure: function of the state after a step and of its diagnostics.
+        stop: () int32, the steps after so many are left out and their observations are zero; so runs of all lengths
+            share one program, with the memory of the longest. None takes all `steps`.
+    """
+
+    def one(carry: Any) -> tuple[Any, Any]:
         state, neighbors, code = carry
         state, neighbors, diagnostics = simulation.step(parameters, state, neighbors)
-        return state, neighbors, code | failures(simulation, diagnostics)
+        seen = None if measure is None else measure(state, diagnostics)
+        return (state, neighbors, code | failures(simulation, diagnostics)), seen
 
     length = steps if steps <= KEPT_STEPS else math.isqrt(steps)
     count = -(-steps // max(length, 1))
 
+    def none(carry: Any) -> tuple[Any, Any]:
+        return carry, jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(one, carry)[1])
+
     @jax.checkpoint
     def checked(carry: Any, number: Array) -> tuple[Any, Any]:
         # The last stretch is filled up with steps left out: a loop of its own would compile it all once more.
-        filled = count * length != steps
-        carry = lax.cond(number < steps, one, lambda c: c, carry) if filled else one(carry)
-        return carry, None if observe is None else observe(carry[0])
+        if stop is None and count * length == steps:
+            return one(carry)
+        return lax.cond(number < (steps if stop is None else stop), one, none, carry)
 
     def stretch(carry: Any, numbers: Array) -> tuple[Any, Any]:
         return lax.scan(checked, carry, numbers)

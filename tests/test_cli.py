@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 from jaxdem import __version__, load_run
 from jaxdem.cli import app
 from jaxdem.sweep import _name, parse_variation
+from jaxdem.closures import InvariantClosure, save_closure
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 
 GRAINS = """
@@ -96,7 +97,10 @@ def test_version_and_help():
     text = invoke("--help").stdout
     assert all(
         name in text
-        for name in ("check", "run", "dataset", "train", "compare", "plot", "animate", "sweep", "study")
+        for name in (
+            *("check", "run", "dataset", "train", "finetune", "compare"),
+            *("plot", "animate", "sweep", "study", "export"),
+        )
     )
 
 
@@ -417,6 +421,18 @@ def small_dataset(path, rows=400):
         "scene_toml": "seed = 1\n",
     }
     write_dataset(path, attributes, {2: {"filter_size": 0.1, "kernel_width": 0.1, **columns}})
+
+
+def test_export_writes_what_was_asked_for(tmp_path):
+    path = tmp_path / "drag.closure.h5"
+    save_closure(path, InvariantClosure.initial(hidden=(2,)), {"recipe": "filtered"})
+    result = invoke("export", path, "--format", "c", "--out", tmp_path / "new" / "drag.h")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"Wrote {tmp_path / 'new' / 'drag.h'}\n"
+    assert "drag_drag(const drag_inputs *in)" in (tmp_path / "new" / "drag.h").read_text()
+    refused(invoke("export", tmp_path / "absent.h5", "--format", "c", "--out", tmp_path / "x.h"), "absent.h5")
+    refused(invoke("export", path, "--format", "c", "--out", tmp_path), "--out", "is a folder")
+    assert invoke("export", path, "--format", "fortran", "--out", tmp_path / "x").exit_code == 2
 
 
 def test_an_unknown_study_is_refused(tmp_path):

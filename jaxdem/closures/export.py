@@ -1,0 +1,88 @@
+"""Write a learned closure for other programs: C header, ONNX, StableHLO."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from jaxdem.closures.export_c import c_header
+from jaxdem.closures.export_onnx import onnx_model
+from jaxdem.closures.export_stablehlo import stablehlo_module
+from jaxdem.closures.file import LearnedClosure, write_aside
+from jaxdem.closures.network import PaperNetwork
+from jaxdem.closures.registry import drag_law_name
+from jaxdem.errors import InputError
+
+FORMATS = ("c", "onnx", "stablehlo")
+"""Formats that `export_closure` writes."""
+
+
+def export_closure(
+    closure: LearnedClosure, metadata: dict[str, Any], form: str, path: str | os.PathLike[str], version: str
+) -> tuple[Path, ...]:
+    """Write the whole evaluation of a closure: normalisation, network, base law, fallback out of range.
+
+    Sizes are fixed but for the number of particles. Vectors have D components: those of the training for the
+    paper's network; three for the invariant closure, which gives the same with a third component of zero.
+
+    Args:
+        closure: from `load_closure`.
+        metadata: of its file; the recipe goes into the description.
+        form: "c", "onnx" or "stablehlo".
+        path: file to write. StableHLO gives two, the artifact of `jax.export` and the text, which ends in .mlir:
+            if `path` ends so, the artifact lies beside it with the ending .bin.
+        version: of jaxdem, for the description.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: unknown format, the package onnx is missing, or the place cannot be written.
+    """
+    if form not in FORMATS:
+        raise InputError("--format", form, "is not known", f"Use one of {', '.join(FORMATS)}.")
+    target = Path(path)
+    dimension = closure.dimension if isinstance(closure, PaperNetwork) else 3
+    about = describe(closure, metadata, dimension)
+    if form == "c":
+        text = c_header(closure, dimension, identifier(target), about, version)
+        contents = {target: text.encode()}
+    elif form == "onnx":
+        contents = {target: onnx_model(closure, dimension, about, version)}
+    else:
+        artifact, text = stablehlo_module(closure, dimension)
+        is_text = target.suffix == ".mlir"
+        contents = {
+            target.with_suffix(".bin") if is_text else target: artifact,
+            target if is_text else target.with_suffix(".mlir"): text.encode(),
+        }
+    for file, content in contents.items():
+        with write_aside(file, "--out") as aside:
+            aside.write_bytes(content)
+    return tuple(contents)
+
+
+def describe(closure: LearnedClosure, metadata: dict[str, Any], dimension: int) -> str:
+    """What the closure is, for whoever finds the file."""
+    kind = type(closure)
+    text = inspect.cleandoc(kind.__doc__ or "").split("\n\nAttributes:")[0]
+    terms = () if isinstance(closure, PaperNetwork) else closure.terms
+    facts = {
+        "closure": kind.__name__,
+        "base law": drag_law_name(closure.base),
+        "hidden layers": "-".join(map(str, closure.hidden)),
+        "activation": closure.activation,
+        "terms of the remainder": ", ".join(terms) or "none",
+        "components of vectors": dimension,
+        "recipe": metadata.get("recipe", "unknown"),
+    }
+    return "\n".join([f"{name}: {value}" for name, value in facts.items()] + ["", text])
+
+
+def identifier(path: Path) -> str:
+    """C identifier from the name of a file."""
+    name = re.sub(r"\W", "_", path.stem.split(".")[0], flags=re.ASCII).lower()
+    return name if re.match(r"[a-z]", name) else f"closure_{name}".rstrip("_")

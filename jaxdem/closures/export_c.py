@@ -1,0 +1,267 @@
+"""A closure as one C header: float32, static weights, nothing but <math.h>."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxdem.closures.base import DragClosure, DragInputs
+from jaxdem.closures.export_trace import UNITS, VECTORS, ExportedDrag, moved, trace, walk
+
+UNROLLED = 8
+"""Up to this size every element is a statement of its own; beyond it there is a loop."""
+
+FORMS = {
+    "add": "{0} + {1}",
+    "sub": "{0} - {1}",
+    "mul": "{0} * {1}",
+    "div": "{0} / {1}",
+    "neg": "-{0}",
+    # A NaN among the two stays one, as in JAX; fmaxf and fminf would drop it.
+    "max": "({0} > {1} || {0} != {0}) ? {0} : {1}",
+    "min": "({0} < {1} || {0} != {0}) ? {0} : {1}",
+    "gt": "{0} > {1}",
+    "ge": "{0} >= {1}",
+    "lt": "{0} < {1}",
+    "le": "{0} <= {1}",
+    "eq": "{0} == {1}",
+    "ne": "{0} != {1}",
+    "and": "{0} && {1}",
+    "or": "{0} || {1}",
+    "not": "!{0}",
+    "select_n": "{0} ? {2} : {1}",
+    "logistic": "1.0f / (1.0f + expf(-{0}))",
+    **{name: f"{name}f({{0}})" for name in ("exp", "expm1", "log", "log1p", "sqrt", "tanh", "atan")},
+    "abs": "fabsf({0})",
+    "pow": "powf({0}, {1})",
+}
+"""C expressions of the operations that act element by element."""
+
+HEADER = """\
+/* Drag closure exported by jaxdem {version}; float32, SI units, no dependencies but <math.h>.
+
+{about}
+
+   {name}_drag(&inputs) gives the drag on one particle; the force is in the result, and so are its two parts for a
+   solver that treats the coefficient implicitly. Do not compile with -ffast-math: out_of_range relies on comparisons
+   with infinities and NaN. */
+#ifndef {guard}
+#define {guard}
+
+#include <math.h>
+
+typedef struct {{
+{inputs}
+}} {name}_inputs;
+
+typedef struct {{
+{outputs}
+}} {name}_result;
+
+{tables}static inline {name}_result {name}_drag(const {name}_inputs *in)
+{{
+    {name}_result out;
+{body}
+    return out;
+}}
+
+#endif
+"""
+
+
+def c_header(closure: DragClosure, dimension: int, name: str, about: str, version: str) -> str:
+    """Text of a C header (C99, also C++) with the function `NAME_drag`.
+
+    Args:
+        closure: drag closure.
+        dimension: D, components of the vectors.
+        name: C identifier that all names begin with.
+        about: description for the comment at the top.
+        version: of jaxdem.
+    """
+    writer = _Writer(name)
+    inputs = [
+        np.array([f"in->{field}[{i}]" for i in range(dimension)], object)
+        if field in VECTORS
+        else np.array(f"in->{field}", object)
+        for field in DragInputs._fields
+    ]
+    results = ExportedDrag(*walk(trace(closure, dimension), inputs, writer.apply))
+    for field, value in results._asdict().items():
+        for index, element in np.ndenumerate(_expressions(value)):
+            place = f"out.{field}" + "".join(f"[{i}]" for i in index)
+            writer.lines.append((None, f"{place} = {element};"))
+    used = writer.used_lines()
+    body = "\n".join(f"    {line}" for line in used)
+    tables = [text for table, text in writer.tables.items() if re.search(rf"\b{table}\b", body)]
+    return HEADER.format(
+        version=version,
+        about="\n".join(f"   {line}".rstrip() for line in about.replace("*/", "* /").splitlines()),
+        name=name,
+        guard=f"{name.upper()}_H",
+        inputs=_members(DragInputs._fields, dimension),
+        outputs=_members(ExportedDrag._fields, dimension),
+        tables="".join(f"{table}\n\n" for table in tables),
+        body=body,
+    )
+
+
+class _Writer:
+    """Statements of the function; a value is a numpy array of C expressions, one for each element.
+
+    Moving elements about (reshape, slice, concatenate, ...) is then done by numpy and needs no statement.
+    """
+
+    def __init__(self, name: str):
+        self.name = name
+        self.lines: list[tuple[str | None, str]] = []
+        self.tables: dict[str, str] = {}
+        self.known: dict[str, str] = {}
+        self.numbers = itertools.count(1)
+
+    def apply(self, operation: str, operands: Sequence[Any], settings: dict[str, Any], result: Any) -> Any:
+        """One operation; see `jaxdem.closures.export_trace.Apply`."""
+        if operation == "dot_general":
+            return self._product(operands[0], operands[1], settings["dimension_numbers"], result.shape)
+        values = [_expressions(value) for value in operands]
+        if operation in FORMS:
+            return self._elementwise(FORMS[operation], values, result)
+        if operation == "integer_pow":
+            return self._elementwise(_power_form(settings["y"]), values, result)
+        if operation in ("reduce_sum", "reduce_and"):
+            return self._reduced(" + " if operation == "reduce_sum" else " && ", values[0], settings, result)
+        if operation == "convert_element_type":
+            return values[0]
+        value = moved(operation, values, settings, result.shape)
+        if value is not None:
+            return value
+        raise NotImplementedError(f"no C for the operation {operation}")
+
+    def used_lines(self) -> list[str]:
+        """The statements that the result depends on."""
+        needed: set[str] = set()
+        kept = []
+        for name, text in reversed(self.lines):
+            if name is None or name in needed:
+                needed |= set(re.findall(r"\bt\d+\b", text))
+                kept.append(text)
+        return kept[::-1]
+
+    def _elementwise(self, form: str, operands: list[np.ndarray], result: Any) -> np.ndarray:
+        kind = "int" if result.dtype == bool else "float"
+        operands = [np.broadcast_to(value, result.shape) for value in operands]
+        if result.size <= UNROLLED:
+            made = np.empty(result.shape, object)
+            for index in np.ndindex(result.shape):
+                expression = form.format(*(value[index] for value in operands))
+                if expression not in self.known:
+                    self.known[expression] = name = self._fresh()
+                    self.lines.append((name, f"const {kind} {name} = {expression};"))
+                made[index] = self.known[expression]
+            return made
+        name = self._fresh()
+        expression = form.format(*(self._at(value, "i") for value in operands))
+        self.lines.append((name, f"{kind} {name}[{result.size}];"))
+        self.lines.append((name, f"for (int i = 0; i < {result.size}; ++i) {name}[i] = {expression};"))
+        return _elements(name, result.shape)
+
+    def _reduced(self, joint: str, value: np.ndarray, settings: dict[str, Any], result: Any) -> np.ndarray:
+        axes = settings["axes"]
+        rows = np.moveaxis(value, axes, range(-len(axes), 0)).reshape(*result.shape, -1)
+        form = joint.join(f"{{{i}}}" for i in range(rows.shape[-1]))
+        return self._elementwise(form, [rows[..., i] for i in range(rows.shape[-1])], result)
+
+    def _product(self, vector: Any, matrix: Any, numbers: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """(1, K) times a constant (K, M): a layer of a network."""
+        if numbers != (((1,), (0,)), ((), ())) or vector.shape[0] != 1 or matrix.dtype == object:
+            raise NotImplementedError("no C for a product other than of a row with constant weights")
+        inputs, outputs = matrix.shape
+        name, sums = self._fresh(), self._at(vector, "i")
+        table = self._table(matrix.T)
+        self.lines.append((name, f"float {name}[{outputs}];"))
+        self.lines.append(
+            (
+                name,
+                f"for (int j = 0; j < {outputs}; ++j) {{\n        float sum = 0.0f;\n"
+                f"        for (int i = 0; i < {inputs}; ++i) sum += {table}[j][i] * {sums};\n"
+                f"        {name}[j] = sum;\n    }}",
+            )
+        )
+        return _elements(name, shape)
+
+    def _at(self, value: np.ndarray, index: str) -> str:
+        """C expression of element `index` of a value, which is laid down as an array if it is none yet."""
+        flat = _expressions(value).ravel()
+        if all(element == flat[0] for element in flat):
+            return flat[0]
+        name = flat[0].split("[")[0]
+        if list(flat) == list(_elements(name, flat.shape)) and not name.startswith("in->"):
+            return f"{name}[{index}]"
+        if not any(re.match(r"[a-z]", element) for element in flat):
+            return f"{self._table(flat)}[{index}]"
+        name = self._fresh()
+        self.lines.append((name, f"const float {name}[{len(flat)}] = {{{', '.join(flat)}}};"))
+        return f"{name}[{index}]"
+
+    def _table(self, numbers: np.ndarray) -> str:
+        """A static array of constants."""
+        name = f"{self.name}_w{len(self.tables) + 1}"
+        rows = _expressions(numbers)
+        sizes = "".join(f"[{size}]" for size in rows.shape)
+        text = _braces(rows)
+        self.tables[name] = f"static const float {name}{sizes} = {text};"
+        return name
+
+    def _fresh(self) -> str:
+        return f"t{next(self.numbers)}"
+
+
+def _members(fields: Sequence[str], dimension: int) -> str:
+    """Members of a struct, each with its unit."""
+    lines = []
+    for field in fields:
+        vector = field in VECTORS or field in ("remainder", "force")
+        kind = "int" if field == "out_of_range" else "float"
+        member = f"{kind} {field}{f'[{dimension}]' if vector else ''};"
+        lines.append(f"    {member:<34}/* {UNITS[field]} */")
+    return "\n".join(lines)
+
+
+def _elements(name: str, shape: tuple[int, ...]) -> np.ndarray:
+    size = int(np.prod(shape))
+    return np.array([f"{name}[{i}]" for i in range(size)], object).reshape(shape)
+
+
+def _expressions(value: np.ndarray) -> np.ndarray:
+    """C expressions of a value; numbers become literals that give the same float32."""
+    if value.dtype == object:
+        return value
+    made = np.empty(value.shape, object)
+    for index, number in np.ndenumerate(value):
+        made[index] = str(int(number)) if value.dtype == bool else _literal(float(np.float32(number)))
+    return made
+
+
+def _literal(number: float) -> str:
+    if np.isnan(number):
+        return "NAN"
+    if np.isinf(number):
+        return "INFINITY" if number > 0 else "-INFINITY"
+    text = f"{number:.9g}"
+    return text + ("f" if any(mark in text for mark in ".e") else ".0f")
+
+
+def _power_form(exponent: int) -> str:
+    product = " * ".join(["{0}"] * abs(exponent)) or "1.0f"
+    return product if exponent >= 0 else f"1.0f / ({product})"
+
+
+def _braces(rows: np.ndarray) -> str:
+    if rows.ndim > 1:
+        return "{\n" + ",\n".join(_braces(row) for row in rows) + "}"
+    lines = ["    " + ", ".join(rows[start : start + 8]) for start in range(0, len(rows), 8)]
+    return "{\n" + ",\n".join(lines) + "}"

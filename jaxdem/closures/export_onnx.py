@@ -1,0 +1,240 @@
+"""A closure as an ONNX graph: float32, the number of particles free, operators of ONNX alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxdem.closures.base import DragClosure, DragInputs
+from jaxdem.closures.export_trace import UNITS, VECTORS, ExportedDrag, trace, walk
+from jaxdem.errors import InputError
+
+OPERATORS = {
+    "add": "Add",
+    "sub": "Sub",
+    "mul": "Mul",
+    "div": "Div",
+    "neg": "Neg",
+    "max": "Max",
+    "min": "Min",
+    "gt": "Greater",
+    "ge": "GreaterOrEqual",
+    "lt": "Less",
+    "le": "LessOrEqual",
+    "eq": "Equal",
+    "and": "And",
+    "or": "Or",
+    "not": "Not",
+    "abs": "Abs",
+    "exp": "Exp",
+    "log": "Log",
+    "sqrt": "Sqrt",
+    "tanh": "Tanh",
+    "atan": "Atan",
+    "pow": "Pow",
+    "logistic": "Sigmoid",
+}
+"""Operators that do the same, element by element."""
+
+OPERATOR_SET, FORMAT = 17, 8
+"""Versions of the operators and of the file: of 2022, so that older runtimes read it too."""
+
+
+def onnx_model(closure: DragClosure, dimension: int, about: str, version: str) -> bytes:
+    """Bytes of an ONNX file with the inputs of `DragInputs` and the outputs of `ExportedDrag` by name.
+
+    Vectors are (particles, D), all else (particles,); everything float32, `out_of_range` bool.
+
+    Args:
+        closure: drag closure.
+        dimension: D.
+        about: description kept in the file.
+        version: of jaxdem.
+
+    Raises:
+        InputError: the package onnx is not installed.
+    """
+    try:
+        import onnx
+    except ImportError:
+        raise InputError(
+            "--format",
+            "onnx",
+            "the package onnx is not installed",
+            "Install it: pip install 'jaxdem[export]'",
+        ) from None
+    writer = _Writer(onnx)
+    tensors = [_Tensor(name) for name in DragInputs._fields]
+    for tensor in tensors:
+        tensor.shape = (dimension,) if tensor in VECTORS else ()
+    results = walk(trace(closure, dimension), tensors, writer.apply)
+    float32, boolean = onnx.TensorProto.FLOAT, onnx.TensorProto.BOOL
+
+    def described(name: str, kind: int, vector: bool) -> Any:
+        shape: list[str | int | None] = ["particles", dimension] if vector else ["particles"]
+        return onnx.helper.make_tensor_value_info(name, kind, shape, UNITS[name])
+
+    outputs = []
+    for name, value in zip(ExportedDrag._fields, results, strict=True):
+        vector = name in ("remainder", "force")
+        writer.rename(writer.whole(value, (dimension,) if vector else ()), name)
+        outputs.append(described(name, boolean if name == "out_of_range" else float32, vector))
+    inputs = [described(name, float32, name in VECTORS) for name in DragInputs._fields]
+    graph = onnx.helper.make_graph(writer.nodes, "drag", inputs, outputs, writer.constants, about)
+    model = onnx.helper.make_model(
+        graph,
+        producer_name="jaxdem",
+        producer_version=version,
+        opset_imports=[onnx.helper.make_opsetid("", OPERATOR_SET)],
+        ir_version=FORMAT,
+        doc_string=about,
+    )
+    onnx.checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString())
+
+
+class _Tensor(str):
+    """Name of a tensor of the graph, with the particles as its first axis.
+
+    Attributes:
+        shape: lengths of the other axes.
+    """
+
+    shape: tuple[int, ...] = ()
+
+
+class _Writer:
+    """Nodes and constants of the graph.
+
+    A value of shape s in the program of one particle is a tensor (particles, *s); a constant stays (*s), and the
+    broadcasting rules of ONNX bring the two together.
+    """
+
+    def __init__(self, onnx: Any):
+        self.onnx = onnx
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def apply(self, operation: str, operands: Sequence[Any], settings: dict[str, Any], result: Any) -> Any:
+        """One operation; see `jaxdem.closures.export_trace.Apply`."""
+        value = self._moved(operation, operands, settings, result)
+        if value is None:
+            rank = len(result.shape)
+            value = self._elementwise(operation, [self._fitted(v, rank) for v in operands], settings, result)
+        value.shape = result.shape
+        return value
+
+    def _elementwise(self, operation: str, operands: list[Any], settings: dict[str, Any], result: Any) -> Any:
+        """Operations on one element of each operand."""
+        if operation in OPERATORS:
+            return self.node(OPERATORS[operation], *operands)
+        if operation == "ne":
+            return self.node("Not", self.node("Equal", *operands))
+        if operation == "select_n":
+            return self.node("Where", operands[0], operands[2], operands[1])
+        if operation == "expm1":  # without the cancellation of exp(x) - 1
+            half = self.node("Tanh", self.node("Mul", operands[0], _number(0.5)))
+            return self.node("Mul", half, self.node("Add", self.node("Exp", operands[0]), _number(1.0)))
+        if operation == "log1p":
+            return self._log1p(operands[0])
+        if operation == "integer_pow":
+            return self._power(operands[0], settings["y"])
+        if operation == "convert_element_type":
+            return self.node("Cast", operands[0], to=self._kind(result.dtype))
+        raise NotImplementedError(f"no ONNX for the operation {operation}")
+
+    def _moved(self, operation: str, operands: Sequence[Any], settings: dict[str, Any], result: Any) -> Any:
+        """Operations that know axes, which lie one to the right in the graph; None of any other operation."""
+        first = operands[0]
+        if operation == "dot_general":
+            if settings["dimension_numbers"] != (((1,), (0,)), ((), ())):
+                raise NotImplementedError("no ONNX for a product other than of a row with a matrix")
+            return self.node("MatMul", *operands)
+        if operation in ("reshape", "squeeze"):
+            return self._reshaped(first, result.shape)
+        if operation == "broadcast_in_dim":
+            shape = [1] * len(result.shape)
+            for length, place in zip(first.shape, settings["broadcast_dimensions"], strict=True):
+                shape[place] = length
+            return self.node("Expand", self._reshaped(first, shape), _whole(1, *result.shape))
+        if operation == "slice":
+            axes = _whole(*range(1, len(result.shape) + 1))
+            bounds = (_whole(*settings["start_indices"]), _whole(*settings["limit_indices"]))
+            return self.node("Slice", first, *bounds, axes)
+        if operation == "stack":
+            axis = settings["axis"]
+            shape = [*result.shape[:axis], 1, *result.shape[axis + 1 :]]
+            return self.node("Concat", *(self._reshaped(value, shape) for value in operands), axis=axis + 1)
+        if operation == "concatenate":
+            return self.node("Concat", *operands, axis=settings["dimension"] + 1)
+        if operation == "reduce_sum":
+            axes = _whole(*(axis + 1 for axis in settings["axes"]))
+            return self.node("ReduceSum", first, axes, keepdims=0)
+        if operation == "reduce_and":
+            number = self.node("Cast", first, to=self._kind(np.int32))
+            right = [axis + 1 for axis in settings["axes"]]
+            smallest = self.node("ReduceMin", number, axes=right, keepdims=0)
+            return self.node("Cast", smallest, to=self._kind(np.bool_))
+        return None
+
+    def node(self, operator: str, *operands: Any, **settings: Any) -> _Tensor:
+        """A node of the graph, and the name of what it gives."""
+        name = _Tensor(f"t{len(self.nodes) + 1}")
+        names = [self._named(value) for value in operands]
+        self.nodes.append(self.onnx.helper.make_node(operator, names, [name], **settings))
+        return name
+
+    def whole(self, value: Any, shape: tuple[int, ...]) -> _Tensor:
+        """A value with the particles as its first axis, also where it is a constant."""
+        if isinstance(value, _Tensor):
+            return value
+        count = self.node("Shape", _Tensor(DragInputs._fields[0]), start=0, end=1)
+        return self.node("Expand", value, self.node("Concat", count, _whole(*shape), axis=0))
+
+    def rename(self, value: _Tensor, name: str) -> None:
+        """Gives a value the name of an output."""
+        self.nodes.append(self.onnx.helper.make_node("Identity", [value], [name]))
+
+    def _fitted(self, value: Any, rank: int) -> Any:
+        """A single number for each particle gets as many axes as what it meets."""
+        if isinstance(value, _Tensor) and len(value.shape) < rank:
+            return self._reshaped(value, (1,) * rank)
+        return value
+
+    def _reshaped(self, value: Any, shape: Sequence[int]) -> _Tensor:
+        return self.node("Reshape", value, _whole(-1, *shape))
+
+    def _log1p(self, value: Any) -> _Tensor:
+        """ln(1 + x) to all digits of a small x: x ln(y) / (y - 1) with y = 1 + x as it is rounded."""
+        rounded = self.node("Add", value, _number(1.0))
+        excess = self.node("Sub", rounded, _number(1.0))
+        none = self.node("Equal", excess, _number(0.0))
+        divisor = self.node("Where", none, _number(1.0), excess)
+        exact = self.node("Div", self.node("Mul", self.node("Log", rounded), value), divisor)
+        return self.node("Where", none, value, exact)
+
+    def _power(self, value: Any, exponent: int) -> Any:
+        power = value
+        for _ in range(abs(exponent) - 1):
+            power = self.node("Mul", power, value)
+        return power if exponent > 0 else self.node("Div", _number(1.0), power)
+
+    def _named(self, value: Any) -> str:
+        if isinstance(value, _Tensor):
+            return value
+        name = f"c{len(self.constants) + 1}"
+        self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(value), name))
+        return name
+
+    def _kind(self, dtype: Any) -> int:
+        return int(self.onnx.helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+
+
+def _number(value: float) -> np.ndarray:
+    return np.asarray(value, np.float32)
+
+
+def _whole(*values: int) -> np.ndarray:
+    return np.asarray(values, np.int64)

@@ -1,0 +1,423 @@
+"""Training a drag closure through the solver: unrolled coarse runs that are to have the statistics of a fine one.
+
+A coarse run is started from a frame of the reference, unrolled for some outputs, and its observables (front, height,
+mean drag, profiles; `jaxdem.train.observables`) are compared with the reference's at those times. Single
+trajectories diverge chaotically, so they are not compared, and horizons grow from short to long:
+
+    loss = mean over observables and times of mean((m - m_ref)^2) / s^2,
+
+with s the mean size of m_ref over the reference. The gradient goes through the whole coupled step by
+`jaxdem.rollout`. A gradient-free search on a few of the parameters stands beside it as a baseline.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jax import Array
+from scipy.optimize import minimize
+
+from jaxdem.closures import InvariantClosure, PaperNetwork
+from jaxdem.errors import InputError, RunError
+from jaxdem.failures import Failure, first_meaning
+from jaxdem.io import load_run
+from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.rollout import measured_rollout
+from jaxdem.scene import Scene
+from jaxdem.state import Diagnostics, State
+from jaxdem.train.observables import Observables, observe_particles
+from jaxdem.train.reference import Course, follow
+
+LearnedClosure = PaperNetwork | InvariantClosure
+Progress = Callable[[int, int, float], None]
+"""progress(updates done, updates in all, loss)."""
+
+PATIENCE = 5
+"""So many updates in a row without a finite gradient end the training."""
+
+MEMORY = 0.95
+"""Adam's decay of squared gradients: a training has tens of updates, and its first gradients are the largest."""
+
+USUAL_HORIZONS = (1, 2, 4, 8)
+
+
+@dataclasses.dataclass(frozen=True)
+class FinetuneSettings:
+    """How to train through the solver.
+
+    Attributes:
+        horizons: outputs of the reference that a run is unrolled for, stage by stage; None means 1, 2, 4 and 8, as
+            far as the reference goes.
+        updates: of each stage; a gradient-free search has as many evaluations in all.
+        starts: start times in a stage, evenly over the reference; an update takes one of them.
+        method: "gradient" (Adam) or "gradient-free" (Nelder-Mead at the longest horizon).
+        parameters: "all" weights, or "few": a shift of every output and one factor on the network's last layer.
+            A gradient-free search always has few.
+        learning_rate: of Adam, which falls to a twentieth along a cosine.
+        largest_gradient: global norm that a gradient is clipped to.
+        seed: of the order of the start times.
+    """
+
+    horizons: tuple[int, ...] | None = None
+    updates: int = 10
+    starts: int = 4
+    method: Literal["gradient", "gradient-free"] = "gradient"
+    parameters: Literal["all", "few"] = "all"
+    learning_rate: float = 3e-3
+    largest_gradient: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a setting out of its range."""
+        for name in ("updates", "starts", "learning_rate", "largest_gradient"):
+            if not getattr(self, name) > 0:
+                raise InputError(name, getattr(self, name), "must be positive", "Raise it.")
+        if self.horizons is not None and (not self.horizons or min(self.horizons) < 1):
+            raise InputError(
+                "--horizons", self.horizons, "needs outputs, at least one each", "For example 1,2,4."
+            )
+
+    def stages(self, outputs: int) -> tuple[int, ...]:
+        """The horizons for a reference with so many outputs after its first.
+
+        Raises:
+            InputError: one is longer than the reference.
+        """
+        if self.horizons is None:
+            return tuple(horizon for horizon in USUAL_HORIZONS if horizon <= max(1, outputs - 1))
+        if max(self.horizons) > outputs:
+            limit = f"the reference has {outputs} outputs after its first"
+            raise InputError("--horizons", self.horizons, limit, "Shorten them, or run the reference on.")
+        return self.horizons
+
+
+@dataclasses.dataclass(frozen=True)
+class FinetuneResult:
+    """What a training gave.
+
+    Attributes:
+        closure: the best at the longest horizon, the one given included.
+        metadata: for the closure's file.
+        stopped: why the training ended early; empty if it did not.
+    """
+
+    closure: LearnedClosure
+    metadata: dict[str, Any]
+    stopped: str
+
+
+def finetune(
+    scene: Scene,
+    reference: str | Path,
+    closure: LearnedClosure,
+    metadata: dict[str, Any],
+    settings: FinetuneSettings | None = None,
+    progress: Progress | None = None,
+) -> FinetuneResult:
+    """Train a closure through runs of a coarse scene that follow a reference.
+
+    The run from the reference's first frame over the longest horizon decides which weights are kept; no update
+    starts there (unless there is no other frame to start from).
+
+    Args:
+        scene: coarse scene; its drag law and closure are replaced.
+        reference: run directory of a finer run of the same scene.
+        closure: to start from.
+        metadata: of its file.
+        settings: see `FinetuneSettings`.
+        progress: see `Progress`.
+
+    Raises:
+        InputError: scene and reference do not fit together.
+        RunError: the run cannot be unrolled with the closure that was given.
+    """
+    settings = settings or FinetuneSettings()
+    began = time.perf_counter()
+    course = follow(scene, load_run(reference), closure)
+    stages = settings.stages(course.run.number_of_frames - 1)
+    training = Training(course, closure, settings, stages)
+    stopped = training.run(progress)
+    record = training.record() | {
+        "reference": Path(reference).name,
+        "scene_toml": scene.to_toml(),
+        "settings": dataclasses.asdict(settings) | {"horizons": list(stages)},
+        "seconds": time.perf_counter() - began,
+        "stopped": stopped,
+    }
+    best = dataclasses.replace(closure, weights=training.best)
+    return FinetuneResult(
+        best, metadata | {"recipe": "finetune", "before": metadata, "finetune": record}, stopped
+    )
+
+
+class Unrolled:
+    """Coarse runs from frames of the reference, their loss and its gradient."""
+
+    def __init__(self, course: Course, closure: LearnedClosure, longest: int):
+        self.course, self.closure, self.longest = course, closure, longest
+        self.scales = jax.tree.map(_mean_size, course.targets)
+        self.room: Room | None = None
+        self.forward_runs = self.resizes = 0
+        self._states: dict[int, State] = {}
+        self._listed: dict[int, tuple[State, Neighbors]] = {}
+        # One program for all horizons: the gradient's takes a minute to compile.
+        self._loss = jax.jit(self.loss_of_run)
+        self._slope = jax.jit(jax.value_and_grad(self.loss_of_run, has_aux=True))
+
+    def loss(self, weights: Any, index: int, outputs: int) -> tuple[float, int]:
+        """Loss of the run from frame `index` over some outputs, and its failure flags."""
+        (value, code), _ = self._evaluated(False, weights, index, outputs)
+        return value, code
+
+    def slope(self, weights: Any, index: int, outputs: int) -> tuple[float, int, Any]:
+        """`loss`, and its gradient by the weights."""
+        (value, code), slopes = self._evaluated(True, weights, index, outputs)
+        return value, code, slopes
+
+    def loss_of_run(
+        self, weights: Any, state: State, neighbors: Neighbors, targets: Observables, outputs: Array
+    ) -> tuple[Array, Array]:
+        """Loss and failure flags as a pure function of the weights; see the module.
+
+        Args:
+            weights: of the closure.
+            state, neighbors: to start from.
+            targets: of the coming outputs, as many as the longest horizon has.
+            outputs: () int32, how many of them count.
+        """
+        course, grains = self.course, self.course.grains
+        parameters = course.parameters._replace(closure=dataclasses.replace(self.closure, weights=weights))
+
+        def measure(state: State, diagnostics: Diagnostics) -> Observables:
+            particles, forces = state.particles, diagnostics.forces
+            assert particles is not None and forces is not None
+            return observe_particles(
+                grains, particles.position, particles.velocity, particles.angular_velocity, forces.drag
+            )
+
+        each, longest = course.per_output, len(targets.runoff)
+        result = measured_rollout(
+            course.simulation.reversible(),
+            parameters,
+            state,
+            neighbors,
+            longest * each,
+            measure,
+            outputs * each,
+        )
+        counts = jnp.arange(longest) < outputs
+
+        def term(seen: Array, target: Array, scale: Array) -> Array:
+            squared = ((seen[each - 1 :: each] - target) / scale) ** 2
+            of_time = squared if squared.ndim == 1 else jnp.mean(squared, axis=1)
+            return jnp.sum(jnp.where(counts, of_time, 0.0)) / outputs
+
+        terms = list(map(term, result.observations, targets, self.scales))
+        return jnp.mean(jnp.stack(terms)), result.failures
+
+    def _evaluated(self, sloped: bool, weights: Any, index: int, outputs: int) -> Any:
+        """A compiled call; on overflow of the neighbour list again, with more room."""
+        # Beyond the horizon any row will do; it does not count.
+        rows = np.minimum(
+            np.arange(index + 1, index + 1 + self.longest), self.course.run.number_of_frames - 1
+        )
+        targets = jax.tree.map(lambda m: m[rows], self.course.targets)
+        program = self._slope if sloped else self._loss
+        while True:
+            state, neighbors = self._start(index)
+            self.forward_runs += 1
+            result = program(weights, state, neighbors, targets, jnp.asarray(outputs, jnp.int32))
+            (value, code), slopes = result if sloped else (result, None)
+            if not int(code) & Failure.OVERFLOW:
+                return (float(value), int(code)), slopes
+            assert self.room is not None
+            self.room = self.room.enlarged()
+            self.resizes += 1
+
+    def _start(self, index: int) -> tuple[State, Neighbors]:
+        """State and list of a frame; all lists have the same room, so that they share their programs."""
+        if index not in self._states:
+            self._states[index] = self.course.start(index)
+            needed = self.course.with_list(self._states[index])[1].room
+            self.room = needed if self.room is None else Room(*map(max, self.room, needed))
+        if index not in self._listed or self._listed[index][1].room != self.room:
+            self._listed[index] = self.course.with_list(self._states[index], self.room)
+        return self._listed[index]
+
+
+class Training:
+    """The course of one training."""
+
+    def __init__(
+        self, course: Course, closure: LearnedClosure, settings: FinetuneSettings, stages: tuple[int, ...]
+    ):
+        self.unrolled = Unrolled(course, closure, max(stages))
+        self.settings, self.stages = settings, stages
+        self.best = closure.weights
+        self.validation: list[float] = []
+        self.losses: list[float] = []
+        self.skipped = 0
+        few = settings.parameters == "few" or settings.method == "gradient-free"
+        self.variables: Any = closure.weights
+        self.weights_of: Callable[[Any], Any] = lambda weights: weights
+        if few:
+            self.variables, weights_of = few_parameters(closure)
+            self.weights_of = jax.jit(weights_of)
+        self._slopes_of = jax.jit(lambda at, slopes: jax.vjp(self.weights_of, at)[1](slopes)[0])
+
+    def run(self, progress: Progress | None) -> str:
+        """Train; returns why it ended early, or nothing.
+
+        Raises:
+            RunError: the run with the closure given fails by itself.
+        """
+        value, code = self.unrolled.loss(self.best, 0, max(self.stages))
+        if code or not math.isfinite(value):
+            reason, remedy = (
+                first_meaning(code) if code else ("its loss is not finite", "Look at the closure.")
+            )
+            where = f"run with the closure as given, {max(self.stages)} outputs from the start"
+            raise RunError(reason, where, 0.0, remedy)
+        self.validation.append(value)
+        return (
+            self._by_gradient(progress) if self.settings.method == "gradient" else self._by_search(progress)
+        )
+
+    def record(self) -> dict[str, Any]:
+        """What happened, for the metadata."""
+        return {
+            "validation_loss_before": self.validation[0],
+            "validation_loss": min(self.validation),
+            "validation_history": self.validation,
+            "loss_history": self.losses,
+            "skipped": self.skipped,
+            "forward_runs": self.unrolled.forward_runs,
+            "neighbor_resizes": self.unrolled.resizes,
+        }
+
+    def starts(self, outputs: int) -> list[int]:
+        """Frames that runs over so many outputs start from; not the first, which the validation has."""
+        last = self.unrolled.course.run.number_of_frames - 1 - outputs
+        if last < 1:
+            return [0]
+        return sorted({round(x) for x in np.linspace(1, last, min(self.settings.starts, last))})
+
+    def _by_gradient(self, progress: Progress | None) -> str:
+        settings = self.settings
+        rate = optax.cosine_decay_schedule(
+            settings.learning_rate, settings.updates * len(self.stages), alpha=0.05
+        )
+        optimizer = optax.chain(
+            optax.clip_by_global_norm(settings.largest_gradient), optax.adam(rate, b2=MEMORY)
+        )
+        update_of = jax.jit(partial(_update, optimizer))
+        variables, state = self.variables, jax.jit(optimizer.init)(self.variables)
+        generator, in_a_row = np.random.default_rng(settings.seed), 0
+        for horizon in self.stages:
+            starts = self.starts(horizon)
+            for update in range(settings.updates):
+                if update % len(starts) == 0:
+                    order = generator.permutation(starts)
+                value, code, slopes = self._slope(variables, int(order[update % len(starts)]), horizon)
+                changed, changed_state, size = update_of(variables, state, slopes)
+                sound = code == 0 and math.isfinite(value) and math.isfinite(float(size))
+                in_a_row = 0 if sound else in_a_row + 1
+                self.skipped += not sound
+                if in_a_row == PATIENCE:
+                    return _no_gradient(code, horizon)
+                if sound:
+                    variables, state = changed, changed_state
+                self.losses.append(value)
+                self._report(progress, value)
+            self._validate(variables)
+        return ""
+
+    def _slope(self, variables: Any, index: int, horizon: int) -> tuple[float, int, Any]:
+        """Loss, flags and gradient by the variables."""
+        value, code, slopes = self.unrolled.slope(self.weights_of(variables), index, horizon)
+        return value, code, self._slopes_of(variables, slopes)
+
+    def _by_search(self, progress: Progress | None) -> str:
+        horizon = max(self.stages)
+        starts = self.starts(horizon)
+
+        def mean_loss(point: np.ndarray) -> float:
+            results = [self.unrolled.loss(self._moved(point), index, horizon) for index in starts]
+            sound = all(code == 0 and math.isfinite(value) for value, code in results)
+            self.skipped += not sound
+            self.losses.append(float(np.mean([value for value, _ in results])) if sound else math.inf)
+            self._report(progress, self.losses[-1])
+            return self.losses[-1]
+
+        size = len(self.variables)
+        simplex = np.concatenate([np.zeros((1, size)), 0.2 * np.eye(size)])
+        budget = self.settings.updates * len(self.stages)
+        found = minimize(
+            mean_loss, np.zeros(size), method="Nelder-Mead",
+            options={"maxfev": budget, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 0.0},
+        )  # fmt: skip
+        self._validate(jnp.asarray(found.x, self.variables.dtype))
+        return ""
+
+    def _moved(self, point: np.ndarray) -> Any:
+        return self.weights_of(jnp.asarray(point, self.variables.dtype))
+
+    def _validate(self, variables: Any) -> None:
+        """Keeps these variables if they are the best so far at the longest horizon."""
+        weights = self.weights_of(variables)
+        value, code = self.unrolled.loss(weights, 0, max(self.stages))
+        sound = code == 0 and math.isfinite(value)
+        if sound and value < min(self.validation):
+            self.best = weights
+        self.validation.append(value if sound else math.inf)
+
+    def _report(self, progress: Progress | None, value: float) -> None:
+        if progress is not None:
+            progress(len(self.losses), self.settings.updates * len(self.stages), value)
+
+
+def _update(
+    optimizer: optax.GradientTransformationExtraArgs, variables: Any, state: Any, slopes: Any
+) -> tuple[Any, Any, Array]:
+    """Variables and state of the optimiser after an update, and the norm of the gradient."""
+    changes, state = optimizer.update(slopes, state)
+    return optax.apply_updates(variables, changes), state, optax.tree.norm(slopes)
+
+
+def few_parameters(closure: LearnedClosure) -> tuple[Array, Callable[[Array], Any]]:
+    """A handful of parameters for a search without gradients: (p, weights of p), p = 0 for the closure itself.
+
+    The bias of the last layer moves by p_k for output k, and its kernel is multiplied by exp(p_last).
+    """
+    last = f"Dense_{len(closure.hidden)}"
+    layer = closure.weights[last]
+    bias = jnp.asarray(layer["bias"])
+
+    def weights(p: Array) -> Any:
+        changed = {"kernel": layer["kernel"] * jnp.exp(p[-1]), "bias": bias + p[:-1]}
+        return closure.weights | {last: changed}
+
+    return jnp.zeros(bias.shape[0] + 1, bias.dtype), weights
+
+
+def _mean_size(values: Array) -> Array:
+    """Mean over times of the size of an observable, and of its largest element where it is a profile."""
+    sizes = jnp.abs(values) if values.ndim == 1 else jnp.max(jnp.abs(values), axis=1)
+    return jnp.maximum(jnp.mean(sizes), jnp.finfo(values.dtype).tiny)
+
+
+def _no_gradient(code: int, horizon: int) -> str:
+    reason, remedy = first_meaning(code) if code else (
+        "the gradient is not finite", "Lower the learning rate or the horizons."
+    )  # fmt: skip
+    return f"{PATIENCE} updates in a row over {horizon} outputs failed: {reason}. {remedy[0].upper()}{remedy[1:]}"
