@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 
 from jaxdem import __version__, load_run
 from jaxdem.cli import app
-from jaxdem.sweep import _name, parse_variation
 from jaxdem.closures import InvariantClosure, save_closure
+from jaxdem.sweep import _name, parse_variation
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 
 GRAINS = """
