@@ -115,7 +115,8 @@ def _conjugate_gradients(operator, inverse, b, tolerance, centred):  # type: ign
     under 1e-20 would underflow in float32, and 0/0 is what a fluid that comes to rest would be given.
     """
     exponent = jnp.frexp(jnp.max(jnp.abs(b)))[1]
-    b, tolerance = jnp.ldexp(b, -exponent), jnp.ldexp(tolerance, -exponent)
+    tolerance = jnp.asarray(tolerance, b.dtype)
+    b, tolerance = _times_power_of_two(b, -exponent), _times_power_of_two(tolerance, -exponent)
 
     def proceed(carry):  # type: ignore[no-untyped-def]
         _, r, _, _, count = carry
@@ -136,8 +137,15 @@ def _conjugate_gradients(operator, inverse, b, tolerance, centred):  # type: ign
     x, _, _, _, count = lax.while_loop(proceed, iterate, start)
     # The recurrence drifts from the truth in float32: what is reported is the residual itself.
     residual = jnp.max(jnp.abs(centred(b - operator(x))))
-    report = SolverReport(count, jnp.ldexp(residual, exponent), residual <= 10.0 * tolerance)
-    return jnp.ldexp(centred(x), exponent), report
+    report = SolverReport(count, _times_power_of_two(residual, exponent), residual <= 10.0 * tolerance)
+    return _times_power_of_two(centred(x), exponent), report
+
+
+def _times_power_of_two(array: Array, exponent: Array) -> Array:
+    """`jnp.ldexp`, which takes a power for every entry, with two powers in all: one alone may be out of range."""
+    half = exponent // 2
+    one = jnp.ones((), array.dtype)
+    return array * jnp.ldexp(one, half) * jnp.ldexp(one, exponent - half)
 
 
 def fast_inverse(grid: Grid, boundary: Boundary | None):  # type: ignore[no-untyped-def]

@@ -21,11 +21,9 @@ from typing import Literal, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.scipy.fft import dct, idct
 
 FAST_FROM = 128
-"""Cells from which a fast transform takes less time than a product with the matrix of eigenvectors; twice as many for
-type II, which `jax.scipy.fft` makes of a complex transform of full length."""
+"""Cells from which a fast transform takes less time than a product with the matrix of eigenvectors."""
 
 End = Literal["no_flux", "zero"]
 
@@ -73,9 +71,9 @@ class Row(NamedTuple):
         if self.ends is None:
             rows = _hartley(rows)
         elif self.ends == ("no_flux", "no_flux"):
-            rows = dct(rows, norm="ortho")
+            rows = _cosine_two(rows)
         elif self.ends == ("zero", "zero"):
-            rows = jnp.flip(dct(rows * self._alternating(rows), norm="ortho"), -1)
+            rows = jnp.flip(_cosine_two(rows * self._alternating(rows)), -1)
         else:
             rows = _cosine_four(jnp.flip(rows, -1) if self.ends[0] == "zero" else rows)
         return jnp.moveaxis(rows, -1, axis)
@@ -88,9 +86,9 @@ class Row(NamedTuple):
         if self.ends is None:
             rows = _hartley(rows)
         elif self.ends == ("no_flux", "no_flux"):
-            rows = idct(rows, norm="ortho")
+            rows = _cosine_two_inverse(rows)
         elif self.ends == ("zero", "zero"):
-            rows = idct(jnp.flip(rows, -1), norm="ortho") * self._alternating(rows)
+            rows = _cosine_two_inverse(jnp.flip(rows, -1)) * self._alternating(rows)
         else:
             rows = _cosine_four(rows)
             rows = jnp.flip(rows, -1) if self.ends[0] == "zero" else rows
@@ -98,11 +96,9 @@ class Row(NamedTuple):
 
     @property
     def _fast(self) -> bool:
-        if self.ends is None:
-            return self.cells >= FAST_FROM
-        if self.ends[0] == self.ends[1]:
-            return self.cells >= 2 * FAST_FROM
-        return self.cells >= FAST_FROM and self.cells % 2 == 0  # made of complex pairs of cells
+        # The transform of type IV is made of complex pairs of cells.
+        paired = self.ends is not None and self.ends[0] != self.ends[1]
+        return self.cells >= max(FAST_FROM, 2) and not (paired and self.cells % 2)
 
     def _alternating(self, rows: Array) -> Array:
         signs = jnp.asarray((-1.0) ** np.arange(self.cells), rows.dtype)
@@ -125,6 +121,59 @@ def _hartley(rows: Array) -> Array:
     return jnp.concatenate((modes.real - modes.imag, jnp.flip(mirrored, -1)), -1)
 
 
+def _cosine_two(rows: Array) -> Array:
+    """Orthonormal cosine transform of type II along the last axis.
+
+    Fourier's of the even cells followed by the odd ones backwards, turned by exp(-i pi k / (2 N)): its real part is
+    the first half of the modes, minus its imaginary part the second half backwards. (`jax.scipy.fft.dct` takes the
+    complex transform of full length, in two to four times the time.)
+
+    Source: J. Makhoul, IEEE Trans. Acoust. Speech Signal Process. 28 (1980) 27-34.
+    """
+    count = rows.shape[-1]
+    folded = jnp.concatenate((rows[..., 0::2], jnp.flip(rows[..., 1::2], -1)), -1)
+    turned = jnp.fft.rfft(folded, norm="ortho") * _quarter_turns(rows, -1.0)
+    second = jnp.flip(-turned.imag[..., 1 : (count + 1) // 2], -1)
+    modes = jnp.concatenate((turned.real, second), -1)
+    return modes * _weights_of_modes(rows)
+
+
+def _cosine_two_inverse(modes: Array) -> Array:
+    """The inverse of `_cosine_two`."""
+    count = modes.shape[-1]
+    modes = modes / _weights_of_modes(modes)
+    half = count // 2 + 1
+    # The mode N - k is minus the imaginary part of mode k; that of mode 0 is zero.
+    backwards = jnp.flip(modes[..., count - half + 1 :], -1)
+    imaginary = -jnp.concatenate((jnp.zeros_like(modes[..., :1]), backwards), -1)
+    turned = lax.complex(modes[..., :half], imaginary) * _quarter_turns(modes, 1.0)
+    folded = jnp.fft.irfft(turned, count, norm="ortho")
+    even, odd = folded[..., : (count + 1) // 2], jnp.flip(folded[..., (count + 1) // 2 :], -1)
+    if count % 2:
+        odd = jnp.concatenate((odd, jnp.zeros_like(even[..., :1])), -1)
+    return jnp.stack((even, odd), -1).reshape(*modes.shape[:-1], -1)[..., :count]
+
+
+def _weights_of_modes(rows: Array) -> Array:
+    """sqrt(2), and 1 for the mean."""
+    weights = np.full(rows.shape[-1], np.sqrt(2.0))
+    weights[0] = 1.0
+    return jnp.asarray(weights, rows.dtype).reshape((1,) * (rows.ndim - 1) + (-1,))
+
+
+def _quarter_turns(rows: Array, sign: float) -> Array:
+    """exp(sign i pi k / (2 N)), k = 0 ... N/2."""
+    count = rows.shape[-1]
+    angle = sign * np.pi * np.arange(count // 2 + 1) / (2 * count)
+    return _rotation(angle, rows)
+
+
+def _rotation(angle: np.ndarray, rows: Array) -> Array:
+    shape = (1,) * (rows.ndim - 1) + (-1,)
+    real, imaginary = (jnp.asarray(f(angle), rows.dtype).reshape(shape) for f in (np.cos, np.sin))
+    return lax.complex(real, imaginary)
+
+
 def _cosine_four(rows: Array) -> Array:
     """Orthonormal cosine transform of type IV along the last axis of even length N, its own inverse.
 
@@ -133,11 +182,7 @@ def _cosine_four(rows: Array) -> Array:
     """
     count = rows.shape[-1]
     angle = -np.pi * (np.arange(count // 2) + 0.125) / count
-    shape = (1,) * (rows.ndim - 1) + (-1,)
-    turn = lax.complex(
-        jnp.asarray(np.cos(angle), rows.dtype).reshape(shape),
-        jnp.asarray(np.sin(angle), rows.dtype).reshape(shape),
-    )
+    turn = _rotation(angle, rows)
     pairs = lax.complex(rows[..., 0::2], jnp.flip(rows[..., 1::2], -1)) * turn
     modes = jnp.fft.fft(pairs, norm="ortho") * turn
     both = jnp.stack((modes.real, -jnp.flip(modes.imag, -1)), -1)
