@@ -19,9 +19,10 @@ from typer.testing import CliRunner
 
 from jaxdem import __version__, load_run
 from jaxdem.cli import app
-from jaxdem.closures import InvariantClosure, save_closure
+from jaxdem.closures import InvariantClosure, load_closure, save_closure
 from jaxdem.sweep import _name, parse_variation
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
+from jaxdem.train.finetune import FinetuneResult
 
 GRAINS = """
 [domain]
@@ -421,6 +422,31 @@ def small_dataset(path, rows=400):
         "scene_toml": "seed = 1\n",
     }
     write_dataset(path, attributes, {2: {"filter_size": 0.1, "kernel_width": 0.1, **columns}})
+
+
+def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
+    """What is trained is kept also where the training ends early; the training itself is put in by hand."""
+    closure, out = tmp_path / "c.h5", tmp_path / "new" / "tuned.h5"
+    save_closure(closure, InvariantClosure.initial(hidden=(2,)), {"recipe": "filtered"})
+    common = ("--closure", closure, "--out", out)
+    refused(invoke("finetune", grains, "--reference", tmp_path / "none", *common), "not a run directory")
+    refused(invoke("finetune", grains, "--reference", done[0], *common), "[particles] and [fluid]")
+    absent = ("--closure", tmp_path / "absent.h5", "--out", out)
+    refused(invoke("finetune", grains, "--reference", done[0], *absent), "absent.h5", "is not a file")
+    refused(invoke("finetune", grains, "--reference", done[0], *common, "--horizons", "1,x"), "--horizons")
+    assert not out.exists()
+    record = {"validation_loss_before": 0.5, "validation_loss": 0.25, "skipped": 5, "seconds": 1.0}
+
+    def trained(scene, reference, start, metadata, settings, progress):
+        assert settings.horizons == (1, 2) and settings.updates == 3
+        return FinetuneResult(start, metadata | {"finetune": record}, "5 updates in a row failed")
+
+    monkeypatch.setattr("jaxdem.train.finetune.finetune", trained)
+    chosen = ("--horizons", "1,2", "--updates", 3)
+    result = invoke("finetune", grains, "--reference", done[0], *common, *chosen)
+    assert result.exit_code == 1 and "5 updates in a row failed" in result.stderr
+    assert "from 0.5 to 0.25, 5 updates skipped" in result.stdout
+    assert load_closure(out)[1] == {"recipe": "filtered", "finetune": record}
 
 
 def test_export_writes_what_was_asked_for(tmp_path):
