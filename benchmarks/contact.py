@@ -176,9 +176,14 @@ def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[fl
         command = ["liggghts", "-in", "in.column"]
         if processes > 1:
             command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(processes), *command]
-        text = subprocess.run(
-            harness.pinned(processes, command), check=True, capture_output=True, text=True, cwd=folder
-        ).stdout
+        return timed_runs(command, processes, folder)
+
+
+def timed_runs(command: list[str], processes: int, folder: str) -> dict[str, list[float]]:
+    """Seconds and list builds of all runs of a deck but the first, which LIGGGHTS and LAMMPS report alike."""
+    text = subprocess.run(
+        harness.pinned(processes, command), check=True, capture_output=True, text=True, cwd=folder
+    ).stdout
     seconds = [float(value) for value in re.findall(r"Loop time of (\S+)", text)][1:]
     builds = [int(value) for value in re.findall(r"Neighbor list builds = (\d+)", text)][1:]
     return {"seconds": seconds, "builds": builds}
@@ -230,12 +235,7 @@ def lammps(processes: int, arguments: argparse.Namespace) -> dict[str, list[floa
         command = ["lmp", "-in", "in.column"]
         if processes > 1:
             command = [str(launcher), "-n", str(processes), *command]
-        text = subprocess.run(
-            harness.pinned(processes, command), check=True, capture_output=True, text=True, cwd=folder
-        ).stdout
-    seconds = [float(value) for value in re.findall(r"Loop time of (\S+)", text)][1:]
-    builds = [int(value) for value in re.findall(r"Neighbor list builds = (\d+)", text)][1:]
-    return {"seconds": seconds, "builds": builds}
+        return timed_runs(command, processes, folder)
 
 
 def yardstick(threads: int, _: argparse.Namespace) -> dict[str, list[float]]:
