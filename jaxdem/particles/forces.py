@@ -128,7 +128,14 @@ class _Meeting(NamedTuple):
 
 
 class _Load(NamedTuple):
-    """What a contact does to the one of two bodies, and what it keeps: along the normal, across it, against rolling."""
+    """What a contact does to the one of two bodies, and what it keeps.
+
+    Attributes:
+        along: force along the normal, positive away from the other [N].
+        across: force in the contact plane [N].
+        resistance: torque against rolling [N m]; empty without rolling friction.
+        spring: what the contact keeps; see `ContactModel.history_size`.
+    """
 
     along: Array
     across: Vector
@@ -313,7 +320,7 @@ class _Loop(NamedTuple):
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
         along = jnp.where(touching, result.normal, result.normal - result.elastic)
         across = vectors.where(touching, result.tangential, 0.0)
-        resistance: Vector = tuple(jnp.zeros_like(along) for _ in meeting.spin)
+        resistance: Vector = ()
         kept: Vector = ()
         if self.model.rolling is not None:
             resistance, kept = self.model.rolling(
@@ -330,9 +337,11 @@ def _on_bodies(load: _Load, meeting: _Meeting) -> tuple[Vector, Vector, Vector]:
     # The tangential force turns both bodies the same way, rolling resistance one against the other.
     moment = tangent.moment(normal, load.across)
     arm, other_arm = meeting.radius - 0.5 * meeting.overlap, meeting.other_radius - 0.5 * meeting.overlap
-    torque = vectors.subtract(load.resistance, vectors.scale(arm, moment))
-    other_torque = vectors.add(load.resistance, vectors.scale(other_arm, moment))
-    return force, torque, vectors.scale(-1.0, other_torque)
+    torque, other_torque = vectors.scale(-arm, moment), vectors.scale(-other_arm, moment)
+    if load.resistance:
+        torque = vectors.add(torque, load.resistance)
+        other_torque = vectors.subtract(other_torque, load.resistance)
+    return force, torque, other_torque
 
 
 def _sum_slots(array: Array) -> Array:
