@@ -162,7 +162,7 @@ snGradSchemes {{ default corrected; }}
     "kinematicCloud:theta" {{ $p; }}
     "kinematicCloud:thetaFinal" {{ $pFinal; }}
     U.water {{ solver smoothSolver; smoother symGaussSeidel; tolerance 1e-05; relTol 0.1; }}
-    U.waterFinal {{ $U.water; relTol 0; }}
+    U.waterFinal {{ solver smoothSolver; smoother symGaussSeidel; tolerance 1e-05; relTol 0; }}
 }}
 PIMPLE {{ nOuterCorrectors 1; nCorrectors 2; momentumPredictor yes; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }}
 """,

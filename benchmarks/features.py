@@ -1,6 +1,6 @@
 """What each option of a scene costs when it is on, and that it costs nothing when it is off.
 
-    python benchmarks/features.py [--count 5000] [--repetitions 7] [--only WORD ...]
+    python benchmarks/features.py [--count 1500] [--repetitions 7] [--only WORD ...]
 
 One small injection scene, and the same with one option more. Cost: the time of a coupled step over that of the plain
 scene, both timed in turns, from the same state; and the number of instructions of the compiled program. Where an option
@@ -131,7 +131,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--count", type=int, default=5000)
+    parser.add_argument("--count", type=int, default=1500)
     parser.add_argument("--repetitions", type=int, default=7)
     parser.add_argument("--only", nargs="+", default=[""], help="features whose name has one of these words")
     arguments = parser.parse_args()

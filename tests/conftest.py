@@ -1,4 +1,13 @@
-"""Strict settings for all tests: float64 unless a test asks for less, no silent rank promotion."""
+"""Strict settings for all tests: float64 unless a test asks for less, no silent rank promotion; programs kept on disk."""
+
+import os
+from pathlib import Path
+
+# Most of a test is compiling. What one test has compiled others, other processes and later runs take from here: set
+# before JAX is imported, and in the environment, for the tests that start the command line.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / "build" / "xla"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
 import jax
 import pytest
@@ -6,7 +15,7 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-from benchmarks.cases.worlds import runner  # noqa: E402 - after the settings
+from benchmarks.cases.worlds import runner  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

@@ -8,10 +8,8 @@ import signal
 from pathlib import Path
 
 import h5py
-import jax
 import numpy as np
 import pytest
-from jax.experimental.compilation_cache import compilation_cache
 
 from jaxdem import RunError, load_run, load_scene, simulate
 from jaxdem.particles import neighbors as neighbor_module
@@ -42,20 +40,6 @@ SCENE = {
 }
 INTERVALS, STOPPED_AT = 20, 9
 """The stop lies between two outputs, so that the sums since the last output must be in the checkpoint."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled_once(tmp_path_factory):
-    """The runs of this file are of one scene: what one has compiled the others take from the disk."""
-    names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
-    before = {name: getattr(jax.config, name) for name in names}
-    for name, value in zip(names, (str(tmp_path_factory.mktemp("compiled")), 0.5), strict=True):
-        jax.config.update(name, value)
-    compilation_cache.reset_cache()
-    yield
-    for name, value in before.items():
-        jax.config.update(name, value)
-    compilation_cache.reset_cache()
 
 
 @pytest.fixture(scope="module")

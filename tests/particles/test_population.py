@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.experimental.compilation_cache import compilation_cache
 
 import jaxdem
 from jaxdem import check
@@ -270,12 +269,6 @@ def streams(tmp_path_factory):
     """A run with a fluid, and the same one stopped in between two outputs and resumed."""
     scene = jaxdem.load_scene(STREAM)
     folder = tmp_path_factory.mktemp("streams")
-    # What one run has compiled the others take from the disk.
-    names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
-    before = {name: getattr(jax.config, name) for name in names}
-    for name, value in zip(names, (str(folder / "compiled"), 0.5), strict=True):
-        jax.config.update(name, value)
-    compilation_cache.reset_cache()
 
     def stop(time, end):
         if round(time / INTERVAL) == 9:
@@ -284,10 +277,7 @@ def streams(tmp_path_factory):
     whole = jaxdem.simulate(scene, folder / "whole")
     with pytest.raises(Interrupted):
         jaxdem.simulate(scene, folder / "resumed", progress=stop)
-    yield whole, jaxdem.simulate(scene, folder / "resumed", resume=True)
-    for name, value in before.items():
-        jax.config.update(name, value)
-    compilation_cache.reset_cache()
+    return whole, jaxdem.simulate(scene, folder / "resumed", resume=True)
 
 
 def test_the_error_of_the_volume_counts_those_present():
