@@ -146,25 +146,32 @@ class InvariantClosure:
 
     def evaluate(self, prepared: PreparedInputs) -> Drag:
         """Drag from prepared inputs: everything that depends on the weights."""
-        dtype = prepared.features.dtype
-        constants = (self.feature_mean, self.feature_scale, self.feature_low, self.feature_high)
-        mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(dtype) for leaf in constants)
-        inside = inside_range(prepared.features, low, high)
-        # Outside, the network sees its mean input, so that no infinity reaches the gradient.
-        normalised = jnp.where(inside[:, None], (prepared.features - mean[None]) / scale[None], 0.0)
+        normalised, inside = self.normalised(prepared.features)
         network = Perceptron(self.hidden, 1 + len(self.terms), self.activation)
-        output = apply_weights(network, self.weights, normalised)
-        bounded = LARGEST_LOG_FACTOR * jnp.tanh(output / LARGEST_LOG_FACTOR)
-        correction = jnp.where(inside[:, None], prepared.gate[:, None] * bounded, 0.0)
-        coefficient = prepared.coefficient * jnp.exp(correction[:, 0])
-        remainder = None
-        if prepared.term_vectors is not None:
-            remainder = jnp.sum(correction[:, 1:, None] * prepared.term_vectors, axis=1)
-        return Drag(coefficient, remainder, prepared.out_of_range | ~inside)
+        return corrected(prepared, apply_weights(network, self.weights, normalised), inside)
+
+    def normalised(self, features: Array) -> tuple[Array, Array]:
+        """What the network sees (N, 5) [-], and whether the features are in the range of the training (N,)."""
+        constants = (self.feature_mean, self.feature_scale, self.feature_low, self.feature_high)
+        mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(features.dtype) for leaf in constants)
+        inside = inside_range(features, low, high)
+        # Outside, the network sees its mean input, so that no infinity reaches the gradient.
+        return jnp.where(inside[:, None], (features - mean[None]) / scale[None], 0.0), inside
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """Drag for every particle."""
         return self.evaluate(self.prepare(inputs))
+
+
+def corrected(prepared: PreparedInputs, output: Array, inside: Array) -> Drag:
+    """Drag with the correction that a network's output (N, 1 + T) makes; the base law's where not `inside` (N,)."""
+    bounded = LARGEST_LOG_FACTOR * jnp.tanh(output / LARGEST_LOG_FACTOR)
+    correction = jnp.where(inside[:, None], prepared.gate[:, None] * bounded, 0.0)
+    coefficient = prepared.coefficient * jnp.exp(correction[:, 0])
+    remainder = None
+    if prepared.term_vectors is not None:
+        remainder = jnp.sum(correction[:, 1:, None] * prepared.term_vectors, axis=1)
+    return Drag(coefficient, remainder, prepared.out_of_range | ~inside)
 
 
 def check_terms(terms: Sequence[str]) -> None:

@@ -59,6 +59,11 @@ class FitSettings:
         }
         return cls(**{**defaults, **changes})
 
+    def as_plain(self) -> dict[str, Any]:
+        """The settings as JSON has them."""
+        fields = dataclasses.asdict(self)
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()}
+
     def __post_init__(self) -> None:
         """Raise InputError for a setting out of its range."""
         for name, known in (("activation", ACTIVATIONS), ("loss", LOSSES)):
