@@ -255,14 +255,15 @@ def finetune(
     chosen = None if horizons is None else _whole_numbers("--horizons", horizons, ",")
     _prepare_file(out)
     _use_compilation_cache()
-    from jaxdem.closures import load_closure, save_closure
+    from jaxdem.closures import save_closure
+    from jaxdem.closures.file import load_single
     from jaxdem.train.finetune import FinetuneSettings
     from jaxdem.train.finetune import finetune as train_through_solver
 
     options = FinetuneSettings(
         horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
     )
-    start, metadata = load_closure(closure)
+    start, metadata = load_single(closure, "Fine-tune one of its members, or distill it first.")
     with terminal.counted("update") as progress:
         result = train_through_solver(description, reference, start, metadata, options, progress)
     save_closure(out, result.closure, result.metadata)

@@ -93,7 +93,7 @@ def fit_filtered(
 
 def fit_together(
     problems: Sequence[Problem], progress: Progress | None = None
-) -> tuple[list[FitResult], list[Outcome]]:
+) -> list[tuple[Outcome, FitResult | None]]:
     """Train the networks of problems of one kind at once, and judge each by itself.
 
     Args:
@@ -101,17 +101,26 @@ def fit_together(
         progress: see `Progress`; its loss is the mean over the networks.
 
     Returns:
-        Results, whose `seconds` are an equal share of the time of all, and how each training went.
+        How each training went, and its result, whose `seconds` are an equal share of the time of all; None where
+        the loss did not stay finite.
+
+    Raises:
+        ValueError: problems of different kinds.
     """
     started = time.perf_counter()
     outcomes = solve(problems, progress)
-    jax.block_until_ready([outcome.weights for outcome in outcomes])
     seconds = (time.perf_counter() - started) / len(problems)
-    return [judge(*pair, seconds) for pair in zip(problems, outcomes, strict=True)], outcomes
+    return [
+        (
+            outcome,
+            None if outcome.diverged else judge(problem, problem.trained(outcome), outcome.history, seconds),
+        )
+        for problem, outcome in zip(problems, outcomes, strict=True)
+    ]
 
 
 def _fit_one(
-    make: Callable[[Sequence[Dataset], FitSettings], Problem],
+    make: Callable[..., Problem],
     datasets: Sequence[Dataset],
     settings: FitSettings,
     progress: Progress | None,
@@ -121,7 +130,7 @@ def _fit_one(
     (outcome,) = solve([problem], progress)
     elapsed = time.perf_counter() - started
     require_finite(outcome, elapsed)
-    return judge(problem, outcome, elapsed)
+    return judge(problem, problem.trained(outcome), outcome.history, elapsed)
 
 
 def require_finite(outcome: Outcome, elapsed: float) -> None:
@@ -132,8 +141,13 @@ def require_finite(outcome: Outcome, elapsed: float) -> None:
         raise RunError(f"the training loss is {loss}, not finite", f"epoch {epoch}", elapsed, remedy)
 
 
-def paper_problem(datasets: Sequence[Dataset], settings: FitSettings) -> Problem:
-    """What `fit_paper` solves; raises what it raises."""
+def paper_problem(
+    datasets: Sequence[Dataset], settings: FitSettings, start: PaperNetwork | None = None
+) -> Problem:
+    """What `fit_paper` solves; raises what it raises.
+
+    With `start` its layers, weights, normalisation and range are kept and gone on from.
+    """
     split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
     finest = min(all_coarsenings(split, train_only=True))
     groups = training_groups(split.train, settings.coarsenings or (finest,))
@@ -143,17 +157,22 @@ def paper_problem(datasets: Sequence[Dataset], settings: FitSettings) -> Problem
     kept = np.random.default_rng(settings.seed).permutation(len(forces))[: settings.samples]
     inputs, forces = inputs[kept], forces[kept]
     base, dimension = drag_law(datasets[0].drag, "dataset.drag"), datasets[0].dimension
-    closure = PaperNetwork.initial(dimension, base, settings.hidden, settings.activation, settings.seed)
-    mean, scale = mean_and_scale(inputs)
-    offset, unit = mean_and_scale(forces)
-    closure = dataclasses.replace(
-        closure,
-        **constants(
-            input_mean=mean, input_scale=scale, input_low=inputs.min(axis=0), input_high=inputs.max(axis=0),
-            output_mean=offset, output_scale=unit,
-        ),
-    )  # fmt: skip
-    data = on_device((inputs - mean[None]) / scale[None]), on_device((forces - offset[None]) / unit[None])
+    closure = start
+    if closure is None:
+        closure = PaperNetwork.initial(dimension, base, settings.hidden, settings.activation, settings.seed)
+        mean, scale = mean_and_scale(inputs)
+        offset, unit = mean_and_scale(forces)
+        closure = dataclasses.replace(
+            closure,
+            **constants(
+                input_mean=mean, input_scale=scale, input_low=inputs.min(axis=0), input_high=inputs.max(axis=0),
+                output_mean=offset, output_scale=unit,
+            ),
+        )  # fmt: skip
+    data = (
+        _normalised(inputs, closure.input_mean, closure.input_scale),
+        _normalised(forces, closure.output_mean, closure.output_scale),
+    )
     loss = paper_loss(settings)
     regression = partial(linear_force, inputs, forces)
     return Problem("paper", closure, data, loss, regression, base, split, targets, settings)
@@ -169,26 +188,32 @@ def paper_loss(settings: FitSettings) -> Callable[[Any, tuple[Array, Array]], Ar
     return loss
 
 
-def filtered_problem(datasets: Sequence[Dataset], settings: FitSettings) -> Problem:
-    """What `fit_filtered` solves; raises what it raises."""
+def filtered_problem(
+    datasets: Sequence[Dataset], settings: FitSettings, start: InvariantClosure | None = None
+) -> Problem:
+    """What `fit_filtered` solves; raises what it raises.
+
+    With `start` its layers, terms, weights, normalisation and range are kept and gone on from.
+    """
     if settings.loss != "mse":
         raise InputError("loss", settings.loss, "the filtered recipe has its own", "Leave it at mse.")
     split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
     groups = training_groups(split.train, settings.coarsenings or all_coarsenings(split, train_only=True))
     base = drag_law(datasets[0].drag, "dataset.drag")
-    closure = InvariantClosure.initial(
+    closure = start or InvariantClosure.initial(
         base, settings.hidden, settings.activation, settings.terms, settings.seed
     )
     prepared, target, weight = _filtered_rows(closure, groups, settings)
     features = np.asarray(prepared.features, np.float64)
-    mean, scale = mean_and_scale(features)
-    closure = dataclasses.replace(
-        closure,
-        **constants(
-            feature_mean=mean, feature_scale=scale, feature_low=features.min(axis=0),
-            feature_high=features.max(axis=0),
-        ),
-    )  # fmt: skip
+    if start is None:
+        mean, scale = mean_and_scale(features)
+        closure = dataclasses.replace(
+            closure,
+            **constants(
+                feature_mean=mean, feature_scale=scale, feature_low=features.min(axis=0),
+                feature_high=features.max(axis=0),
+            ),
+        )  # fmt: skip
 
     def loss(weights: Any, rows: tuple[PreparedInputs, Array, Array]) -> Array:
         inputs, truth, counts = rows
@@ -199,21 +224,24 @@ def filtered_problem(datasets: Sequence[Dataset], settings: FitSettings) -> Prob
             force = force + drag.remainder
         return jnp.mean(counts * jnp.sum((force - truth) ** 2, axis=-1))
 
-    # All rows lie in the range that they make, so that what the network sees can be had once for all epochs.
-    seen = jax.tree.map(
-        jnp.asarray, prepared._replace(features=on_device((features - mean[None]) / scale[None]))
-    )
+    # Training rows make the range, so that what the network sees can be had once for all epochs.
+    seen = _normalised(features, closure.feature_mean, closure.feature_scale)
+    data = (jax.tree.map(jnp.asarray, prepared._replace(features=seen)), on_device(target), on_device(weight))
     regression = partial(fit_regression, closure, prepared, target, weight)
     targets = dict.fromkeys(all_coarsenings(split), "target_force")
-    data = (seen, on_device(target), on_device(weight))
     return Problem("filtered", closure, data, loss, regression, base, split, targets, settings)
 
 
-RECIPES: dict[str, Callable[[Sequence[Dataset], FitSettings], Problem]] = {
+def _normalised(values: Forces, mean: Array, scale: Array) -> Array:
+    """(M, K) less mean, by scale (K,), in single precision."""
+    return on_device((values - np.asarray(mean, np.float64)[None]) / np.asarray(scale, np.float64)[None])
+
+
+RECIPES: dict[str, Callable[..., Problem]] = {
     "paper": paper_problem,
     "filtered": filtered_problem,
 }
-"""What recipes make of datasets and settings, by name."""
+"""What recipes make of datasets, settings and, if given, a closure to start from, by name."""
 
 
 def _filtered_rows(

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
-from jaxdem.closures.file import LearnedClosure
+from jaxdem.closures.file import LearnedClosure, StoredClosure
 from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset, Group
 from jaxdem.train.fit_evaluate import Forces, Predictor, Split, evaluate_fit, thin
@@ -25,7 +25,7 @@ class FitResult:
     """A fitted closure and how good it is.
 
     Attributes:
-        closure: the trained `PaperNetwork` or `InvariantClosure`.
+        closure: the trained `PaperNetwork` or `InvariantClosure`, or an ensemble of them.
         metadata: what the closure file keeps, plain values: recipe, base_law, datasets, split, settings,
             samples, seed, seconds, loss_history (per epoch), r2 and r2_train (by coarsening: closure, base,
             regression, out_of_range, samples), out of held-out and of training rows.
@@ -33,7 +33,7 @@ class FitResult:
         split: how the held-out rows were chosen.
     """
 
-    closure: LearnedClosure
+    closure: StoredClosure
     metadata: dict[str, Any]
     parity: dict[int, dict[str, Forces]]
     split: str
@@ -70,6 +70,10 @@ class Problem:
         """Training rows."""
         return int(jax.tree.leaves(self.data)[0].shape[0])
 
+    def trained(self, outcome: Outcome) -> LearnedClosure:
+        """The closure with trained weights."""
+        return dataclasses.replace(self.closure, weights=outcome.weights)
+
     @property
     def kind(self) -> tuple[Any, ...]:
         """Equal for problems that one compiled program can train at once."""
@@ -79,7 +83,9 @@ class Problem:
 
 
 def solve(problems: Sequence[Problem], progress: Progress | None = None) -> list[Outcome]:
-    """Train the networks of problems of one kind at once."""
+    """Train the networks of problems of one kind at once; raises ValueError for problems of several kinds."""
+    if len({problem.kind for problem in problems}) > 1:
+        raise ValueError("problems of different kinds cannot be trained at once")
     shared = problems[0].settings
     return minimize(
         problems[0].loss,
@@ -94,10 +100,16 @@ def solve(problems: Sequence[Problem], progress: Progress | None = None) -> list
     )
 
 
-def judge(problem: Problem, outcome: Outcome, seconds: float) -> FitResult:
-    """Judge a trained network on held-out and training rows and put the record together."""
+def judge(problem: Problem, closure: StoredClosure, history: Sequence[float], seconds: float) -> FitResult:
+    """Judge what came of a problem on held-out and training rows and put the record together.
+
+    Args:
+        problem: what was solved.
+        closure: trained.
+        history: loss of every epoch.
+        seconds: that the training took.
+    """
     settings, split, base = problem.settings, problem.split, problem.base
-    closure = dataclasses.replace(problem.closure, weights=outcome.weights)
     regression, name = problem.regression(), problem.targets.__getitem__
     r2, parity = evaluate_fit(closure, base, regression, split.held_out, name, settings.seed)
     r2_train, _ = evaluate_fit(
@@ -112,7 +124,7 @@ def judge(problem: Problem, outcome: Outcome, seconds: float) -> FitResult:
         "samples": problem.rows,
         "seed": settings.seed,
         "seconds": seconds,
-        "loss_history": outcome.history,
+        "loss_history": list(history),
         "r2": r2,
         "r2_train": r2_train,
     }
