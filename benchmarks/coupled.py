@@ -1,28 +1,34 @@
-"""The injection scene by mesh and drag, split by stage: seconds per simulated second, beside the paper and DPMFoam.
+"""The injection scene by mesh and drag, split by stage: seconds per simulated second, beside DPMFoam and the paper.
 
-    python benchmarks/coupled.py [--end 0.5] [--repetitions 1]
+    python benchmarks/coupled.py [--end 0.5] [--repetitions 1] [--cores 1]
 
 `scenes/injection.toml` at 4 and 16 cm, with its correlation and with learned closures in its place, from the start to
-`--end`. The closures are evaluated at every particle and then found out of range, so that the base law acts: all runs
-of a mesh see the same flow, and differ by the cost of the drag alone. Stages are those of `summary.json`; compilation
-and output are left out of the time per simulated second.
+`--end`, every run in a process of its own. The closures are evaluated at every particle and then found out of range,
+so that the base law acts: all runs of a mesh see the same flow, and differ by the cost of the drag alone. Stages are
+those of `summary.json`; compilation and output are left out of the time per simulated second.
+
+DPMFoam (`apt-get install openfoam`), where it is installed, gets the grains where our first run left them.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
+import statistics
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 import jaxdem
-from benchmarks import harness
+from benchmarks import dpmfoam, harness, openfoam
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.network import PaperNetwork
@@ -30,9 +36,8 @@ from jaxdem.closures.network import PaperNetwork
 SCENE = Path(__file__).parents[1] / "scenes" / "injection.toml"
 MESHES = {"4 cm": [300, 50], "16 cm": [75, 12]}
 
-ELSEWHERE = """Elsewhere, on other machines: Davydzenka & Tahmasebi (2022), CFDEM, four cores, seconds per simulated second: 310 fine,
-127-160 coarse, 139-173 coarse with their network (5 s runs of 1550, 627-800, 695-865 s). DPMFoam 1912, the fine mesh
-with this pack, one process of a two-core machine: 11.0 s per fluid step of 0.01 s, 1,100 s per simulated second."""
+ELSEWHERE = """Elsewhere, on another machine: Davydzenka & Tahmasebi (2022), CFDEM, four cores, seconds per simulated second: 310 fine,
+127-160 coarse, 139-173 coarse with their network (5 s runs of 1550, 627-800, 695-865 s)."""
 
 
 def closures() -> dict[str, DragClosure | None]:
@@ -49,20 +54,41 @@ def closures() -> dict[str, DragClosure | None]:
     }
 
 
-def run(cells: list[int], closure: DragClosure | None, end: float) -> dict[str, Any]:
-    """Stages [s], steps and wall time of one run."""
-    overrides = {"fluid.cells": cells, "time.end": end, "time.output_interval": min(0.1, end)}
-    scene = jaxdem.load_scene(SCENE, overrides)
+def run(mesh: str, name: str, end: float) -> dict[str, Any]:
+    """Stages [s], counts, time per simulated second and last positions of one run, in this process."""
+    scene = scene_of(mesh, end)
     with tempfile.TemporaryDirectory() as folder:
-        summary = jaxdem.simulate(scene, Path(folder) / "run", closure=closure).summary
-    assert summary["valid"]
-    stages = {name: value for name, value in summary["stages_s"].items() if value is not None}
-    solving = sum(value for name, value in stages.items() if name not in ("compile", "output"))
+        done = jaxdem.simulate(scene, Path(folder) / "run", closure=closures()[name])
+        position = np.asarray(done.particles(-1)["position"])[:, :2]
+    assert done.summary["valid"]
+    stages = {key: value for key, value in done.summary["stages_s"].items() if value is not None}
     return {
         "stages_s": stages,
-        "counts": summary["counts"],
-        "per_simulated_second": solving / end,
+        "counts": done.summary["counts"],
+        "per_simulated_second": solving(stages) / end,
+        "peak_bytes": harness.peak_memory()["peak_bytes"],
+        "position": position.tolist(),
     }
+
+
+def scene_of(mesh: str, end: float) -> jaxdem.Scene:
+    """The scene on a mesh, to a time."""
+    changes = {"fluid.cells": MESHES[mesh], "time.end": end, "time.output_interval": min(0.1, end)}
+    return jaxdem.load_scene(SCENE, changes)
+
+
+def solving(stages: dict[str, float]) -> float:
+    """Time without compilation and output [s]."""
+    return sum(value for key, value in stages.items() if key not in ("compile", "output"))
+
+
+def measured(mesh: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """`run` in a process of its own, on the cores asked for."""
+    command = [sys.executable, __file__, "--one", mesh, name, "--end", str(options.end)]
+    done = subprocess.run(
+        harness.pinned(options.cores, command), stdout=subprocess.PIPE, text=True, check=True
+    )
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def row(mesh: str, name: str, results: list[dict[str, Any]]) -> str:
@@ -70,37 +96,60 @@ def row(mesh: str, name: str, results: list[dict[str, Any]]) -> str:
     speed = harness.spread([result["per_simulated_second"] for result in results])
     middle = min(results, key=lambda result: abs(result["per_simulated_second"] - speed["median"]))
     stages = middle["stages_s"]
-    solving = sum(value for key, value in stages.items() if key not in ("compile", "output"))
     parts = [
-        f"{100 * stages[key] / solving:.1f} %" if key in stages else "-"
+        f"{100 * stages[key] / solving(stages):.1f} %" if key in stages else "-"
         for key in ("contact", "neighbors", "coupling", "drag", "fluid")
     ]
     return (
         f"| {mesh} | {name} | {speed['median']:.1f} ({speed['lowest']:.1f}-{speed['highest']:.1f}) | "
-        f"{' | '.join(parts)} | {stages['compile']:.1f} |"
+        f"{' | '.join(parts)} | {stages['compile']:.1f} | {middle['peak_bytes'] / 2**20:.0f} |"
+    )
+
+
+def peer_row(position: list[list[float]], ours: float, end: float) -> tuple[list[float], str]:
+    """DPMFoam's times, and its line: on the fine mesh, one process, from the positions that our run reached."""
+    if not openfoam.installed("DPMFoam"):
+        return [], "| 4 cm | DPMFoam | not installed (`apt-get install openfoam`) | | | | | | | |"
+    times = dpmfoam.seconds_per_simulated_second(scene_of("4 cm", end), np.asarray(position))
+    speed = harness.spread(times)
+    described = f"{speed['median']:.0f} ({speed['lowest']:.0f}-{speed['highest']:.0f})"
+    return (
+        times,
+        f"| 4 cm | DPMFoam, one process | {described}, {speed['median'] / ours:.1f} x ours | | | | | | | |",
     )
 
 
 def main() -> None:
-    """All meshes and closures, then the table."""
+    """All meshes and closures, DPMFoam, then the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--end", type=float, default=0.5)
     parser.add_argument("--repetitions", type=int, default=1)
-    arguments = parser.parse_args()
+    parser.add_argument("--cores", type=int, default=1)
+    parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        print(json.dumps(run(*options.one, options.end)))
+        return
     lines = [
-        "| mesh | drag | s per simulated s, median (range) | contact | neighbours | exchange | drag | fluid | compile [s] |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| mesh | drag | s per simulated s, median (range) | contact | neighbours | exchange | drag | fluid | compile [s] | peak memory [MiB] |",
+        "|" + " --- |" * 10,
     ]
-    result: dict[str, Any] = {"end": arguments.end}
-    for mesh, cells in MESHES.items():
-        for name, closure in closures().items():
-            runs = [run(cells, closure, arguments.end) for _ in range(arguments.repetitions)]
-            result[f"{mesh}, {name}"] = runs
+    result: dict[str, Any] = {"end": options.end, "cores_used": options.cores}
+    position: list[list[float]] = []
+    for mesh in MESHES:
+        for name in closures():
+            runs = [measured(mesh, name, options) for _ in range(options.repetitions)]
+            position = position or runs[0]["position"]
+            result[f"{mesh}, {name}"] = [{k: v for k, v in r.items() if k != "position"} for r in runs]
             lines.append(row(mesh, name, runs))
             print(lines[-1], flush=True)
-    harness.write("coupled", result, "\n".join(lines) + "\n\n" + ELSEWHERE)
+    ours = [one["per_simulated_second"] for one in result["4 cm, Koch-Hill"]]
+    result["DPMFoam"], line = peer_row(position, statistics.median(ours), options.end)
+    lines.append(line)
+    about = f"{options.cores} core(s), to {options.end} s, {options.repetitions} repetition(s)."
+    harness.write("coupled", result, "\n".join([about, "", *lines]) + "\n\n" + ELSEWHERE)
 
 
 if __name__ == "__main__":

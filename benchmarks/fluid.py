@@ -21,7 +21,6 @@ import json
 import math
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -33,7 +32,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
-from benchmarks import harness
+from benchmarks import harness, openfoam
 
 # jax is imported by the processes that measure, not here: a process inherits the peak memory of the one it came from.
 
@@ -156,8 +155,6 @@ def ours(cores: int, cells: tuple[int, ...], flow: str, arguments: argparse.Name
 
 # --- OpenFOAM ---------------------------------------------------------------------------------------------
 
-FOAM_SETTINGS = Path("/usr/share/openfoam/etc/bashrc")  # where the Debian package keeps its environment
-FOAM_HEAD = "FoamFile {{ version 2.0; format ascii; class {kind}; object {name}; }}\n"
 FOAM_CASE = {
     "constant/transportProperties": "transportModel Newtonian;\nnu {viscosity};\n",
     "constant/turbulenceProperties": "simulationType laminar;\n",
@@ -246,16 +243,7 @@ def write_foam_case(folder: Path, cells: tuple[int, ...], flow: str, intervals: 
         "inlet": " ".join(sides[:entered]), "beside": " ".join(sides[entered:]),
     }  # fmt: skip
     kinds = {"0/U": "volVectorField", "0/p": "volScalarField"}
-    for place, text in FOAM_CASE.items():
-        path = folder / place
-        path.parent.mkdir(exist_ok=True)
-        head = FOAM_HEAD.format(kind=kinds.get(place, "dictionary"), name=path.name)
-        path.write_text(head + text.format(**values))
-
-
-def foam(program: str) -> list[str]:
-    """A program of OpenFOAM in the environment that it needs, on one core."""
-    return harness.pinned(1, ["bash", "-c", f". {FOAM_SETTINGS} >/dev/null 2>&1; exec {program}"])
+    openfoam.write_case(folder, FOAM_CASE, values, kinds)
 
 
 def pisofoam(cells: tuple[int, ...], flow: str, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -264,8 +252,10 @@ def pisofoam(cells: tuple[int, ...], flow: str, arguments: argparse.Namespace) -
     ends, iterations, count = [], [], 0
     with tempfile.TemporaryDirectory() as folder:
         write_foam_case(Path(folder), cells, flow, (arguments.windows + 1) * intervals)
-        subprocess.run(foam("blockMesh"), check=True, stdout=subprocess.DEVNULL, cwd=folder)
-        with subprocess.Popen(foam("pisoFoam"), stdout=subprocess.PIPE, text=True, cwd=folder) as running:
+        subprocess.run(openfoam.command("blockMesh"), check=True, stdout=subprocess.DEVNULL, cwd=folder)
+        with subprocess.Popen(
+            openfoam.command("pisoFoam"), stdout=subprocess.PIPE, text=True, cwd=folder
+        ) as running:
             assert running.stdout is not None
             for line in running.stdout:
                 if found := re.search(r"Solving for p,.*No Iterations (\d+)", line):
@@ -375,7 +365,7 @@ def main() -> None:
             print(rows[-1], flush=True)
     ratios = growth(runs)
     flat = sorted((cells for cells in arguments.meshes if len(cells) == 2), key=math.prod)
-    if not all(map(shutil.which, ("pisoFoam", "blockMesh"))):
+    if not openfoam.installed("pisoFoam"):
         rows.append("| pisoFoam | | | | not installed (`apt-get install openfoam`) | | | | |")
     elif flat:
         for flow in FLOWS:

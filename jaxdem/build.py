@@ -434,9 +434,15 @@ def _initial_fluid(
     faces = tuple(jnp.full(grid.face_shape(axis), velocity[axis], dtype) for axis in range(grid.dimension))
     void_fraction = None
     if particles is not None and parameters.bodies is not None and fluid.deposition is not None:
-        weights = fluid.deposition.weights(grid, particles.position, parameters.bodies.radius)
-        weights = present_weights(weights, particles.active)
-        void_fraction = 1.0 - solid_fraction(grid, weights, parameters.bodies.volume)
+        deposition = fluid.deposition
+
+        @jax.jit  # as one program: outside of jit every operation would be compiled by itself
+        def deposited(position: Array, active: Array | None, radius: Array, volume: Array) -> Array:
+            weights = present_weights(deposition.weights(grid, position, radius), active)
+            return 1.0 - solid_fraction(grid, weights, volume)
+
+        bodies = parameters.bodies
+        void_fraction = deposited(particles.position, particles.active, bodies.radius, bodies.volume)
         lowest = float(jnp.min(void_fraction))
         if lowest < MINIMUM_VOID_FRACTION:
             raise InputError(
