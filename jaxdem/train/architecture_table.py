@@ -133,9 +133,9 @@ class Search:
                 ]
             )
         write_bytes(self.out / TABLE, text.getvalue().encode())
-        write_bytes(self.out / PAGE, self._page().encode())
+        write_bytes(self.out / PAGE, self.page().encode())
 
-    def _page(self) -> str:
+    def page(self) -> str:
         """Markdown: R2 by coarsening, mean and range over seeds, the paper's beside it."""
         names = [name for name in self.names if name != "seed"]
         paper = any(math.isfinite(self.paper_r2(chosen)) for chosen, _ in self.by_seed())
