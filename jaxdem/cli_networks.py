@@ -111,7 +111,7 @@ def _search(
         Scores(
             ", ".join(f"{name} {as_text(value)}" for name, value in chosen.items()) or "all seeds",
             {n: [network.r2(n) for network in networks] for n in found.coarsenings},
-            found.paper_r2(chosen),
+            found.paper_r2(networks[0]),
         )
         for chosen, networks in found.by_seed()
     ]

@@ -102,14 +102,26 @@ class Search:
             groups.setdefault(network_name(others), (others, []))[1].append(network)
         return list(groups.values())
 
-    def paper_r2(self, chosen: dict[str, Any]) -> float:
-        """The paper's figure where at most one of these settings differs from the paper's; else NaN."""
-        usual = FitSettings()
-        differing = {name: value for name, value in chosen.items() if value != getattr(usual, name)}
+    def paper_r2(self, network: Network) -> float:
+        """The paper's figure where the settings differ from the paper's in one at most; else NaN.
+
+        The number of epochs and the seed are left out: they say how exact the figure beside it is.
+        """
+        usual, own = FitSettings(), network.settings
+        names = (
+            "hidden",
+            "activation",
+            "loss",
+            "learning_rate",
+            "schedule",
+            "batch",
+            "samples",
+            "coarsenings",
+        )
+        differing = [name for name in names if getattr(own, name) != getattr(usual, name)] or ["activation"]
         if self.recipe != "paper" or len(differing) > 1:
             return math.nan
-        ((name, value),) = differing.items() or (("activation", usual.activation),)
-        return PAPER_R2.get(name, {}).get(value, math.nan)
+        return PAPER_R2.get(differing[0], {}).get(getattr(own, differing[0]), math.nan)
 
     def write(self) -> None:
         """sweep.csv with a line a network, and sweep.md with a line for all that differ in the seed alone."""
@@ -120,13 +132,12 @@ class Search:
         for network in self.networks:
             scores = [network.r2(n, of) for n in self.coarsenings for of in ("closure", "base", "regression")]
             record = network.metadata or {}
-            others = {name: value for name, value in network.chosen.items() if name != "seed"}
             lines.writerow(
                 [
                     network.name,
                     *map(as_text, network.chosen.values()),
                     *map(repr, scores),
-                    repr(self.paper_r2(others)),
+                    repr(self.paper_r2(network)),
                     record.get("samples", ""),
                     repr(record.get("seconds", math.nan)),
                     network.reason,
@@ -138,7 +149,7 @@ class Search:
     def page(self) -> str:
         """Markdown: R2 by coarsening, mean and range over seeds, the paper's beside it."""
         names = [name for name in self.names if name != "seed"]
-        paper = any(math.isfinite(self.paper_r2(chosen)) for chosen, _ in self.by_seed())
+        paper = any(math.isfinite(self.paper_r2(network)) for network in self.networks)
         done = next((network for network in self.networks if network.metadata), None)
         head = [
             *names,
@@ -150,7 +161,7 @@ class Search:
         rows = [head, ["---"] * len(head)]
         for chosen, networks in self.by_seed():
             scores = [_range([network.r2(n) for network in networks]) for n in self.coarsenings]
-            given = self.paper_r2(chosen)
+            given = self.paper_r2(networks[0])
             figure = [f"{given:.4f}" if math.isfinite(given) else ""] * paper
             seconds = [network.metadata["seconds"] for network in networks if network.metadata]
             spent = f"{np.mean(seconds):.3g}" if seconds else ""

@@ -173,19 +173,47 @@ def paper_problem(
         _normalised(inputs, closure.input_mean, closure.input_scale),
         _normalised(forces, closure.output_mean, closure.output_scale),
     )
-    loss = paper_loss(settings)
+    loss = PaperLoss(settings.loss, settings.activation)
     regression = partial(linear_force, inputs, forces)
     return Problem("paper", closure, data, loss, regression, base, split, targets, settings)
 
 
-def paper_loss(settings: FitSettings) -> Callable[[Any, tuple[Array, Array]], Array]:
-    """Loss of weights and rows: normalised inputs (M, K) and forces (M, D) [-]."""
-    measure, activation = LOSSES[settings.loss], settings.activation
+@dataclasses.dataclass(frozen=True)
+class PaperLoss:
+    """Loss of weights and rows: normalised inputs (M, K) and forces (M, D) [-].
 
-    def loss(weights: Any, rows: tuple[Array, Array]) -> Array:
-        return measure(network_columns(weights, activation, rows[0].T), rows[1].T)
+    Attributes:
+        measure: a name of `LOSSES`.
+        activation: of the network.
+    """
 
-    return loss
+    measure: str
+    activation: str
+
+    def __call__(self, weights: Any, rows: tuple[Array, Array]) -> Array:
+        """The loss."""
+        return LOSSES[self.measure](network_columns(weights, self.activation, rows[0].T), rows[1].T)
+
+
+@dataclasses.dataclass(frozen=True)
+class FilteredLoss:
+    """Loss of weights and rows: prepared inputs with normalised features, forces (M, D) [N], weights (M,) [1/N2].
+
+    Attributes:
+        activation: of the network.
+    """
+
+    activation: str
+
+    def __call__(self, weights: Any, rows: tuple[PreparedInputs, Array, Array]) -> Array:
+        """The loss."""
+        inputs, truth, counts = rows
+        output = network_columns(weights, self.activation, inputs.features.T).T
+        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range))
+        force = drag.coefficient[:, None] * inputs.slip
+        if drag.remainder is not None:
+            force = force + drag.remainder
+        return jnp.mean(counts * jnp.sum((force - truth) ** 2, axis=-1))
 
 
 def filtered_problem(
@@ -215,18 +243,10 @@ def filtered_problem(
             ),
         )  # fmt: skip
 
-    def loss(weights: Any, rows: tuple[PreparedInputs, Array, Array]) -> Array:
-        inputs, truth, counts = rows
-        output = network_columns(weights, settings.activation, inputs.features.T).T
-        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range))
-        force = drag.coefficient[:, None] * inputs.slip
-        if drag.remainder is not None:
-            force = force + drag.remainder
-        return jnp.mean(counts * jnp.sum((force - truth) ** 2, axis=-1))
-
     # Training rows make the range, so that what the network sees can be had once for all epochs.
     seen = _normalised(features, closure.feature_mean, closure.feature_scale)
     data = (jax.tree.map(jnp.asarray, prepared._replace(features=seen)), on_device(target), on_device(weight))
+    loss = FilteredLoss(settings.activation)
     regression = partial(fit_regression, closure, prepared, target, weight)
     targets = dict.fromkeys(all_coarsenings(split), "target_force")
     return Problem("filtered", closure, data, loss, regression, base, split, targets, settings)

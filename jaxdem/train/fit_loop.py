@@ -59,7 +59,7 @@ paper's library), which sees negative values as zero in msle."""
 
 
 Loss = Callable[[Any, Any], Array]
-"""loss(weights, rows) of one network: a scalar."""
+"""loss(weights, rows) of one network: a scalar. Losses that are equal share compiled programs."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,17 +80,15 @@ class Outcome:
         return not math.isfinite(self.history[-1])
 
 
-def make_optimizer(schedule: str, updates: int) -> optax.GradientTransformation:
-    """Adamax (0.9, 0.999, 1e-7) of learning rate 1, constant or falling to a hundredth along a cosine.
+def make_optimizer(updates: int | None) -> optax.GradientTransformation:
+    """Adamax (0.9, 0.999, 1e-7) of learning rate 1, which falls to a hundredth along a cosine of so many updates.
 
-    All parameters are one vector to it, which takes a tenth of the operations. `minimize` multiplies by the rate,
-    so that networks that differ in it share a program.
+    None: the rate is constant. All parameters are one vector to it, which takes a tenth of the operations. `minimize`
+    multiplies by the learning rate, so that networks that differ in it share a program.
 
     Source: Kingma & Ba (2015), Adam: a method for stochastic optimization, algorithm 2.
     """
-    rate: Any = 1.0
-    if schedule == "cosine":
-        rate = optax.cosine_decay_schedule(1.0, updates, alpha=0.01)
+    rate: Any = 1.0 if updates is None else optax.cosine_decay_schedule(1.0, updates, alpha=0.01)
     return optax.flatten(optax.adamax(rate, b1=0.9, b2=0.999, eps=1e-7))
 
 
@@ -129,9 +127,13 @@ def minimize(
     rows = jax.tree.leaves(data[0])[0].shape[0]
     batch = min(batch, rows)
     batches = rows // batch
-    optimizer = make_optimizer(schedule, epochs * batches)
+    updates = epochs * batches if schedule == "cosine" else None
+    optimizer, several = make_optimizer(updates), len(weights) > 1
     generators = [np.random.default_rng(seed) for seed in seeds]
-    epoch_of, stack = _epoch_of(loss, optimizer, len(weights))
+
+    def stack(parts: Sequence[Any]) -> Any:
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts) if several else parts[0]
+
     # The epoch gives its carry's memory to its results; the caller's weights must survive that.
     carry = jax.tree.map(jnp.copy, stack([(w, optimizer.init(w)) for w in weights]))
     everything, rates = stack(data), stack([jnp.float32(rate) for rate in learning_rates])
@@ -143,7 +145,7 @@ def minimize(
             # A sort on the device would take a sixth of the paper's epoch; the host's shuffle runs beside it.
             orders = [generator.permutation(rows)[: batches * batch] for generator in generators]
             order = stack([o.astype(np.int32).reshape(batches, batch) for o in orders])
-            carry, value = epoch_of(carry, everything, order, rates)
+            carry, value = _epoch(carry, everything, order, rates, loss, updates, several)
             losses.append(value)
         history += [np.atleast_1d(value) for value in jax.device_get(losses)]
         if progress is not None:
@@ -151,17 +153,6 @@ def minimize(
         if not np.isfinite(history[-1]).any():
             break
     return _outcomes(carry[0], np.array(history, np.float64), len(weights))
-
-
-def _epoch_of(
-    loss: Loss, optimizer: optax.GradientTransformation, networks: int
-) -> tuple[Callable[..., tuple[Any, Array]], Callable[[Sequence[Any]], Any]]:
-    """The compiled epoch, and how what belongs to the networks is put together for it."""
-    epoch = partial(_epoch, loss, optimizer)
-    if networks == 1:
-        return jax.jit(epoch, donate_argnums=0), lambda parts: parts[0]
-    mapped = jax.jit(jax.vmap(epoch), donate_argnums=0)
-    return mapped, lambda parts: jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
 
 
 def _outcomes(weights: Any, history: np.ndarray, networks: int) -> list[Outcome]:
@@ -176,23 +167,33 @@ def _outcomes(weights: Any, history: np.ndarray, networks: int) -> list[Outcome]
     return outcomes
 
 
+@partial(jax.jit, static_argnums=(4, 5, 6), donate_argnums=0)
 def _epoch(
-    loss: Loss,
-    optimizer: optax.GradientTransformation,
-    carry: Any,
-    data: Any,
-    order: Array,
-    rate: Array,
+    carry: Any, data: Any, order: Array, rate: Array, loss: Loss, updates: int | None, several: bool
 ) -> tuple[Any, Array]:
-    """One pass through the data in the order (batches, batch): weights, optimiser state, mean loss."""
+    """One pass through the data: weights, optimiser state, mean loss.
 
-    def update(carry: Any, picked: Array) -> tuple[Any, Array]:
-        weights, state = carry
-        selected = jax.tree.map(lambda leaf: leaf[picked], data)
-        value, slopes = jax.value_and_grad(loss)(weights, selected)
-        changes, state = optimizer.update(slopes, state, weights)
-        weights = jax.tree.map(lambda leaf, change: leaf + rate * change, weights, changes)
-        return (weights, state), value
+    Args:
+        carry: weights and optimiser state.
+        data: rows (M, ...).
+        order: (batches, batch) rows of each batch.
+        rate: learning rate.
+        loss: see `Loss`.
+        updates: see `make_optimizer`.
+        several: whether all of the arrays have networks along a first axis.
+    """
+    optimizer = make_optimizer(updates)
 
-    carry, values = jax.lax.scan(update, carry, order)
-    return carry, jnp.mean(values)
+    def epoch(carry: Any, data: Any, order: Array, rate: Array) -> tuple[Any, Array]:
+        def update(carry: Any, picked: Array) -> tuple[Any, Array]:
+            weights, state = carry
+            selected = jax.tree.map(lambda leaf: leaf[picked], data)
+            value, slopes = jax.value_and_grad(loss)(weights, selected)
+            changes, state = optimizer.update(slopes, state, weights)
+            weights = jax.tree.map(lambda leaf, change: leaf + rate * change, weights, changes)
+            return (weights, state), value
+
+        carry, values = jax.lax.scan(update, carry, order)
+        return carry, jnp.mean(values)
+
+    return (jax.vmap(epoch) if several else epoch)(carry, data, order, rate)
