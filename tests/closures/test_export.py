@@ -14,7 +14,15 @@ import onnx
 import onnxruntime
 import pytest
 
-from jaxdem.closures import ACTIVATIONS, DRAG_LAWS, Drag, DragInputs, InvariantClosure, PaperNetwork
+from jaxdem.closures import (
+    ACTIVATIONS,
+    DRAG_LAWS,
+    Drag,
+    DragInputs,
+    EnsembleClosure,
+    InvariantClosure,
+    PaperNetwork,
+)
 from jaxdem.closures.export import export_closure, identifier
 from jaxdem.closures.export_c import c_header
 from jaxdem.closures.export_onnx import onnx_model
@@ -255,6 +263,21 @@ def test_a_third_component_of_zero_changes_nothing(closures):
     )
     np.testing.assert_allclose(three[:, :2], two, rtol=1e-6)
     np.testing.assert_array_equal(three[:, 2], 0.0)
+
+
+def test_an_ensemble_is_written_member_after_member(closures, tmp_path):
+    """Two equal members give what the one gives."""
+    path = tmp_path / "closure.onnx"
+    ensemble = EnsembleClosure.of([closures["plain"]] * 2)
+    export_closure(ensemble, {}, "onnx", path, "0")
+    assert "2 of InvariantClosure" in onnx.load(path).doc_string
+    inputs = dict(zip(DragInputs._fields, inputs_for(3), strict=True))
+    two, one = (
+        onnxruntime.InferenceSession(model).run(["force"], inputs)[0]
+        for model in (path.read_bytes(), onnx_model(closures["plain"], 3, "", "0"))
+    )
+    np.testing.assert_allclose(two, one, rtol=1e-6)
+    export_closure(ensemble, {}, "c", tmp_path / "closure.h", "0")
 
 
 def test_operations_that_no_format_knows_are_named():

@@ -11,6 +11,7 @@ import pytest
 
 from jaxdem.closures import (
     DragInputs,
+    EnsembleClosure,
     Ergun,
     InvariantClosure,
     KochHill,
@@ -138,6 +139,54 @@ def test_correction_vanishes_with_the_filter():
     )
 
 
+def ensemble_of(inputs, count=3):
+    """Invariant closures of random weights with the terms, as one; one range for all."""
+    start = normalised(InvariantClosure.initial(hidden=(4,), terms=TERMS), inputs)
+    return EnsembleClosure.of([shaken(start, seed) for seed in range(count)])
+
+
+def test_ensemble_of_one_network_is_that_network():
+    inputs = make_inputs()
+    closure = shaken(normalised(InvariantClosure.initial(hidden=(4,), terms=TERMS), inputs))
+    far = inputs._replace(fluid_velocity=inputs.fluid_velocity.at[0].set(1e4))
+    alone, together = evaluate(closure, far), evaluate(EnsembleClosure.of([closure] * 3), far)
+    for one, mean in zip(alone, together, strict=True):
+        np.testing.assert_allclose(mean, one, rtol=1e-12)
+    assert together.out_of_range.tolist() == [True] + [False] * 39
+    spread = jax.jit(EnsembleClosure.spread)(EnsembleClosure.of([closure] * 3), far)
+    np.testing.assert_allclose(spread / np.abs(force(alone, far)).max(), 0.0, atol=1e-12)
+
+
+def test_ensemble_is_positive_and_the_same_under_rotation_and_in_a_moving_frame():
+    inputs = make_inputs()
+    ensemble = ensemble_of(inputs)
+    drag = evaluate(ensemble, inputs)
+    assert (drag.coefficient > 0).all()
+    members = [force(evaluate(ensemble.member(number), inputs), inputs) for number in range(3)]
+    before = force(drag, inputs)
+    scale = np.abs(before).max()
+    np.testing.assert_allclose(before, np.mean(members, axis=0), atol=1e-12 * scale)
+    spread = jax.jit(EnsembleClosure.spread)(ensemble, inputs)
+    np.testing.assert_allclose(spread, np.sqrt(np.var(members, axis=0, ddof=1).sum(axis=-1)), rtol=1e-9)
+    rotation, frame = rotation_matrix(2), jnp.full((1, 2), 0.7)
+    turned = rotated(inputs, rotation)
+    moving = turned._replace(
+        particle_velocity=turned.particle_velocity + frame, fluid_velocity=turned.fluid_velocity + frame
+    )
+    np.testing.assert_allclose(
+        force(evaluate(ensemble, moving), moving), before @ rotation.T, atol=1e-6 * scale
+    )
+    apart = jax.jit(lambda inputs: ensemble.one_by_one()(inputs))(inputs)
+    np.testing.assert_allclose(force(apart, inputs), before, atol=1e-12 * scale)
+
+
+def test_ensembles_have_one_structure():
+    with pytest.raises(InputError, match="one kind"):
+        EnsembleClosure.of([InvariantClosure.initial(hidden=(width,)) for width in (3, 4)])
+    with pytest.raises(InputError, match="at least two"):
+        EnsembleClosure.of([InvariantClosure.initial()])
+
+
 @pytest.mark.parametrize("make", [InvariantClosure.initial, lambda: PaperNetwork.initial(2)])
 def test_gradients_at_zero_slip_and_even_void_fraction(make):
     inputs = make_inputs(4)
@@ -261,6 +310,7 @@ def test_learned_closures_are_traced_arguments_with_static_structure():
 CLOSURES = {
     "invariant": lambda: shaken(InvariantClosure.initial(Ergun(), (5, 4), "softplus", TERMS)),
     "paper": lambda: shaken(PaperNetwork.initial(3, hidden=(7, 3), activation="selu")),
+    "ensemble": lambda: EnsembleClosure.of([PaperNetwork.initial(3, hidden=(7,), seed=n) for n in (0, 1)]),
 }
 
 
