@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.closures.ensemble import EnsembleClosure
-from jaxdem.closures.invariant import InvariantClosure
+from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.errors import InputError
@@ -39,7 +39,7 @@ def save_closure(path: str | os.PathLike[str], closure: StoredClosure, metadata:
     """Write a closure; an earlier file is replaced in one step, only when the new one is complete.
 
     Layout: attributes format, version, kind ("paper", "invariant" or "ensemble"), base (scene name of the base law),
-    hidden, activation, dimension (paper), terms (invariant), members and member_kind (ensemble); dataset `metadata`
+    hidden, activation, dimension (paper), terms and features (invariant), members and member_kind (ensemble); dataset `metadata`
     (JSON); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`, those of
     an ensemble below `arrays/members/` with the members along their first axis.
 
@@ -138,7 +138,8 @@ def _structure(closure: StoredClosure) -> dict[str, Any]:
     }
     if isinstance(closure, PaperNetwork):
         return {"kind": "paper", "dimension": closure.dimension, **common}
-    return {"kind": "invariant", "terms": ",".join(closure.terms), **common}
+    names = {"terms": ",".join(closure.terms), "features": ",".join(closure.features)}
+    return {"kind": "invariant", **names, **common}
 
 
 def _template(attributes: Any, path: str) -> StoredClosure:
@@ -158,7 +159,9 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
         return PaperNetwork.initial(int(attributes["dimension"]), base, hidden, activation)
     if kind == "invariant":
         terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
-        return InvariantClosure.initial(base, hidden, activation, terms)
+        # Files of the first versions do not name their features.
+        features = str(attributes.get("features", ",".join(WITHOUT_PRESSURE))).split(",")
+        return InvariantClosure.initial(base, hidden, activation, terms, features=features)
     raise InputError(KEY, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
 
 

@@ -229,7 +229,7 @@ def filtered_problem(
     groups = training_groups(split.train, settings.coarsenings or all_coarsenings(split, train_only=True))
     base = drag_law(datasets[0].drag, "dataset.drag")
     closure = start or InvariantClosure.initial(
-        base, settings.hidden, settings.activation, settings.terms, settings.seed
+        base, settings.hidden, settings.activation, settings.terms, settings.seed, settings.features
     )
     prepared, target, weight = _filtered_rows(closure, groups, settings)
     features = np.asarray(prepared.features, np.float64)

@@ -19,7 +19,7 @@ from jaxdem.closures import (
     load_closure,
     save_closure,
 )
-from jaxdem.closures.invariant import FEATURES, TERMS
+from jaxdem.closures.invariant import FEATURES, TERMS, WITHOUT_PRESSURE
 from jaxdem.errors import InputError
 
 
@@ -193,6 +193,7 @@ def test_gradients_at_zero_slip_and_even_void_fraction(make):
     inputs = inputs._replace(
         fluid_velocity=inputs.particle_velocity,
         void_fraction_gradient=jnp.zeros((4, 2)),
+        pressure_gradient=inputs.pressure_gradient.at[:2].set(0.0),
         solid_fraction=jnp.array([0.0, 0.2, 0.4, 0.9]),
     )
     closure = shaken(make())
@@ -229,7 +230,7 @@ def test_weight_gradient_against_finite_differences(kind):
     )
     assert float(slope) == pytest.approx(float(total(ahead) - total(behind)) / (2 * step), rel=1e-6)
     for field in dataclasses.fields(closure):
-        if field.name not in ("weights", "base", "hidden", "activation", "terms"):
+        if field.name not in ("weights", "base", "hidden", "activation", "terms", "features"):
             np.testing.assert_array_equal(getattr(gradient, field.name), 0.0)
 
 
@@ -328,6 +329,29 @@ def test_file_round_trip_is_exact(kind, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_files_that_name_no_features_have_those_without_pressure(tmp_path):
+    """As the first versions wrote them."""
+    closure, path = InvariantClosure.initial(hidden=(4,), features=WITHOUT_PRESSURE), tmp_path / "closure.h5"
+    save_closure(path, closure, {})
+    with h5py.File(path, "a") as file:
+        del file.attrs["features"]
+    assert jax.tree.structure(load_closure(path)[0]) == jax.tree.structure(closure)
+
+
+def test_pressure_features_are_bounded_and_vanish_without_a_gradient():
+    inputs = make_inputs()
+    closure = InvariantClosure.initial()
+    features = dict(zip(FEATURES, prepare(closure, inputs).features.T, strict=True))
+    along, size = (features[f"pressure_gradient_{name}"] for name in ("along_slip", "size"))
+    assert (np.abs(along) <= size).all() and (size < 1).all() and size.max() > 0.5
+    cosine = jnp.sum(inputs.pressure_gradient * inputs.slip_velocity, axis=-1) / (
+        jnp.linalg.norm(inputs.pressure_gradient, axis=-1) * inputs.slip_speed
+    )
+    np.testing.assert_allclose(along / size, cosine * inputs.reynolds / (1 + inputs.reynolds), rtol=1e-9)
+    still = inputs._replace(pressure_gradient=jnp.zeros((40, 2)), fluid_velocity=inputs.particle_velocity)
+    np.testing.assert_array_equal(prepare(closure, still).features[:, -2:], 0.0)
+
+
 def test_failed_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "closure.h5"
     save_closure(path, CLOSURES["paper"](), {"round": 1})
@@ -418,3 +442,5 @@ def test_bad_structure_is_refused():
         InvariantClosure.initial(hidden=(8, 0))
     with pytest.raises(InputError, match="terms"):
         InvariantClosure.initial(terms=("lift",))
+    with pytest.raises(InputError, match="features"):
+        InvariantClosure.initial(features=("log1p_reynolds", "solid_fraction"))

@@ -162,9 +162,9 @@ def test_neurons_that_say_nothing_are_pruned_without_loss():
     weights["Dense_0"]["kernel"][:, [0, 3]] = 0.0  # constant
     weights["Dense_1"]["kernel"][5] = 0.0  # heard by nobody
     weights["Dense_2"]["kernel"][[0, 2]] = 0.0
-    rows = generator.normal(size=(200, 5)).astype(np.float32)
+    rows = generator.normal(size=(200, 7)).astype(np.float32)
     smaller = prune_weights(weights, "elu", rows, 0.5)
-    assert [smaller[f"Dense_{i}"]["kernel"].shape for i in range(3)] == [(5, 3), (3, 2), (2, 1)]
+    assert [smaller[f"Dense_{i}"]["kernel"].shape for i in range(3)] == [(7, 3), (3, 2), (2, 1)]
 
     def output(weights):
         values = rows
