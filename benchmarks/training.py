@@ -6,8 +6,8 @@ The loop is that of `jaxdem train` on synthetic samples: velocities and void fra
 normalised. With fewer epochs than the paper's 2000 the time of all is extrapolated; `--epochs 2000` runs them all.
 Below 200 epochs the loop reads every loss, which keeps the next shuffle from running beside the device.
 
-Eight at once is `minimize` with eight networks, as `jaxdem train --sweep seed=0,1,2,3,4,5,6,7` calls it. `PJRT_NPROC=1` in
-the environment gives XLA one thread.
+Eight at once is `minimize` with eight networks, as `jaxdem train --sweep seed=0,1,2,3,4,5,6,7` calls it: mapped in one program on an
+accelerator, a thread each on a CPU; mapped is measured on both. `PJRT_NPROC=1` in the environment gives XLA one thread.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import argparse
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,11 @@ def network(settings: FitSettings, seed: int) -> PaperNetwork:
 
 
 def train(
-    settings: FitSettings, data: Rows, seeds: Sequence[int], progress: Progress | None = None
+    settings: FitSettings,
+    data: Rows,
+    seeds: Sequence[int],
+    progress: Progress | None = None,
+    mapped: bool | None = None,
 ) -> list[Outcome]:
     """Networks of these seeds, trained at once."""
     count = len(seeds)
@@ -73,53 +77,55 @@ def train(
         schedule=settings.schedule,
         seeds=seeds,
         progress=progress,
+        mapped=mapped,
     )
 
 
 def single_training(settings: FitSettings, data: Rows) -> dict[str, Any]:
     """Trains one network: seconds per epoch, of the start with its compilation, and of it all."""
-    seconds, until_first, whole, outcomes = epochs_of(settings, data, [settings.seed])
-    history = outcomes[0].history
-    return {
-        "epochs": settings.epochs,
-        "seconds_per_epoch": harness.spread(seconds),
-        "seconds_until_first_report": until_first,
-        "seconds": whole,
-        "first_and_last_loss": [history[0], history[-1]],
-    }
-
-
-def epochs_of(
-    settings: FitSettings, data: Rows, seeds: Sequence[int]
-) -> tuple[list[float], float, float, list[Outcome]]:
-    """Seconds of each epoch but the first, seconds until the first report, seconds of all, and what came out."""
     reached = [(0, time.perf_counter())]
-    outcomes = train(settings, data, seeds, lambda epoch, *_: reached.append((epoch, time.perf_counter())))
+    (outcome,) = train(
+        settings, data, [settings.seed], lambda epoch, *_: reached.append((epoch, time.perf_counter()))
+    )
     epochs, times = np.array([e for e, _ in reached]), np.array([t for _, t in reached])
     # The first report comes after the compilation.
     seconds = np.diff(times)[1:] / np.diff(epochs)[1:]
-    return seconds.tolist(), float(times[1] - times[0]), float(times[-1] - times[0]), outcomes
+    return {
+        "epochs": settings.epochs,
+        "seconds_per_epoch": harness.spread(seconds.tolist()),
+        "seconds_until_first_report": float(times[1] - times[0]),
+        "seconds": float(times[-1] - times[0]),
+        "first_and_last_loss": [outcome.history[0], outcome.history[-1]],
+    }
 
 
 def eight_trainings(settings: FitSettings, data: Rows, rounds: int) -> dict[str, Any]:
     """Seconds that an epoch of `NETWORKS` networks takes, one after the other and at once, in turns."""
-    short = dataclasses.replace(settings, epochs=2)  # the first starts the training
-    seeds = list(range(NETWORKS))
-    seconds: dict[str, list[float]] = {"one_by_one": [], "at_once": []}
+    short, seeds = dataclasses.replace(settings, epochs=2), list(range(NETWORKS))
+    ways: dict[str, Callable[[], list[Outcome]]] = {
+        "one_by_one": lambda: [train(short, data, [seed])[0] for seed in seeds],
+        "at_once": lambda: train(short, data, seeds),
+        "mapped": lambda: train(short, data, seeds, mapped=True),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in ways}
+    losses = {}
     for _ in range(rounds + 1):  # the first round compiles
-        alone = [epochs_of(short, data, [seed]) for seed in seeds]
-        together = epochs_of(short, data, seeds)
-        seconds["one_by_one"].append(sum(epochs[0] for epochs, *_ in alone))
-        seconds["at_once"].append(together[0][0])
-    ratios = [one / all_ for one, all_ in zip(*seconds.values(), strict=True)][1:]
+        for name, way in ways.items():
+            start = time.perf_counter()
+            outcomes = way()
+            seconds[name].append((time.perf_counter() - start) / short.epochs)
+            losses[name] = [outcome.history[-1] for outcome in outcomes]
+    alone = seconds["one_by_one"][1:]
     return {
         "networks": NETWORKS,
         **{name: harness.spread(values[1:]) for name, values in seconds.items()},
-        "one_by_one_over_at_once": harness.spread(ratios),
-        "losses": {
-            "one_by_one": [outcomes[0].history[-1] for *_, outcomes in alone],
-            "at_once": [outcome.history[-1] for outcome in together[3]],
+        **{
+            f"{name}_over_one_by_one": harness.spread(
+                [value / one for value, one in zip(seconds[name][1:], alone, strict=True)]
+            )
+            for name in ("at_once", "mapped")
         },
+        "losses": losses,
     }
 
 
@@ -143,7 +149,9 @@ def table_of(result: dict[str, Any]) -> str:
         (f"{epochs} epochs, targets, s", " and ".join(f"{target:.0f}" for target in TARGETS_S)),
         (f"{NETWORKS} networks one after the other, s per epoch", spread(eight["one_by_one"])),
         (f"{NETWORKS} networks at once, s per epoch", spread(eight["at_once"])),
-        ("one after the other / at once", spread(eight["one_by_one_over_at_once"])),
+        (f"{NETWORKS} networks mapped in one program, s per epoch", spread(eight["mapped"])),
+        ("at once / one after the other", spread(eight["at_once_over_one_by_one"])),
+        ("mapped / one after the other", spread(eight["mapped_over_one_by_one"])),
         ("peak memory of one training, GB", memory(result["peak_memory_single"])),
         (f"peak memory with {NETWORKS} at once, GB", memory(result["peak_memory"])),
     ]

@@ -1,15 +1,18 @@
 """The optimisation loop of the fits: epochs of shuffled batches, compiled, with the data on the device.
 
-Networks of the same shapes are trained together, mapped inside one compiled epoch.
+Networks of the same shapes are trained together: mapped inside one compiled epoch, or side by side in threads.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any
+from threading import Event
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -103,12 +106,16 @@ def minimize(
     schedule: str,
     seeds: Sequence[int],
     progress: Progress | None = None,
+    mapped: bool | None = None,
 ) -> list[Outcome]:
     """Minimise the mean of loss(weights, rows) over shuffled batches of rows, for one or several networks at once.
 
     Every epoch draws a new order from each network's seed and leaves out the rows that do not fill a batch. An epoch
-    is one compiled call for all networks (`jax.vmap`); the host reads losses about a hundred times in all. A network
-    whose loss is not finite goes on beside the others and is cut off in its outcome.
+    is one compiled call; the host reads losses about a hundred times in all. A network whose loss is not finite is
+    cut off in its outcome, and the others go on.
+
+    Several networks are mapped inside one compiled epoch (`jax.vmap`) on an accelerator. On a CPU they go side by side, a
+    thread each with the epoch of one network: mapped, what passes between the layers of all of them leaves the caches.
 
     Args:
         loss: see `Loss`; the same for all networks.
@@ -119,16 +126,58 @@ def minimize(
         learning_rates: of Adamax, one a network.
         schedule: "constant" or "cosine".
         seeds: of the shuffling, one a network.
-        progress: see `Progress`; its loss is the mean over the networks.
+        progress: see `Progress`; epochs and loss are means over the networks.
+        mapped: one program for all, or threads; None means whichever is faster here.
 
     Returns:
         The outcome of every network.
     """
+    plan = _Plan(loss, batch, epochs, schedule)
+    networks = list(zip(weights, data, learning_rates, seeds, strict=True))
+    together = jax.default_backend() != "cpu" if mapped is None else mapped
+    if together or len(networks) == 1:
+        return _train(plan, networks, progress or (lambda *_: None), Event())
+    return _side_by_side(plan, networks, progress)
+
+
+class _Plan(NamedTuple):
+    """What networks that are trained at once have in common; see `minimize`."""
+
+    loss: Loss
+    batch: int
+    epochs: int
+    schedule: str
+
+
+def _side_by_side(plan: _Plan, networks: list[Any], progress: Progress | None) -> list[Outcome]:
+    """A thread for every network, as many at a time as there are processors."""
+    stop, reached = Event(), [(0, math.nan)] * len(networks)
+
+    def train(number: int) -> Outcome:
+        def report(epoch: int, _: int, loss: float) -> None:
+            reached[number] = (epoch, loss)
+            if progress is not None:
+                done, losses = np.transpose([one for one in reached if one[0]])
+                progress(int(done.sum()) // len(networks), plan.epochs, float(losses.mean()))
+
+        return _train(plan, [networks[number]], report, stop)[0]
+
+    with ThreadPoolExecutor(min(len(networks), os.cpu_count() or 1)) as threads:
+        try:
+            return list(threads.map(train, range(len(networks))))
+        except BaseException:
+            stop.set()  # or an interrupted search would wait for trainings of hours
+            raise
+
+
+def _train(plan: _Plan, networks: list[Any], progress: Progress, stop: Event) -> list[Outcome]:
+    """Train networks, several of them mapped: (weights, data, learning rate, seed) each."""
+    weights, data, learning_rates, seeds = zip(*networks, strict=True)
     rows = jax.tree.leaves(data[0])[0].shape[0]
-    batch = min(batch, rows)
+    batch = min(plan.batch, rows)
     batches = rows // batch
-    updates = epochs * batches if schedule == "cosine" else None
-    optimizer, several = make_optimizer(updates), len(weights) > 1
+    updates = plan.epochs * batches if plan.schedule == "cosine" else None
+    optimizer, several = make_optimizer(updates), len(networks) > 1
     generators = [np.random.default_rng(seed) for seed in seeds]
 
     def stack(parts: Sequence[Any]) -> Any:
@@ -138,21 +187,20 @@ def minimize(
     carry = jax.tree.map(jnp.copy, stack([(w, optimizer.init(w)) for w in weights]))
     everything, rates = stack(data), stack([jnp.float32(rate) for rate in learning_rates])
     history: list[Any] = []
-    chunk = max(1, epochs // 100)
-    for first in range(0, epochs, chunk):
+    chunk = max(1, plan.epochs // 100)
+    for first in range(0, plan.epochs, chunk):
         losses = []
-        for _ in range(first, min(first + chunk, epochs)):
+        for _ in range(first, min(first + chunk, plan.epochs)):
             # A sort on the device would take a sixth of the paper's epoch; the host's shuffle runs beside it.
             orders = [generator.permutation(rows)[: batches * batch] for generator in generators]
             order = stack([o.astype(np.int32).reshape(batches, batch) for o in orders])
-            carry, value = _epoch(carry, everything, order, rates, loss, updates, several)
+            carry, value = _epoch(carry, everything, order, rates, plan.loss, updates, several)
             losses.append(value)
         history += [np.atleast_1d(value) for value in jax.device_get(losses)]
-        if progress is not None:
-            progress(len(history), epochs, float(np.mean(history[-1])))
-        if not np.isfinite(history[-1]).any():
+        progress(len(history), plan.epochs, float(np.mean(history[-1])))
+        if stop.is_set() or not np.isfinite(history[-1]).any():
             break
-    return _outcomes(carry[0], np.array(history, np.float64), len(weights))
+    return _outcomes(carry[0], np.array(history, np.float64), len(networks))
 
 
 def _outcomes(weights: Any, history: np.ndarray, networks: int) -> list[Outcome]:

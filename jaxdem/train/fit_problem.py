@@ -82,8 +82,13 @@ class Problem:
         return (self.recipe, *(getattr(self.settings, name) for name in names), *shapes)
 
 
-def solve(problems: Sequence[Problem], progress: Progress | None = None) -> list[Outcome]:
-    """Train the networks of problems of one kind at once; raises ValueError for problems of several kinds."""
+def solve(
+    problems: Sequence[Problem], progress: Progress | None = None, mapped: bool | None = None
+) -> list[Outcome]:
+    """Train the networks of problems of one kind at once; raises ValueError for problems of several kinds.
+
+    `mapped` is that of `minimize`.
+    """
     if len({problem.kind for problem in problems}) > 1:
         raise ValueError("problems of different kinds cannot be trained at once")
     shared = problems[0].settings
@@ -97,6 +102,7 @@ def solve(problems: Sequence[Problem], progress: Progress | None = None) -> list
         schedule=shared.schedule,
         seeds=[problem.settings.seed for problem in problems],
         progress=progress,
+        mapped=mapped,
     )
 
 
