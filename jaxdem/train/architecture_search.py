@@ -22,7 +22,7 @@ from jaxdem.train.fit_problem import Problem
 from jaxdem.train.fit_settings import FitSettings
 
 AT_ONCE = 8
-"""Networks that are trained in one program at most; more bring nothing and take memory."""
+"""Networks that are trained at once at most; more bring nothing and take memory."""
 
 
 class Listener(Protocol):

@@ -86,7 +86,7 @@ class Outcome:
 def make_optimizer(updates: int | None) -> optax.GradientTransformation:
     """Adamax (0.9, 0.999, 1e-7) of learning rate 1, which falls to a hundredth along a cosine of so many updates.
 
-    None: the rate is constant. All parameters are one vector to it, which takes a tenth of the operations. `minimize`
+    None: the rate is constant. All parameters are one vector to it, a few loops instead of a few for every layer. `minimize`
     multiplies by the learning rate, so that networks that differ in it share a program.
 
     Source: Kingma & Ba (2015), Adam: a method for stochastic optimization, algorithm 2.
