@@ -1,6 +1,10 @@
 """Cost of one drag evaluation per particle: every correlation and the learned closures, in both precisions.
 
     python benchmarks/drag_cost.py [--sizes 100 1000 10000 100000 1000000] [--sizes-double 10000 1000000]
+                                   [--closures FILE...]
+
+The networks go from the paper's down to four neurons, as `jaxdem prune` and `jaxdem distill` make them; random weights
+cost what trained ones do. `--closures` adds closure files, with the R2 on held-out rows that they were written with.
 
 Every closure is compiled by itself with its inputs and weights as arguments, and every call is waited for, so the
 smallest batches cost mostly the call. Inside a time step that part is absent. Each precision runs in a process of its
@@ -17,7 +21,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +32,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from benchmarks import harness
-from jaxdem.closures import DragInputs, InvariantClosure, PaperNetwork
+from jaxdem.closures import DragInputs, EnsembleClosure, InvariantClosure, PaperNetwork, load_closure
 from jaxdem.closures.base import Drag, DragClosure
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.invariant import FEATURES, TERMS
@@ -42,6 +46,10 @@ REPETITIONS, SHORTEST = 5, 0.05
 PAPER_NETWORK = "paper's network, 170-70-30"
 PAPER_CLASSICAL_S, PAPER_NETWORK_S = 4e-7, 1.75e-5
 """Seconds per particle of Davydzenka & Tahmasebi (2022), J. Fluid Mech. 938, A20."""
+NETWORK_SIZES = ((4,), (8,), (16, 8), (32, 16), (85, 35, 15))
+"""Hidden layers of networks on raw velocities, beside the paper's; the last is half of it."""
+INVARIANT_SIZES = ((4,), (8,), (8, 8), (16, 16))
+MEMBERS = 4
 MATRICES = (20_000, 170, 70)
 """Rows, inner and outer width of the product that says what the hardware does: the network's largest layer."""
 
@@ -66,21 +74,39 @@ def random_inputs(count: int, dtype: Any, seed: int = 0) -> DragInputs:
     )
 
 
-def invariant_closure(terms: tuple[str, ...] = ()) -> InvariantClosure:
-    """The closure of default width with random weights; as it starts, its last layer is zero."""
-    closure = InvariantClosure.initial(terms=terms)
+def invariant_closure(
+    hidden: tuple[int, ...] = (16, 16), terms: tuple[str, ...] = (), seed: int = 0
+) -> InvariantClosure:
+    """A closure with random weights; as it starts, its last layer is zero."""
+    closure = InvariantClosure.initial(hidden=hidden, terms=terms)
     network = Perceptron(closure.hidden, 1 + len(terms), closure.activation)
-    return dataclasses.replace(closure, weights=initial_weights(network, len(FEATURES), seed=0))
+    return dataclasses.replace(closure, weights=initial_weights(network, len(FEATURES), seed))
 
 
-def closures() -> dict[str, DragClosure]:
+def widths(hidden: tuple[int, ...]) -> str:
+    """Hidden layers as the command line has them."""
+    return "-".join(map(str, hidden))
+
+
+def closures(files: Sequence[str] = ()) -> dict[str, DragClosure]:
     """What is measured, by the name of its row."""
+    members = [invariant_closure(seed=seed) for seed in range(MEMBERS)]
     return {
         **{name: law() for name, law in DRAG_LAWS.items()},
-        "invariant closure, 16-16": invariant_closure(),
-        "invariant closure, 16-16, two terms": invariant_closure(TERMS),
-        "small network, 32-16": PaperNetwork.initial(DIMENSION, hidden=(32, 16)),
+        **{f"invariant closure, {widths(hidden)}": invariant_closure(hidden) for hidden in INVARIANT_SIZES},
+        "invariant closure, 16-16, two terms": invariant_closure(terms=TERMS),
+        f"ensemble of {MEMBERS} invariant closures, 16-16": EnsembleClosure.of(members),
+        **{f"network, {widths(h)}": PaperNetwork.initial(DIMENSION, hidden=h) for h in NETWORK_SIZES},
         PAPER_NETWORK: PaperNetwork.initial(DIMENSION),
+        **{Path(file).name: load_closure(file)[0] for file in files},
+    }
+
+
+def r_squared_of(files: Sequence[str]) -> dict[str, dict[str, float]]:
+    """R2 on held-out rows by coarsening, from the metadata of closure files, by the name of the row."""
+    return {
+        Path(file).name: {n: row["closure"] for n, row in load_closure(file)[1].get("r2", {}).items()}
+        for file in files
     }
 
 
@@ -126,13 +152,13 @@ def kernel_flops(network: PaperNetwork) -> int:
     return sum(2 * layer["kernel"].size for layer in network.weights.values())
 
 
-def measure(sizes: list[int]) -> dict[str, Any]:
+def measure(sizes: list[int], files: Sequence[str]) -> dict[str, Any]:
     """Seconds per particle by closure and batch size, in the precision of this process."""
     dtype = jnp.float64 if jax.config.read("jax_enable_x64") else jnp.float32
-    seconds: dict[str, dict[int, Any]] = {name: {} for name in closures()}
+    seconds: dict[str, dict[int, Any]] = {name: {} for name in closures(files)}
     for size in sizes:
         inputs = jax.block_until_ready(random_inputs(size, dtype))
-        for name, closure in closures().items():
+        for name, closure in closures(files).items():
             repetitions = seconds_per_call(compiled_drag(closure), inputs)
             seconds[name][size] = harness.spread([value / size for value in repetitions])
             print(f"{dtype.__name__} {size} {name}: {seconds[name][size]['median']:.3g} s", file=sys.stderr)
@@ -145,9 +171,9 @@ def measure(sizes: list[int]) -> dict[str, Any]:
     }
 
 
-def measure_apart(precision: str, sizes: list[int]) -> dict[str, Any]:
+def measure_apart(precision: str, sizes: list[int], files: Sequence[str]) -> dict[str, Any]:
     """`measure` in a process of its own, for the precision is settled when JAX starts."""
-    command = [sys.executable, __file__, "--inside", "--sizes", *map(str, sizes)]
+    command = [sys.executable, __file__, "--inside", "--sizes", *map(str, sizes), "--closures", *files]
     environment = os.environ | {"JAX_ENABLE_X64": str(int(precision == "float64"))}
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=environment)
     return json.loads(done.stdout.splitlines()[-1])
@@ -181,6 +207,18 @@ def table_of(measured: dict[str, dict[str, Any]]) -> str:
     return "\n\n".join((caption, "\n".join(cost), below, "\n".join(speed)))
 
 
+def scores_table(scores: dict[str, dict[str, float]]) -> str:
+    """R2 of the closure files by coarsening."""
+    if not scores:
+        return ""
+    coarsenings = sorted({n for row in scores.values() for n in row}, key=int)
+    lines = [["R2 on held-out rows", *(f"{n}x" for n in coarsenings)], ["---"] * (1 + len(coarsenings))]
+    lines += [
+        [name, *(f"{row[n]:.4f}" if n in row else "" for n in coarsenings)] for name, row in scores.items()
+    ]
+    return "\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def main() -> None:
     """Both precisions one after the other, then the table."""
     parser = argparse.ArgumentParser(
@@ -188,17 +226,20 @@ def main() -> None:
     )
     parser.add_argument("--sizes", type=int, nargs="+", default=[100, 1000, 10_000, 100_000, 1_000_000])
     parser.add_argument("--sizes-double", type=int, nargs="+", default=[10_000, 1_000_000])
+    parser.add_argument("--closures", metavar="FILE", nargs="*", default=[], help="closure files of 2-D runs")
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.inside:
-        print(json.dumps(measure(arguments.sizes)))
+        print(json.dumps(measure(arguments.sizes, arguments.closures)))
         return
     measured = {
-        "float32": measure_apart("float32", arguments.sizes),
-        "float64": measure_apart("float64", arguments.sizes_double),
+        "float32": measure_apart("float32", arguments.sizes, arguments.closures),
+        "float64": measure_apart("float64", arguments.sizes_double, arguments.closures),
     }
     paper = {"classical": PAPER_CLASSICAL_S, "network": PAPER_NETWORK_S}
-    harness.write("drag_cost", {"paper_seconds_per_particle": paper, **measured}, table_of(measured))
+    scores = r_squared_of(arguments.closures)
+    result = {"paper_seconds_per_particle": paper, "r2": scores, **measured}
+    harness.write("drag_cost", result, table_of(measured) + scores_table(scores))
 
 
 if __name__ == "__main__":

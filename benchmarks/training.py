@@ -2,13 +2,12 @@
 
     python benchmarks/training.py [--epochs 20] [--rounds 5] [--samples 250000]
 
-The loop is that of `jaxdem.train` on synthetic samples: velocities and void fraction in, Koch-Hill drag out, both
+The loop is that of `jaxdem train` on synthetic samples: velocities and void fraction in, Koch-Hill drag out, both
 normalised. With fewer epochs than the paper's 2000 the time of all is extrapolated; `--epochs 2000` runs them all.
 Below 200 epochs the loop reads every loss, which keeps the next shuffle from running beside the device.
 
-`minimize` draws its batches on the host and cannot be mapped over networks. For eight at once its compiled epoch is
-taken from `jaxdem.train.fit_loop` and mapped here over weights, optimiser states and batch orders; the samples are
-shared. The single trainings beside it use the same epoch, unmapped.
+Eight at once is `minimize` with eight networks, as `jaxdem train --sweep seed=0,1,2,3,4,5,6,7` calls it: mapped in one program on an
+accelerator, a thread each on a CPU; mapped is measured on both. `PJRT_NPROC=1` in the environment gives XLA one thread.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ import argparse
 import dataclasses
 import sys
 import time
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +29,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 from benchmarks import harness
 from benchmarks.drag_cost import DIMENSION, random_inputs
 from jaxdem.closures import KochHill, PaperNetwork
-from jaxdem.train.fit_loop import LOSSES, _epoch, make_optimizer, minimize
+from jaxdem.train.fit import PaperLoss
+from jaxdem.train.fit_loop import Outcome, Progress, minimize
 from jaxdem.train.fit_settings import FitSettings
 
 NETWORKS = 8
@@ -59,27 +58,35 @@ def network(settings: FitSettings, seed: int) -> PaperNetwork:
     return PaperNetwork.initial(DIMENSION, hidden=settings.hidden, activation=settings.activation, seed=seed)
 
 
-def loss_of(settings: FitSettings) -> Callable[[Any, Rows], jax.Array]:
-    """The loss of `fit_paper`: (weights, rows) to the mean over the rows."""
-    closure, measure = network(settings, settings.seed), LOSSES[settings.loss]
-
-    def loss(weights: Any, rows: Rows) -> jax.Array:
-        return measure(dataclasses.replace(closure, weights=weights).normalised_force(rows[0]), rows[1])
-
-    return loss
+def train(
+    settings: FitSettings,
+    data: Rows,
+    seeds: Sequence[int],
+    progress: Progress | None = None,
+    mapped: bool | None = None,
+) -> list[Outcome]:
+    """Networks of these seeds, trained at once."""
+    count = len(seeds)
+    return minimize(
+        PaperLoss(settings.loss, settings.activation),
+        [network(settings, seed).weights for seed in seeds],
+        [data] * count,
+        batch=settings.batch,
+        epochs=settings.epochs,
+        learning_rates=[settings.learning_rate] * count,
+        schedule=settings.schedule,
+        seeds=seeds,
+        progress=progress,
+        mapped=mapped,
+    )
 
 
 def single_training(settings: FitSettings, data: Rows) -> dict[str, Any]:
-    """Trains one network by `minimize`: seconds per epoch, of the start with its compilation, and of it all."""
+    """Trains one network: seconds per epoch, of the start with its compilation, and of it all."""
     reached = [(0, time.perf_counter())]
-
-    def progress(epoch: int, _: int, __: float) -> None:
-        reached.append((epoch, time.perf_counter()))
-
-    names = ("batch", "epochs", "learning_rate", "schedule", "seed")
-    chosen = {name: getattr(settings, name) for name in names}
-    weights = network(settings, settings.seed).weights
-    _, history = minimize(loss_of(settings), weights, data, progress=progress, **chosen)
+    (outcome,) = train(
+        settings, data, [settings.seed], lambda epoch, *_: reached.append((epoch, time.perf_counter()))
+    )
     epochs, times = np.array([e for e, _ in reached]), np.array([t for _, t in reached])
     # The first report comes after the compilation.
     seconds = np.diff(times)[1:] / np.diff(epochs)[1:]
@@ -88,51 +95,37 @@ def single_training(settings: FitSettings, data: Rows) -> dict[str, Any]:
         "seconds_per_epoch": harness.spread(seconds.tolist()),
         "seconds_until_first_report": float(times[1] - times[0]),
         "seconds": float(times[-1] - times[0]),
-        "first_and_last_loss": [history[0], history[-1]],
+        "first_and_last_loss": [outcome.history[0], outcome.history[-1]],
     }
 
 
-def batch_orders(generators: list[np.random.Generator], samples: int, batch: int) -> np.ndarray:
-    """(networks, batches, batch) rows of the next epoch of every network, shuffled as `minimize` does."""
-    kept = samples // batch * batch
-    orders = [generator.permutation(samples)[:kept].astype(np.int32) for generator in generators]
-    return np.stack(orders).reshape(len(generators), -1, batch)
-
-
 def eight_trainings(settings: FitSettings, data: Rows, rounds: int) -> dict[str, Any]:
-    """Seconds that an epoch of `NETWORKS` networks takes, one after the other and mapped, in turns."""
-    batch = min(settings.batch, settings.samples)
-    updates = settings.epochs * (settings.samples // batch)
-    optimizer = make_optimizer(settings.learning_rate, settings.schedule, updates)
-    epoch = partial(_epoch, loss_of(settings), optimizer)
-    single = jax.jit(epoch, donate_argnums=0)
-    mapped = jax.jit(jax.vmap(epoch, in_axes=(0, None, 0)), donate_argnums=0)
-
-    weights = [network(settings, seed).weights for seed in range(NETWORKS)]
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *weights)
-    carries = [(leaves, optimizer.init(leaves)) for leaves in weights]
-    together = (stacked, jax.vmap(optimizer.init)(stacked))
-    generators = [np.random.default_rng(seed) for seed in range(NETWORKS)]
-    seconds: dict[str, list[float]] = {"one_by_one": [], "at_once": []}
+    """Seconds that an epoch of `NETWORKS` networks takes, one after the other and at once, in turns."""
+    short, seeds = dataclasses.replace(settings, epochs=2), list(range(NETWORKS))
+    ways: dict[str, Callable[[], list[Outcome]]] = {
+        "one_by_one": lambda: [train(short, data, [seed])[0] for seed in seeds],
+        "at_once": lambda: train(short, data, seeds),
+        "mapped": lambda: train(short, data, seeds, mapped=True),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in ways}
+    losses = {}
     for _ in range(rounds + 1):  # the first round compiles
-        order = batch_orders(generators, settings.samples, batch)
-        start = time.perf_counter()
-        # Each is waited for, or the device could run several epochs side by side.
-        done = [
-            jax.block_until_ready(single(carry, data, rows))
-            for carry, rows in zip(carries, order, strict=True)
-        ]
-        seconds["one_by_one"].append(time.perf_counter() - start)
-        carries, losses = [carry for carry, _ in done], [float(loss) for _, loss in done]
-        start = time.perf_counter()
-        together, values = jax.block_until_ready(mapped(together, data, order))
-        seconds["at_once"].append(time.perf_counter() - start)
-    ratios = [one / all_ for one, all_ in zip(*seconds.values(), strict=True)][1:]
+        for name, way in ways.items():
+            start = time.perf_counter()
+            outcomes = way()
+            seconds[name].append((time.perf_counter() - start) / short.epochs)
+            losses[name] = [outcome.history[-1] for outcome in outcomes]
+    alone = seconds["one_by_one"][1:]
     return {
         "networks": NETWORKS,
         **{name: harness.spread(values[1:]) for name, values in seconds.items()},
-        "one_by_one_over_at_once": harness.spread(ratios),
-        "losses": {"one_by_one": losses, "at_once": values.tolist()},
+        **{
+            f"{name}_over_one_by_one": harness.spread(
+                [value / one for value, one in zip(seconds[name][1:], alone, strict=True)]
+            )
+            for name in ("at_once", "mapped")
+        },
+        "losses": losses,
     }
 
 
@@ -156,7 +149,9 @@ def table_of(result: dict[str, Any]) -> str:
         (f"{epochs} epochs, targets, s", " and ".join(f"{target:.0f}" for target in TARGETS_S)),
         (f"{NETWORKS} networks one after the other, s per epoch", spread(eight["one_by_one"])),
         (f"{NETWORKS} networks at once, s per epoch", spread(eight["at_once"])),
-        ("one after the other / at once", spread(eight["one_by_one_over_at_once"])),
+        (f"{NETWORKS} networks mapped in one program, s per epoch", spread(eight["mapped"])),
+        ("at once / one after the other", spread(eight["at_once_over_one_by_one"])),
+        ("mapped / one after the other", spread(eight["mapped_over_one_by_one"])),
         ("peak memory of one training, GB", memory(result["peak_memory_single"])),
         (f"peak memory with {NETWORKS} at once, GB", memory(result["peak_memory"])),
     ]

@@ -6,7 +6,6 @@ Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SI
 from __future__ import annotations
 
 import errno
-import os
 import shlex
 import signal
 import sys
@@ -17,21 +16,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from jaxdem import terminal
-from jaxdem.errors import InputError, JaxdemError
+from jaxdem import cli_networks, terminal
+from jaxdem.cli_options import prepare_file, prepare_folder, use_compilation_cache, whole_numbers
+from jaxdem.errors import JaxdemError
 
 if TYPE_CHECKING:
     from jaxdem.io import Run
     from jaxdem.scene import Scene
 
 OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
-
-
-class Recipe(StrEnum):
-    """How a closure is fitted."""
-
-    paper = "paper"
-    filtered = "filtered"
 
 
 class Scale(StrEnum):
@@ -137,7 +130,7 @@ def _options(
 def check(scene: SceneFile, settings: Settings = None) -> None:
     """Time-step limits, memory, and what is compiled in or left out; exit code 2 where `run` would refuse."""
     description = _load(scene, settings)
-    _use_compilation_cache()
+    use_compilation_cache()
     from jaxdem.check import check_scene
     from jaxdem.check_table import render
 
@@ -154,7 +147,7 @@ def run(
 ) -> None:
     """Run a scene and write a run directory."""
     description = _load(scene, settings, closure)
-    _use_compilation_cache()
+    use_compilation_cache()
     from jaxdem.io import RunDirectory
     from jaxdem.simulate import Interrupted, simulate
 
@@ -184,9 +177,9 @@ def dataset(
     ] = "1,2,4,8",
 ) -> None:
     """Make training data from a run: what the drag law would see on coarser meshes, and should give."""
-    factors = _whole_numbers("--coarsen", coarsen, ",")
-    _prepare_file(out)
-    _use_compilation_cache()
+    factors = whole_numbers("--coarsen", coarsen, ",")
+    prepare_file(out)
+    use_compilation_cache()
     from jaxdem.train.dataset import make_dataset
 
     with terminal.counted("sample") as progress:
@@ -194,45 +187,9 @@ def dataset(
     terminal.output().print(f"Wrote {out}", markup=False)
 
 
-@app.command()
-def train(
-    datasets: Annotated[list[Path], typer.Argument(metavar="DATASET...", help="From `jaxdem dataset`.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Closure file to write (HDF5).")],
-    recipe: Annotated[Recipe, typer.Option(help="The source paper's, or the one on filtered inputs.")] = (
-        Recipe.filtered
-    ),
-    seed: Annotated[int | None, typer.Option(min=0, help="Of weights, shuffling and choice of rows.")] = None,
-    epochs: Annotated[int | None, typer.Option(min=1, help="Passes through the data.")] = None,
-    samples: Annotated[int | None, typer.Option(min=1, help="Largest number of training rows.")] = None,
-    hidden: Annotated[
-        str | None, typer.Option(metavar="N-N-...", help="Widths of the hidden layers: 170-70-30.")
-    ] = None,
-    activation: Annotated[str | None, typer.Option(help="Of the hidden layers, e.g. elu.")] = None,
-    loss: Annotated[str | None, typer.Option(help="mse, mae, ...; the filtered recipe has its own.")] = None,
-) -> None:
-    """Fit a learned drag closure to datasets; the last dataset's run is held out."""
-    changes: dict[str, Any] = {
-        "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
-        "hidden": None if hidden is None else _whole_numbers("--hidden", hidden, "-"),
-    }  # fmt: skip
-    _prepare_file(out)
-    _use_compilation_cache()
-    from jaxdem.closures import save_closure
-    from jaxdem.train.dataset_file import read_dataset
-    from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
-
-    make = FitSettings if recipe is Recipe.paper else FitSettings.filtered
-    chosen = make(**{name: value for name, value in changes.items() if value is not None})
-    data = [read_dataset(path) for path in datasets]
-    with terminal.counted("epoch") as progress:
-        fit = fit_paper if recipe is Recipe.paper else fit_filtered
-        result = fit(data, chosen, progress)
-    save_closure(out, result.closure, result.metadata)
-    console = terminal.output()
-    console.print(terminal.fit_table(result.metadata))
-    console.print(f"Split {result.split}", markup=False, highlight=False)
-    seconds = result.metadata["seconds"]
-    console.print(f"Wrote {out} after {seconds:.3g} s of training", markup=False, highlight=False)
+app.command()(cli_networks.train)
+app.command()(cli_networks.distill)
+app.command()(cli_networks.prune)
 
 
 @app.command()
@@ -252,17 +209,18 @@ def finetune(
 ) -> None:
     """Train a closure through runs of a coarse scene, so that they have the statistics of a fine run."""
     description = _load(scene, settings)
-    chosen = None if horizons is None else _whole_numbers("--horizons", horizons, ",")
-    _prepare_file(out)
-    _use_compilation_cache()
-    from jaxdem.closures import load_closure, save_closure
+    chosen = None if horizons is None else whole_numbers("--horizons", horizons, ",")
+    prepare_file(out)
+    use_compilation_cache()
+    from jaxdem.closures import save_closure
+    from jaxdem.closures.file import load_single
     from jaxdem.train.finetune import FinetuneSettings
     from jaxdem.train.finetune import finetune as train_through_solver
 
     options = FinetuneSettings(
         horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
     )
-    start, metadata = load_closure(closure)
+    start, metadata = load_single(closure, "Fine-tune one of its members, or distill it first.")
     with terminal.counted("update") as progress:
         result = train_through_solver(description, reference, start, metadata, options, progress)
     save_closure(out, result.closure, result.metadata)
@@ -287,7 +245,7 @@ def export(
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
 ) -> None:
     """Write a learned drag closure, base law and fallback included, for use in another program."""
-    _prepare_file(out)
+    prepare_file(out)
     from jaxdem import __version__
     from jaxdem.closures import load_closure
     from jaxdem.closures.export import export_closure
@@ -303,7 +261,7 @@ def compare(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv, PNGs.")],
 ) -> None:
     """Compare runs with a reference: the nine metrics, and error against run time."""
-    _prepare_folder(out)
+    prepare_folder(out)
     from jaxdem.io import load_run
     from jaxdem.report import compare as compare_runs
 
@@ -332,7 +290,7 @@ def plot(
     from jaxdem.report.single import is_file, plot_run
 
     loaded = _load_run(run)
-    (_prepare_file if is_file(place) else _prepare_folder)(place)
+    (prepare_file if is_file(place) else prepare_folder)(place)
     files = plot_run(loaded, place, time=time, color=color.value)
     for file in files:
         terminal.output().print(f"Wrote {file}", markup=False, highlight=False, soft_wrap=True)
@@ -347,7 +305,7 @@ def animate(
 ) -> None:
     """Draw a run as a film: particles over the fluid's speed."""
     loaded = _load_run(run)
-    _prepare_file(out)
+    prepare_file(out)
     from jaxdem.report.animation import animate as make_film
 
     with terminal.counted("picture") as progress:
@@ -372,7 +330,7 @@ def sweep(
 
     variations = [parse_variation(text) for text in vary]
     _load(scene, settings, closure)  # sets the precision; what is wrong without variations is said here
-    _use_compilation_cache()
+    use_compilation_cache()
     from jaxdem.simulate import Interrupted
 
     try:
@@ -401,7 +359,7 @@ def study(
     ] = Scale.demo,
 ) -> None:
     """Run, dataset, train, run with the closure, compare: the whole chain; goes on where it was stopped."""
-    _use_compilation_cache()
+    use_compilation_cache()
     from jaxdem.simulate import Interrupted
     from jaxdem.study import run_study
 
@@ -443,50 +401,6 @@ def _load_run(path: Path) -> Run:
     from jaxdem.io import load_run
 
     return load_run(path)
-
-
-def _use_compilation_cache() -> None:
-    """Compiled programs are kept in the user's cache folder between calls of the command line."""
-    import jax
-
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        jax.config.update("jax_compilation_cache_dir", str(Path(base) / "jaxdem" / "xla"))
-    # Small programs too: a start has a hundred, most of them of the operations by which jax-md allocates its list.
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-
-def _prepare_file(path: Path) -> None:
-    """Refuse a place that cannot be written before hours of work, not after them."""
-    if path.is_dir():
-        raise InputError("--out", str(path), "is a folder", "Name a file in it.")
-    _prepare_folder(path.parent)
-
-
-def _prepare_folder(path: Path) -> None:
-    """Make the folder, or refuse it."""
-    if path.exists() and not path.is_dir():
-        raise InputError("--out", str(path), "is not a folder", "Name a folder.")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        limit = f"cannot be written ({error.strerror})"
-        raise InputError("--out", str(path), limit, "Choose another place.") from None
-    if not os.access(path, os.W_OK):
-        raise InputError("--out", str(path), "cannot be written", "Choose another place.")
-
-
-def _whole_numbers(option: str, text: str, separator: str) -> tuple[int, ...]:
-    try:
-        numbers = tuple(int(part) for part in text.split(separator))
-    except ValueError:
-        numbers = (0,)
-    if min(numbers) < 1:
-        example = separator.join("421" if separator == "-" else "124")
-        limit = f"must be positive whole numbers separated by {separator!r}"
-        raise InputError(option, text, limit, f"For example {option} {example}.")
-    return numbers
 
 
 if __name__ == "__main__":

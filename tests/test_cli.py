@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from jaxdem import __version__, load_run
 from jaxdem.cli import app
-from jaxdem.closures import InvariantClosure, load_closure, save_closure
+from jaxdem.closures import EnsembleClosure, InvariantClosure, load_closure, save_closure
 from jaxdem.sweep import _name, parse_variation
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 from jaxdem.train.finetune import FinetuneResult
@@ -100,7 +100,7 @@ def test_version_and_help():
         name in text
         for name in (
             *("check", "run", "dataset", "train", "finetune", "compare"),
-            *("plot", "animate", "sweep", "study", "export"),
+            *("plot", "animate", "sweep", "study", "export", "distill", "prune"),
         )
     )
 
@@ -405,7 +405,34 @@ def test_train_writes_a_closure_and_says_how_good_it_is(tmp_path):
         assert result.exit_code == 0, result.output
         assert not result.stderr
         assert all(word in result.stdout for word in ("koch_hill", "regression", "Split", "closure.h5"))
-    assert (tmp_path / "new" / "closure.h5").is_file()
+    closure, smaller = tmp_path / "new" / "closure.h5", tmp_path / "smaller.h5"
+    # the last was of the filtered recipe
+    result = invoke("prune", closure, path, "--neurons", 0.5, "--out", smaller)
+    assert result.exit_code == 0, result.output
+    assert "Hidden layers from 4-4 to 2-2" in result.stdout and load_closure(smaller)[0].hidden == (2, 2)
+    result = invoke("distill", closure, path, "--hidden", "4-4", "--epochs", 2, "--out", smaller)
+    assert result.exit_code == 0, result.output
+    assert "the teacher has R2" in result.stdout and load_closure(smaller)[0].hidden == (4, 4)
+
+
+def test_train_sweeps_and_ensembles(tmp_path):
+    path, out = tmp_path / "data.h5", tmp_path / "out"
+    small_dataset(path)
+    common = ("train", path, "--recipe", "filtered", "--epochs", 2, "--hidden", "4-4")
+    refused(invoke(*common, "--out", out, "--sweep", "depth=1"), "--sweep", "seed")
+    refused(invoke(*common, "--out", out, "--sweep", "seed=1", "--ensemble", 2), "--ensemble", "--sweep")
+    refused(invoke(*common, "--out", out / "c.h5", "--terms", "lift"), "terms", "pressure_gradient")
+    result = invoke(*common, "--out", out, "--sweep", "seed=0,1")
+    assert result.exit_code == 0, result.output
+    assert "2 networks" in result.stdout and "R2 at 2x" in result.stdout
+    closures = {f"seed={seed}.closure.h5" for seed in (0, 1)}
+    assert {file.name for file in out.iterdir()} == closures | {"sweep.csv", "sweep.md", "sweep.png"}
+    result = invoke(*common, "--out", tmp_path / "ensemble.h5", "--ensemble", 2)
+    assert result.exit_code == 0, result.output
+    assert "within two spreads" in result.stdout
+    closure = load_closure(tmp_path / "ensemble.h5")[0]
+    assert isinstance(closure, EnsembleClosure)
+    refused(invoke("prune", tmp_path / "ensemble.h5", path, "--out", tmp_path / "p.h5"), "ensemble of 2")
 
 
 def small_dataset(path, rows=400):

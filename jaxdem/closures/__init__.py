@@ -7,6 +7,7 @@ from jaxdem.closures.base import Drag, DragClosure, DragInputs
 from jaxdem.closures.beetstra import Beetstra
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.di_felice import DiFeliceDallavalle
+from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.ergun import Ergun
 from jaxdem.closures.file import load_closure, save_closure
 from jaxdem.closures.gidaspow import Gidaspow, GidaspowBlended
@@ -29,6 +30,7 @@ __all__ = [
     "Drag",
     "DragClosure",
     "DragInputs",
+    "EnsembleClosure",
     "Ergun",
     "Gidaspow",
     "GidaspowBlended",

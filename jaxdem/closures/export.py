@@ -8,10 +8,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+from jaxdem.closures.base import DragClosure
+from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.export_c import c_header
 from jaxdem.closures.export_onnx import onnx_model
 from jaxdem.closures.export_stablehlo import stablehlo_module
-from jaxdem.closures.file import LearnedClosure, write_aside
+from jaxdem.closures.file import StoredClosure, write_aside
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law_name
 from jaxdem.errors import InputError
@@ -21,7 +23,7 @@ FORMATS = ("c", "onnx", "stablehlo")
 
 
 def export_closure(
-    closure: LearnedClosure, metadata: dict[str, Any], form: str, path: str | os.PathLike[str], version: str
+    closure: StoredClosure, metadata: dict[str, Any], form: str, path: str | os.PathLike[str], version: str
 ) -> tuple[Path, ...]:
     """Write the whole evaluation of a closure: normalisation, network, base law, fallback out of range.
 
@@ -45,15 +47,16 @@ def export_closure(
     if form not in FORMATS:
         raise InputError("--format", form, "is not known", f"Use one of {', '.join(FORMATS)}.")
     target = Path(path)
-    dimension = closure.dimension if isinstance(closure, PaperNetwork) else 3
+    dimension = getattr(closure, "dimension", 3)
     about = describe(closure, metadata, dimension)
+    law: DragClosure = closure.one_by_one() if isinstance(closure, EnsembleClosure) else closure
     if form == "c":
-        text = c_header(closure, dimension, identifier(target), about, version)
+        text = c_header(law, dimension, identifier(target), about, version)
         contents = {target: text.encode()}
     elif form == "onnx":
-        contents = {target: onnx_model(closure, dimension, about, version)}
+        contents = {target: onnx_model(law, dimension, about, version)}
     else:
-        artifact, text = stablehlo_module(closure, dimension)
+        artifact, text = stablehlo_module(law, dimension)
         is_text = target.suffix == ".mlir"
         contents = {
             target.with_suffix(".bin") if is_text else target: artifact,
@@ -65,16 +68,18 @@ def export_closure(
     return tuple(contents)
 
 
-def describe(closure: LearnedClosure, metadata: dict[str, Any], dimension: int) -> str:
+def describe(closure: StoredClosure, metadata: dict[str, Any], dimension: int) -> str:
     """What the closure is, for whoever finds the file."""
     kind = type(closure)
     text = inspect.cleandoc(kind.__doc__ or "").split("\n\nAttributes:")[0]
-    terms = () if isinstance(closure, PaperNetwork) else closure.terms
+    one = closure.members if isinstance(closure, EnsembleClosure) else closure
+    terms = () if isinstance(one, PaperNetwork) else one.terms
+    members = f", {closure.count} of {type(one).__name__}" if isinstance(closure, EnsembleClosure) else ""
     facts = {
-        "closure": kind.__name__,
-        "base law": drag_law_name(closure.base),
-        "hidden layers": "-".join(map(str, closure.hidden)),
-        "activation": closure.activation,
+        "closure": kind.__name__ + members,
+        "base law": drag_law_name(one.base),
+        "hidden layers": "-".join(map(str, one.hidden)),
+        "activation": one.activation,
         "terms of the remainder": ", ".join(terms) or "none",
         "components of vectors": dimension,
         "recipe": metadata.get("recipe", "unknown"),

@@ -14,7 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxdem.closures.invariant import InvariantClosure
+from jaxdem.closures.ensemble import EnsembleClosure
+from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.errors import InputError
@@ -29,18 +30,22 @@ UNREADABLE = (
 """What h5py, and what reads from it, raise on a file that is truncated, altered or another program's."""
 
 LearnedClosure = PaperNetwork | InvariantClosure
+"""A closure with one network."""
+StoredClosure = LearnedClosure | EnsembleClosure
+"""What a closure file holds."""
 
 
-def save_closure(path: str | os.PathLike[str], closure: LearnedClosure, metadata: dict[str, Any]) -> None:
+def save_closure(path: str | os.PathLike[str], closure: StoredClosure, metadata: dict[str, Any]) -> None:
     """Write a closure; an earlier file is replaced in one step, only when the new one is complete.
 
-    Layout: attributes format, version, kind ("paper" or "invariant"), base (scene name of the base law),
-    hidden, activation, dimension (paper), terms (invariant); dataset `metadata` (JSON); group `arrays` with
-    every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`.
+    Layout: attributes format, version, kind ("paper", "invariant" or "ensemble"), base (scene name of the base law),
+    hidden, activation, dimension (paper), terms and features (invariant), members and member_kind (ensemble); dataset `metadata`
+    (JSON); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`, those of
+    an ensemble below `arrays/members/` with the members along their first axis.
 
     Args:
         path: file to write; its folder must exist.
-        closure: a `PaperNetwork` or an `InvariantClosure`.
+        closure: a `PaperNetwork`, an `InvariantClosure` or an ensemble of one of them.
         metadata: anything JSON can hold (numpy numbers and arrays included): recipe, R2, datasets, seed,
             seconds.
 
@@ -78,7 +83,7 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
         aside.unlink(missing_ok=True)
 
 
-def load_closure(path: str | os.PathLike[str]) -> tuple[LearnedClosure, dict[str, Any]]:
+def load_closure(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str, Any]]:
     """Read a closure and its metadata; the weights are those written, bit for bit.
 
     Raises:
@@ -95,7 +100,7 @@ def load_closure(path: str | os.PathLike[str]) -> tuple[LearnedClosure, dict[str
         raise InputError(KEY, str(path), reason, "Train or copy it again.") from error
 
 
-def _read(file: h5py.File, path: str) -> tuple[LearnedClosure, dict[str, Any]]:
+def _read(file: h5py.File, path: str) -> tuple[StoredClosure, dict[str, Any]]:
     if file.attrs.get("format") != FORMAT:
         raise InputError(KEY, path, "is not a closure file", "Give a file written by `jaxdem train`.")
     if int(file.attrs["version"]) > VERSION:
@@ -121,8 +126,11 @@ def _read(file: h5py.File, path: str) -> tuple[LearnedClosure, dict[str, Any]]:
     return closure, json.loads(file["metadata"].asstr()[()])
 
 
-def _structure(closure: LearnedClosure) -> dict[str, Any]:
+def _structure(closure: StoredClosure) -> dict[str, Any]:
     """The static part as HDF5 attributes."""
+    if isinstance(closure, EnsembleClosure):
+        one = _structure(closure.members)
+        return {**one, "kind": "ensemble", "member_kind": one["kind"], "members": closure.count}
     common = {
         "base": drag_law_name(closure.base),
         "hidden": np.asarray(closure.hidden, np.int64),
@@ -130,23 +138,46 @@ def _structure(closure: LearnedClosure) -> dict[str, Any]:
     }
     if isinstance(closure, PaperNetwork):
         return {"kind": "paper", "dimension": closure.dimension, **common}
-    return {"kind": "invariant", "terms": ",".join(closure.terms), **common}
+    names = {"terms": ",".join(closure.terms), "features": ",".join(closure.features)}
+    return {"kind": "invariant", **names, **common}
 
 
-def _template(attributes: Any, path: str) -> LearnedClosure:
+def _template(attributes: Any, path: str) -> StoredClosure:
     """An untrained closure of the stored structure; traced for its shapes only."""
+    if attributes["kind"] != "ensemble":
+        return _single(attributes, str(attributes["kind"]), path)
+    return EnsembleClosure.of(
+        [_single(attributes, str(attributes["member_kind"]), path)] * int(attributes["members"])
+    )
+
+
+def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
     base = drag_law(str(attributes["base"]), KEY)
     hidden = tuple(int(width) for width in attributes["hidden"])
-    activation, kind = str(attributes["activation"]), attributes["kind"]
+    activation = str(attributes["activation"])
     if kind == "paper":
         return PaperNetwork.initial(int(attributes["dimension"]), base, hidden, activation)
     if kind == "invariant":
         terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
-        return InvariantClosure.initial(base, hidden, activation, terms)
+        # Files of the first versions do not name their features.
+        features = str(attributes.get("features", ",".join(WITHOUT_PRESSURE))).split(",")
+        return InvariantClosure.initial(base, hidden, activation, terms, features=features)
     raise InputError(KEY, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
 
 
-def _named_leaves(closure: LearnedClosure) -> dict[str, Any]:
+def load_single(path: str | os.PathLike[str], remedy: str) -> tuple[LearnedClosure, dict[str, Any]]:
+    """`load_closure` where an ensemble will not do; `remedy` says what to do instead.
+
+    Raises:
+        InputError: as `load_closure`, or the file holds an ensemble.
+    """
+    closure, metadata = load_closure(path)
+    if isinstance(closure, EnsembleClosure):
+        raise InputError("CLOSURE", str(path), f"is an ensemble of {closure.count}", remedy)
+    return closure, metadata
+
+
+def _named_leaves(closure: StoredClosure) -> dict[str, Any]:
     """Every array of the closure by its path, such as weights/Dense_0/kernel, in tree order."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(closure)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}

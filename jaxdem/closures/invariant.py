@@ -23,8 +23,13 @@ FEATURES = (
     "log_filter_over_diameter",
     "void_fraction_gradient_along_slip",
     "void_fraction_gradient_size",
+    "pressure_gradient_along_slip",
+    "pressure_gradient_size",
 )
-"""Names of the network's inputs, in order; `InvariantClosure` defines them."""
+"""Names of the network's possible inputs, in order; `InvariantClosure` defines them."""
+
+WITHOUT_PRESSURE = FEATURES[:5]
+"""The features that do not see the pressure gradient."""
 
 TERMS = ("void_fraction_gradient", "pressure_gradient")
 """Directions that the remainder may have beside the slip."""
@@ -40,7 +45,7 @@ class PreparedInputs(NamedTuple):
     """What the closure needs of its inputs, free of weights (N particles, T terms, D dimensions).
 
     Attributes:
-        features: (N, 5) network inputs in the order of `FEATURES` [-].
+        features: (N, K) network inputs in the order of `FEATURES` [-].
         gate: (N,) weight of the correction, 0 for a small filter to 1 for a large one [-].
         slip: (N, D) [m/s].
         coefficient: (N,) of the base law [kg/s].
@@ -59,7 +64,7 @@ class PreparedInputs(NamedTuple):
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=["weights", "feature_mean", "feature_scale", "feature_low", "feature_high"],
-    meta_fields=["base", "hidden", "activation", "terms"],
+    meta_fields=["base", "hidden", "activation", "terms", "features"],
 )
 @dataclasses.dataclass(frozen=True, eq=False)
 class InvariantClosure:
@@ -73,7 +78,9 @@ class InvariantClosure:
     a_t     [N] "void_fraction_gradient": c |u - v| L grad g; "pressure_gradient": pi d^3 / 6 grad p.
     The features x, from s solid and g void fraction, Re = g rho |u - v| d / mu:
     s;  ln(1 + Re);  ln(L / d);  L grad g . (u - v)/|u - v| Re / (1 + Re);  L |grad g|.
-    Re / (1 + Re) keeps the fourth smooth at zero slip, where it is 0.
+    and, from the size D = c |u - v| of the base force and P = pi d^3 / 6 |grad p| of the pressure force,
+    pi d^3 / 6 grad p . (u - v)/|u - v| Re / (1 + Re) / (P + D);  P / (P + D).
+    Re / (1 + Re) keeps the fourth and the sixth smooth at zero slip, where they are 0.
 
     The last layer starts at zero: the untrained closure is its base law. Without terms there is no remainder,
     and the force always points along the slip. Only differences of velocities, dot products and lengths
@@ -85,12 +92,13 @@ class InvariantClosure:
 
     Attributes:
         weights: of the `Perceptron`.
-        feature_mean, feature_scale: (5,) normalisation of x [-].
-        feature_low, feature_high: (5,) smallest and largest features of the training data [-].
+        feature_mean, feature_scale: (K,) normalisation of x [-].
+        feature_low, feature_high: (K,) smallest and largest features of the training data [-].
         base: drag law that is corrected.
         hidden: widths of the hidden layers.
         activation: a name of `ACTIVATIONS`.
         terms: names of `TERMS` that the remainder has; none by default.
+        features: names of `FEATURES` that the network sees, in their order.
     """
 
     weights: dict[str, Any]
@@ -102,6 +110,7 @@ class InvariantClosure:
     hidden: tuple[int, ...]
     activation: str
     terms: tuple[str, ...] = ()
+    features: tuple[str, ...] = FEATURES
 
     @classmethod
     def initial(
@@ -111,14 +120,16 @@ class InvariantClosure:
         activation: str = "elu",
         terms: Sequence[str] = (),
         seed: int = 0,
+        features: Sequence[str] = FEATURES,
     ) -> InvariantClosure:
         """The base law with an untrained correction, no normalisation, unlimited range.
 
         Raises:
-            InputError: unknown activation or term, or an empty layer.
+            InputError: unknown activation, term or feature, or an empty layer.
         """
         check_terms(terms)
-        size = len(FEATURES)
+        check_features(features)
+        size = len(features)
         network = Perceptron(tuple(hidden), 1 + len(terms), activation)
         infinity = jnp.full(size, jnp.inf, jnp.float32)
         return cls(
@@ -131,12 +142,13 @@ class InvariantClosure:
             hidden=tuple(hidden),
             activation=activation,
             terms=tuple(terms),
+            features=tuple(features),
         )
 
     def prepare(self, inputs: DragInputs) -> PreparedInputs:
         """Features, gate, base coefficient, term vectors; without weights, so training does it once."""
-        features, gate = invariant_features(inputs)
         base = self.base(inputs)
+        features, gate = invariant_features(inputs, base.coefficient, self.features)
         vectors = None
         if self.terms:
             vectors = jnp.stack([_term_vector(name, inputs, base.coefficient) for name in self.terms], axis=1)
@@ -146,25 +158,32 @@ class InvariantClosure:
 
     def evaluate(self, prepared: PreparedInputs) -> Drag:
         """Drag from prepared inputs: everything that depends on the weights."""
-        dtype = prepared.features.dtype
-        constants = (self.feature_mean, self.feature_scale, self.feature_low, self.feature_high)
-        mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(dtype) for leaf in constants)
-        inside = inside_range(prepared.features, low, high)
-        # Outside, the network sees its mean input, so that no infinity reaches the gradient.
-        normalised = jnp.where(inside[:, None], (prepared.features - mean[None]) / scale[None], 0.0)
+        normalised, inside = self.normalised(prepared.features)
         network = Perceptron(self.hidden, 1 + len(self.terms), self.activation)
-        output = apply_weights(network, self.weights, normalised)
-        bounded = LARGEST_LOG_FACTOR * jnp.tanh(output / LARGEST_LOG_FACTOR)
-        correction = jnp.where(inside[:, None], prepared.gate[:, None] * bounded, 0.0)
-        coefficient = prepared.coefficient * jnp.exp(correction[:, 0])
-        remainder = None
-        if prepared.term_vectors is not None:
-            remainder = jnp.sum(correction[:, 1:, None] * prepared.term_vectors, axis=1)
-        return Drag(coefficient, remainder, prepared.out_of_range | ~inside)
+        return corrected(prepared, apply_weights(network, self.weights, normalised), inside)
+
+    def normalised(self, features: Array) -> tuple[Array, Array]:
+        """What the network sees (N, K) [-], and whether the features are in the range of the training (N,)."""
+        constants = (self.feature_mean, self.feature_scale, self.feature_low, self.feature_high)
+        mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(features.dtype) for leaf in constants)
+        inside = inside_range(features, low, high)
+        # Outside, the network sees its mean input, so that no infinity reaches the gradient.
+        return jnp.where(inside[:, None], (features - mean[None]) / scale[None], 0.0), inside
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """Drag for every particle."""
         return self.evaluate(self.prepare(inputs))
+
+
+def corrected(prepared: PreparedInputs, output: Array, inside: Array) -> Drag:
+    """Drag with the correction that a network's output (N, 1 + T) makes; the base law's where not `inside` (N,)."""
+    bounded = LARGEST_LOG_FACTOR * jnp.tanh(output / LARGEST_LOG_FACTOR)
+    correction = jnp.where(inside[:, None], prepared.gate[:, None] * bounded, 0.0)
+    coefficient = prepared.coefficient * jnp.exp(correction[:, 0])
+    remainder = None
+    if prepared.term_vectors is not None:
+        remainder = jnp.sum(correction[:, 1:, None] * prepared.term_vectors, axis=1)
+    return Drag(coefficient, remainder, prepared.out_of_range | ~inside)
 
 
 def check_terms(terms: Sequence[str]) -> None:
@@ -174,21 +193,53 @@ def check_terms(terms: Sequence[str]) -> None:
         raise InputError("terms", tuple(terms), f"are some of {TERMS}, each once", "Correct the names.")
 
 
-def invariant_features(inputs: DragInputs) -> tuple[Array, Array]:
-    """Features x (N, 5) and gate G (N,) of `InvariantClosure`."""
+def check_features(features: Sequence[str]) -> None:
+    """Raise InputError for features that are not some of `FEATURES` in their order."""
+    if not features or tuple(features) != tuple(name for name in FEATURES if name in features):
+        limit = f"are some of {FEATURES}, each once, in this order"
+        raise InputError("features", tuple(features), limit, "Correct the names.")
+
+
+def invariant_features(
+    inputs: DragInputs, coefficient: Array, names: Sequence[str] = FEATURES
+) -> tuple[Array, Array]:
+    """Features x (N, K) and gate G (N,) of `InvariantClosure`; `coefficient` (N,) [kg/s] is the base law's."""
     solid_fraction, reynolds = inputs.solid_fraction, inputs.reynolds
     ratio = jnp.broadcast_to(inputs.filter_size / inputs.diameter, solid_fraction.shape)
     gradient = inputs.void_fraction_gradient * inputs.filter_size
     # direction of the slip times Re / (1 + Re), written without a division by the slip
-    per_speed = (
-        (1.0 - solid_fraction) * inputs.fluid_density * inputs.diameter / inputs.dynamic_viscosity
-    ) / (1.0 + reynolds)
-    along = jnp.sum(gradient * inputs.slip_velocity, axis=-1) * per_speed
-    squared = jnp.sum(gradient**2, axis=-1)
-    uneven = squared > 0
-    size = jnp.where(uneven, jnp.sqrt(jnp.where(uneven, squared, 1.0)), 0.0)
-    features = jnp.stack([solid_fraction, jnp.log1p(reynolds), jnp.log(ratio), along, size], axis=-1)
+    direction = (
+        inputs.slip_velocity
+        * (
+            (1.0 - solid_fraction)
+            * (inputs.fluid_density * inputs.diameter / inputs.dynamic_viscosity)
+            / (1.0 + reynolds)
+        )[:, None]
+    )
+    values = {
+        "solid_fraction": solid_fraction,
+        "log1p_reynolds": jnp.log1p(reynolds),
+        "log_filter_over_diameter": jnp.log(ratio),
+        "void_fraction_gradient_along_slip": jnp.sum(gradient * direction, axis=-1),
+        "void_fraction_gradient_size": _length(gradient),
+    }
+    if set(names) - set(WITHOUT_PRESSURE):
+        force = _term_vector("pressure_gradient", inputs, coefficient)
+        size = _length(force)
+        total = size + coefficient * inputs.slip_speed
+        # Without slip and gradient both forces are zero, and so are the features.
+        total = jnp.where(total > 0, total, 1.0)
+        values["pressure_gradient_along_slip"] = jnp.sum(force * direction, axis=-1) / total
+        values["pressure_gradient_size"] = size / total
+    features = jnp.stack([values[name] for name in names], axis=-1)
     return features, 1.0 - jnp.exp(-ratio / GATE_LENGTH)
+
+
+def _length(vectors: Array) -> Array:
+    """(N,) lengths of (N, D), with a finite gradient (zero) where they are zero."""
+    squared = jnp.sum(vectors**2, axis=-1)
+    positive = squared > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
 def _term_vector(name: str, inputs: DragInputs, coefficient: Array) -> Array:

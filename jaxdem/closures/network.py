@@ -39,7 +39,7 @@ def elu(x: Array) -> Array:
 @elu.defjvp
 def _elu_slope(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     value = elu(primals[0])
-    return value, tangents[0] * jnp.where(primals[0] > 0, 1.0, value + 1.0)
+    return value, tangents[0] * (1.0 + jnp.minimum(value, 0.0))
 
 
 ACTIVATIONS: dict[str, Callable[[Array], Array]] = {

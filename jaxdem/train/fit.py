@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,46 +13,37 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.closures.correlation import Correlation
-from jaxdem.closures.file import LearnedClosure
-from jaxdem.closures.invariant import InvariantClosure, PreparedInputs
+from jaxdem.closures.invariant import InvariantClosure, PreparedInputs, corrected
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, RunError
 from jaxdem.train.dataset_file import Dataset, Group
-from jaxdem.train.fit_evaluate import (
-    Forces,
-    Predictor,
-    Split,
-    evaluate_fit,
-    map_rows,
-    split_by_run,
-    thin,
+from jaxdem.train.fit_evaluate import Forces, map_rows, split_by_run
+from jaxdem.train.fit_loop import LOSSES, Outcome, Progress
+from jaxdem.train.fit_network import network_columns
+from jaxdem.train.fit_problem import (
+    FitResult,
+    Problem,
+    all_coarsenings,
+    constants,
+    judge,
+    mean_and_scale,
+    on_device,
+    solve,
+    training_groups,
 )
-from jaxdem.train.fit_loop import LOSSES, Progress, minimize
 from jaxdem.train.fit_regression import fit_regression, linear_force, paper_features, prepare_rows
 from jaxdem.train.fit_settings import FitSettings
 
-__all__ = ["FitResult", "FitSettings", "fit_filtered", "fit_paper", "fit_regression"]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class FitResult:
-    """A fitted closure and how good it is.
-
-    Attributes:
-        closure: the trained `PaperNetwork` or `InvariantClosure`.
-        metadata: what the closure file keeps, plain values: recipe, base_law, datasets, split, settings,
-            samples, seed, seconds, loss_history (per epoch), r2 and r2_train (by coarsening: closure, base,
-            regression, out_of_range, samples), out of held-out and of training rows.
-        parity: by coarsening the held-out arrays predicted, target, base, regression, each (<= 5000, D) [N].
-        split: how the held-out rows were chosen.
-    """
-
-    closure: LearnedClosure
-    metadata: dict[str, Any]
-    parity: dict[int, dict[str, Forces]]
-    split: str
+__all__ = [
+    "RECIPES",
+    "FitResult",
+    "FitSettings",
+    "fit_filtered",
+    "fit_paper",
+    "fit_regression",
+    "fit_together",
+]
 
 
 def fit_paper(
@@ -73,35 +64,7 @@ def fit_paper(
         InputError: datasets that do not fit together or cannot be split, or a coarsening that is not there.
         RunError: the loss becomes non-finite.
     """
-    settings = settings or FitSettings()
-    started = time.perf_counter()
-    split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
-    finest = min(_coarsenings(split, train_only=True))
-    groups = _training_groups(split.train, settings.coarsenings or (finest,))
-    targets = {n: "drag_force" if n == finest else "target_force" for n in _coarsenings(split)}
-    inputs = np.concatenate([paper_features(g) for parts in groups.values() for g in parts])
-    forces = np.concatenate([getattr(g, targets[n]) for n, parts in groups.items() for g in parts])
-    kept = np.random.default_rng(settings.seed).permutation(len(forces))[: settings.samples]
-    inputs, forces = inputs[kept], forces[kept]
-
-    base, dimension = drag_law(datasets[0].drag, "dataset.drag"), datasets[0].dimension
-    closure = PaperNetwork.initial(dimension, base, settings.hidden, settings.activation, settings.seed)
-    mean, scale = _mean_and_scale(inputs)
-    offset, unit = _mean_and_scale(forces)
-    constants = (mean, scale, inputs.min(axis=0), inputs.max(axis=0), offset, unit)
-    names = ("input_mean", "input_scale", "input_low", "input_high", "output_mean", "output_scale")
-    closure = dataclasses.replace(closure, **_float32(names, constants))
-    data = _on_device((inputs - mean[None]) / scale[None]), _on_device((forces - offset[None]) / unit[None])
-    measure = LOSSES[settings.loss]
-
-    def loss(weights: Any, rows: tuple[Array, Array]) -> Array:
-        return measure(dataclasses.replace(closure, weights=weights).normalised_force(rows[0]), rows[1])
-
-    weights, history = _minimize(loss, closure.weights, data, settings, progress)
-    closure = dataclasses.replace(closure, weights=weights)
-    seconds = time.perf_counter() - started
-    regression = linear_force(inputs, forces)
-    return _result("paper", closure, base, regression, split, targets, settings, history, len(kept), seconds)
+    return _fit_one(paper_problem, datasets, settings or FitSettings(), progress)
 
 
 def fit_filtered(
@@ -125,40 +88,180 @@ def fit_filtered(
         InputError: datasets that do not fit together or cannot be split, or a coarsening that is not there.
         RunError: the loss becomes non-finite.
     """
-    settings = settings or FitSettings.filtered()
-    if settings.loss != "mse":
-        raise InputError("loss", settings.loss, "the filtered recipe has its own", "Leave it at mse.")
-    started = time.perf_counter()
-    split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
-    groups = _training_groups(split.train, settings.coarsenings or _coarsenings(split, train_only=True))
-    base = drag_law(datasets[0].drag, "dataset.drag")
-    closure = InvariantClosure.initial(
-        base, settings.hidden, settings.activation, settings.terms, settings.seed
-    )
-    prepared, target, weight = _filtered_rows(closure, groups, settings)
-    features = np.asarray(prepared.features, np.float64)
-    mean, scale = _mean_and_scale(features)
-    names = ("feature_mean", "feature_scale", "feature_low", "feature_high")
-    constants = (mean, scale, features.min(axis=0), features.max(axis=0))
-    closure = dataclasses.replace(closure, **_float32(names, constants))
+    return _fit_one(filtered_problem, datasets, settings or FitSettings.filtered(), progress)
 
-    def loss(weights: Any, rows: tuple[PreparedInputs, Array, Array]) -> Array:
+
+def fit_together(
+    problems: Sequence[Problem], progress: Progress | None = None
+) -> list[tuple[Outcome, FitResult | None]]:
+    """Train the networks of problems of one kind at once, and judge each by itself.
+
+    Args:
+        problems: of equal `Problem.kind`.
+        progress: see `Progress`; its loss is the mean over the networks.
+
+    Returns:
+        How each training went, and its result, whose `seconds` are an equal share of the time of all; None where
+        the loss did not stay finite.
+
+    Raises:
+        ValueError: problems of different kinds.
+    """
+    started = time.perf_counter()
+    outcomes = solve(problems, progress)
+    seconds = (time.perf_counter() - started) / len(problems)
+    return [
+        (
+            outcome,
+            None if outcome.diverged else judge(problem, problem.trained(outcome), outcome.history, seconds),
+        )
+        for problem, outcome in zip(problems, outcomes, strict=True)
+    ]
+
+
+def _fit_one(
+    make: Callable[..., Problem],
+    datasets: Sequence[Dataset],
+    settings: FitSettings,
+    progress: Progress | None,
+) -> FitResult:
+    started = time.perf_counter()
+    problem = make(datasets, settings)
+    (outcome,) = solve([problem], progress)
+    elapsed = time.perf_counter() - started
+    require_finite(outcome, elapsed)
+    return judge(problem, problem.trained(outcome), outcome.history, elapsed)
+
+
+def require_finite(outcome: Outcome, elapsed: float) -> None:
+    """Raise RunError for a training whose loss is no finite number; `elapsed` [s]."""
+    if outcome.diverged:
+        epoch, loss = len(outcome.history), outcome.history[-1]
+        remedy = "Lower the learning rate, or look for outliers in the dataset's forces."
+        raise RunError(f"the training loss is {loss}, not finite", f"epoch {epoch}", elapsed, remedy)
+
+
+def paper_problem(
+    datasets: Sequence[Dataset], settings: FitSettings, start: PaperNetwork | None = None
+) -> Problem:
+    """What `fit_paper` solves; raises what it raises.
+
+    With `start` its layers, weights, normalisation and range are kept and gone on from.
+    """
+    split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
+    finest = min(all_coarsenings(split, train_only=True))
+    groups = training_groups(split.train, settings.coarsenings or (finest,))
+    targets = {n: "drag_force" if n == finest else "target_force" for n in all_coarsenings(split)}
+    inputs = np.concatenate([paper_features(g) for parts in groups.values() for g in parts])
+    forces = np.concatenate([getattr(g, targets[n]) for n, parts in groups.items() for g in parts])
+    kept = np.random.default_rng(settings.seed).permutation(len(forces))[: settings.samples]
+    inputs, forces = inputs[kept], forces[kept]
+    base, dimension = drag_law(datasets[0].drag, "dataset.drag"), datasets[0].dimension
+    closure = start
+    if closure is None:
+        closure = PaperNetwork.initial(dimension, base, settings.hidden, settings.activation, settings.seed)
+        mean, scale = mean_and_scale(inputs)
+        offset, unit = mean_and_scale(forces)
+        closure = dataclasses.replace(
+            closure,
+            **constants(
+                input_mean=mean, input_scale=scale, input_low=inputs.min(axis=0), input_high=inputs.max(axis=0),
+                output_mean=offset, output_scale=unit,
+            ),
+        )  # fmt: skip
+    data = (
+        _normalised(inputs, closure.input_mean, closure.input_scale),
+        _normalised(forces, closure.output_mean, closure.output_scale),
+    )
+    loss = PaperLoss(settings.loss, settings.activation)
+    regression = partial(linear_force, inputs, forces)
+    return Problem("paper", closure, data, loss, regression, base, split, targets, settings)
+
+
+@dataclasses.dataclass(frozen=True)
+class PaperLoss:
+    """Loss of weights and rows: normalised inputs (M, K) and forces (M, D) [-].
+
+    Attributes:
+        measure: a name of `LOSSES`.
+        activation: of the network.
+    """
+
+    measure: str
+    activation: str
+
+    def __call__(self, weights: Any, rows: tuple[Array, Array]) -> Array:
+        """The loss."""
+        return LOSSES[self.measure](network_columns(weights, self.activation, rows[0].T), rows[1].T)
+
+
+@dataclasses.dataclass(frozen=True)
+class FilteredLoss:
+    """Loss of weights and rows: prepared inputs with normalised features, forces (M, D) [N], weights (M,) [1/N2].
+
+    Attributes:
+        activation: of the network.
+    """
+
+    activation: str
+
+    def __call__(self, weights: Any, rows: tuple[PreparedInputs, Array, Array]) -> Array:
+        """The loss."""
         inputs, truth, counts = rows
-        drag = dataclasses.replace(closure, weights=weights).evaluate(inputs)
+        output = network_columns(weights, self.activation, inputs.features.T).T
+        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range))
         force = drag.coefficient[:, None] * inputs.slip
         if drag.remainder is not None:
             force = force + drag.remainder
         return jnp.mean(counts * jnp.sum((force - truth) ** 2, axis=-1))
 
-    data = (jax.tree.map(jnp.asarray, prepared), _on_device(target), _on_device(weight))
-    weights, history = _minimize(loss, closure.weights, data, settings, progress)
-    closure = dataclasses.replace(closure, weights=weights)
-    seconds = time.perf_counter() - started
-    regression = fit_regression(closure, prepared, target, weight)
-    targets = dict.fromkeys(_coarsenings(split), "target_force")
-    return _result(
-        "filtered", closure, base, regression, split, targets, settings, history, len(target), seconds
+
+def filtered_problem(
+    datasets: Sequence[Dataset], settings: FitSettings, start: InvariantClosure | None = None
+) -> Problem:
+    """What `fit_filtered` solves; raises what it raises.
+
+    With `start` its layers, terms, weights, normalisation and range are kept and gone on from.
+    """
+    if settings.loss != "mse":
+        raise InputError("loss", settings.loss, "the filtered recipe has its own", "Leave it at mse.")
+    split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
+    groups = training_groups(split.train, settings.coarsenings or all_coarsenings(split, train_only=True))
+    base = drag_law(datasets[0].drag, "dataset.drag")
+    closure = start or InvariantClosure.initial(
+        base, settings.hidden, settings.activation, settings.terms, settings.seed, settings.features
     )
+    prepared, target, weight = _filtered_rows(closure, groups, settings)
+    features = np.asarray(prepared.features, np.float64)
+    if start is None:
+        mean, scale = mean_and_scale(features)
+        closure = dataclasses.replace(
+            closure,
+            **constants(
+                feature_mean=mean, feature_scale=scale, feature_low=features.min(axis=0),
+                feature_high=features.max(axis=0),
+            ),
+        )  # fmt: skip
+
+    # Training rows make the range, so that what the network sees can be had once for all epochs.
+    seen = _normalised(features, closure.feature_mean, closure.feature_scale)
+    data = (jax.tree.map(jnp.asarray, prepared._replace(features=seen)), on_device(target), on_device(weight))
+    loss = FilteredLoss(settings.activation)
+    regression = partial(fit_regression, closure, prepared, target, weight)
+    targets = dict.fromkeys(all_coarsenings(split), "target_force")
+    return Problem("filtered", closure, data, loss, regression, base, split, targets, settings)
+
+
+def _normalised(values: Forces, mean: Array, scale: Array) -> Array:
+    """(M, K) less mean, by scale (K,), in single precision."""
+    return on_device((values - np.asarray(mean, np.float64)[None]) / np.asarray(scale, np.float64)[None])
+
+
+RECIPES: dict[str, Callable[..., Problem]] = {
+    "paper": paper_problem,
+    "filtered": filtered_problem,
+}
+"""What recipes make of datasets, settings and, if given, a closure to start from, by name."""
 
 
 def _filtered_rows(
@@ -184,78 +287,3 @@ def _filtered_rows(
     # mean(weight * squares) is then the mean over coarsenings of sum(squares) / spread
     merged = jax.tree.map(lambda *leaves: np.concatenate(leaves), *prepared)
     return merged, np.concatenate(targets), weight * len(weight)
-
-
-def _result(
-    recipe: str,
-    closure: LearnedClosure,
-    base: Correlation,
-    regression: Predictor,
-    split: Split,
-    targets: dict[int, str],
-    settings: FitSettings,
-    history: list[float],
-    samples: int,
-    seconds: float,
-) -> FitResult:
-    """Judge the closure on held-out and training rows and put the record together."""
-    name = targets.__getitem__
-    r2, parity = evaluate_fit(closure, base, regression, split.held_out, name, settings.seed)
-    r2_train, _ = evaluate_fit(
-        closure, base, regression, [thin(dataset) for dataset in split.train], name, settings.seed
-    )
-    fields = dataclasses.asdict(settings)
-    metadata = {
-        "recipe": recipe,
-        "base_law": split.train[0].drag,
-        "datasets": list(dict.fromkeys(d.run for d in (*split.train, *split.held_out))),
-        "split": split.text,
-        "settings": {
-            name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()
-        },
-        "samples": samples,
-        "seed": settings.seed,
-        "seconds": seconds,
-        "loss_history": history,
-        "r2": r2,
-        "r2_train": r2_train,
-    }
-    return FitResult(closure, metadata, parity, split.text)
-
-
-def _coarsenings(split: Split, train_only: bool = False) -> tuple[int, ...]:
-    datasets = split.train if train_only else [*split.train, *split.held_out]
-    return tuple(sorted({n for dataset in datasets for n in dataset.groups}))
-
-
-def _training_groups(datasets: Sequence[Dataset], coarsenings: Sequence[int]) -> dict[int, list[Group]]:
-    """The groups of the wanted coarsenings; raises InputError for one that no dataset has."""
-    groups = {n: [dataset.groups[n] for dataset in datasets if n in dataset.groups] for n in coarsenings}
-    missing = [n for n, parts in groups.items() if not parts]
-    if missing:
-        raise InputError("coarsenings", missing, "are in no training dataset", "Use coarsenings that are.")
-    return groups
-
-
-def _minimize(
-    loss: Any, weights: Any, data: Any, settings: FitSettings, progress: Progress | None
-) -> tuple[Any, list[float]]:
-    names = ("batch", "epochs", "learning_rate", "schedule", "seed")
-    return minimize(
-        loss, weights, data, progress=progress, **{name: getattr(settings, name) for name in names}
-    )
-
-
-def _mean_and_scale(values: Forces) -> tuple[Forces, Forces]:
-    """(K,) mean and standard deviation of (M, K) in double precision; 1 where a column does not vary."""
-    mean, deviation = values.mean(axis=0, dtype=np.float64), values.std(axis=0, dtype=np.float64)
-    varies = deviation > 1e-6 * np.maximum(np.abs(mean), 1e-12)
-    return mean, np.where(varies, deviation, 1.0)
-
-
-def _float32(names: Sequence[str], values: Sequence[Forces]) -> dict[str, Any]:
-    return {name: _on_device(value) for name, value in zip(names, values, strict=True)}
-
-
-def _on_device(values: Forces) -> Array:
-    return jnp.asarray(values, jnp.float32)

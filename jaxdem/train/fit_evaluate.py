@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.correlation import Correlation
-from jaxdem.closures.file import LearnedClosure
+from jaxdem.closures.file import StoredClosure
 from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset, Group
 
@@ -137,7 +137,7 @@ def map_rows(function: Callable[[DragInputs], Any], group: Group) -> Any:
 
 
 @jax.jit
-def _learned_force(closure: LearnedClosure, inputs: DragInputs) -> tuple[Array, Array]:
+def learned_force(closure: StoredClosure, inputs: DragInputs) -> tuple[Array, Array]:
     """Force (M, D) [N] and out_of_range (M,)."""
     drag = closure(inputs)
     force = drag.coefficient[:, None] * inputs.slip_velocity
@@ -151,7 +151,7 @@ def _base_force(law: Correlation, inputs: DragInputs) -> Array:
 
 
 def evaluate_fit(
-    closure: LearnedClosure,
+    closure: StoredClosure,
     base: Correlation,
     regression: Predictor,
     datasets: Sequence[Dataset],
@@ -174,7 +174,7 @@ def evaluate_fit(
     parity: dict[int, dict[str, Forces]] = {}
     for coarsening in sorted({n for dataset in datasets for n in dataset.groups}):
         groups = [dataset.groups[coarsening] for dataset in datasets if coarsening in dataset.groups]
-        outcomes = [map_rows(partial(_learned_force, closure), group) for group in groups]
+        outcomes = [map_rows(partial(learned_force, closure), group) for group in groups]
         forces = {
             "predicted": np.concatenate([force for force, _ in outcomes]),
             "target": np.concatenate([getattr(group, target_name(coarsening)) for group in groups]),

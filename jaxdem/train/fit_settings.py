@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from jaxdem.closures.invariant import FEATURES
 from jaxdem.closures.network import ACTIVATIONS
 from jaxdem.errors import InputError
 from jaxdem.train.fit_loop import LOSSES
@@ -26,6 +27,7 @@ class FitSettings:
             evenly among the coarsenings.
         coarsenings: those used for training; None means the finest there is (paper) or all (filtered).
         terms: terms of the remainder (filtered), see `InvariantClosure`.
+        features: what the network sees (filtered), names of `jaxdem.closures.invariant.FEATURES` in their order.
         held_out: name of the run held out; None means the last dataset's.
         held_out_fraction: part of the time span held out where all data are of one run.
         seed: of initial weights, shuffling and the choice of rows.
@@ -43,6 +45,7 @@ class FitSettings:
     samples: int = 250_000
     coarsenings: tuple[int, ...] | None = None
     terms: tuple[str, ...] = ()
+    features: tuple[str, ...] = FEATURES
     held_out: str | None = None
     held_out_fraction: float = 0.15
     seed: int = 0
@@ -58,6 +61,11 @@ class FitSettings:
             "epochs": 200,
         }
         return cls(**{**defaults, **changes})
+
+    def as_plain(self) -> dict[str, Any]:
+        """The settings as JSON has them."""
+        fields = dataclasses.asdict(self)
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in fields.items()}
 
     def __post_init__(self) -> None:
         """Raise InputError for a setting out of its range."""

@@ -2,7 +2,6 @@
 
 import ctypes
 import dataclasses
-import functools
 import shutil
 import subprocess
 import sys
@@ -14,12 +13,20 @@ import onnx
 import onnxruntime
 import pytest
 
-from jaxdem.closures import ACTIVATIONS, DRAG_LAWS, Drag, DragInputs, InvariantClosure, PaperNetwork
+from jaxdem.closures import (
+    ACTIVATIONS,
+    DRAG_LAWS,
+    Drag,
+    DragInputs,
+    EnsembleClosure,
+    InvariantClosure,
+    PaperNetwork,
+)
 from jaxdem.closures.export import export_closure, identifier
 from jaxdem.closures.export_c import c_header
 from jaxdem.closures.export_onnx import onnx_model
 from jaxdem.closures.export_trace import ExportedDrag, input_shapes, one_particle
-from jaxdem.closures.invariant import TERMS, invariant_features
+from jaxdem.closures.invariant import TERMS, WITHOUT_PRESSURE
 from jaxdem.errors import InputError
 
 COMPILER = shutil.which("cc")
@@ -62,16 +69,15 @@ def inputs_for(dimension, seed=0):
     return DragInputs(*(np.asarray(value, np.float32) for value in inputs))
 
 
-@functools.cache
-def invariant_values():
-    """(rows, 5) features of the invariant closure."""
+def invariant_values(closure):
+    """(rows, K) features of an invariant closure."""
 
     @jax.jit
     def features(inputs):
         return jax.vmap(
-            lambda row: invariant_features(row._replace(**{n: getattr(row, n)[None] for n in ROW_NAMES}))[0][
-                0
-            ]
+            lambda row: closure.prepare(
+                row._replace(**{n: getattr(row, n)[None] for n in ROW_NAMES})
+            ).features[0]
         )(inputs)
 
     return np.asarray(features(inputs_for(3)))
@@ -85,7 +91,7 @@ def shaken(closure, seed):
         void_fraction = 1.0 - inputs.solid_fraction[:, None]
         values = np.concatenate([inputs.particle_velocity, inputs.fluid_velocity, void_fraction], axis=1)
     else:
-        prefix, values = "feature", invariant_values()
+        prefix, values = "feature", invariant_values(closure)
     values = values[60:].astype(np.float32)
     changes = {
         f"{prefix}_mean": values.mean(axis=0),
@@ -111,7 +117,9 @@ class Activations:
 
 LEARNED = {
     "invariant": lambda: shaken(InvariantClosure.initial(hidden=(12, 5), terms=TERMS), 1),
-    "plain": lambda: shaken(InvariantClosure.initial(DRAG_LAWS["ergun"](), (4,), "softplus"), 2),
+    "plain": lambda: shaken(
+        InvariantClosure.initial(DRAG_LAWS["ergun"](), (4,), "softplus", features=WITHOUT_PRESSURE), 2
+    ),
     "paper": lambda: shaken(PaperNetwork.initial(2), 3),
 }
 CLOSURES = LEARNED | DRAG_LAWS | {"activations": Activations}
@@ -255,6 +263,21 @@ def test_a_third_component_of_zero_changes_nothing(closures):
     )
     np.testing.assert_allclose(three[:, :2], two, rtol=1e-6)
     np.testing.assert_array_equal(three[:, 2], 0.0)
+
+
+def test_an_ensemble_is_written_member_after_member(closures, tmp_path):
+    """Two equal members give what the one gives."""
+    path = tmp_path / "closure.onnx"
+    ensemble = EnsembleClosure.of([closures["plain"]] * 2)
+    export_closure(ensemble, {}, "onnx", path, "0")
+    assert "2 of InvariantClosure" in onnx.load(path).doc_string
+    inputs = dict(zip(DragInputs._fields, inputs_for(3), strict=True))
+    two, one = (
+        onnxruntime.InferenceSession(model).run(["force"], inputs)[0]
+        for model in (path.read_bytes(), onnx_model(closures["plain"], 3, "", "0"))
+    )
+    np.testing.assert_allclose(two, one, rtol=1e-6)
+    export_closure(ensemble, {}, "c", tmp_path / "closure.h", "0")
 
 
 def test_operations_that_no_format_knows_are_named():

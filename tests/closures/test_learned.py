@@ -11,6 +11,7 @@ import pytest
 
 from jaxdem.closures import (
     DragInputs,
+    EnsembleClosure,
     Ergun,
     InvariantClosure,
     KochHill,
@@ -18,7 +19,7 @@ from jaxdem.closures import (
     load_closure,
     save_closure,
 )
-from jaxdem.closures.invariant import FEATURES, TERMS
+from jaxdem.closures.invariant import FEATURES, TERMS, WITHOUT_PRESSURE
 from jaxdem.errors import InputError
 
 
@@ -138,12 +139,61 @@ def test_correction_vanishes_with_the_filter():
     )
 
 
+def ensemble_of(inputs, count=3):
+    """Invariant closures of random weights with the terms, as one; one range for all."""
+    start = normalised(InvariantClosure.initial(hidden=(4,), terms=TERMS), inputs)
+    return EnsembleClosure.of([shaken(start, seed) for seed in range(count)])
+
+
+def test_ensemble_of_one_network_is_that_network():
+    inputs = make_inputs()
+    closure = shaken(normalised(InvariantClosure.initial(hidden=(4,), terms=TERMS), inputs))
+    far = inputs._replace(fluid_velocity=inputs.fluid_velocity.at[0].set(1e4))
+    alone, together = evaluate(closure, far), evaluate(EnsembleClosure.of([closure] * 3), far)
+    for one, mean in zip(alone, together, strict=True):
+        np.testing.assert_allclose(mean, one, rtol=1e-12)
+    assert together.out_of_range.tolist() == [True] + [False] * 39
+    spread = jax.jit(EnsembleClosure.spread)(EnsembleClosure.of([closure] * 3), far)
+    np.testing.assert_allclose(spread / np.abs(force(alone, far)).max(), 0.0, atol=1e-12)
+
+
+def test_ensemble_is_positive_and_the_same_under_rotation_and_in_a_moving_frame():
+    inputs = make_inputs()
+    ensemble = ensemble_of(inputs)
+    drag = evaluate(ensemble, inputs)
+    assert (drag.coefficient > 0).all()
+    members = [force(evaluate(ensemble.member(number), inputs), inputs) for number in range(3)]
+    before = force(drag, inputs)
+    scale = np.abs(before).max()
+    np.testing.assert_allclose(before, np.mean(members, axis=0), atol=1e-12 * scale)
+    spread = jax.jit(EnsembleClosure.spread)(ensemble, inputs)
+    np.testing.assert_allclose(spread, np.sqrt(np.var(members, axis=0, ddof=1).sum(axis=-1)), rtol=1e-9)
+    rotation, frame = rotation_matrix(2), jnp.full((1, 2), 0.7)
+    turned = rotated(inputs, rotation)
+    moving = turned._replace(
+        particle_velocity=turned.particle_velocity + frame, fluid_velocity=turned.fluid_velocity + frame
+    )
+    np.testing.assert_allclose(
+        force(evaluate(ensemble, moving), moving), before @ rotation.T, atol=1e-6 * scale
+    )
+    apart = jax.jit(lambda inputs: ensemble.one_by_one()(inputs))(inputs)
+    np.testing.assert_allclose(force(apart, inputs), before, atol=1e-12 * scale)
+
+
+def test_ensembles_have_one_structure():
+    with pytest.raises(InputError, match="one kind"):
+        EnsembleClosure.of([InvariantClosure.initial(hidden=(width,)) for width in (3, 4)])
+    with pytest.raises(InputError, match="at least two"):
+        EnsembleClosure.of([InvariantClosure.initial()])
+
+
 @pytest.mark.parametrize("make", [InvariantClosure.initial, lambda: PaperNetwork.initial(2)])
 def test_gradients_at_zero_slip_and_even_void_fraction(make):
     inputs = make_inputs(4)
     inputs = inputs._replace(
         fluid_velocity=inputs.particle_velocity,
         void_fraction_gradient=jnp.zeros((4, 2)),
+        pressure_gradient=inputs.pressure_gradient.at[:2].set(0.0),
         solid_fraction=jnp.array([0.0, 0.2, 0.4, 0.9]),
     )
     closure = shaken(make())
@@ -180,7 +230,7 @@ def test_weight_gradient_against_finite_differences(kind):
     )
     assert float(slope) == pytest.approx(float(total(ahead) - total(behind)) / (2 * step), rel=1e-6)
     for field in dataclasses.fields(closure):
-        if field.name not in ("weights", "base", "hidden", "activation", "terms"):
+        if field.name not in ("weights", "base", "hidden", "activation", "terms", "features"):
             np.testing.assert_array_equal(getattr(gradient, field.name), 0.0)
 
 
@@ -261,6 +311,7 @@ def test_learned_closures_are_traced_arguments_with_static_structure():
 CLOSURES = {
     "invariant": lambda: shaken(InvariantClosure.initial(Ergun(), (5, 4), "softplus", TERMS)),
     "paper": lambda: shaken(PaperNetwork.initial(3, hidden=(7, 3), activation="selu")),
+    "ensemble": lambda: EnsembleClosure.of([PaperNetwork.initial(3, hidden=(7,), seed=n) for n in (0, 1)]),
 }
 
 
@@ -276,6 +327,29 @@ def test_file_round_trip_is_exact(kind, tmp_path):
         np.testing.assert_array_equal(before, after)
     assert read == {"recipe": kind, "r2": {"8": {"closure": 0.5}}, "loss_history": [0.1] * 20_000}
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_files_that_name_no_features_have_those_without_pressure(tmp_path):
+    """As the first versions wrote them."""
+    closure, path = InvariantClosure.initial(hidden=(4,), features=WITHOUT_PRESSURE), tmp_path / "closure.h5"
+    save_closure(path, closure, {})
+    with h5py.File(path, "a") as file:
+        del file.attrs["features"]
+    assert jax.tree.structure(load_closure(path)[0]) == jax.tree.structure(closure)
+
+
+def test_pressure_features_are_bounded_and_vanish_without_a_gradient():
+    inputs = make_inputs()
+    closure = InvariantClosure.initial()
+    features = dict(zip(FEATURES, prepare(closure, inputs).features.T, strict=True))
+    along, size = (features[f"pressure_gradient_{name}"] for name in ("along_slip", "size"))
+    assert (np.abs(along) <= size).all() and (size < 1).all() and size.max() > 0.5
+    cosine = jnp.sum(inputs.pressure_gradient * inputs.slip_velocity, axis=-1) / (
+        jnp.linalg.norm(inputs.pressure_gradient, axis=-1) * inputs.slip_speed
+    )
+    np.testing.assert_allclose(along / size, cosine * inputs.reynolds / (1 + inputs.reynolds), rtol=1e-9)
+    still = inputs._replace(pressure_gradient=jnp.zeros((40, 2)), fluid_velocity=inputs.particle_velocity)
+    np.testing.assert_array_equal(prepare(closure, still).features[:, -2:], 0.0)
 
 
 def test_failed_write_keeps_the_old_file(tmp_path):
@@ -368,3 +442,5 @@ def test_bad_structure_is_refused():
         InvariantClosure.initial(hidden=(8, 0))
     with pytest.raises(InputError, match="terms"):
         InvariantClosure.initial(terms=("lift",))
+    with pytest.raises(InputError, match="features"):
+        InvariantClosure.initial(features=("log1p_reynolds", "solid_fraction"))

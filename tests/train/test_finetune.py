@@ -82,7 +82,9 @@ class SimpleForces(NamedTuple):
 def closure_with(bias):
     """One layer on the features: the factor on the drag is exp(G B(bias)) where its kernel is zero."""
     closure = InvariantClosure.initial(Stokes(), hidden=())
-    weights = {"Dense_0": {"kernel": np.zeros((5, 1)), "bias": np.asarray([bias])}}
+    weights = {
+        "Dense_0": {"kernel": np.zeros_like(closure.weights["Dense_0"]["kernel"]), "bias": np.asarray([bias])}
+    }
     return dataclasses.replace(closure, weights=weights)
 
 

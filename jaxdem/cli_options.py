@@ -1,0 +1,53 @@
+"""What the commands share: places to write to, lists of numbers, the cache of compiled programs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from jaxdem.errors import InputError
+
+
+def use_compilation_cache() -> None:
+    """Compiled programs are kept in the user's cache folder between calls of the command line."""
+    import jax
+
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        jax.config.update("jax_compilation_cache_dir", str(Path(base) / "jaxdem" / "xla"))
+    # Small programs too: a start has a hundred, most of them of the operations by which jax-md allocates its list.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def prepare_file(path: Path) -> None:
+    """Refuse a place that cannot be written before hours of work, not after them."""
+    if path.is_dir():
+        raise InputError("--out", str(path), "is a folder", "Name a file in it.")
+    prepare_folder(path.parent)
+
+
+def prepare_folder(path: Path) -> None:
+    """Make the folder, or refuse it."""
+    if path.exists() and not path.is_dir():
+        raise InputError("--out", str(path), "is not a folder", "Name a folder.")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        limit = f"cannot be written ({error.strerror})"
+        raise InputError("--out", str(path), limit, "Choose another place.") from None
+    if not os.access(path, os.W_OK):
+        raise InputError("--out", str(path), "cannot be written", "Choose another place.")
+
+
+def whole_numbers(option: str, text: str, separator: str) -> tuple[int, ...]:
+    """Positive whole numbers out of a text such as 170-70-30; raises InputError that names the option."""
+    try:
+        numbers = tuple(int(part) for part in text.split(separator))
+    except ValueError:
+        numbers = (0,)
+    if min(numbers) < 1:
+        example = separator.join("421" if separator == "-" else "124")
+        limit = f"must be positive whole numbers separated by {separator!r}"
+        raise InputError(option, text, limit, f"For example {option} {example}.")
+    return numbers
