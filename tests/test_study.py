@@ -8,7 +8,7 @@ import pytest
 import jaxdem
 from jaxdem.closures import KochHill
 from jaxdem.errors import InputError
-from jaxdem.study import PLANS, Plan, Study, run_study
+from jaxdem.study import DEMOS, FULL, Plan, Study, run_study
 from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
 from jaxdem.train.fit import FitSettings
@@ -133,8 +133,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
 
 
 def test_plans_name_scenes_that_load():
-    """Both scales of every study have a scene that builds."""
-    for plans in PLANS.values():
-        assert set(plans) == {"demo", "paper"}
-        for plan in plans.values():
-            jaxdem.build(jaxdem.load_scene(jaxdem.study.SCENES / plan.scene))
+    """Every study has a demonstration whose scene builds, and a full size."""
+    assert set(DEMOS) == set(FULL)
+    for plan in DEMOS.values():
+        jaxdem.build(jaxdem.load_scene(jaxdem.study.SCENES / plan.scene))

@@ -38,11 +38,13 @@ class DatasetSpec:
         name: of the file, without its ending.
         run: name of the run, which writes samples.
         coarsen: factors of the mesh.
+        every: every so many-th sample is used.
     """
 
     name: str
     run: str
     coarsen: tuple[int, ...]
+    every: int = 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +55,7 @@ class FitSpec:
         name: of the file, without its ending.
         recipe: "paper" or "filtered".
         settings: of the fit.
-        datasets: names of the datasets; the last one's run is held out.
+        datasets: names of the datasets; the last one's run is held out, for R2 alone.
     """
 
     name: str

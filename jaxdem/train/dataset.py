@@ -23,16 +23,15 @@ import numpy as np
 from jax import Array
 
 from jaxdem.build import build
-from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.interpolation import interpolate_faces
-from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.fluid.diffusion import stress_divergence
 from jaxdem.fluid.grid import face_average
-from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.fluid.remap import coarsened, remap_cells, remap_flux
 from jaxdem.io import Run, load_run
 from jaxdem.io.samples import Samples
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulation import Simulation
 from jaxdem.train.dataset_file import write_dataset
@@ -51,6 +50,7 @@ def make_dataset(
     out: str | Path,
     coarsen: tuple[int, ...] = (1, 2, 4, 8),
     progress: Callable[[int, int], None] | None = None,
+    every: int = 1,
 ) -> None:
     """Writes the dataset file of a run.
 
@@ -59,6 +59,7 @@ def make_dataset(
         out: dataset file.
         coarsen: factors of the mesh; 1 is the run's own mesh.
         progress: called with the samples done and their number, all factors together.
+        every: use every so many-th sample.
 
     Raises:
         InputError: the run has no samples, or a factor is not usable.
@@ -68,15 +69,15 @@ def make_dataset(
     scene = load_scene(source.scene)
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
         raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "for example 1,2,4,8")
-    groups, done = {}, 0
+    groups, done, numbers = {}, 0, range(0, len(samples.times), every)
     for factor in coarsen:
-        view = _CoarseView(scene, factor)
+        view = CoarseView(scene, factor)
         collected = []
-        for number in range(len(samples.times)):
+        for number in numbers:
             collected.append(view.rows(samples.frame(number), float(samples.times[number])))
             done += 1
             if progress is not None:
-                progress(done, len(coarsen) * len(samples.times))
+                progress(done, len(coarsen) * len(numbers))
         groups[factor] = view.group(collected)
     assert scene.fluid is not None
     attributes = {
@@ -90,7 +91,7 @@ def make_dataset(
     write_dataset(out, attributes, groups)
 
 
-class _CoarseView:
+class CoarseView:
     """A mesh of the run's box, and the fields as its solver would see them."""
 
     def __init__(self, scene: Scene, factor: int):
@@ -145,22 +146,10 @@ class _CoarseView:
         assert bodies is not None and fluid is not None
         solver = self.simulation.fluid.solver
         dtype = position.dtype
-        weights = self.simulation.fluid.deposition.weights(self.coarse, position, bodies.radius)
-        solids = solid_fraction(self.coarse, weights, bodies.volume)
-        fractions = face_average(self.coarse, 1.0 - solids)
-        faces = tuple(f.astype(dtype) / g for f, g in zip(flux, fractions, strict=True))
-        slope = pressure_gradient(self.coarse, solver.boundary, pressure.astype(dtype), continued=True)
-        inputs = drag_inputs(
-            self.coarse,
-            weights,
-            velocity,
-            2.0 * bodies.radius,
-            faces,
-            slope,
-            solids,
-            fluid.density,
-            fluid.viscosity,
-        )
+        view = CoarseInputs(self.coarse, solver.boundary, self.simulation.fluid.deposition)
+        particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
+        averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
+        inputs, faces, weights = view.seen(*averaged, particles, bodies, fluid)
         volume = bodies.volume if bodies.volume.ndim == 0 else bodies.volume[:, None]
         applied = -volume * inputs.pressure_gradient
         if solver.viscous:
