@@ -69,8 +69,8 @@ class CoarseInputs:
         particles: ParticleState,
         bodies: ParticleProperties,
         properties: FluidProperties,
-    ) -> tuple[DragInputs, FaceField, Weights]:
-        """The inputs, and the interstitial velocity and the weights that they are made with.
+    ) -> tuple[DragInputs, FluidState, Weights]:
+        """The inputs, and the fluid on the coarse mesh and the weights that they are made with.
 
         Args:
             flux: g u, averaged to the coarse faces [m/s].
@@ -95,4 +95,4 @@ class CoarseInputs:
             properties.density,
             properties.viscosity,
         )
-        return inputs, velocity, weights
+        return inputs, FluidState(velocity, pressure, 1.0 - solids), weights

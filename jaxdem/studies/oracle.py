@@ -7,7 +7,8 @@ velocities), without contacts, and the coarse fluid gets the force that a closur
 
 F_target as in the training data (`jaxdem.train.dataset`), u_target the averaged fine velocity at the particle and c the
 base law's coefficient for it, both linear in time: where the coarse fluid is right its drag is the true one, and where it
-departs it is held as by the base law. Without this hold (c = 0) whatever turns in F is summed up over time.
+departs it is held as by the base law. Without this hold (c = 0) what sampling loses of F is summed up over time: on the
+fine mesh itself that doubles the replay's error, on a mesh four times as coarse it hardly matters.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.build import initial_state
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.coupling.exchange import exchange
@@ -87,35 +87,30 @@ class Replay:
         return {name: np.array([row[name] for row in rows]) for name in ("time", *FLUID_METRICS)}
 
 
-def replay(run: Run, factor: int, report: Callable[[float], None] | None = None, held: bool = True) -> Replay:
+def replay(run: Run, factor: int, report: Callable[[float], None] | None = None) -> Replay:
     """A fine run's particles and forces in the fluid of a coarser mesh.
 
     Args:
         run: the fine run, with samples.
         factor: of the mesh; 1 is the run's own, and shows what sampling loses.
         report: called with the simulated time [s].
-        held: whether the drag follows departures of the coarse fluid as the base law does.
 
     Raises:
         InputError: the run has no samples, or not two at least.
     """
     if run.samples is None or len(run.samples.times) < 2:
         raise InputError("RUN", str(run.path), "holds no samples", "run it with output.samples")
-    scene = load_scene(run.scene)
-    track = _Track(run, scene, factor, held)
-    return track.follow(report or (lambda time: None))
+    return _Track(run, load_scene(run.scene), factor).follow(report or (lambda time: None))
 
 
 class _Track:
     """The replay of one run on one mesh."""
 
-    def __init__(self, run: Run, scene: Scene, factor: int, held: bool):
+    def __init__(self, run: Run, scene: Scene, factor: int):
         assert run.samples is not None and scene.fluid is not None and scene.coupling is not None
-        self.samples, self.held = run.samples, held
-        self.outputs = scene.time.output_interval
+        self.samples = run.samples
+        self.outputs, self.end = scene.time.output_interval, scene.time.end
         self.view = CoarseView(scene, factor)
-        cells = {"fluid.cells": list(self.view.coarse.cells)}
-        self.scene = load_scene(scene.model_dump(by_alias=True, exclude_none=True), cells)
         self.simulation, self.parameters = self.view.simulation, self.view.parameters
         self.law = DRAG_LAWS[scene.coupling.drag]()
         self._advance = jax.jit(self._advanced)
@@ -126,9 +121,7 @@ class _Track:
         sample, time = self.samples.frame(number), float(self.samples.times[number])
         rows = self.view.rows(sample, time)
         velocity, force = rows["particle_velocity"], rows["target_force"]
-        coefficient = np.zeros(len(force), force.dtype)
-        if self.held:
-            coefficient = np.asarray(self._coefficient(self._inputs(rows)))
+        coefficient = np.asarray(self._coefficient(self._inputs(rows)))
         # F = F_target + c (u - u_target) as c (u - v) + remainder
         remainder = force - coefficient[:, None] * (rows["fluid_velocity"] - velocity)
         return {
@@ -136,26 +129,28 @@ class _Track:
         }  # fmt: skip
 
     def follow(self, report: Callable[[float], None]) -> Replay:
-        """All intervals."""
+        """All intervals from the first sample on, which is where the coarse fluid is the average of the fine one."""
         interval, times = self.simulation.interval, np.asarray(self.samples.times, float)
-        state = initial_state(self.scene, self.simulation, self.parameters)[0].fluid
+        first, last = round(times[0] / interval), round(self.end / interval)
         every = round(self.outputs / interval)
-        frames, momentum = [self._frame(0.0, state)], 0.0
-        before, number = self.knot(0), 0
-        after = self.knot(1)
-        for step in range(round(times[-1] / interval)):
-            while step * interval >= times[number + 1] - 1e-9 * interval:
+        state = self.view.fluid(self.samples.frame(0), float(times[0]))
+        before, after, number = self.knot(0), self.knot(1), 0
+        frames, momentum = [], 0.0
+        for step in range(first, last):
+            time = step * interval
+            while number + 2 < len(times) and time >= times[number + 1] - 1e-6 * interval:
                 number, before = number + 1, after
                 after = self.knot(number + 1)
-            part = (step * interval - times[number]) / (times[number + 1] - times[number])
-            moment = _between(before, after, part, times[number + 1] - times[number], interval)
-            state, mismatch = self._advance(state, *moment, jnp.asarray(step * interval, moment[0].dtype))
+            moment = _between(
+                before, after, (time - times[number], times[number + 1] - times[number]), interval
+            )
+            state, mismatch = self._advance(state, *moment, jnp.asarray(time, moment[0].dtype))
             momentum = max(momentum, float(mismatch))
             if (step + 1) % every == 0:
                 frames.append(self._frame((step + 1) * interval, state))
-            report((step + 1) * interval)
-        time, velocity, pressure, void_fraction = (np.stack(column) for column in zip(*frames, strict=True))
-        return Replay(time, velocity, pressure, void_fraction, momentum)
+            report(time + interval)
+        fields = [np.stack(column) for column in zip(*frames, strict=True)]
+        return Replay(fields[0], fields[1], fields[2], fields[3], momentum)
 
     def _inputs(self, rows: dict[str, np.ndarray]) -> DragInputs:
         fluid = self.parameters.fluid
@@ -191,25 +186,28 @@ class _Track:
 
 
 def _between(
-    before: dict[str, np.ndarray], after: dict[str, np.ndarray], part: float, span: float, interval: float
+    before: dict[str, np.ndarray], after: dict[str, np.ndarray], place: tuple[float, float], interval: float
 ) -> tuple[Array, ...]:
-    """Position and velocity at the start of an interval, the drag at its middle.
+    """Position and velocity at the start of an interval, the drag at its middle; beyond the last knot as at it.
 
     Args:
         before, after: knots.
-        part: of the way from one to the other [-].
-        span: time between them [s].
+        place: time since the first knot, and from it to the second [s].
         interval: [s].
     """
+    since, span = place
     x0, x1, v0, v1 = before["position"], after["position"], before["velocity"], after["velocity"]
-    s = part
-    position = (
-        (1 + 2 * s) * (1 - s) ** 2 * x0
-        + s**2 * (3 - 2 * s) * x1
-        + span * (s * (1 - s) ** 2 * v0 - s**2 * (1 - s) * v1)
-    )
-    velocity = 6 * s * (1 - s) * (x1 - x0) / span + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
-    middle = min(1.0, part + 0.5 * interval / span)
+    s = since / span
+    if s < 1.0:
+        position = (
+            (1 + 2 * s) * (1 - s) ** 2 * x0
+            + s**2 * (3 - 2 * s) * x1
+            + span * (s * (1 - s) ** 2 * v0 - s**2 * (1 - s) * v1)
+        )
+        velocity = 6 * s * (1 - s) * (x1 - x0) / span + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
+    else:
+        position, velocity = x1 + (since - span) * v1, v1
+    middle = min(1.0, (since + 0.5 * interval) / span)
     drag = [(1 - middle) * before[name] + middle * after[name] for name in ("coefficient", "remainder")]
     kind = x0.dtype
     return tuple(jnp.asarray(array, kind) for array in (position, velocity, *drag))

@@ -28,6 +28,7 @@ from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.errors import InputError
 from jaxdem.fluid.diffusion import stress_divergence
 from jaxdem.fluid.grid import face_average
+from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import coarsened, remap_cells, remap_flux
 from jaxdem.io import Run, load_run
 from jaxdem.io.samples import Samples
@@ -107,16 +108,7 @@ class CoarseView:
 
     def rows(self, sample: dict[str, np.ndarray], time: float) -> dict[str, np.ndarray]:
         """One row per particle of everything in the dataset."""
-        void_fraction = sample["void_fraction"].astype(float)
-        faces = face_average(self.fine, jnp.asarray(void_fraction))
-        flux = tuple(np.asarray(g) * sample[f"face_velocity_{a}"].astype(float) for a, g in enumerate(faces))
-        seen = self._see(
-            tuple(jnp.asarray(f) for f in remap_flux(self.fine, self.coarse, flux)),
-            jnp.asarray(remap_cells(self.fine, self.coarse, sample["pressure"].astype(float))),
-            jnp.asarray(sample["position"]),
-            jnp.asarray(sample["particle_velocity"]),
-            jnp.asarray(time, sample["position"].dtype),
-        )
+        seen = self._look(sample, time)[0]
         rows = {name: np.asarray(value) for name, value in seen.items() if name != "applied"}
         total = sample["drag_force"] + sample["pressure_gradient_force"] + sample["viscous_force"]
         count = len(sample["position"])
@@ -127,6 +119,24 @@ class CoarseView:
             "drag_force": sample["drag_force"],
             "target_force": total - np.asarray(seen["applied"]),
         }
+
+    def fluid(self, sample: dict[str, np.ndarray], time: float) -> FluidState:
+        """The sampled fluid as a state of a run on the coarse mesh."""
+        return self._look(sample, time)[1]
+
+    def _look(self, sample: dict[str, np.ndarray], time: float) -> tuple[dict[str, Array], FluidState]:
+        """The sample's fields averaged, and looked at."""
+        void_fraction = sample["void_fraction"].astype(float)
+        faces = face_average(self.fine, jnp.asarray(void_fraction))
+        flux = tuple(np.asarray(g) * sample[f"face_velocity_{a}"].astype(float) for a, g in enumerate(faces))
+        seen: tuple[dict[str, Array], FluidState] = self._see(
+            tuple(jnp.asarray(f) for f in remap_flux(self.fine, self.coarse, flux)),
+            jnp.asarray(remap_cells(self.fine, self.coarse, sample["pressure"].astype(float))),
+            jnp.asarray(sample["position"]),
+            jnp.asarray(sample["particle_velocity"]),
+            jnp.asarray(time, sample["position"].dtype),
+        )
+        return seen
 
     def group(self, collected: list[dict[str, np.ndarray]]) -> dict[str, Any]:
         """The samples of all times, one after the other, with the group's attributes."""
@@ -139,8 +149,8 @@ class CoarseView:
 
     def _seen(
         self, flux: tuple[Array, ...], pressure: Array, position: Array, velocity: Array, time: Array
-    ) -> dict[str, Array]:
-        """Inputs of the drag law on the coarse mesh, and the force that this mesh applies by itself."""
+    ) -> tuple[dict[str, Array], FluidState]:
+        """Inputs of the drag law on the coarse mesh, the force that this mesh applies by itself, and its fluid."""
         assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
         bodies, fluid = self.parameters.bodies, self.parameters.fluid
         assert bodies is not None and fluid is not None
@@ -149,7 +159,7 @@ class CoarseView:
         view = CoarseInputs(self.coarse, solver.boundary, self.simulation.fluid.deposition)
         particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
         averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
-        inputs, faces, weights = view.seen(*averaged, particles, bodies, fluid)
+        inputs, state, weights = view.seen(*averaged, particles, bodies, fluid)
         volume = bodies.volume if bodies.volume.ndim == 0 else bodies.volume[:, None]
         applied = -volume * inputs.pressure_gradient
         if solver.viscous:
@@ -157,13 +167,13 @@ class CoarseView:
                 self.coarse,
                 solver.boundary,
                 fluid.side_velocity,
-                faces,
+                state.face_velocity,
                 fluid.viscosity,
                 time,
                 fluid.smagorinsky,
             )
             applied = applied + volume * fluid.density * interpolate_faces(weights, stress)
-        return {name: getattr(inputs, name) for name in COLUMNS} | {"applied": applied}
+        return {name: getattr(inputs, name) for name in COLUMNS} | {"applied": applied}, state
 
 
 def _samples(run: Run) -> Samples:
