@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -264,7 +264,7 @@ def run_study(
     if scale == "paper":
         full = FullStudy(FULL[name](), SCENES, out, listener, jobs or default_jobs(), tuple(parts))
         assert full.parts, "unknown parts are refused before the folder is touched"
-        _claim(out, {"study": name, "scale": scale})
+        _claim(out, {"study": name, "scale": scale}, full.plan.files)
         result = StudyResult(full.run(), full.problems)
     else:
         plan = DEMOS[name]
@@ -274,15 +274,15 @@ def run_study(
     return result
 
 
-def _claim(out: Path, identity: dict[str, str]) -> None:
-    """Marks the folder as this study's; refuses a folder that holds something else."""
+def _claim(out: Path, identity: dict[str, str], known: Collection[str] = ()) -> None:
+    """Marks the folder as this study's; refuses a folder that holds something else than what is known."""
     marker = out / "study.json"
     if marker.is_file():
         found = json.loads(marker.read_text(encoding="utf-8"))
         if found != identity:
             raise InputError("--out", str(out), f"holds the study {found}", "choose another folder")
         return
-    if out.is_dir() and any(out.iterdir()):
+    if out.is_dir() and any(entry.name not in known for entry in out.iterdir()):
         raise InputError("--out", str(out), "is not empty and holds no study", "choose another folder")
     try:
         out.mkdir(parents=True, exist_ok=True)

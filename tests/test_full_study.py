@@ -18,7 +18,7 @@ from jaxdem.studies.injection import injection_plan
 from jaxdem.studies.plan import RunSpec, by_name
 from jaxdem.studies.pool import Piece, Pool
 from jaxdem.studies.tables import Section, Table, write_results
-from jaxdem.study import SCENES
+from jaxdem.study import SCENES, _claim
 
 WORKER = """
 import json, pathlib, signal, sys, time
@@ -123,6 +123,16 @@ def test_every_scene_and_name_of_the_plan_is_sound(tmp_path):
         runs = [plan.datasets[name].run for name in fit.datasets]
         assert runs[-1] == "fine" and len(runs) > 2
     json.dumps([dict(piece.work) for piece in pieces.values()])
+
+
+def test_runs_made_elsewhere_may_lie_in_the_folder_and_nothing_else(tmp_path):
+    """A folder of the plan's runs is taken; one with something of the user's is not."""
+    (tmp_path / "coarse_2").mkdir()
+    _claim(tmp_path, {"study": "injection"}, injection_plan().files)
+    (tmp_path / "study.json").unlink()
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(InputError, match="not empty"):
+        _claim(tmp_path, {"study": "injection"}, injection_plan().files)
 
 
 def test_unknown_parts_are_refused(tmp_path):

@@ -35,7 +35,10 @@ CELLS: dict[str, dict[int, list[int]]] = {
 
 UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
     "speed_1_5": (INJECTION, {"boundary.left.velocity": 1.5}),
-    "speed_6": (INJECTION, {"boundary.left.velocity": 6.0, "contact.maximum_overlap": 0.25}),
+    "speed_6": (
+        INJECTION,
+        {"boundary.left.velocity": 6.0, "fluid.time_step": 0.005, "contact.maximum_overlap": 0.25},
+    ),
     "density_2500": (INJECTION, {"particles.density": 2500.0}),
     "small_grains": ("injection_small_grains.toml", {}),
     "settling_column": ("settling_column.toml", {}),
@@ -160,7 +163,7 @@ def pareto_runs() -> list[RunSpec]:
 def injection_plan() -> StudyPlan:
     """The study of the injection scene at full size."""
     # Rows of a sample are grains: some hundred thousand in all are enough, and memory is not.
-    training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=2) for run in TRAINING]
+    training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=3) for run in TRAINING]
     tests = [DatasetSpec("dataset_fine", "fine", (1, 2, 3, 4, 8), every=10)]
     tests += [DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN]
     mesh, budget, closed, unseen, pareto = (

@@ -22,6 +22,9 @@ from jaxdem.studies.measure import (
 )
 from jaxdem.studies.tables import Cell, Section, Table
 
+NEAR = 10.0
+"""Radii from the upper wall within which the height stands for grains that reach it."""
+
 SETTINGS = {"single layer": "", "two-layer slab": "slab_"}
 """By what stands before the names of their runs."""
 
@@ -124,7 +127,7 @@ def _behaviour(mesh: str, runs: list[Run], end: float) -> list[Cell]:
         time = np.asarray(history["time"])
         values.append(
             [
-                _first(time, np.asarray(history["height"]) > top - 5.0 * radius),
+                _first(time, np.asarray(history["height"]) > top - NEAR * radius),
                 float(time[int(np.argmax(history["collision_force_mean"]))]),
                 at(run, "particle_velocity_mean", min(2.0, end)),
                 float(history["particle_velocity_mean"][-1]),

@@ -92,6 +92,12 @@ class StudyPlan:
     fits: Mapping[str, FitSpec]
     parts: Mapping[str, Part]
 
+    @property
+    def files(self) -> set[str]:
+        """Names of all runs, datasets and closures in the study's folder."""
+        closures = {f"{name}{ending}" for name in self.fits for ending in (".closure.h5", ".parity.npz")}
+        return {*self.runs, *(f"{name}.h5" for name in self.datasets), *closures}
+
 
 Named = TypeVar("Named", RunSpec, DatasetSpec, FitSpec, Part)
 
