@@ -168,9 +168,9 @@ class FullStudy:
         fine = evidence.run("fine")
         names = [
             name
-            for part in self.parts
-            for name in part.runs
-            if name.startswith("coarse_") and "_seed_" not in name and part.name in ("mesh", "closures")
+            for part in ("mesh", "closures")
+            for name in self.plan.parts[part].runs
+            if name.startswith("coarse_") and "_seed_" not in name
         ]
         found = {name: run for name in dict.fromkeys(names) if (run := evidence.run(name)) is not None}
         if fine is None or not found:

@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -68,6 +69,7 @@ class _Running:
     core: int | None
     advance: Callable[[float], None]
     word: dict[str, Any] = dataclasses.field(default_factory=dict)
+    begin: float = dataclasses.field(default_factory=clock.perf_counter)
 
 
 class Pool:
@@ -181,6 +183,7 @@ class Pool:
         self.bars.end(name)
         if running.word.get("finished"):
             done.add(name)
+            self.bars.say(f"{name}: done after {clock.perf_counter() - running.begin:.0f} s")
         elif "stopped" not in running.word:
             self.problems[name] = running.word.get("failed") or self._last_line(name)
             self.bars.say(f"{name}: failed. {self.problems[name]}")
