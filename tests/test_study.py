@@ -156,6 +156,10 @@ def evidence(study, tmp_path_factory):
                 if file.name != "history.csv":
                     (out / name / file.name).symlink_to(file)
             write_history(fine / "history.csv", out / name / "history.csv", 1.0 + off)
+    for name in ("filtered.closure.h5", "filtered.parity.npz"):
+        (out / name).symlink_to(fine.parent / name)
+    for name in plan.fits["filtered"].datasets:
+        (out / f"{name}.h5").symlink_to(fine.parent / "dataset.h5")
     return Evidence(plan, out, {"coarse_2_filtered": "diverged"}, 2)
 
 
@@ -178,15 +182,27 @@ def test_errors_over_noise_are_ratios_of_time_integrals(evidence):
     )
 
 
-@pytest.mark.parametrize("name", ["mesh", "budget", "closures", "pareto"])
+@pytest.mark.parametrize("name", ["mesh", "budget", "closures", "generalisation", "pareto"])
 def test_every_part_has_tables_and_names_what_is_missing(evidence, name):
-    """With runs missing (the slab, all closures) a part still gives what there is."""
+    """With runs missing (the slab, all with closures) a part still gives what there is."""
     section = PARTS[name](dataclasses.replace(evidence, missing={}))
     assert section.tables and section.markdown().startswith("## ")
     assert section.missing
     widths = [(len(table.headings), {len(row) for row in table.rows}) for table in section.tables]
     assert all(rows <= {width} for width, rows in widths)
     assert any(table.rows for table in section.tables)
+
+
+def test_forces_of_laws_and_closures_stand_beside_those_of_the_fit(evidence, study):
+    """R2 of Koch-Hill, regression and closure on a dataset are the fit's own, whose held-out rows are among these."""
+    table = PARTS["generalisation"](evidence).tables[0]
+    columns = [heading for heading in table.headings if heading.startswith("R2")]
+    assert columns == ["R2, Koch-Hill", "R2, filtered", "R2, regression"]
+    row = next(row for row in table.rows if row[:2] == ["fine", "2x"])
+    law, closure, regression = (row[table.headings.index(name)] for name in columns)
+    assert 0.5 < law <= 1.0 and 0.5 < closure <= 1.0 and regression > law
+    errors = [row[table.headings.index(f"RMSE/RMS, {kind}")] for kind in ("Koch-Hill", "regression")]
+    assert errors[1] < errors[0] < 1.0
 
 
 def test_nothing_is_compared_after_the_front_has_reached_the_screen():

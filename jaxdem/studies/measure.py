@@ -92,21 +92,40 @@ def flux_error(
         void_fraction: T arrays (cells...) [-].
         reference: fine run.
     """
-    fine, until = grid_of(reference), screen_time(reference)
-    wrong = whole = 0.0
+    until, wrong, whole = screen_time(reference), 0.0, 0.0
     own = np.asarray(reference.times, float)
     for time, u, g in zip(times, velocity, void_fraction, strict=True):
         index = int(np.argmin(np.abs(own - time)))
         if abs(own[index] - time) > 1e-6 or (until is not None and time > until) or time == 0.0:
             continue
-        frame = _fluid(reference, index)
-        coarse = fine._replace(cells=g.shape)
-        for axis in range(fine.dimension):
-            flux = np.asarray(frame["void_fraction"], float) * np.asarray(frame["velocity"][..., axis], float)
-            mean_flux = remap_cells(fine, coarse, flux)
+        for axis, mean_flux in enumerate(averaged(reference, index, g.shape)[0]):
             wrong += float(np.sum((g * u[..., axis] - mean_flux) ** 2))
             whole += float(np.sum(mean_flux**2))
     return math.sqrt(wrong / whole) if whole > 0.0 else math.nan
+
+
+def averaged(run: Run, index: int, cells: tuple[int, ...]) -> tuple[list[np.ndarray], np.ndarray]:
+    """Flux g u, D arrays (cells...) [m/s], and void fraction (cells...) of an output, averaged to a coarser mesh."""
+    fine, frame = grid_of(run), _fluid(run, index)
+    coarse, void_fraction = fine._replace(cells=cells), np.asarray(frame["void_fraction"], float)
+    flux = [void_fraction * np.asarray(frame["velocity"][..., axis], float) for axis in range(fine.dimension)]
+    return [remap_cells(fine, coarse, f) for f in flux], remap_cells(fine, coarse, void_fraction)
+
+
+def peak_speed(run: Run, until: float | None, cells: tuple[int, ...] | None = None) -> float:
+    """Mean over the outputs after the first, up to a time, of the largest flux |g u| / g of a cell [m/s].
+
+    Args:
+        run: the run.
+        until: the time [s]; None for all.
+        cells: of a coarser mesh, to which the fields are averaged before.
+    """
+    peaks = []
+    for index, time in enumerate(run.times):
+        if time > 0.0 and (until is None or time <= until):
+            flux, void_fraction = averaged(run, index, cells or grid_of(run).cells)
+            peaks.append(float(np.max(np.sqrt(sum(f**2 for f in flux)) / void_fraction)))
+    return float(np.mean(peaks))
 
 
 def run_flux_error(run: Run, reference: Run) -> float:

@@ -86,6 +86,12 @@ class Replay:
         ]
         return {name: np.array([row[name] for row in rows]) for name in ("time", *FLUID_METRICS)}
 
+    def peak_speed(self, until: float | None) -> float:
+        """Mean over the outputs up to a time of the largest speed of a cell [m/s]."""
+        kept = self.time <= (np.inf if until is None else until)
+        speed = np.linalg.norm(self.velocity[kept], axis=-1)
+        return float(np.mean(speed.reshape(len(speed), -1).max(axis=1)))
+
 
 def replay(run: Run, factor: int, report: Callable[[float], None] | None = None) -> Replay:
     """A fine run's particles and forces in the fluid of a coarser mesh.

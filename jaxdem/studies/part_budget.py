@@ -5,10 +5,20 @@ from __future__ import annotations
 import math
 
 from jaxdem import metrics
+from jaxdem.io import Run
 from jaxdem.report.runs import history_until
 from jaxdem.studies import paper
 from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import LABELS, NAMES, flux_error, mean, over, run_flux_error, screen_time
+from jaxdem.studies.measure import (
+    LABELS,
+    NAMES,
+    flux_error,
+    mean,
+    over,
+    peak_speed,
+    run_flux_error,
+    screen_time,
+)
 from jaxdem.studies.oracle import FLUID_METRICS
 from jaxdem.studies.tables import Cell, Section, Table
 
@@ -35,7 +45,7 @@ def budget_part(evidence: Evidence) -> Section:
     if fine is None:
         section.missing = dict(evidence.missing)
         return section
-    section.tables.append(_own_mesh(evidence))
+    section.tables += [_own_mesh(evidence), _peaks(evidence, fine)]
     for factor, mesh in list(paper.MESHES.items())[1:]:
         rows, found = [], {}
         for words, name in VARIANTS.items():
@@ -125,3 +135,29 @@ def _own_mesh(evidence: Evidence) -> Table:
     return Table(
         "Replay on the fine mesh itself [%]", [*names, "flux of the fluid"], rows, "The replay's own error."
     )
+
+
+def _peaks(evidence: Evidence, fine: Run) -> Table:
+    """What is left of the jet: the fastest water of each mesh."""
+    until = screen_time(fine)
+    rows: list[list[Cell]] = []
+    for factor, mesh in list(paper.MESHES.items())[1:]:
+        coarse, drag = evidence.run(f"coarse_{factor}"), evidence.run(f"fine_inputs_{factor}")
+        replay, cells = evidence.oracle(factor), None if coarse is None else coarse.cells
+        row: list[Cell] = [mesh]
+        row.append(None if cells is None else peak_speed(fine, until, cells))
+        row.append(None if coarse is None else peak_speed(coarse, until))
+        row.append(None if drag is None or cells is None else peak_speed(drag, until, cells))
+        row.append(None if replay is None else replay.peak_speed(until))
+        rows.append(row)
+    headings = [
+        "mesh",
+        "fine run averaged to it",
+        "coarse",
+        "fine, drag on inputs averaged to it",
+        "coarse, true drag",
+    ]
+    note = (
+        f"On the fine mesh itself {peak_speed(fine, until):.3g} m/s. Largest speed of a cell, mean over time."
+    )
+    return Table("Peak water speed [m/s]", headings, rows, note)

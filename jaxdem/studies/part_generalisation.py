@@ -49,6 +49,8 @@ def regression_of(closure: InvariantClosure, datasets: list[Any], coarsenings: t
         groups = [
             thin(dataset, ROWS).groups[coarsening] for dataset in datasets if coarsening in dataset.groups
         ]
+        if not groups:
+            continue
         target = np.concatenate([group.target_force for group in groups])
         spread = float(np.sum((target - target.mean(axis=0)[None]) ** 2))
         prepared += [map_rows(partial(prepare_rows, closure), group) for group in groups]
