@@ -171,7 +171,7 @@ def test_tables_are_numbers_and_text_and_parts_of_earlier_calls_are_kept(tmp_pat
     )
     text = (tmp_path / "tables.md").read_text()
     assert text.index("## Budget") < text.index("## Mesh")
-    assert "| x | 0.0123 |" in text and "| y | - |" in text and "- run: failed" in text
+    assert "| x | 0.0123 |" in text and "| y | - |" in text and "- failed: run" in text
     parts = json.loads((tmp_path / "results.json").read_text())["parts"]
     assert parts["mesh"]["tables"][0]["rows"][1] == ["y", None] and parts["mesh"]["about"] == {"jobs": 2}
 

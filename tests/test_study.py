@@ -176,7 +176,7 @@ def test_errors_over_noise_are_ratios_of_time_integrals(evidence):
     relative = 0.01 * (1 + list(evidence.plan.runs).index("coarse_4"))
     error = evidence.errors("coarse_4")
     np.testing.assert_allclose(list(error.values()), relative, rtol=1e-6)
-    assert measure.mean(measure.over(error, evidence.floor)) == pytest.approx(relative / 1e-3, rel=1e-6)
+    assert measure.mean_over(error, evidence.floor) == pytest.approx(relative / 1e-3, rel=1e-6)
     assert (
         evidence.errors("coarse_2_filtered") is None and evidence.missing["coarse_2_filtered"] == "diverged"
     )

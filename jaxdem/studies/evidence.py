@@ -13,7 +13,7 @@ import numpy as np
 from jaxdem.closures import load_closure
 from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
-from jaxdem.studies.measure import errors, mean, noise_floor, over
+from jaxdem.studies.measure import errors, noise_floor
 from jaxdem.studies.oracle import Replay, read_replay
 from jaxdem.studies.plan import StudyPlan
 
@@ -40,6 +40,9 @@ class Evidence:
     def run(self, name: str) -> Run | None:
         """A run that is complete and valid."""
         if name not in self._runs:
+            if not (self.out / name).is_dir():
+                self.missing[name] = self.problems.get(name, "not run")
+                return None
             try:
                 run = load_run(self.out / name)
                 if not (run.summary.get("valid") and run.summary.get("complete")):
@@ -69,11 +72,6 @@ class Evidence:
         run, fine = self.run(name), self.run(reference)
         return None if run is None or fine is None else errors(run, fine)
 
-    def mean_over_noise(self, name: str, reference: str, floor: dict[str, float]) -> float | None:
-        """Mean over the metrics of error over noise; None where something is missing."""
-        found = self.errors(name, reference)
-        return None if found is None or not floor else mean(over(found, floor))
-
     def closure_file(self, name: str) -> Path:
         """File of a closure."""
         return self.out / f"{name}.closure.h5"
@@ -82,7 +80,7 @@ class Evidence:
         """Metadata of a closure."""
         path = self.closure_file(name)
         if not path.is_file():
-            self.missing[name] = self.problems.get(name, "is not trained")
+            self.missing[name] = self.problems.get(name, "not trained")
             return None
         return load_closure(path)[1]
 
@@ -110,7 +108,7 @@ class Evidence:
         path = self.out / f"{name}.h5"
         if path.is_file():
             return path
-        self.missing[name] = self.problems.get(name, "is not made")
+        self.missing[name] = self.problems.get(name, "not made")
         return None
 
     def oracle(self, factor: int) -> Replay | None:
@@ -118,5 +116,5 @@ class Evidence:
         path = self.out / f"oracle_{factor}.npz"
         if path.is_file():
             return read_replay(path)
-        self.missing[path.stem] = self.problems.get(path.stem, "is not made")
+        self.missing[path.stem] = self.problems.get(path.stem, "not made")
         return None

@@ -59,6 +59,15 @@ def over(error: Mapping[str, float], floor: Mapping[str, float]) -> dict[str, fl
     return {n: error[n] / floor[n] if floor[n] > 0.0 else math.nan for n in NAMES if n in error}
 
 
+def mean_over(error: Mapping[str, float], floor: Mapping[str, float]) -> float:
+    """Mean error over mean noise [-], as `jaxdem compare` has it; NaN without a floor.
+
+    Not the mean of the ratios, which belongs to whatever metric has the least noise.
+    """
+    noise = mean(floor)
+    return mean({name: error[name] for name in floor}) / noise if noise > 0.0 else math.nan
+
+
 def mean(values: Mapping[str, float]) -> float:
     """Mean of those that are finite; NaN without any."""
     finite = [value for value in values.values() if math.isfinite(value)]

@@ -14,6 +14,7 @@ from jaxdem.studies.measure import (
     NAMES,
     flux_error,
     mean,
+    mean_over,
     over,
     peak_speed,
     run_flux_error,
@@ -22,9 +23,11 @@ from jaxdem.studies.measure import (
 from jaxdem.studies.oracle import FLUID_METRICS
 from jaxdem.studies.tables import Cell, Section, Table
 
+COARSE = "coarse, Koch-Hill"
+DRAG = "fine fluid, drag on inputs averaged to this mesh"
 VARIANTS = {
-    "coarse, Koch-Hill": "coarse_{factor}",
-    "fine fluid, drag on inputs averaged to this mesh": "fine_inputs_{factor}",
+    COARSE: "coarse_{factor}",
+    DRAG: "fine_inputs_{factor}",
     "coarse, first-order advection": "coarse_{factor}_upwind",
     "coarse, Smagorinsky 0.15": "coarse_{factor}_smagorinsky",
     "coarse, first order and Smagorinsky": "coarse_{factor}_upwind_smagorinsky",
@@ -47,17 +50,16 @@ def budget_part(evidence: Evidence) -> Section:
         return section
     section.tables += [_own_mesh(evidence), _peaks(evidence, fine)]
     for factor, mesh in list(paper.MESHES.items())[1:]:
-        rows, found = [], {}
+        found: dict[str, dict[str, float]] = {}
         for words, name in VARIANTS.items():
             run, error = evidence.run(name.format(factor=factor)), evidence.errors(name.format(factor=factor))
             if run is not None and error is not None:
-                error = error | {"flux": run_flux_error(run, fine)}
-                found[words] = error
-                rows.append(_row(words, error))
-        oracle = oracle_errors(evidence, factor)
-        if oracle is not None:
-            found[ORACLE] = oracle
-            rows.insert(min(1, len(rows)), _row(ORACLE, oracle))
+                found[words] = error | {"flux": run_flux_error(run, fine)}
+            if words == COARSE and (oracle := oracle_errors(evidence, factor)) is not None:
+                found[ORACLE] = oracle
+        if not found:
+            continue
+        rows = [_row(words, error) for words, error in found.items()]
         noise: list[Cell] = [
             "noise",
             *(100 * evidence.floor[n] for n in NAMES),
@@ -102,13 +104,13 @@ def _over_noise(found: dict[str, dict[str, float]], floor: dict[str, float], mes
     for words, error in found.items():
         ratio = over(error, floor)
         nine = [ratio.get(name, math.nan) for name in NAMES]
-        rows.append([words, *nine, mean(ratio) if len(ratio) == len(NAMES) else None])
+        rows.append([words, *nine, mean_over(error, floor) if len(ratio) == len(NAMES) else None])
     return Table(f"Errors over noise at {mesh} [-]", ["what", *LABELS, "mean"], rows)
 
 
 def _shares(found: dict[str, dict[str, float]], mesh: str) -> list[str]:
     """Sentences: the drag's fault alone and the fluid's fault alone, over the coarse run's error."""
-    plain, drag = (found.get(words) for words in list(VARIANTS)[:2])
+    plain, drag = found.get(COARSE), found.get(DRAG)
     sentences = []
     if plain is None:
         return []

@@ -14,7 +14,7 @@ from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragInputs
 from jaxdem.studies import paper
 from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import LABELS, NAMES, mean, over
+from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, over
 from jaxdem.studies.tables import Cell, Section, Table
 
 SWEEPS = "sweeps.json"
@@ -52,7 +52,7 @@ def _held_out(evidence: Evidence) -> Table:
         "R2 of the regression",
         "out of range [%]",
     ]
-    return Table("R2 on the fine run, which no closure was trained on", headings, rows)
+    return Table("R2 on the fine run, which no closure was trained on", headings, rows, digits=4)
 
 
 def _coarse_runs(evidence: Evidence) -> list[Table]:
@@ -81,7 +81,9 @@ def _coarse_runs(evidence: Evidence) -> list[Table]:
                 ]
             )
             ratio = over(error, evidence.floor)
-            wrong.append([mesh, what, *(ratio[n] for n in NAMES), mean(ratio), 100 * mean(error)])
+            wrong.append(
+                [mesh, what, *(ratio[n] for n in NAMES), mean_over(error, evidence.floor), 100 * mean(error)]
+            )
     headings = [
         "mesh",
         "drag",
@@ -190,5 +192,5 @@ def _sweeps(evidence: Evidence) -> list[Table]:
         values = dict.fromkeys([*(str(key) for key in known), *found])
         given = {str(key): value for key, value in known.items()}
         rows: list[list[Cell]] = [[value, given.get(value), found.get(value)] for value in values]
-        tables.append(Table(f"R2 by {what}", [what, "the paper's", "ours"], rows))
+        tables.append(Table(f"R2 by {what}", [what, "the paper's", "ours"], rows, digits=4))
     return tables

@@ -15,7 +15,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.registry import drag_law
 from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import LABELS, NAMES, mean, noise_floor, over
+from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor
 from jaxdem.studies.tables import Cell, Section, Table
 from jaxdem.train.dataset_file import Group, read_dataset
 from jaxdem.train.fit_evaluate import Predictor, map_rows, r_squared, thin
@@ -93,7 +93,7 @@ def _forces(evidence: Evidence) -> Table:
         *(f"{what}, {kind}" for kind in kinds for what in ("RMSE/RMS", "R2")),
     ]
     note = "Root-mean-square error of the force over its root-mean-square, and R2, both over all components."
-    return Table("Force on the grains", headings, rows, note)
+    return Table("Force on the grains", headings, rows, note, digits=4)
 
 
 def _scores(predictors: dict[str, Any], group: Group) -> list[Cell]:
@@ -128,7 +128,7 @@ def _runs(evidence: Evidence) -> list[Table]:
             row: list[Cell] = [f"{prefix or 'injection_'}"[:-1], f"{factor}x", 100 * mean(floor)]
             for closure in ("", *(f"_{name}" for name in CLOSURES)):
                 error = evidence.errors(f"{prefix}coarse_{factor}{closure}", f"{prefix}fine")
-                row += [None, None] if error is None else [100 * mean(error), mean(over(error, floor))]
+                row += [None, None] if error is None else [100 * mean(error), mean_over(error, floor)]
                 if error is not None:
                     what = closure[1:] or "Koch-Hill"
                     detail.append([row[0], row[1], what, *(100 * error[n] for n in NAMES)])

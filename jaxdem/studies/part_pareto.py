@@ -11,7 +11,7 @@ import numpy as np
 from jaxdem import metrics
 from jaxdem.report import style
 from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import LABELS, NAMES, mean, noise_floor, over
+from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor, over
 from jaxdem.studies.tables import Cell, Section, Table
 
 SCENES = {"the injection scene": "", "the dilute jet": "dilute_"}
@@ -79,7 +79,15 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         training = evidence.training_seconds(evidence.plan.runs[name].closure)
         cells = " x ".join(str(n) for n in run.cells or ())
         rows.append(
-            [name, cells, seconds, training, *(ratio[n] for n in NAMES), mean(ratio), 100 * mean(error)]
+            [
+                name,
+                cells,
+                seconds,
+                training,
+                *(ratio[n] for n in NAMES),
+                mean_over(error, floor),
+                100 * mean(error),
+            ]
         )
         points.append((name, seconds, ratio, training or 0.0))
     front = metrics.pareto_front([p[1] for p in points], [float(row[-1] or math.nan) for row in rows])

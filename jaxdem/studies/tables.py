@@ -24,17 +24,19 @@ class Table:
         headings: one a column.
         rows: cells.
         note: what one must know to read it.
+        digits: of numbers in the text.
     """
 
     title: str
     headings: list[str]
     rows: list[list[Cell]]
     note: str = ""
+    digits: int = 3
 
     def markdown(self) -> str:
-        """The table as Markdown, numbers with three digits."""
+        """The table as Markdown."""
         lines = [f"**{self.title}**", "", _line(self.headings), _line(["---"] * len(self.headings))]
-        lines += [_line([shown(cell) for cell in row]) for row in self.rows]
+        lines += [_line([shown(cell, self.digits) for cell in row]) for row in self.rows]
         return "\n".join([*lines, *(["", self.note] if self.note else []), ""])
 
 
@@ -61,18 +63,23 @@ class Section:
         blocks = [f"## {self.title}", "\n".join(f"- {sentence}" for sentence in self.text)]
         blocks += [table.markdown() for table in self.tables]
         if self.missing:
-            lines = [f"- {name}: {why}" for name, why in self.missing.items()]
+            reasons: dict[str, list[str]] = {}
+            for name, why in self.missing.items():
+                reasons.setdefault(why, []).append(name)
+            lines = [f"- {why}: {', '.join(names)}" for why, names in reasons.items()]
             blocks.append("Missing:\n\n" + "\n".join(lines))
         return "\n\n".join(block for block in blocks if block) + "\n"
 
 
-def shown(cell: Cell) -> str:
+def shown(cell: Cell, digits: int = 3) -> str:
     """A cell as text; a dash for what is missing."""
     if isinstance(cell, str):
         return cell
     if cell is None or not math.isfinite(cell):
         return "-"
-    return str(cell) if isinstance(cell, int) else f"{cell:,.0f}" if abs(cell) >= 1000 else f"{cell:.3g}"
+    return (
+        str(cell) if isinstance(cell, int) else f"{cell:,.0f}" if abs(cell) >= 1000 else f"{cell:.{digits}g}"
+    )
 
 
 def write_results(
