@@ -16,8 +16,8 @@ from jaxdem.report.runs import history_until
 NAMES = tuple(metric.name for metric in metrics.METRICS)
 LABELS = [metric.label for metric in metrics.METRICS]
 
-SCREEN = 0.5
-"""Distance of the front from the outlet from which on grains meet the screen there, and nothing is compared [m]."""
+SCREEN = 1.0 / 24.0
+"""Part of the box's length before the outlet where grains meet the screen, and from which on nothing is compared."""
 
 History = Mapping[str, np.ndarray]
 
@@ -31,7 +31,7 @@ def screen_time(run: Run) -> float | None:
     sides = run.scene.get("boundary", {})
     if sides.get("right", {}).get("kind") != "outlet" or sides["right"].get("particles") == "remove":
         return None
-    place = float(run.scene["domain"]["size"][0]) - SCREEN
+    place = float(run.scene["domain"]["size"][0]) * (1.0 - SCREEN)
     passed = np.flatnonzero(np.asarray(run.history["runoff"]) > place)
     return float(run.history["time"][max(0, passed[0] - 1)]) if len(passed) else None
 

@@ -91,7 +91,7 @@ def _errors(evidence: Evidence, setting: str, prefix: str, section: Section) -> 
         f"{setting.capitalize()}: compared over all {end:.3g} s, the fine run's front does not reach the screen."
         if until is None
         else f"{setting.capitalize()}: compared up to {until:.3g} s of {end:.3g} s, the last output before the fine run's front "
-        "is within 0.5 m of the outlet's screen."
+        "comes to the outlet's screen."
     )
     plain: list[list[Cell]] = [["noise", *(100 * floor[n] for n in NAMES), 100 * mean(floor)]]
     relative: list[list[Cell]] = []

@@ -23,14 +23,16 @@ def pareto_part(evidence: Evidence) -> Section:
     section = Section("pareto", "Error against run time")
     section.text.append(
         f"Run times are those of the runs themselves; {evidence.jobs} processes shared the machine. Training is not in them "
-        "and stands beside."
+        "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added, the "
+        "grey line is the noise and the black one the fine run's time."
     )
     for words, prefix in SCENES.items():
         table, points = _table(evidence, words, prefix)
         section.tables.append(table)
         if points:
             picture = evidence.out / f"pareto_{prefix or 'injection_'}"
-            draw(points, picture.with_name(picture.name.rstrip("_") + ".png"), words)
+            reference = float(evidence.runs([f"{prefix}fine"])[0].summary["wall_time_s"])
+            draw(points, reference, picture.with_name(picture.name.rstrip("_") + ".png"), words)
     section.missing = dict(evidence.missing)
     return section
 
@@ -112,8 +114,15 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
     return table, points
 
 
-def draw(points: Sequence[Point], path: Path, words: str) -> Path:
-    """Error over noise against run time, a panel a metric, with the front; a hollow point adds the training."""
+def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> Path:
+    """Error over noise against run time, a panel a metric, with the front; a hollow point adds the training.
+
+    Args:
+        points: the runs.
+        reference: run time of the fine run, the black line [s].
+        path: PNG file.
+        words: name of the scene.
+    """
     with style.look():
         figure = style.new_figure(12.0, 10.0)
         axes = figure.subplots(3, 3)
@@ -142,6 +151,7 @@ def draw(points: Sequence[Point], path: Path, words: str) -> Path:
                 drawstyle="steps-post",
                 linewidth=0.8,
             )
+            axis.axvline(reference, color=style.REFERENCE, linewidth=1.0)
             axis.axhline(1.0, color=style.NOISE, linewidth=1.2)
             axis.set(xscale="log", yscale="log", title=label)
         figure.supxlabel("run time [s]")
