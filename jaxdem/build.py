@@ -16,6 +16,7 @@ from jaxdem.arrivals import population_of
 from jaxdem.bodies import Bodies, material_table, wall_materials
 from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragClosure
+from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.exchange import FluidInterval
 from jaxdem.coupling.history import Basset
@@ -32,6 +33,7 @@ from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
+from jaxdem.fluid.remap import coarsened
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
 from jaxdem.magnitudes import check_magnitudes, check_memory
 from jaxdem.particles import vectors
@@ -129,6 +131,7 @@ def build(
             0.0 if scene.coupling is None else scene.coupling.virtual_mass,
             Basset(scene.coupling.basset) if scene.coupling is not None and scene.coupling.basset else None,
             _self_disturbance(scene, grid, deposition, 2.0 * float(np.max(radius, initial=0.0))),
+            _coarse_inputs(scene, grid, boundary, 2.0 * float(np.max(radius, initial=0.0))),
         )
     simulation = Simulation(
         steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law, population
@@ -295,6 +298,13 @@ def _self_disturbance(
             f"widen the kernel, to a half-width of about {needed:.3g} m",
         )
     return correction
+
+
+def _coarse_inputs(scene: Scene, grid: Grid, boundary: Boundary, diameter: float) -> CoarseInputs | None:
+    if scene.coupling is None or scene.coupling.drag_inputs_coarsened == 1:
+        return None
+    coarse = coarsened(grid, scene.coupling.drag_inputs_coarsened)
+    return CoarseInputs(coarse, boundary, _deposition(scene, coarse, diameter))
 
 
 def _surfaces(scene: Scene, functions: Sequence[Callable[[Array], Array]], dtype: Any) -> tuple[Surface, ...]:

@@ -277,7 +277,15 @@ def _unsteady_parts(fluid: FluidInterval) -> list[tuple[str, bool]]:
     wake, correction = "self-disturbance correction", fluid.self_disturbance
     if correction is not None:
         wake = f"{wake} (mobility {correction.mobility:.4g}/m over viscosity)"
-    return [(mass, coefficient > 0.0), (history, basset is not None), (wake, correction is not None)]
+    view, averaged = fluid.coarse_inputs, "drag law's inputs averaged"
+    if view is not None:
+        averaged = f"{averaged} to {' x '.join(str(count) for count in view.grid.cells)} cells"
+    return [
+        (mass, coefficient > 0.0),
+        (history, basset is not None),
+        (wake, correction is not None),
+        (averaged, view is not None),
+    ]
 
 
 def _population(scene: Scene, simulation: Simulation, state: State) -> tuple[tuple[str, str], ...]:

@@ -17,7 +17,8 @@ import typer
 from typer.core import TyperGroup
 
 from jaxdem import cli_networks, terminal
-from jaxdem.cli_options import prepare_file, prepare_folder, use_compilation_cache, whole_numbers
+from jaxdem.cli_options import prepare_file, prepare_folder, whole_numbers
+from jaxdem.compilation_cache import use_compilation_cache
 from jaxdem.errors import JaxdemError
 
 if TYPE_CHECKING:
@@ -357,21 +358,34 @@ def study(
     scale: Annotated[
         Scale, typer.Option(help="A demonstration of minutes, or the paper's size.")
     ] = Scale.demo,
+    parts: Annotated[
+        str, typer.Option(metavar="A,B,...", help="Of the paper's size: some of its parts, e.g. mesh,budget.")
+    ] = "",
+    jobs: Annotated[
+        int | None, typer.Option(metavar="N", help="Of the paper's size: processes at once; one a core.")
+    ] = None,
 ) -> None:
     """Run, dataset, train, run with the closure, compare: the whole chain; goes on where it was stopped."""
     use_compilation_cache()
     from jaxdem.simulate import Interrupted
     from jaxdem.study import run_study
 
+    chosen = [part.strip() for part in parts.split(",") if part.strip()]
     try:
         with terminal.study_display() as display:
-            comparison = run_study(name, scale.value, out, display)
+            result = run_study(name, scale.value, out, display, chosen, jobs)
     except Interrupted as stop:
-        hint = shlex.join(["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)])
-        terminal.fail(
-            f"{str(stop).capitalize()} of a run of the study. Go on with: {hint}", 128 + stop.number
-        )
-    terminal.print_comparison(comparison)
+        command = ["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)]
+        command += ["--parts", parts] if parts else []
+        command += ["--jobs", str(jobs)] if jobs is not None else []
+        where = "" if scale is Scale.paper else f" at t = {stop.time:.6g} s"
+        hint = shlex.join(command)
+        terminal.fail(f"Stopped{where} of a run of the study. Go on with: {hint}", 128 + stop.number)
+    if result.comparison is not None:
+        terminal.print_comparison(result.comparison)
+    if result.problems:
+        lines = "\n".join(f"  {piece}: {why}" for piece, why in result.problems.items())
+        terminal.fail(f"{len(result.problems)} pieces of the study are not done:\n{lines}", 1)
 
 
 def _load(path: Path, settings: list[str] | None, closure: Path | None = None) -> Scene:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jaxdem import terminal
-from jaxdem.cli_options import prepare_file, prepare_folder, use_compilation_cache, whole_numbers
+from jaxdem.cli_options import prepare_file, prepare_folder, whole_numbers
+from jaxdem.compilation_cache import use_compilation_cache
 from jaxdem.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""What the commands share: places to write to, lists of numbers, the cache of compiled programs."""
+"""What the commands share: places to write to, lists of numbers."""
 
 from __future__ import annotations
 
@@ -6,18 +6,6 @@ import os
 from pathlib import Path
 
 from jaxdem.errors import InputError
-
-
-def use_compilation_cache() -> None:
-    """Compiled programs are kept in the user's cache folder between calls of the command line."""
-    import jax
-
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        jax.config.update("jax_compilation_cache_dir", str(Path(base) / "jaxdem" / "xla"))
-    # Small programs too: a start has a hundred, most of them of the operations by which jax-md allocates its list.
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 def prepare_file(path: Path) -> None:

@@ -20,7 +20,7 @@ from jaxdem.bodies import column, largest_radius
 from jaxdem.errors import InputError
 from jaxdem.rows import read_whole
 from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
-from jaxdem.scene_coupling import BassetWindow, check_self_disturbance
+from jaxdem.scene_coupling import BassetWindow, check_coarse_inputs, check_self_disturbance
 from jaxdem.scene_materials import (
     Material,
     MaterialPair,
@@ -273,6 +273,8 @@ class Coupling(Section):
         virtual_mass: coefficient of the virtual mass, 0 for none, 0.5 for a sphere.
         basset: Basset force with the exact kernel over so many coupling intervals, 0 for none.
         self_disturbance: whether the drag law is given the slip without the particle's own wake (3-D, "kernel").
+        drag_inputs_coarsened: the drag law sees the fluid averaged to a mesh of so many times fewer cells per axis,
+            through that mesh's kernel; 1 for the fluid's own mesh.
     """
 
     drag: str = "koch_hill"
@@ -284,6 +286,7 @@ class Coupling(Section):
     virtual_mass: Annotated[NonNegative, Field(le=10.0)] = 0.0
     basset: BassetWindow = 0
     self_disturbance: bool = Field(default=False, strict=True)
+    drag_inputs_coarsened: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
 
     @field_validator("lift")
     @classmethod
@@ -498,6 +501,7 @@ def _completed(scene: Scene) -> Scene:
     if scene.fluid is not None and scene.particles is not None:
         update["coupling"] = scene.coupling or Coupling()
         check_self_disturbance(update["coupling"], dimension)
+        check_coarse_inputs(update["coupling"], scene.fluid.cells, scene.output.samples)
         if scene.fluid.viscosity == 0.0:
             raise InputError(
                 "fluid.viscosity", 0.0, "drag needs a positive viscosity", "set fluid.viscosity > 0"

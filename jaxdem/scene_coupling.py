@@ -39,3 +39,21 @@ def check_self_disturbance(coupling: Any, dimension: int) -> None:
             f'is known for coupling.void_fraction = "kernel", not for "{coupling.void_fraction}"',
             "change one of the two",
         )
+
+
+def check_coarse_inputs(coupling: Any, cells: tuple[int, ...], samples: float) -> None:
+    """Refuse coarsened inputs of the drag law where nothing would be left of them, or they would be mistaken."""
+    factor = coupling.drag_inputs_coarsened
+    if factor == 1:
+        return
+    key = "coupling.drag_inputs_coarsened"
+    if factor > max(cells):
+        raise InputError(key, factor, f"leaves one cell of {cells}", f"lower it, to {max(cells)} at most")
+    if coupling.self_disturbance:
+        raise InputError(
+            key, factor, "a particle's own wake is not known on averaged fields", "set coupling.self_disturbance = false"
+        )  # fmt: skip
+    if samples > 0.0:
+        raise InputError(
+            key, factor, "samples are of a law that sees the fluid's own mesh", "set output.samples = 0"
+        )

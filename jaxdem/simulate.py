@@ -89,7 +89,7 @@ def simulate(
     attributes = sample_attributes(scene, simulation) if every else None
     opener = RunDirectory.resume if resume else RunDirectory.create
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
-    with _signals() as caught, opener(out, scene.to_toml(), attributes) as directory:
+    with noted_signals() as caught, opener(out, scene.to_toml(), attributes) as directory:
         loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, every)
         if directory.has_checkpoint:
             loop.restore()
@@ -329,7 +329,7 @@ def _where(simulation: Simulation, failure: Failure, before: State, reached: Sta
 
 
 @contextlib.contextmanager
-def _signals() -> Iterator[list[int]]:
+def noted_signals() -> Iterator[list[int]]:
     """SIGINT and SIGTERM noted in a list; a second one acts as usual."""
     caught: list[int] = []
     previous: dict[int, Any] = {}

@@ -1,7 +1,8 @@
 """The study of a learned drag closure, run -> dataset -> train -> run -> compare, stage by stage and resumable.
 
 A stage that is done is not done again; a run that was stopped goes on from its checkpoint. Everything that
-a stage needs is in the study's folder, so that it can be looked at, moved, and gone on with.
+a stage needs is in the study's folder, so that it can be looked at, moved, and gone on with. The demonstration is here;
+the study at full size, which has many runs and shares them among processes, is in `jaxdem.studies`.
 """
 
 from __future__ import annotations
@@ -9,21 +10,24 @@ from __future__ import annotations
 import dataclasses
 import json
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from jaxdem.closures import load_closure, save_closure
+from jaxdem.closures import load_closure
 from jaxdem.errors import InputError
 from jaxdem.io import Run
 from jaxdem.report import Comparison, compare
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulate import Progress, simulate_once
+from jaxdem.studies.driver import FullStudy, default_jobs
+from jaxdem.studies.injection import injection_plan
+from jaxdem.studies.plan import StudyPlan
+from jaxdem.studies.work import fit_to_files
 from jaxdem.train.dataset import make_dataset
-from jaxdem.train.dataset_file import read_dataset
-from jaxdem.train.fit import FitResult, FitSettings, fit_filtered, fit_paper
+from jaxdem.train.fit_settings import FitSettings
 
 SCENES = Path(__file__).parent / "scenes"
 
@@ -33,6 +37,14 @@ class Listener(Protocol):
 
     def stage(self, name: str, total: float) -> Callable[[float], None]:
         """A stage of the given length starts; the result is called with how much of it is done."""
+        ...
+
+    def begin(self, name: str, total: float) -> Callable[[float], None]:
+        """One of several pieces of work at once starts; as `stage`."""
+        ...
+
+    def end(self, name: str) -> None:
+        """That piece is over."""
         ...
 
     def say(self, message: str) -> None:
@@ -61,27 +73,22 @@ class Plan:
     paper: FitSettings | None
 
 
-PLANS: dict[str, dict[str, Plan]] = {
-    "injection": {
-        "demo": Plan(
-            scene="injection_demo.toml",
-            factors=(4,),
-            samples=0.02,
-            noise_seeds=(),
-            filtered=FitSettings.filtered(epochs=60, samples=60_000),
-            paper=None,
-        ),
-        "paper": Plan(
-            scene="injection.toml",
-            factors=(2, 4, 8),
-            samples=0.05,
-            noise_seeds=(1,),
-            filtered=FitSettings.filtered(),
-            paper=FitSettings(),
-        ),
-    }
+DEMOS: dict[str, Plan] = {
+    "injection": Plan(
+        scene="injection_demo.toml",
+        factors=(4,),
+        samples=0.02,
+        noise_seeds=(),
+        filtered=FitSettings.filtered(epochs=60, samples=60_000),
+        paper=None,
+    ),
 }
-"""Studies by name and scale."""
+"""Demonstrations by the study's name."""
+
+FULL: dict[str, Callable[[], StudyPlan]] = {"injection": injection_plan}
+"""Plans at full size by the study's name."""
+
+SCALES = ("demo", "paper")
 
 
 @dataclasses.dataclass
@@ -159,20 +166,7 @@ class Study:
         path, beside = self.out / f"{recipe}.closure.h5", self.out / f"{recipe}.parity.npz"
         if not (path.is_file() and beside.is_file()):
             advance = self.listener.stage(f"train {recipe}", settings.epochs)
-            fit = {"filtered": fit_filtered, "paper": fit_paper}[recipe]
-            begin = clock.perf_counter()
-            result: FitResult = fit(
-                [read_dataset(dataset)], settings, progress=lambda epoch, *_: advance(epoch)
-            )
-            seconds = clock.perf_counter() - begin
-            arrays = {
-                f"{factor}/{name}": array
-                for factor, figures in result.parity.items()
-                for name, array in figures.items()
-            }
-            with beside.open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]
-            save_closure(path, result.closure, {**result.metadata, "study_seconds": seconds})
+            fit_to_files(recipe, [dataset], settings, path, beside, advance)
         metadata = load_closure(path)[1]
         with np.load(beside, allow_pickle=False) as stored:
             parity = {name: stored[name] for name in stored.files}
@@ -222,33 +216,73 @@ class StudyFit:
         return float(self.metadata["study_seconds"])
 
 
-def run_study(name: str, scale: str, out: str | Path, listener: Listener) -> Comparison:
+@dataclasses.dataclass(frozen=True)
+class StudyResult:
+    """What a study ended with.
+
+    Attributes:
+        comparison: that report.html shows; None where the reference run is missing.
+        problems: of the full size: what was not done, name -> why.
+    """
+
+    comparison: Comparison | None
+    problems: dict[str, str]
+
+
+def run_study(
+    name: str,
+    scale: str,
+    out: str | Path,
+    listener: Listener,
+    parts: Sequence[str] = (),
+    jobs: int | None = None,
+) -> StudyResult:
     """A study by name, at the scale "demo" or "paper", in the folder `out`.
 
+    Args:
+        name: of the study.
+        scale: "demo" or "paper".
+        out: folder.
+        listener: hears how it goes on.
+        parts: of the full size; all by default.
+        jobs: processes at once of the full size; one a core by default.
+
     Raises:
-        InputError: unknown name or scale, or the folder holds another study.
+        InputError: unknown name, scale or part, parts or jobs for a demonstration, or the folder holds another study
+            or another scene's run.
+        Interrupted: SIGINT or SIGTERM; checkpoints were written.
     """
-    for key, value, known in (("NAME", name, PLANS), ("--scale", scale, PLANS.get(name, {}))):
+    for key, value, known in (("NAME", name, tuple(DEMOS)), ("--scale", scale, SCALES)):
         if value not in known:
             raise InputError(key, value, "is not known", f"known: {', '.join(sorted(known))}")
-    plan, out = PLANS[name][scale], Path(out)
-    _claim(out, {"study": name, "scale": scale})
-    begin = clock.perf_counter()
-    study = Study(plan, load_scene(SCENES / plan.scene), out, listener)
-    comparison = study.run()
+    if scale == "demo" and (parts or jobs is not None):
+        key, value = ("--parts", ",".join(parts)) if parts else ("--jobs", str(jobs))
+        raise InputError(key, value, "is for the full size", "Give --scale paper as well.")
+    if jobs is not None and jobs < 1:
+        raise InputError("--jobs", jobs, "must be at least 1", "Leave it out for one a core.")
+    out, begin = Path(out), clock.perf_counter()
+    if scale == "paper":
+        full = FullStudy(FULL[name](), SCENES, out, listener, jobs or default_jobs(), tuple(parts))
+        assert full.parts, "unknown parts are refused before the folder is touched"
+        _claim(out, {"study": name, "scale": scale}, full.plan.files)
+        result = StudyResult(full.run(), full.problems)
+    else:
+        plan = DEMOS[name]
+        _claim(out, {"study": name, "scale": scale})
+        result = StudyResult(Study(plan, load_scene(SCENES / plan.scene), out, listener).run(), {})
     listener.say(f"The study took {clock.perf_counter() - begin:.0f} s.")
-    return comparison
+    return result
 
 
-def _claim(out: Path, identity: dict[str, str]) -> None:
-    """Marks the folder as this study's; refuses a folder that holds something else."""
+def _claim(out: Path, identity: dict[str, str], known: Collection[str] = ()) -> None:
+    """Marks the folder as this study's; refuses a folder that holds something else than what is known."""
     marker = out / "study.json"
     if marker.is_file():
         found = json.loads(marker.read_text(encoding="utf-8"))
         if found != identity:
             raise InputError("--out", str(out), f"holds the study {found}", "choose another folder")
         return
-    if out.is_dir() and any(out.iterdir()):
+    if out.is_dir() and any(entry.name not in known for entry in out.iterdir()):
         raise InputError("--out", str(out), "is not empty and holds no study", "choose another folder")
     try:
         out.mkdir(parents=True, exist_ok=True)

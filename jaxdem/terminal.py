@@ -154,6 +154,7 @@ class StudyDisplay:
     def __init__(self, progress: Progress):
         self._progress = progress
         self._task: TaskID | None = None
+        self._pieces: dict[str, TaskID] = {}
 
     def stage(self, name: str, total: float) -> Callable[[float], None]:
         """A stage of the given length starts; the result is called with how much of it is done."""
@@ -165,6 +166,16 @@ class StudyDisplay:
                 self._progress.update(task, completed=done)
 
         return advance
+
+    def begin(self, name: str, total: float) -> Callable[[float], None]:
+        """One of several pieces of work at once starts; its bar goes when it is over."""
+        self._finish()
+        task = self._pieces[name] = self._progress.add_task(name, total=total)
+        return lambda done: self._progress.update(task, completed=done)
+
+    def end(self, name: str) -> None:
+        """That piece is over."""
+        self._progress.remove_task(self._pieces.pop(name))
 
     def say(self, message: str) -> None:
         """A line for the reader."""

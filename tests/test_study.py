@@ -8,7 +8,12 @@ import pytest
 import jaxdem
 from jaxdem.closures import KochHill
 from jaxdem.errors import InputError
-from jaxdem.study import PLANS, Plan, Study, run_study
+from jaxdem.studies import measure
+from jaxdem.studies.driver import PARTS
+from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.injection import injection_plan
+from jaxdem.studies.oracle import FLUID_METRICS, read_replay, replay_to_file
+from jaxdem.study import DEMOS, FULL, Plan, Study, run_study
 from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
 from jaxdem.train.fit import FitSettings
@@ -133,8 +138,99 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
 
 
 def test_plans_name_scenes_that_load():
-    """Both scales of every study have a scene that builds."""
-    for plans in PLANS.values():
-        assert set(plans) == {"demo", "paper"}
-        for plan in plans.values():
-            jaxdem.build(jaxdem.load_scene(jaxdem.study.SCENES / plan.scene))
+    """Every study has a demonstration whose scene builds, and a full size."""
+    assert set(DEMOS) == set(FULL)
+    for plan in DEMOS.values():
+        jaxdem.build(jaxdem.load_scene(jaxdem.study.SCENES / plan.scene))
+
+
+@pytest.fixture(scope="module")
+def evidence(study, tmp_path_factory):
+    """The full size's folder: one run under the names of many, each with a history that is off by another factor."""
+    fine, out, plan = study[0].out / "fine", tmp_path_factory.mktemp("full"), injection_plan()
+    for number, name in enumerate(plan.runs):
+        if plan.runs[name].closure is None and not name.startswith("slab"):
+            off = 0.0 if name == "fine" else 1e-3 if "_seed_" in name else 0.01 * (1 + number)
+            (out / name).mkdir()
+            for file in fine.iterdir():
+                if file.name != "history.csv":
+                    (out / name / file.name).symlink_to(file)
+            write_history(fine / "history.csv", out / name / "history.csv", 1.0 + off)
+    for name in ("filtered.closure.h5", "filtered.parity.npz"):
+        (out / name).symlink_to(fine.parent / name)
+    for name in plan.fits["filtered"].datasets:
+        (out / f"{name}.h5").symlink_to(fine.parent / "dataset.h5")
+    return Evidence(plan, out, {"coarse_2_filtered": "diverged"}, 2)
+
+
+def write_history(source, path, factor):
+    head, *lines = source.read_text().splitlines()
+    rows = [[float(x) for x in line.split(",")] for line in lines]
+    rows = [[row[0], *(x * factor for x in row[1:])] for row in rows]
+    path.write_text("\n".join([head, *(",".join(repr(x) for x in row) for row in rows)]) + "\n")
+
+
+def test_errors_over_noise_are_ratios_of_time_integrals(evidence):
+    """A history 1e-3 off is the noise, one x off has an error of x, x / 1e-3 over noise; and a missing run says why."""
+    np.testing.assert_allclose(list(evidence.floor.values()), 1e-3, rtol=1e-6)
+    relative = 0.01 * (1 + list(evidence.plan.runs).index("coarse_4"))
+    error = evidence.errors("coarse_4")
+    np.testing.assert_allclose(list(error.values()), relative, rtol=1e-6)
+    assert measure.mean_over(error, evidence.floor) == pytest.approx(relative / 1e-3, rel=1e-6)
+    assert (
+        evidence.errors("coarse_2_filtered") is None and evidence.missing["coarse_2_filtered"] == "diverged"
+    )
+
+
+@pytest.mark.parametrize("name", ["mesh", "budget", "closures", "generalisation", "pareto"])
+def test_every_part_has_tables_and_names_what_is_missing(evidence, name):
+    """With runs missing (the slab, all with closures) a part still gives what there is."""
+    section = PARTS[name](dataclasses.replace(evidence, missing={}))
+    assert section.tables and section.markdown().startswith("## ")
+    assert section.missing
+    widths = [(len(table.headings), {len(row) for row in table.rows}) for table in section.tables]
+    assert all(rows <= {width} for width, rows in widths)
+    assert any(table.rows for table in section.tables)
+
+
+def test_forces_of_laws_and_closures_stand_beside_those_of_the_fit(evidence, study):
+    """R2 of Koch-Hill, regression and closure on a dataset are the fit's own, whose held-out rows are among these."""
+    table = PARTS["generalisation"](evidence).tables[0]
+    columns = [heading for heading in table.headings if heading.startswith("R2")]
+    assert columns == ["R2, Koch-Hill", "R2, filtered", "R2, regression"]
+    row = next(row for row in table.rows if row[:2] == ["fine", "2x"])
+    law, closure, regression = (row[table.headings.index(name)] for name in columns)
+    assert 0.5 < law <= 1.0 and 0.5 < closure <= 1.0 and regression > law
+    errors = [row[table.headings.index(f"RMSE/RMS, {kind}")] for kind in ("Koch-Hill", "regression")]
+    assert errors[1] < errors[0] < 1.0
+
+
+def test_nothing_is_compared_after_the_front_has_reached_the_screen():
+    """Up to the last output before the run-off is within half a metre of the outlet."""
+    run = Front({"domain": {"size": [20.0, 2.0]}, "boundary": {"right": {"kind": "outlet"}}})
+    assert measure.screen_time(run) is None
+    run.scene["domain"]["size"][0] = 12.0
+    assert measure.screen_time(run) == 2.0
+
+
+@dataclasses.dataclass
+class Front:
+    """As much of a run as has a front, which passes 11.5 m after 2 s."""
+
+    scene: dict
+    history: dict = dataclasses.field(
+        default_factory=lambda: {"time": np.arange(5.0), "runoff": np.array([8.0, 10.0, 11.4, 11.6, 11.3])}
+    )
+
+
+def test_replay_on_the_run_s_own_mesh_gives_the_run_s_fluid(study, tmp_path):
+    """What sampling and interpolation in time lose is small, momentum is conserved, and the metrics are the run's."""
+    run = jaxdem.load_run(study[0].out / "fine")
+    replay_to_file(run, 1, tmp_path / "oracle_1.npz", lambda time: None)
+    result = read_replay(tmp_path / "oracle_1.npz")
+    np.testing.assert_allclose(result.time, run.times[1:], atol=1e-9)
+    assert result.momentum < 1e-5  # float32
+    # 0.6 % in the demonstration's scene; here the inlet's ramp lies between two samples.
+    assert measure.flux_error(result.time, result.velocity, result.void_fraction, run) < 0.02
+    for name in FLUID_METRICS[1:]:
+        np.testing.assert_allclose(result.history()[name], run.history[name][1:], rtol=0.02)

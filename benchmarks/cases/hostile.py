@@ -96,6 +96,7 @@ COUPLED: Tables = {
         "virtual_mass": 0.5,
         "basset": 0,
         "self_disturbance": False,
+        "drag_inputs_coarsened": 1,
     },
     "closure": {},
     "time": {"end": 0.02, "output_interval": 0.01},

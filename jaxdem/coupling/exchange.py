@@ -28,6 +28,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.forces import drag_inputs, drag_of_model_b
 from jaxdem.coupling.history import Basset, SlipHistory
@@ -103,7 +104,7 @@ class FluidForces(NamedTuple):
         viscous: (N, D) V_p div(tau); zero in model B [N].
         lift: (N, D) sum of the lift laws; None without any [N].
         torque: (N, A) of the rotational drag; None without it [N m].
-        inputs: of the drag law, at the start of the interval, with the slip as it is seen.
+        inputs: of the drag law, at the start of the interval, with the slip as it is seen on the fluid's own mesh.
         law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].
         virtual_mass: of the virtual mass; None without it.
         basset: (N, D) Basset force; None without it [N].
@@ -144,6 +145,7 @@ class FluidInterval:
         virtual_mass: coefficient C of the virtual mass, 0 for none [-].
         basset: the Basset force, None for none.
         self_disturbance: correction that gives the drag law the undisturbed slip, None for none.
+        coarse_inputs: coarser mesh through which the drag law sees the fluid, None for the fluid's own.
     """
 
     solver: FluidSolver
@@ -157,6 +159,7 @@ class FluidInterval:
     virtual_mass: float = 0.0
     basset: Basset | None = None
     self_disturbance: SelfDisturbance | None = None
+    coarse_inputs: CoarseInputs | None = None
 
 
 def advance_fluid(
@@ -214,17 +217,16 @@ def exchange(
     weights = interval.deposition.weights(grid, particles.position, bodies.radius)
     weights = present_weights(weights, particles.active)
     solids = solid_fraction(grid, weights, bodies.volume)
-    law, drag, inputs = _drag(
-        interval, closure, drag_scale, properties, bodies, fluid, particles, weights, solids
-    )
-    drag = present_drag(drag, particles.active)
+    inputs, shown = _inputs(interval, properties, bodies, fluid, particles, weights, solids)
+    law = _law(interval, closure, drag_scale, bodies, weights)
+    drag = present_drag(law(shown), particles.active)
     lift, torque = _rotation(interval, properties, bodies, fluid, particles, weights, inputs)
     acting = drag
     if lift is not None:
         acting = drag._replace(remainder=lift if drag.remainder is None else drag.remainder + lift)
     steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity[None]
     unsteady = _unsteady(interval, properties, bodies, particles, inputs)
-    acting = _settling(interval, law, bodies, inputs, steady, acting, unsteady)
+    acting = _settling(interval, law, bodies, inputs, shown, steady, acting, unsteady)
     count, courant, viscous = _choose_substeps(interval, properties, fluid, time)
     step = jnp.asarray(interval.duration, solids.dtype) / count
     grip = step * acting.coefficient + (0.0 if unsteady is None else unsteady.held)
@@ -269,8 +271,7 @@ def exchange(
         lift,
         torque,
         inputs,
-        drag.coefficient[:, None] * inputs.slip_velocity
-        + (0.0 if drag.remainder is None else drag.remainder),
+        drag.coefficient[:, None] * shown.slip_velocity + (0.0 if drag.remainder is None else drag.remainder),
         **_unsteady_means(interval, unsteady, carry),
     )
     given, lost = carry.balance
@@ -358,17 +359,16 @@ def _unsteady_means(interval: FluidInterval, unsteady: Unsteady | None, carry: _
     }
 
 
-def _drag(
+def _inputs(
     interval: FluidInterval,
-    closure: DragClosure,
-    drag_scale: Array,
     properties: FluidProperties,
     bodies: ParticleProperties,
     fluid: FluidState,
     particles: ParticleState,
     weights: Weights,
     solids: Array,
-) -> tuple[Callable[[DragInputs], Drag], Drag, DragInputs]:
+) -> tuple[DragInputs, DragInputs]:
+    """The fluid at the particles, and what of it the drag law is shown."""
     solver = interval.solver
     inputs = drag_inputs(
         solver.grid,
@@ -381,8 +381,9 @@ def _drag(
         properties.density,
         properties.viscosity,
     )
-    law = _law(interval, closure, drag_scale, bodies, weights)
-    return law, law(inputs), inputs
+    if interval.coarse_inputs is None:
+        return inputs, inputs
+    return inputs, interval.coarse_inputs(solver.grid, fluid, solids, particles, bodies, properties)
 
 
 def _law(
@@ -413,11 +414,16 @@ def _settling(
     law: Callable[[DragInputs], Drag],
     bodies: ParticleProperties,
     inputs: DragInputs,
+    shown: DragInputs,
     steady: Array,
     drag: Drag,
     unsteady: Unsteady | None,
 ) -> Drag:
-    """The drag with the coefficient that the slip of the coming interval gives it."""
+    """The drag with the coefficient that the slip of the coming interval gives it.
+
+    Where the law is shown another velocity than that of the faces, which the coefficient acts on implicitly, the
+    remainder makes up for the difference.
+    """
     others, mass = steady, bodies.mass
     if unsteady is not None:
         mass = mass + unsteady.held
@@ -430,9 +436,14 @@ def _settling(
     duration = jnp.asarray(interval.duration, others.dtype)
     coefficient = settling_coefficient(
         lambda shifted: law(shifted).coefficient,
-        inputs, drag.coefficient, mass, others, duration,
+        shown, drag.coefficient, mass, others, duration,
     )  # fmt: skip
-    return drag._replace(coefficient=coefficient)
+    if interval.coarse_inputs is None:
+        return drag._replace(coefficient=coefficient)
+    offset = coefficient[:, None] * (shown.fluid_velocity - inputs.fluid_velocity)
+    return drag._replace(
+        coefficient=coefficient, remainder=offset if drag.remainder is None else drag.remainder + offset
+    )
 
 
 def _rotation(

@@ -1,4 +1,4 @@
-"""Conservative remapping of fields to a coarser grid of the same box. Host side, numpy.
+"""Conservative remapping of fields to a coarser grid of the same box, of NumPy and of JAX arrays.
 
 Cell averages are weighted by the lengths of overlap, axis by axis. A flux through a coarse face is summed
 over its area; where the face lies between two fine ones it is interpolated linearly, which is what a
@@ -8,9 +8,15 @@ the fine cells it covers, to round-off, for any ratio of the grids.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxdem.fluid.grid import Grid
+
+Field = TypeVar("Field", np.ndarray, Array)
 
 
 def coarsened(grid: Grid, factor: int) -> Grid:
@@ -18,7 +24,7 @@ def coarsened(grid: Grid, factor: int) -> Grid:
     return grid._replace(cells=tuple(max(1, round(count / factor)) for count in grid.cells))
 
 
-def remap_cells(fine: Grid, coarse: Grid, field: np.ndarray) -> np.ndarray:
+def remap_cells(fine: Grid, coarse: Grid, field: Field) -> Field:
     """Mean of a cell field over the cells of a coarser grid.
 
     Args:
@@ -31,7 +37,7 @@ def remap_cells(fine: Grid, coarse: Grid, field: np.ndarray) -> np.ndarray:
     return field
 
 
-def remap_flux(fine: Grid, coarse: Grid, flux: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+def remap_flux(fine: Grid, coarse: Grid, flux: tuple[Field, ...]) -> tuple[Field, ...]:
     """Mean flux through the faces of a coarser grid [m/s]; `flux` are D face arrays of the fine grid."""
     result = []
     for which, field in enumerate(flux):
@@ -63,5 +69,7 @@ def _face_matrix(fine: int, coarse: int) -> np.ndarray:
     return matrix
 
 
-def _apply(matrix: np.ndarray, field: np.ndarray, axis: int) -> np.ndarray:
-    return np.moveaxis(np.tensordot(matrix, field, axes=(1, axis)), 0, axis)
+def _apply(matrix: np.ndarray, field: Field, axis: int) -> Field:
+    if isinstance(field, np.ndarray):
+        return np.moveaxis(np.tensordot(matrix, field, axes=(1, axis)), 0, axis)
+    return jnp.moveaxis(jnp.tensordot(jnp.asarray(matrix, field.dtype), field, axes=(1, axis)), 0, axis)

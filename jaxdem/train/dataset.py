@@ -23,16 +23,16 @@ import numpy as np
 from jax import Array
 
 from jaxdem.build import build
-from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.interpolation import interpolate_faces
-from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.fluid.diffusion import stress_divergence
 from jaxdem.fluid.grid import face_average
-from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import coarsened, remap_cells, remap_flux
 from jaxdem.io import Run, load_run
 from jaxdem.io.samples import Samples
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulation import Simulation
 from jaxdem.train.dataset_file import write_dataset
@@ -51,6 +51,7 @@ def make_dataset(
     out: str | Path,
     coarsen: tuple[int, ...] = (1, 2, 4, 8),
     progress: Callable[[int, int], None] | None = None,
+    every: int = 1,
 ) -> None:
     """Writes the dataset file of a run.
 
@@ -59,6 +60,7 @@ def make_dataset(
         out: dataset file.
         coarsen: factors of the mesh; 1 is the run's own mesh.
         progress: called with the samples done and their number, all factors together.
+        every: use every so many-th sample.
 
     Raises:
         InputError: the run has no samples, or a factor is not usable.
@@ -68,15 +70,15 @@ def make_dataset(
     scene = load_scene(source.scene)
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
         raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "for example 1,2,4,8")
-    groups, done = {}, 0
+    groups, done, numbers = {}, 0, range(0, len(samples.times), every)
     for factor in coarsen:
-        view = _CoarseView(scene, factor)
+        view = CoarseView(scene, factor)
         collected = []
-        for number in range(len(samples.times)):
+        for number in numbers:
             collected.append(view.rows(samples.frame(number), float(samples.times[number])))
             done += 1
             if progress is not None:
-                progress(done, len(coarsen) * len(samples.times))
+                progress(done, len(coarsen) * len(numbers))
         groups[factor] = view.group(collected)
     assert scene.fluid is not None
     attributes = {
@@ -90,7 +92,7 @@ def make_dataset(
     write_dataset(out, attributes, groups)
 
 
-class _CoarseView:
+class CoarseView:
     """A mesh of the run's box, and the fields as its solver would see them."""
 
     def __init__(self, scene: Scene, factor: int):
@@ -106,16 +108,7 @@ class _CoarseView:
 
     def rows(self, sample: dict[str, np.ndarray], time: float) -> dict[str, np.ndarray]:
         """One row per particle of everything in the dataset."""
-        void_fraction = sample["void_fraction"].astype(float)
-        faces = face_average(self.fine, jnp.asarray(void_fraction))
-        flux = tuple(np.asarray(g) * sample[f"face_velocity_{a}"].astype(float) for a, g in enumerate(faces))
-        seen = self._see(
-            tuple(jnp.asarray(f) for f in remap_flux(self.fine, self.coarse, flux)),
-            jnp.asarray(remap_cells(self.fine, self.coarse, sample["pressure"].astype(float))),
-            jnp.asarray(sample["position"]),
-            jnp.asarray(sample["particle_velocity"]),
-            jnp.asarray(time, sample["position"].dtype),
-        )
+        seen = self._look(sample, time)[0]
         rows = {name: np.asarray(value) for name, value in seen.items() if name != "applied"}
         total = sample["drag_force"] + sample["pressure_gradient_force"] + sample["viscous_force"]
         count = len(sample["position"])
@@ -126,6 +119,24 @@ class _CoarseView:
             "drag_force": sample["drag_force"],
             "target_force": total - np.asarray(seen["applied"]),
         }
+
+    def fluid(self, sample: dict[str, np.ndarray], time: float) -> FluidState:
+        """The sampled fluid as a state of a run on the coarse mesh."""
+        return self._look(sample, time)[1]
+
+    def _look(self, sample: dict[str, np.ndarray], time: float) -> tuple[dict[str, Array], FluidState]:
+        """The sample's fields averaged, and looked at."""
+        void_fraction = sample["void_fraction"].astype(float)
+        faces = face_average(self.fine, jnp.asarray(void_fraction))
+        flux = tuple(np.asarray(g) * sample[f"face_velocity_{a}"].astype(float) for a, g in enumerate(faces))
+        seen: tuple[dict[str, Array], FluidState] = self._see(
+            tuple(jnp.asarray(f) for f in remap_flux(self.fine, self.coarse, flux)),
+            jnp.asarray(remap_cells(self.fine, self.coarse, sample["pressure"].astype(float))),
+            jnp.asarray(sample["position"]),
+            jnp.asarray(sample["particle_velocity"]),
+            jnp.asarray(time, sample["position"].dtype),
+        )
+        return seen
 
     def group(self, collected: list[dict[str, np.ndarray]]) -> dict[str, Any]:
         """The samples of all times, one after the other, with the group's attributes."""
@@ -138,29 +149,17 @@ class _CoarseView:
 
     def _seen(
         self, flux: tuple[Array, ...], pressure: Array, position: Array, velocity: Array, time: Array
-    ) -> dict[str, Array]:
-        """Inputs of the drag law on the coarse mesh, and the force that this mesh applies by itself."""
+    ) -> tuple[dict[str, Array], FluidState]:
+        """Inputs of the drag law on the coarse mesh, the force that this mesh applies by itself, and its fluid."""
         assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
         bodies, fluid = self.parameters.bodies, self.parameters.fluid
         assert bodies is not None and fluid is not None
         solver = self.simulation.fluid.solver
         dtype = position.dtype
-        weights = self.simulation.fluid.deposition.weights(self.coarse, position, bodies.radius)
-        solids = solid_fraction(self.coarse, weights, bodies.volume)
-        fractions = face_average(self.coarse, 1.0 - solids)
-        faces = tuple(f.astype(dtype) / g for f, g in zip(flux, fractions, strict=True))
-        slope = pressure_gradient(self.coarse, solver.boundary, pressure.astype(dtype), continued=True)
-        inputs = drag_inputs(
-            self.coarse,
-            weights,
-            velocity,
-            2.0 * bodies.radius,
-            faces,
-            slope,
-            solids,
-            fluid.density,
-            fluid.viscosity,
-        )
+        view = CoarseInputs(self.coarse, solver.boundary, self.simulation.fluid.deposition)
+        particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
+        averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
+        inputs, state, weights = view.seen(*averaged, particles, bodies, fluid)
         volume = bodies.volume if bodies.volume.ndim == 0 else bodies.volume[:, None]
         applied = -volume * inputs.pressure_gradient
         if solver.viscous:
@@ -168,13 +167,13 @@ class _CoarseView:
                 self.coarse,
                 solver.boundary,
                 fluid.side_velocity,
-                faces,
+                state.face_velocity,
                 fluid.viscosity,
                 time,
                 fluid.smagorinsky,
             )
             applied = applied + volume * fluid.density * interpolate_faces(weights, stress)
-        return {name: getattr(inputs, name) for name in COLUMNS} | {"applied": applied}
+        return {name: getattr(inputs, name) for name in COLUMNS} | {"applied": applied}, state
 
 
 def _samples(run: Run) -> Samples:

@@ -1,0 +1,98 @@
+"""What the drag law would be shown on a coarser mesh: fields averaged to it, and seen through its own weights.
+
+The flux g u is averaged by area and the pressure by volume, the void fraction is deposited from the particles with the
+coarse mesh's kernel, and the interstitial velocity is the averaged flux over it: continuity holds on the coarse mesh too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from jax import Array
+
+from jaxdem.closures.base import DragInputs
+from jaxdem.coupling.deposition import Deposition
+from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.presence import present_weights
+from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.grid import FaceField, Grid, face_average
+from jaxdem.fluid.momentum import FluidProperties, FluidState
+from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.remap import remap_cells, remap_flux
+from jaxdem.particles.integrate import ParticleProperties, ParticleState
+
+
+@dataclasses.dataclass(frozen=True)
+class CoarseInputs:
+    """A coarser mesh of the same box, to look at the fluid through; static.
+
+    Attributes:
+        grid: the coarse one.
+        boundary: sides of the box.
+        deposition: of the particles on its cells.
+    """
+
+    grid: Grid
+    boundary: Boundary
+    deposition: Deposition
+
+    def __call__(
+        self,
+        fine: Grid,
+        fluid: FluidState,
+        solids: Array,
+        particles: ParticleState,
+        bodies: ParticleProperties,
+        properties: FluidProperties,
+    ) -> DragInputs:
+        """Inputs of the drag law as a solver on the coarse mesh has them.
+
+        Args:
+            fine: grid of the fluid.
+            fluid: velocity [m/s] and pressure [Pa] on it.
+            solids: solid fraction on its cells, of the particles where they are [-].
+            particles: where they are.
+            bodies: radius [m] and volume [m3].
+            properties: density and viscosity.
+        """
+        fractions = face_average(fine, 1.0 - solids)
+        flux = tuple(g * u for g, u in zip(fractions, fluid.face_velocity, strict=True))
+        pressure = remap_cells(fine, self.grid, fluid.pressure)
+        return self.seen(remap_flux(fine, self.grid, flux), pressure, particles, bodies, properties)[0]
+
+    def seen(
+        self,
+        flux: FaceField,
+        pressure: Array,
+        particles: ParticleState,
+        bodies: ParticleProperties,
+        properties: FluidProperties,
+    ) -> tuple[DragInputs, FluidState, Weights]:
+        """The inputs, and the fluid on the coarse mesh and the weights that they are made with.
+
+        Args:
+            flux: g u, averaged to the coarse faces [m/s].
+            pressure: averaged to the coarse cells [Pa].
+            particles: where they are.
+            bodies: radius [m] and volume [m3].
+            properties: density and viscosity.
+        """
+        weights = self.deposition.weights(self.grid, particles.position, bodies.radius)
+        weights = present_weights(weights, particles.active)
+        solids = solid_fraction(self.grid, weights, bodies.volume)
+        fractions = face_average(self.grid, 1.0 - solids)
+        velocity = tuple(f / g for f, g in zip(flux, fractions, strict=True))
+        inputs = drag_inputs(
+            self.grid,
+            weights,
+            particles.velocity,
+            2.0 * bodies.radius,
+            velocity,
+            pressure_gradient(self.grid, self.boundary, pressure, continued=True),
+            solids,
+            properties.density,
+            properties.viscosity,
+        )
+        return inputs, FluidState(velocity, pressure, 1.0 - solids), weights

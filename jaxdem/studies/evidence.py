@@ -1,0 +1,120 @@
+"""What a study has found so far: runs, closures, datasets and replays by name, with the reason where one is missing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxdem.closures import load_closure
+from jaxdem.errors import InputError
+from jaxdem.io import Run, load_run
+from jaxdem.studies.measure import errors, noise_floor
+from jaxdem.studies.oracle import Replay, read_replay
+from jaxdem.studies.plan import StudyPlan
+
+
+@dataclasses.dataclass
+class Evidence:
+    """The study's folder.
+
+    Attributes:
+        plan: of the study.
+        out: its folder.
+        problems: why something is not there, by name.
+        jobs: processes that shared the machine.
+        missing: what was asked for and is not there, with the reason.
+    """
+
+    plan: StudyPlan
+    out: Path
+    problems: dict[str, str]
+    jobs: int = 1
+    missing: dict[str, str] = dataclasses.field(default_factory=dict)
+    _runs: dict[str, Run] = dataclasses.field(default_factory=dict)
+
+    def run(self, name: str) -> Run | None:
+        """A run that is complete and valid."""
+        if name not in self._runs:
+            if not (self.out / name).is_dir():
+                self.missing[name] = self.problems.get(name, "not run")
+                return None
+            try:
+                run = load_run(self.out / name)
+                if not (run.summary.get("valid") and run.summary.get("complete")):
+                    raise InputError("RUN", name, str(run.summary.get("reason") or "is not complete"), "")
+            except InputError as error:
+                self.missing[name] = self.problems.get(name) or str(error)
+                return None
+            self._runs[name] = run
+        return self._runs[name]
+
+    def runs(self, names: Iterable[str]) -> list[Run]:
+        """Those of the runs that are there."""
+        return [run for name in names if (run := self.run(name)) is not None]
+
+    def jittered(self, name: str) -> list[Run]:
+        """Runs of the plan that differ from this one in the jitter of the pack alone."""
+        return self.runs(other for other in self.plan.runs if other.startswith(f"{name}_seed_"))
+
+    @cached_property
+    def floor(self) -> dict[str, float]:
+        """Noise floor of the fine run."""
+        fine = self.run("fine")
+        return {} if fine is None else noise_floor(fine, self.jittered("fine"))
+
+    def errors(self, name: str, reference: str = "fine") -> dict[str, float] | None:
+        """Error of every metric of a run; None where it or the reference is missing."""
+        run, fine = self.run(name), self.run(reference)
+        return None if run is None or fine is None else errors(run, fine)
+
+    def closure_file(self, name: str) -> Path:
+        """File of a closure."""
+        return self.out / f"{name}.closure.h5"
+
+    def fit(self, name: str) -> dict[str, Any] | None:
+        """Metadata of a closure."""
+        path = self.closure_file(name)
+        if not path.is_file():
+            self.missing[name] = self.problems.get(name, "not trained")
+            return None
+        return load_closure(path)[1]
+
+    def training_seconds(self, name: str | None) -> float | None:
+        """Wall time that a closure took to train [s]."""
+        found = None if name is None else self.fit(name)
+        if found is None:
+            return None
+        seconds = found.get("study_seconds", found.get("seconds"))
+        return None if seconds is None else float(seconds)
+
+    def parity(self, name: str) -> dict[str, dict[str, np.ndarray]]:
+        """Arrays for the parity plot, by the mesh that the inputs are averaged to; {} without."""
+        path, figures = self.out / f"{name}.parity.npz", {}  # type: tuple[Path, dict[str, dict[str, np.ndarray]]]
+        if path.is_file():
+            with np.load(path, allow_pickle=False) as stored:
+                for key in stored.files:
+                    factor, kind = key.split("/")
+                    title = "fine inputs" if factor == "1" else f"inputs averaged {factor}x"
+                    figures.setdefault(title, {})[kind] = stored[key]
+        return figures
+
+    def dataset(self, name: str) -> Path | None:
+        """File of a dataset."""
+        path = self.out / f"{name}.h5"
+        if path.is_file():
+            return path
+        self.missing[name] = self.problems.get(name, "not made")
+        return None
+
+    def oracle(self, factor: int) -> Replay | None:
+        """A replay of the fine run."""
+        path = self.out / f"oracle_{factor}.npz"
+        if path.is_file():
+            return read_replay(path)
+        self.missing[path.stem] = self.problems.get(path.stem, "not made")
+        return None

@@ -1,0 +1,183 @@
+"""The full-size study of the injection scene: its runs, closures and parts.
+
+Names are made up of the scene's, the mesh's (`fine`, `coarse_4`: cells four times as wide), what else is changed, and the
+closure's; `_seed_1` is another jitter of the pack. Without a scene's name it is injection.toml.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from jaxdem.studies.plan import DatasetSpec, FitSpec, Part, RunSpec, StudyPlan, by_name
+from jaxdem.train.fit_settings import FitSettings
+
+INJECTION, SLAB, DILUTE = "injection.toml", "injection_slab.toml", "dilute_jet.toml"
+
+FACTORS = (2, 4, 8)
+"""Coarse meshes of 8, 16 and 32 cm."""
+
+COARSENINGS = (1, 2, 4, 8)
+"""Meshes that the recipe `filtered` is trained on, the fine one among them."""
+
+SEEDS = (1, 2)
+"""Jitters of the pack beside the first."""
+
+CELLS: dict[str, dict[int, list[int]]] = {
+    INJECTION: {2: [150, 25], 3: [100, 17], 4: [75, 12], 8: [38, 6]},
+    SLAB: {2: [150, 1, 25], 4: [75, 1, 12], 8: [38, 1, 6]},
+    "injection_small_grains.toml": {4: [75, 12]},
+    "settling_column.toml": {4: [25, 25]},
+    "fluidised_bed.toml": {4: [8, 20]},
+    DILUTE: {2: [128, 32, 32], 4: [64, 16, 16]},
+}
+"""Cells of the coarse meshes, by scene and factor."""
+
+UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
+    "speed_1_5": (INJECTION, {"boundary.left.velocity": 1.5}),
+    "speed_6": (
+        INJECTION,
+        {"boundary.left.velocity": 6.0, "fluid.time_step": 0.005, "contact.maximum_overlap": 0.25},
+    ),
+    "density_2500": (INJECTION, {"particles.density": 2500.0}),
+    "small_grains": ("injection_small_grains.toml", {}),
+    "settling_column": ("settling_column.toml", {}),
+    "fluidised_bed": ("fluidised_bed.toml", {}),
+}
+"""Scenes that no closure was trained on, beside injection.toml itself."""
+
+ACTIVATIONS = ("elu", "relu", "softplus")
+"""Of the networks that are run in the solver."""
+
+FLUID_VARIANTS: dict[str, dict[str, Any]] = {
+    "upwind": {"fluid.advection": "upwind"},
+    "smagorinsky": {"fluid.smagorinsky": 0.15},
+    "upwind_smagorinsky": {"fluid.advection": "upwind", "fluid.smagorinsky": 0.15},
+}
+"""Changes of the coarse fluid; the scene's own is second order without a subgrid viscosity."""
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "soft": {"contact.young_modulus": 7e6, "contact.maximum_overlap": 0.3},
+    "float64": {"precision": "float64"},
+    "fluid_step_0_005": {"fluid.time_step": 0.005, "coupling.interval": 0.01},
+    "interval_0_005": {"fluid.time_step": 0.005, "coupling.interval": 0.005},
+    "interval_0_02": {"fluid.time_step": 0.01, "coupling.interval": 0.02},
+    "fluid_step_0_02": {"fluid.time_step": 0.02, "coupling.interval": 0.02},
+}
+"""What else the error is bought with, apart from mesh and closure."""
+
+
+def coarse(name: str, scene: str, factor: int, overrides: Mapping[str, Any] | None = None) -> RunSpec:
+    """A run on a coarse mesh; `name` is what stands before `coarse_F`, with its underscore."""
+    cells = {"fluid.cells": CELLS[scene][factor]}
+    return RunSpec(f"{name}coarse_{factor}", scene, {**cells, **(overrides or {})})
+
+
+def varied(run: RunSpec, what: str, overrides: Mapping[str, Any]) -> RunSpec:
+    """A run with further overrides, and what they are in its name."""
+    return RunSpec(f"{run.name}_{what}", run.scene, {**run.overrides, **overrides}, run.closure)
+
+
+def jittered(run: RunSpec) -> list[RunSpec]:
+    """The run with other jitters of the pack; they write no samples."""
+    overrides = {key: value for key, value in run.overrides.items() if key != "output.samples"}
+    bare = RunSpec(run.name, run.scene, overrides, run.closure)
+    return [varied(bare, f"seed_{seed}", {"seed": seed}) for seed in SEEDS]
+
+
+FINE = RunSpec("fine", INJECTION, {"output.samples": 0.02})
+COARSE = {factor: coarse("", INJECTION, factor) for factor in (2, 3, 4, 8)}
+SLAB_FINE = RunSpec("slab_fine", SLAB)
+SLAB_COARSE = {factor: coarse("slab_", SLAB, factor) for factor in FACTORS}
+DILUTE_FINE = RunSpec("dilute_fine", DILUTE)
+DILUTE_COARSE = {factor: coarse("dilute_", DILUTE, factor) for factor in (2, 4)}
+TRAINING = (
+    RunSpec("training_column", "training_column.toml", {"output.samples": 0.05}),
+    RunSpec("training_injection", "training_injection.toml", {"output.samples": 0.05}),
+)
+"""Runs that closures are trained on: no run of injection.toml is among them."""
+
+
+def mesh_runs() -> list[RunSpec]:
+    """All meshes, single layer and slab, three packs each; other drag laws at 8 cm."""
+    laws = [varied(COARSE[2], law, {"coupling.drag": law}) for law in ("di_felice", "gidaspow")]
+    layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
+    slab = [SLAB_FINE, *SLAB_COARSE.values()]
+    seeds = [run for plain in (*layer, *slab) for run in jittered(plain)]
+    return [*layer, *laws, *slab, *seeds]
+
+
+def budget_runs() -> list[RunSpec]:
+    """What of the coarse error is the drag's, and what the fluid's."""
+    inputs = [
+        varied(RunSpec("fine", INJECTION), f"inputs_{factor}", {"coupling.drag_inputs_coarsened": factor})
+        for factor in FACTORS
+    ]
+    fluids = [
+        varied(COARSE[factor], name, changes)
+        for factor in FACTORS
+        for name, changes in FLUID_VARIANTS.items()
+    ]
+    return [FINE, *jittered(FINE), *(COARSE[factor] for factor in FACTORS), *inputs, *fluids]
+
+
+def fits() -> list[FitSpec]:
+    """Both recipes with three seeds, and the paper's with the activations that it runs in the solver."""
+    datasets = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
+    result = []
+    for seed in (0, *SEEDS):
+        end = f"_seed_{seed}" if seed else ""
+        for activation in ACTIVATIONS:
+            name = "paper" if activation == "elu" else f"paper_{activation}"
+            settings = FitSettings(activation=activation, seed=seed, coarsenings=(1,))
+            result.append(FitSpec(name + end, "paper", settings, datasets))
+        settings = FitSettings.filtered(seed=seed, coarsenings=COARSENINGS)
+        result.append(FitSpec("filtered" + end, "filtered", settings, datasets))
+    return result
+
+
+def closure_runs() -> list[RunSpec]:
+    """Coarse runs with closures: all meshes with the first seed, 8 cm with all."""
+    first = [COARSE[factor].with_closure(name) for factor in FACTORS for name in ("filtered", "paper")]
+    return [*first, *(COARSE[2].with_closure(fit.name) for fit in fits())]
+
+
+def unseen_runs() -> list[RunSpec]:
+    """Fine, fine with another jitter, coarse 4x, and coarse 4x with closures, of each scene; and mesh ratio 3."""
+    result = [COARSE[3], *(COARSE[3].with_closure(name) for name in ("filtered", "paper"))]
+    for name, (scene, overrides) in UNSEEN.items():
+        fine = RunSpec(f"{name}_fine", scene, {**overrides, "output.samples": 0.1})
+        plain = coarse(f"{name}_", scene, 4, overrides)
+        result += [fine, jittered(fine)[0], plain, *(plain.with_closure(c) for c in ("filtered", "paper"))]
+    return result
+
+
+def pareto_runs() -> list[RunSpec]:
+    """Everything that error is bought with, on the fine and the 16 cm mesh; and a scene where the fluid dominates."""
+    bare = RunSpec("fine", INJECTION)
+    settings = [varied(run, what, keys) for run in (bare, COARSE[4]) for what, keys in SETTINGS.items()]
+    closed = [run.with_closure("filtered") for run in DILUTE_COARSE.values()]
+    return [*settings, DILUTE_FINE, *jittered(DILUTE_FINE)[:1], *DILUTE_COARSE.values(), *closed]
+
+
+def injection_plan() -> StudyPlan:
+    """The study of the injection scene at full size."""
+    # Rows of a sample are grains: some hundred thousand in all are enough, and memory is not.
+    training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=3) for run in TRAINING]
+    tests = [DatasetSpec("dataset_fine", "fine", (1, 2, 3, 4, 8), every=10)]
+    tests += [DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN]
+    mesh, budget, closed, unseen, pareto = (
+        tuple(dict.fromkeys(run.name for run in runs))
+        for runs in (mesh_runs(), budget_runs(), closure_runs(), unseen_runs(), pareto_runs())
+    )
+    plain = tuple(run.name for run in (FINE, *jittered(FINE), *(COARSE[factor] for factor in FACTORS)))
+    names = tuple(fit.name for fit in fits())
+    parts = [
+        Part("mesh", mesh),
+        Part("budget", budget, oracles=COARSENINGS),
+        Part("closures", (*plain, *closed), names, ("dataset_fine",)),
+        Part("generalisation", (*plain, *unseen), ("filtered", "paper"), tuple(test.name for test in tests)),
+        Part("pareto", (*plain, *closed, *pareto), ("filtered", "paper")),
+    ]
+    runs = by_name([*mesh_runs(), *budget_runs(), *TRAINING, *closure_runs(), *unseen_runs(), *pareto_runs()])
+    return StudyPlan(runs, by_name([*training, *tests]), by_name(fits()), by_name(parts))

@@ -1,0 +1,196 @@
+"""Closures trained on other runs: R2 on the fine run that they have not seen, and coarse runs with them."""
+
+from __future__ import annotations
+
+import json
+import time as clock
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.closures import DRAG_LAWS, load_closure
+from jaxdem.closures.base import DragInputs
+from jaxdem.studies import paper
+from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, over
+from jaxdem.studies.tables import Cell, Section, Table
+
+SWEEPS = "sweeps.json"
+"""R2 of fits by "activation", "loss" and "samples", value -> R2, if there is such a file in the study's folder."""
+
+EVALUATED = 20_000
+"""Particles in the measurement of a drag evaluation."""
+
+
+def closures_part(evidence: Evidence) -> Section:
+    """R2, coarse runs with closures, the band of seeds and activations, the paper's figures beside ours."""
+    section = Section("closures", "Learned closures")
+    section.text.append(
+        "Closures are trained on other runs than the one they are judged by: a column of another geometry, and an injection "
+        "with another pack and inlet. The fine run of injection.toml is held out."
+    )
+    section.tables += [_held_out(evidence), *_coarse_runs(evidence), _band(evidence), _figures(evidence)]
+    section.tables += _sweeps(evidence)
+    section.missing = dict(evidence.missing)
+    return section
+
+
+def _held_out(evidence: Evidence) -> Table:
+    rows: list[list[Cell]] = []
+    for name in evidence.plan.fits:
+        found = evidence.fit(name)
+        for factor, r2 in ({} if found is None else found["r2"]).items():
+            scores = [float(r2[key]) for key in ("closure", "base", "regression")]
+            rows.append([name, f"{factor}x", *scores, 100 * float(r2["out_of_range"])])
+    headings = [
+        "closure",
+        "inputs averaged",
+        "R2",
+        "R2 of Koch-Hill",
+        "R2 of the regression",
+        "out of range [%]",
+    ]
+    return Table("R2 on the fine run, which no closure was trained on", headings, rows, digits=4)
+
+
+def _coarse_runs(evidence: Evidence) -> list[Table]:
+    ends: list[list[Cell]] = []
+    wrong: list[list[Cell]] = []
+    for factor, mesh in list(paper.MESHES.items())[1:]:
+        for what, name in (("Koch-Hill", ""), ("filtered", "_filtered"), ("paper", "_paper")):
+            run, error = evidence.run(f"coarse_{factor}{name}"), evidence.errors(f"coarse_{factor}{name}")
+            if run is None or error is None:
+                continue
+            closed = what == "paper"
+            theirs = (paper.RUNOFF_CLOSURE, paper.HEIGHT_CLOSURE) if closed else (paper.RUNOFF, paper.HEIGHT)
+            given = [None, None] if what == "filtered" else [table[factor] for table in theirs]
+            outside = 100 * float(run.summary["closure"]["out_of_range_fraction"])
+            final = [float(run.history[key][-1]) for key in ("runoff", "height")]
+            ends.append(
+                [
+                    mesh,
+                    what,
+                    final[0],
+                    given[0],
+                    final[1],
+                    given[1],
+                    float(run.summary["wall_time_s"]),
+                    outside,
+                ]
+            )
+            ratio = over(error, evidence.floor)
+            wrong.append(
+                [mesh, what, *(ratio[n] for n in NAMES), mean_over(error, evidence.floor), 100 * mean(error)]
+            )
+    headings = [
+        "mesh",
+        "drag",
+        "run-off [m]",
+        "paper's",
+        "height [m]",
+        "paper's",
+        "run time [s]",
+        "out of range [%]",
+    ]
+    return [
+        Table("Coarse runs at the end", headings, ends, "The paper's fine run: 9.1 m and 0.856 m."),
+        Table("Error over noise [-]", ["mesh", "drag", *LABELS, "mean", "mean error [%]"], wrong),
+    ]
+
+
+def _band(evidence: Evidence) -> Table:
+    """Three seeds of each activation at 8 cm."""
+    rows: list[list[Cell]] = []
+    kinds = {
+        "filtered": "filtered",
+        "paper, ELU": "paper",
+        "paper, ReLU": "paper_relu",
+        "paper, softplus": "paper_softplus",
+    }
+    for words, name in kinds.items():
+        seeds = [fit for fit in evidence.plan.fits if fit == name or fit.startswith(f"{name}_seed_")]
+        runs = evidence.runs(f"coarse_2_{fit}" for fit in seeds)
+        errors = [error for fit in seeds if (error := evidence.errors(f"coarse_2_{fit}")) is not None]
+        ends = [[float(run.history[key][-1]) for run in runs] for key in ("runoff", "height")]
+        rows.append(
+            [words, len(runs), *(_band_of(v) for v in ends), _band_of([100 * mean(e) for e in errors])]
+        )
+    headings = ["closure", "seeds", "run-off [m]", "height [m]", "mean error [%]"]
+    return Table(
+        "Seeds and activations in the solver at 8 cm", headings, rows, "Mean, and smallest to largest."
+    )
+
+
+def _band_of(values: list[float]) -> Cell:
+    return f"{np.mean(values):.3g} ({min(values):.3g} to {max(values):.3g})" if values else None
+
+
+def _figures(evidence: Evidence) -> Table:
+    """Times of training and of one evaluation, beside the paper's."""
+    rows: list[list[Cell]] = [
+        ["training, recipe paper [s]", paper.TRAINING_TIME, evidence.training_seconds("paper")],
+        ["training, recipe filtered [s]", None, evidence.training_seconds("filtered")],
+    ]
+    run = evidence.run("training_column")
+    rows.append(
+        ["training run [s]", paper.TRAINING_RUN, None if run is None else float(run.summary["wall_time_s"])]
+    )
+    rows.append(
+        [
+            "drag of a particle, classical [s]",
+            paper.EVALUATION["classical"],
+            evaluation_time(DRAG_LAWS["koch_hill"]()),
+        ]
+    )
+    for name in ("paper", "filtered"):
+        file = evidence.closure_file(name)
+        seconds = evaluation_time(load_closure(file)[0]) if file.is_file() else None
+        theirs = paper.EVALUATION["learned"] if name == "paper" else None
+        rows.append([f"drag of a particle, {name} [s]", theirs, seconds])
+    note = f"Ours: for {EVALUATED} particles at once, compiled, over their number. {evidence.jobs} processes shared the machine."
+    return Table("Times", ["what", "the paper's", "ours"], rows, note)
+
+
+def evaluation_time(closure: Any, particles: int = EVALUATED) -> float:
+    """Time of one evaluation per particle, the best of five [s]; two dimensions."""
+    random = np.random.default_rng(0)
+
+    def rows(scale: float) -> jax.Array:
+        return jnp.asarray(random.normal(0.0, scale, (particles, 2)), jnp.float32)
+
+    def number(value: float) -> jax.Array:
+        return jnp.asarray(value, jnp.float32)
+
+    solids = jnp.asarray(random.uniform(0.05, 0.3, particles), jnp.float32)
+    inputs = DragInputs(
+        rows(0.5), rows(1.0), solids, rows(1.0), rows(1e4), number(0.02), number(0.08), number(1000.0), number(1e-3)
+    )  # fmt: skip
+    given = jax.jit(lambda i: closure(i)[:2])
+    jax.block_until_ready(given(inputs))
+    times = []
+    for _ in range(5):
+        begin = clock.perf_counter()
+        jax.block_until_ready(given(inputs))
+        times.append(clock.perf_counter() - begin)
+    return min(times) / particles
+
+
+def _sweeps(evidence: Evidence) -> list[Table]:
+    """R2 by activation, loss and number of samples, the paper's beside ours."""
+    path = evidence.out / SWEEPS
+    ours: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    theirs: dict[str, dict[Any, float]] = {
+        "activation": paper.R2_ACTIVATION,
+        "loss": paper.R2_LOSS,
+        "samples": paper.R2_SAMPLES,
+    }
+    tables = []
+    for what, known in theirs.items():
+        found = ours.get(what, {})
+        values = dict.fromkeys([*(str(key) for key in known), *found])
+        given = {str(key): value for key, value in known.items()}
+        rows: list[list[Cell]] = [[value, given.get(value), found.get(value)] for value in values]
+        tables.append(Table(f"R2 by {what}", [what, "the paper's", "ours"], rows, digits=4))
+    return tables

@@ -1,0 +1,143 @@
+"""Closures on scenes that they have not seen: forces on averaged inputs, and coarse runs."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+
+from jaxdem.closures import load_closure
+from jaxdem.closures.base import DragInputs
+from jaxdem.closures.invariant import InvariantClosure
+from jaxdem.closures.registry import drag_law
+from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor
+from jaxdem.studies.tables import Cell, Section, Table
+from jaxdem.train.dataset_file import Group, read_dataset
+from jaxdem.train.fit_evaluate import Predictor, map_rows, r_squared, thin
+from jaxdem.train.fit_regression import fit_regression, prepare_rows
+
+ROWS = 60_000
+"""Rows of a group that the regression is fitted to, and that closures are judged on."""
+
+CLOSURES = ("filtered", "paper")
+
+
+def generalisation_part(evidence: Evidence) -> Section:
+    """A-priori and a-posteriori errors in scenes that no closure was trained on."""
+    section = Section("generalisation", "Scenes that no closure has seen")
+    section.tables += [_forces(evidence), *_runs(evidence)]
+    section.missing = dict(evidence.missing)
+    return section
+
+
+@jax.jit
+def _force(closure: Any, inputs: DragInputs) -> Array:
+    drag = closure(inputs)
+    force = drag.coefficient[:, None] * inputs.slip_velocity
+    return force if drag.remainder is None else force + drag.remainder
+
+
+def regression_of(closure: InvariantClosure, datasets: list[Any], coarsenings: tuple[int, ...]) -> Predictor:
+    """The plain regression that stands beside a filtered closure, fitted to rows of its training data."""
+    prepared, targets, weights = [], [], []
+    for coarsening in coarsenings:
+        groups = [
+            thin(dataset, ROWS).groups[coarsening] for dataset in datasets if coarsening in dataset.groups
+        ]
+        if not groups:
+            continue
+        target = np.concatenate([group.target_force for group in groups])
+        spread = float(np.sum((target - target.mean(axis=0)[None]) ** 2))
+        prepared += [map_rows(partial(prepare_rows, closure), group) for group in groups]
+        targets.append(target)
+        weights.append(np.full(len(target), 1.0 / spread))
+    rows = jax.tree.map(lambda *leaves: np.concatenate(leaves), *prepared)
+    return fit_regression(closure, rows, np.concatenate(targets), np.concatenate(weights))
+
+
+def _forces(evidence: Evidence) -> Table:
+    """Normalised error and R2 of the force on every grain."""
+    laws: dict[str, Any] = {}
+    for name in CLOSURES:
+        if evidence.fit(name) is not None:
+            laws[name] = load_closure(evidence.closure_file(name))[0]
+    predictors: dict[str, Predictor] = {
+        name: partial(lambda closure, group: map_rows(partial(_force, closure), group), closure)
+        for name, closure in laws.items()
+    }
+    spec = evidence.plan.fits["filtered"]
+    files = [evidence.dataset(name) for name in spec.datasets[:-1]]
+    if isinstance(laws.get("filtered"), InvariantClosure) and all(files):
+        data = [read_dataset(file) for file in files if file is not None]
+        predictors["regression"] = regression_of(laws["filtered"], data, spec.settings.coarsenings or (1,))
+    rows: list[list[Cell]] = []
+    for name in evidence.plan.parts["generalisation"].datasets:
+        file = evidence.dataset(name)
+        if file is None:
+            continue
+        dataset = thin(read_dataset(file), ROWS)
+        base = drag_law(dataset.drag)
+        law = jax.jit(lambda inputs, base=base: base(inputs).coefficient[:, None] * inputs.slip_velocity)
+        every = {"Koch-Hill": partial(map_rows, law), **predictors}
+        for factor, group in dataset.groups.items():
+            rows.append([name.removeprefix("dataset_"), f"{factor}x", *_scores(every, group)])
+    kinds = ("Koch-Hill", *predictors)
+    headings = [
+        "scene",
+        "inputs averaged",
+        *(f"{what}, {kind}" for kind in kinds for what in ("RMSE/RMS", "R2")),
+    ]
+    note = "Root-mean-square error of the force over its root-mean-square, and R2, both over all components."
+    return Table("Force on the grains", headings, rows, note, digits=4)
+
+
+def _scores(predictors: dict[str, Any], group: Group) -> list[Cell]:
+    target = np.asarray(group.target_force, float)
+    size = math.sqrt(float(np.mean(target**2)))
+    cells: list[Cell] = []
+    for predictor in predictors.values():
+        force = np.asarray(predictor(group), float)
+        cells += [math.sqrt(float(np.mean((force - target) ** 2))) / size, r_squared(force, target)]
+    return cells
+
+
+def scene_names(evidence: Evidence) -> list[str]:
+    """What stands before the runs' names, of every scene with coarse runs of 4x; "" is injection.toml's."""
+    names = [
+        name.removesuffix("fine")
+        for name in evidence.plan.parts["generalisation"].runs
+        if name.endswith("_fine")
+    ]
+    return ["", *names]
+
+
+def _runs(evidence: Evidence) -> list[Table]:
+    rows: list[list[Cell]] = []
+    detail: list[list[Cell]] = []
+    for prefix in scene_names(evidence):
+        fine = evidence.run(f"{prefix}fine")
+        if fine is None:
+            continue
+        floor = noise_floor(fine, evidence.jittered(f"{prefix}fine"))
+        for factor in (3, 4) if prefix == "" else (4,):
+            row: list[Cell] = [f"{prefix or 'injection_'}"[:-1], f"{factor}x", 100 * mean(floor)]
+            for closure in ("", *(f"_{name}" for name in CLOSURES)):
+                error = evidence.errors(f"{prefix}coarse_{factor}{closure}", f"{prefix}fine")
+                row += [None, None] if error is None else [100 * mean(error), mean_over(error, floor)]
+                if error is not None:
+                    what = closure[1:] or "Koch-Hill"
+                    detail.append([row[0], row[1], what, *(100 * error[n] for n in NAMES)])
+            rows.append(row)
+    kinds = ("Koch-Hill", *CLOSURES)
+    headings = ["scene", "mesh", "noise [%]"]
+    headings += [f"{what}, {kind}" for kind in kinds for what in ("mean error [%]", "over noise [-]")]
+    note = "Coarse runs against the fine run of the same scene; mean over the nine metrics."
+    return [
+        Table("Coarse runs in scenes that no closure has seen", headings, rows, note),
+        Table("Error by metric [%]", ["scene", "mesh", "drag", *LABELS], detail),
+    ]

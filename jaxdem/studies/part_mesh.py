@@ -1,0 +1,192 @@
+"""How much of the injection scene depends on the mesh, and which setting comes nearest to the source study."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from jaxdem.io import Run
+from jaxdem.studies import paper
+from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.measure import (
+    LABELS,
+    NAMES,
+    at,
+    errors,
+    mean,
+    mean_errors,
+    mean_over,
+    noise_floor,
+    over,
+    screen_time,
+)
+from jaxdem.studies.tables import Cell, Section, Table
+
+NEAR = 10.0
+"""Radii from the upper wall within which the height stands for grains that reach it."""
+
+SETTINGS = {"single layer": "", "two-layer slab": "slab_"}
+"""By what stands before the names of their runs."""
+
+
+def mesh_part(evidence: Evidence) -> Section:
+    """Run-off and height beside the paper's, errors by mesh over noise, other drag laws, run times."""
+    section = Section("mesh", "Mesh dependence")
+    section.tables.append(_ends(evidence, section))
+    for setting, prefix in SETTINGS.items():
+        section.tables += _errors(evidence, setting, prefix, section)
+    section.tables += [_laws(evidence), _costs(evidence)]
+    section.missing = dict(evidence.missing)
+    return section
+
+
+def packs(evidence: Evidence, prefix: str, factor: int) -> list[Run]:
+    """The runs of all packs on a mesh."""
+    name = f"{prefix}fine" if factor == 1 else f"{prefix}coarse_{factor}"
+    return [*evidence.runs([name]), *evidence.jittered(name)]
+
+
+def _ends(evidence: Evidence, section: Section) -> Table:
+    """Run-off and height at the end, the paper's beside ours."""
+    headings = ["mesh", "run-off [m], paper"]
+    headings += [f"run-off [m], {setting}" for setting in SETTINGS]
+    headings += ["height [m], paper", *(f"height [m], {setting}" for setting in SETTINGS)]
+    rows: list[list[Cell]] = []
+    far: dict[str, list[float]] = {setting: [] for setting in SETTINGS}
+    for factor, mesh in paper.MESHES.items():
+        row: list[Cell] = [mesh]
+        for name, theirs in (("runoff", paper.RUNOFF), ("height", paper.HEIGHT)):
+            row.append(theirs[factor])
+            for setting, prefix in SETTINGS.items():
+                values = [float(run.history[name][-1]) for run in packs(evidence, prefix, factor)]
+                row.append(_spread(values))
+                far[setting] += [float(abs(np.mean(values) / theirs[factor] - 1.0))] if values else []
+        rows.append(row)
+    if all(far.values()):
+        order = sorted(SETTINGS, key=lambda setting: float(np.mean(far[setting])))
+        words = ", ".join(f"{setting} {100 * np.mean(far[setting]):.0f} %" for setting in order)
+        section.text.append(
+            f"Mean difference from the paper's run-offs and heights on all meshes: {words}; the {order[0]} comes nearest."
+        )
+    note = "Ours: mean and range over packs that differ in their jitter, at the end, when the front may stand at the screen."
+    return Table("Run-off and height at the end", headings, rows, note)
+
+
+def _spread(values: list[float]) -> Cell:
+    if len(values) < 2:
+        return values[0] if values else None
+    return f"{np.mean(values):.3g} ({min(values):.3g} to {max(values):.3g})"
+
+
+def _errors(evidence: Evidence, setting: str, prefix: str, section: Section) -> list[Table]:
+    """Errors of the nine metrics by mesh, in per cent and over noise."""
+    fine = evidence.run(f"{prefix}fine")
+    if fine is None:
+        return []
+    floor = noise_floor(fine, evidence.jittered(f"{prefix}fine"))
+    until = screen_time(fine)
+    end = float(fine.history["time"][-1])
+    section.text.append(
+        f"{setting.capitalize()}: compared over all {end:.3g} s, the fine run's front does not reach the screen."
+        if until is None
+        else f"{setting.capitalize()}: compared up to {until:.3g} s of {end:.3g} s, the last output before the fine run's front "
+        "comes to the outlet's screen."
+    )
+    plain: list[list[Cell]] = [["noise", *(100 * floor[n] for n in NAMES), 100 * mean(floor)]]
+    relative: list[list[Cell]] = []
+    behaviour: list[list[Cell]] = []
+    for factor, mesh in paper.MESHES.items():
+        runs = packs(evidence, prefix, factor)
+        if not runs:
+            continue
+        behaviour.append(_behaviour(mesh, runs, end))
+        if factor == 1:
+            continue
+        error = mean_errors([errors(run, fine) for run in runs])
+        plain.append([mesh, *(100 * error[n] for n in NAMES), 100 * mean(error)])
+        ratio = over(error, floor)
+        relative.append([mesh, *(ratio[n] for n in NAMES), mean_over(error, floor)])
+    headings = ["mesh", *LABELS, "mean"]
+    return [
+        Table(f"Error against 4 cm, {setting} [%]", headings, plain, "Mean over the packs."),
+        Table(f"Error over noise, {setting} [-]", headings, relative),
+        Table(
+            f"What the paper's text tells of, {setting}",
+            ["mesh", "grains at the upper wall at [s]", "largest collision force at [s]", "mean grain speed at 2 s [m/s]",
+             "and at the end [m/s]", "front passes 9.1 m at [s]"],
+            behaviour,
+        ),
+    ]  # fmt: skip
+
+
+def _behaviour(mesh: str, runs: list[Run], end: float) -> list[Cell]:
+    """Means over the packs of when and how fast."""
+    values = []
+    for run in runs:
+        history, top = run.history, float(run.scene["domain"]["size"][-1])
+        radius = float(np.max(run.particles(0)["radius"]))
+        time = np.asarray(history["time"])
+        values.append(
+            [
+                _first(time, np.asarray(history["height"]) > top - NEAR * radius),
+                float(time[int(np.argmax(history["collision_force_mean"]))]),
+                at(run, "particle_velocity_mean", min(2.0, end)),
+                float(history["particle_velocity_mean"][-1]),
+                _first(time, np.asarray(history["runoff"]) > paper.RUNOFF[1]),
+            ]
+        )
+    with np.errstate(invalid="ignore"):
+        return [mesh, *(float(np.mean(column)) for column in zip(*values, strict=True))]
+
+
+def _first(time: np.ndarray, when: np.ndarray) -> float:
+    return float(time[int(np.argmax(when))]) if when.any() else math.nan
+
+
+def _laws(evidence: Evidence) -> Table:
+    """Other drag laws at 8 cm."""
+    rows: list[list[Cell]] = []
+    for law, name in (
+        ("Koch-Hill", "coarse_2"),
+        ("Di Felice", "coarse_2_di_felice"),
+        ("Gidaspow", "coarse_2_gidaspow"),
+    ):
+        run, error = evidence.run(name), evidence.errors(name)
+        if run is not None and error is not None:
+            ends = [float(run.history[key][-1]) for key in ("runoff", "height")]
+            rows.append([law, *ends, 100 * mean(error), mean_over(error, evidence.floor)])
+    headings = [
+        "drag law",
+        "run-off [m]",
+        "height [m]",
+        "mean error against 4 cm with Koch-Hill [%]",
+        "over noise [-]",
+    ]
+    return Table("Drag laws at 8 cm, single layer", headings, rows)
+
+
+def _costs(evidence: Evidence) -> Table:
+    """Run time and storage beside the paper's."""
+    rows: list[list[Cell]] = []
+    for factor, mesh in paper.MESHES.items():
+        row: list[Cell] = [mesh, paper.RUN_TIME[factor], paper.STORAGE[factor]]
+        for prefix in SETTINGS.values():
+            run = evidence.run(f"{prefix}fine" if factor == 1 else f"{prefix}coarse_{factor}")
+            size = None
+            if run is not None:
+                size = sum(
+                    f.stat().st_size for f in run.path.rglob("*") if f.is_file() and f.stem != "samples"
+                )
+            row += [
+                None if run is None else float(run.summary["wall_time_s"]),
+                None if size is None else size / 1e9,
+            ]
+        rows.append(row)
+    headings = ["mesh", "time [s], paper", "storage [GB], paper"]
+    headings += [f"{what}, {setting}" for setting in SETTINGS for what in ("time [s]", "storage [GB]")]
+    note = (
+        "The paper's on four cores, ours on one core each, or on all for one process at a time; training samples are not "
+        f"counted as storage. {evidence.jobs} processes shared the machine."
+    )
+    return Table("Run time and storage", headings, rows, note)

@@ -1,0 +1,159 @@
+"""Error against run time: what mesh, closure, precision, stiffness and time steps buy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxdem import metrics
+from jaxdem.report import style
+from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor, over
+from jaxdem.studies.tables import Cell, Section, Table
+
+SCENES = {"the injection scene": "", "the dilute jet": "dilute_"}
+"""By what stands before the names of their runs."""
+
+
+def pareto_part(evidence: Evidence) -> Section:
+    """A table and a figure of all runs of each scene."""
+    section = Section("pareto", "Error against run time")
+    section.text.append(
+        f"Run times are those of the runs themselves; {evidence.jobs} processes shared the machine. Training is not in them "
+        "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added, the "
+        "grey line is the noise and the black one the fine run's time."
+    )
+    for words, prefix in SCENES.items():
+        table, points = _table(evidence, words, prefix)
+        section.tables.append(table)
+        if points:
+            picture = evidence.out / f"pareto_{prefix or 'injection_'}"
+            reference = float(evidence.runs([f"{prefix}fine"])[0].summary["wall_time_s"])
+            draw(points, reference, picture.with_name(picture.name.rstrip("_") + ".png"), words)
+    section.missing = dict(evidence.missing)
+    return section
+
+
+Point = tuple[str, float, dict[str, float], float]
+"""Name, run time [s], error over noise by metric, time of training [s]."""
+
+
+def runs_of(evidence: Evidence, prefix: str) -> list[str]:
+    """Names of the plan's runs that are compared with the fine run of a scene."""
+    part = evidence.plan.parts["pareto"].runs
+    scene = evidence.plan.runs[f"{prefix}fine"].scene
+    return [
+        n for n in part if evidence.plan.runs[n].scene == scene and n != f"{prefix}fine" and _comparable(n)
+    ]
+
+
+def _comparable(name: str) -> bool:
+    """Whether a run is not one of those that make the noise floor."""
+    return "fine_seed_" not in name
+
+
+def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Point]]:
+    headings = [
+        "run",
+        "cells",
+        "run time [s]",
+        "training [s]",
+        *LABELS,
+        "mean",
+        "mean error [%]",
+        "on the front",
+    ]
+    table = Table(f"Error over noise and run time, {words}", headings, [])
+    fine = evidence.run(f"{prefix}fine")
+    if fine is None:
+        return table, []
+    floor = noise_floor(fine, evidence.jittered(f"{prefix}fine"))
+    points: list[Point] = []
+    rows: list[list[Cell]] = []
+    for name in runs_of(evidence, prefix):
+        run, error = evidence.run(name), evidence.errors(name, f"{prefix}fine")
+        if run is None or error is None:
+            continue
+        seconds, ratio = float(run.summary["wall_time_s"]), over(error, floor)
+        training = evidence.training_seconds(evidence.plan.runs[name].closure)
+        cells = " x ".join(str(n) for n in run.cells or ())
+        rows.append(
+            [
+                name,
+                cells,
+                seconds,
+                training,
+                *(ratio[n] for n in NAMES),
+                mean_over(error, floor),
+                100 * mean(error),
+            ]
+        )
+        points.append((name, seconds, ratio, training or 0.0))
+    front = metrics.pareto_front([p[1] for p in points], [float(row[-1] or math.nan) for row in rows])
+    table.rows = [[*row, "yes" if on else ""] for row, on in zip(rows, front, strict=True)]
+    noise = [100 * floor[n] for n in NAMES]
+    size = " x ".join(str(n) for n in fine.cells or ())
+    table.rows.append(
+        [
+            f"{prefix}fine, noise [%]",
+            size,
+            float(fine.summary["wall_time_s"]),
+            None,
+            *noise,
+            None,
+            100 * mean(floor),
+            "",
+        ]
+    )
+    table.note = (
+        "The last row is the reference: its run time, and the errors that are the unit of the others."
+    )
+    return table, points
+
+
+def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> Path:
+    """Error over noise against run time, a panel a metric, with the front; a hollow point adds the training.
+
+    Args:
+        points: the runs.
+        reference: run time of the fine run, the black line [s].
+        path: PNG file.
+        words: name of the scene.
+    """
+    with style.look():
+        figure = style.new_figure(12.0, 10.0)
+        axes = figure.subplots(3, 3)
+        for axis, name, label in zip(axes.flat, NAMES, LABELS, strict=True):
+            time = np.array([point[1] for point in points])
+            error = np.array([point[2].get(name, math.nan) for point in points])
+            front = metrics.pareto_front(time, error)
+            for (title, seconds, _, training), value, on in zip(points, error, front, strict=True):
+                if not (math.isfinite(value) and value > 0.0):
+                    continue
+                colour = style.COLOURS[1] if training else style.COLOURS[0]
+                axis.plot(seconds, value, "o", color=colour, markersize=7 if on else 4)
+                if training:
+                    axis.plot(
+                        seconds + training, value, "o", markerfacecolor="white", color=colour, markersize=4
+                    )
+                if on:
+                    axis.annotate(
+                        title, (seconds, value), fontsize=6, xytext=(3, 3), textcoords="offset points"
+                    )
+            order = np.argsort(time[front])
+            axis.plot(
+                time[front][order],
+                error[front][order],
+                color="#555555",
+                drawstyle="steps-post",
+                linewidth=0.8,
+            )
+            axis.axvline(reference, color=style.REFERENCE, linewidth=1.0)
+            axis.axhline(1.0, color=style.NOISE, linewidth=1.2)
+            axis.set(xscale="log", yscale="log", title=label)
+        figure.supxlabel("run time [s]")
+        figure.supylabel(f"error over noise [-], {words}")
+        return style.save(figure, path)

@@ -1,0 +1,115 @@
+"""What a full-size study is made of: runs, closures and parts, as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+from jaxdem.train.fit_settings import FitSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class RunSpec:
+    """One run of a study.
+
+    Attributes:
+        name: of its folder in the study's.
+        scene: file name of the scene.
+        overrides: dotted key -> value.
+        closure: name of the closure that it uses, None for the scene's drag law.
+    """
+
+    name: str
+    scene: str
+    overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    closure: str | None = None
+
+    def with_closure(self, closure: str) -> RunSpec:
+        """The same run with a closure, under a name that says so."""
+        return dataclasses.replace(self, name=f"{self.name}_{closure}", closure=closure)
+
+
+@dataclasses.dataclass(frozen=True)
+class DatasetSpec:
+    """Training data from a run.
+
+    Attributes:
+        name: of the file, without its ending.
+        run: name of the run, which writes samples.
+        coarsen: factors of the mesh.
+        every: every so many-th sample is used.
+    """
+
+    name: str
+    run: str
+    coarsen: tuple[int, ...]
+    every: int = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class FitSpec:
+    """One closure to train.
+
+    Attributes:
+        name: of the file, without its ending.
+        recipe: "paper" or "filtered".
+        settings: of the fit.
+        datasets: names of the datasets; the last one's run is held out, for R2 alone.
+    """
+
+    name: str
+    recipe: str
+    settings: FitSettings
+    datasets: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """One question of a study: what it needs; its answer is computed by the function of the same name.
+
+    Attributes:
+        name: as given to `--parts`.
+        runs: names of runs.
+        fits: names of closures.
+        datasets: names of datasets beside those that the closures are trained on.
+        oracles: factors of the mesh on which the fine run is replayed.
+    """
+
+    name: str
+    runs: tuple[str, ...]
+    fits: tuple[str, ...] = ()
+    datasets: tuple[str, ...] = ()
+    oracles: tuple[int, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyPlan:
+    """All of a study: everything by name, in the order in which it is done."""
+
+    runs: Mapping[str, RunSpec]
+    datasets: Mapping[str, DatasetSpec]
+    fits: Mapping[str, FitSpec]
+    parts: Mapping[str, Part]
+
+    @property
+    def files(self) -> set[str]:
+        """Names of all runs, datasets and closures in the study's folder."""
+        closures = {f"{name}{ending}" for name in self.fits for ending in (".closure.h5", ".parity.npz")}
+        return {*self.runs, *(f"{name}.h5" for name in self.datasets), *closures}
+
+
+Named = TypeVar("Named", RunSpec, DatasetSpec, FitSpec, Part)
+
+
+def by_name(items: Iterable[Named]) -> dict[str, Named]:
+    """Items by their names.
+
+    Raises:
+        ValueError: two of one name that are not the same.
+    """
+    result: dict[str, Named] = {}
+    for item in items:
+        if result.setdefault(item.name, item) != item:
+            raise ValueError(f"two different {type(item).__name__} named {item.name}")
+    return result

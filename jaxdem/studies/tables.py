@@ -1,0 +1,124 @@
+"""Tables of a study's results: as numbers in results.json, as text in tables.md."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxdem.io.durable import write_bytes
+
+Cell = str | float | int | None
+"""A word, a number, or None for what is missing."""
+
+
+@dataclasses.dataclass
+class Table:
+    """A table.
+
+    Attributes:
+        title: what it shows, with units.
+        headings: one a column.
+        rows: cells.
+        note: what one must know to read it.
+        digits: of numbers in the text.
+    """
+
+    title: str
+    headings: list[str]
+    rows: list[list[Cell]]
+    note: str = ""
+    digits: int = 3
+
+    def markdown(self) -> str:
+        """The table as Markdown."""
+        lines = [f"**{self.title}**", "", _line(self.headings), _line(["---"] * len(self.headings))]
+        lines += [_line([shown(cell, self.digits) for cell in row]) for row in self.rows]
+        return "\n".join([*lines, *(["", self.note] if self.note else []), ""])
+
+
+@dataclasses.dataclass
+class Section:
+    """What one part of a study found.
+
+    Attributes:
+        name: of the part.
+        title: heading.
+        text: sentences.
+        tables: of numbers.
+        missing: what the part needed and did not get, name -> why.
+    """
+
+    name: str
+    title: str
+    text: list[str] = dataclasses.field(default_factory=list)
+    tables: list[Table] = dataclasses.field(default_factory=list)
+    missing: dict[str, str] = dataclasses.field(default_factory=dict)
+
+    def markdown(self) -> str:
+        """The section as Markdown."""
+        blocks = [f"## {self.title}", "\n".join(f"- {sentence}" for sentence in self.text)]
+        blocks += [table.markdown() for table in self.tables]
+        if self.missing:
+            reasons: dict[str, list[str]] = {}
+            for name, why in self.missing.items():
+                reasons.setdefault(why, []).append(name)
+            lines = [f"- {why}: {', '.join(names)}" for why, names in reasons.items()]
+            blocks.append("Missing:\n\n" + "\n".join(lines))
+        return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def shown(cell: Cell, digits: int = 3) -> str:
+    """A cell as text; a dash for what is missing."""
+    if isinstance(cell, str):
+        return cell
+    if cell is None or not math.isfinite(cell):
+        return "-"
+    return (
+        str(cell) if isinstance(cell, int) else f"{cell:,.0f}" if abs(cell) >= 1000 else f"{cell:.{digits}g}"
+    )
+
+
+def write_results(
+    out: Path, sections: Iterable[Section], about: Mapping[str, Any], order: Iterable[str]
+) -> None:
+    """results.json and tables.md; parts of an earlier call that are not among `sections` are kept.
+
+    Args:
+        out: the study's folder.
+        sections: of the parts looked at now.
+        about: how they were made.
+        order: of the parts.
+    """
+    file, found = out / "results.json", {}
+    if file.is_file():
+        found = json.loads(file.read_text(encoding="utf-8"))["parts"]
+    found |= {
+        section.name: _plain(dataclasses.asdict(section) | {"about": dict(about)}) for section in sections
+    }
+    parts = {name: found[name] for name in order if name in found}
+    write_bytes(file, (json.dumps({"parts": parts}, indent=1) + "\n").encode())
+    texts = []
+    for part in parts.values():
+        tables = [Table(**table) for table in part["tables"]]
+        kept = {name: part[name] for name in ("name", "title", "text", "missing")}
+        texts.append(Section(**kept, tables=tables).markdown())
+    write_bytes(out / "tables.md", "\n".join(texts).encode())
+
+
+def _line(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _plain(value: Any) -> Any:
+    """What JSON can hold: numbers that are not finite become null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int | bool) else float(value)

@@ -1,0 +1,139 @@
+"""What the processes of a study do: one piece of work each, read as JSON from standard input, told of in JSON lines.
+
+`python -m jaxdem.studies.work` with CORE in the environment stays on that core. Lines are {"done": how much}, then
+{"finished": true} or {"failed": why} or {"stopped": signal number}.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time as clock
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Report = Callable[[float], None]
+
+CORE = "JAXDEM_STUDY_CORE"
+
+
+def do_run(work: dict[str, Any], report: Report) -> None:
+    """A run: `scene` (tables), `out`."""
+    from jaxdem.scene import load_scene
+    from jaxdem.simulate import simulate_once
+
+    simulate_once(load_scene(work["scene"]), Path(work["out"]), lambda: lambda time, _: report(time))
+
+
+def do_dataset(work: dict[str, Any], report: Report) -> None:
+    """Training data: `run`, `out`, `coarsen`, `every`."""
+    from jaxdem.train.dataset import make_dataset
+
+    coarsen, every = tuple(work["coarsen"]), int(work["every"])
+    make_dataset(work["run"], work["out"], coarsen, lambda done, _: report(done), every=every)
+
+
+def do_fit(work: dict[str, Any], report: Report) -> None:
+    """A closure: `recipe`, `settings`, `datasets`, `out`, `parity` (file)."""
+    from jaxdem.train.fit_settings import FitSettings
+
+    given: dict[str, Any] = {
+        name: tuple(v) if isinstance(v, list) else v for name, v in work["settings"].items()
+    }
+    files = [Path(name) for name in work["datasets"]]
+    fit_to_files(work["recipe"], files, FitSettings(**given), Path(work["out"]), Path(work["parity"]), report)
+
+
+def fit_to_files(
+    recipe: str, datasets: list[Path], settings: Any, out: Path, parity: Path, report: Report
+) -> None:
+    """Train a closure; write its file and, beside it, the arrays "factor/name" for the parity plot.
+
+    Args:
+        recipe: "paper" or "filtered".
+        datasets: files.
+        settings: `FitSettings`.
+        out, parity: files.
+        report: called with the number of epochs done.
+    """
+    import numpy as np
+
+    from jaxdem.closures import save_closure
+    from jaxdem.train.dataset_file import read_dataset
+    from jaxdem.train.fit import fit_filtered, fit_paper
+
+    begin = clock.perf_counter()
+    fit = {"filtered": fit_filtered, "paper": fit_paper}[recipe]
+    result = fit(
+        [read_dataset(file) for file in datasets], settings, progress=lambda epoch, *_: report(epoch)
+    )
+    arrays = {
+        f"{factor}/{name}": array for factor, figures in result.parity.items() for name, array in figures.items()
+    }  # fmt: skip
+    with parity.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+    seconds = clock.perf_counter() - begin
+    save_closure(out, result.closure, {**result.metadata, "study_seconds": seconds})
+
+
+def do_oracle(work: dict[str, Any], report: Report) -> None:
+    """A replay: `run`, `out`, `coarsen`."""
+    from jaxdem.io import load_run
+    from jaxdem.studies.oracle import replay_to_file
+
+    replay_to_file(load_run(work["run"]), int(work["coarsen"]), Path(work["out"]), report)
+
+
+WORK: dict[str, Callable[[dict[str, Any], Report], None]] = {
+    "run": do_run,
+    "dataset": do_dataset,
+    "fit": do_fit,
+    "oracle": do_oracle,
+}
+"""Kinds of work."""
+
+
+def main() -> int:
+    """Do what standard input says."""
+    core = os.environ.get(CORE)
+    if core is not None and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {int(core)})
+    from jaxdem.compilation_cache import use_compilation_cache
+    from jaxdem.errors import JaxdemError
+
+    work = json.load(sys.stdin)
+    use_compilation_cache()
+    import jax
+
+    from jaxdem.simulate import Interrupted
+
+    if work.get("scene", {}).get("precision") == "float64":
+        jax.config.update("jax_enable_x64", True)
+    last = 0.0
+
+    def report(done: float) -> None:
+        nonlocal last
+        if clock.monotonic() - last > 0.5:
+            last = clock.monotonic()
+            _tell({"done": float(done)})
+
+    try:
+        WORK[work["kind"]](work, report)
+    except JaxdemError as error:
+        _tell({"failed": str(error)})
+        return error.exit_code
+    except Interrupted as stop:
+        _tell({"stopped": stop.number})
+        return 128 + stop.number
+    _tell({"finished": True})
+    return 0
+
+
+def _tell(what: dict[str, Any]) -> None:
+    print(json.dumps(what), flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

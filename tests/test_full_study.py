@@ -1,0 +1,181 @@
+"""The full-size study's machinery in small: the pool, the plan, going on, the replay, and the tables."""
+
+import dataclasses
+import json
+import os
+import signal
+import sys
+import threading
+
+import pytest
+
+import jaxdem
+from jaxdem.errors import InputError
+from jaxdem.simulate import Interrupted
+from jaxdem.studies import paper
+from jaxdem.studies.driver import PARTS, FullStudy, require_same_scene
+from jaxdem.studies.injection import injection_plan
+from jaxdem.studies.plan import RunSpec, by_name
+from jaxdem.studies.pool import Piece, Pool
+from jaxdem.studies.tables import Section, Table, write_results
+from jaxdem.study import SCENES, _claim
+
+WORKER = """
+import json, pathlib, signal, sys, time
+work = json.load(sys.stdin)
+if work["do"] == "crash":
+    sys.exit("no such luck")
+if work["do"] == "refuse":
+    print(json.dumps({"failed": "key = 1: not possible"}))
+    sys.exit(2)
+if work["do"] == "wait":
+    def stop(number, _):
+        pathlib.Path(work["out"]).write_text("checkpoint")
+        print(json.dumps({"stopped": number}), flush=True)
+        sys.exit(130)
+    signal.signal(signal.SIGINT, stop)
+    print(json.dumps({"done": 0.5}), flush=True)
+    time.sleep(60)
+pathlib.Path(work["out"]).write_text("done")
+print("a line that is no word of ours")
+print(json.dumps({"finished": True}))
+"""
+
+
+class Bars:
+    """Keeps what it is told."""
+
+    def __init__(self, at_progress=None):
+        self.begun, self.said, self.at_progress = [], [], at_progress
+
+    def begin(self, name, total):
+        self.begun.append(name)
+        return lambda done: self.at_progress and self.at_progress()
+
+    def end(self, name):
+        pass
+
+    def say(self, message):
+        self.said.append(message)
+
+
+@pytest.fixture
+def pool(tmp_path):
+    def make(bars, jobs=2):
+        script = tmp_path / "worker.py"
+        script.write_text(WORKER)
+        return Pool(jobs, tmp_path / "logs", bars, (sys.executable, str(script)))
+
+    return make
+
+
+def piece(tmp_path, name, do="finish", **more):
+    return Piece(name, {"do": do, "out": str(tmp_path / name)}, 1.0, **more)
+
+
+def test_a_piece_waits_for_what_it_needs_and_failures_cost_only_what_needs_them(pool, tmp_path):
+    """In the order of need; a crash and a refusal are named with their reasons, the rest is done."""
+    bars = Bars()
+    problems = pool(bars).do(
+        [
+            piece(tmp_path, "old", done=True),
+            piece(tmp_path, "run", needs=("closure", "old")),
+            piece(tmp_path, "closure"),
+            piece(tmp_path, "bad", do="crash"),
+            piece(tmp_path, "worse", do="refuse"),
+            piece(tmp_path, "after bad", needs=("bad",)),
+            piece(tmp_path, "after that", needs=("after bad",)),
+        ]
+    )
+    assert bars.begun.index("closure") < bars.begun.index("run") and "old" not in bars.begun
+    assert (tmp_path / "run").read_text() == "done"
+    assert set(problems) == {"bad", "worse", "after bad", "after that"}
+    assert "no such luck" in problems["bad"] and problems["worse"] == "key = 1: not possible"
+    assert problems["after bad"] == "needs bad" and not (tmp_path / "after bad").exists()
+
+
+def test_a_signal_stops_all_processes_and_lets_them_leave_checkpoints(pool, tmp_path):
+    """SIGINT is passed on once, the processes end by themselves, nothing new is begun."""
+    once = threading.Event()
+
+    def interrupt():
+        if not once.is_set():
+            once.set()
+            os.kill(os.getpid(), signal.SIGINT)
+
+    bars = Bars(interrupt)
+    with pytest.raises(Interrupted) as stop:
+        pool(bars, jobs=1).do([piece(tmp_path, "long", do="wait"), piece(tmp_path, "next")])
+    assert stop.value.number == signal.SIGINT
+    assert (tmp_path / "long").read_text() == "checkpoint" and not (tmp_path / "next").exists()
+
+
+def test_every_scene_and_name_of_the_plan_is_sound(tmp_path):
+    """All runs' scenes load, all names that parts, fits and datasets give exist, and held-out data are the fine run's."""
+    plan = injection_plan()
+    study = FullStudy(plan, SCENES, tmp_path, Bars(), 1)
+    pieces = {piece.name: piece for piece in study.pieces()}
+    assert not any(piece.done for piece in pieces.values())
+    assert {name for piece in pieces.values() for name in piece.needs} <= set(pieces)
+    assert set(PARTS) == set(plan.parts)
+    assert {name for name in plan.runs} <= set(pieces)
+    for fit in plan.fits.values():
+        runs = [plan.datasets[name].run for name in fit.datasets]
+        assert runs[-1] == "fine" and len(runs) > 2
+    json.dumps([dict(piece.work) for piece in pieces.values()])
+
+
+def test_runs_made_elsewhere_may_lie_in_the_folder_and_nothing_else(tmp_path):
+    """A folder of the plan's runs is taken; one with something of the user's is not."""
+    (tmp_path / "coarse_2").mkdir()
+    _claim(tmp_path, {"study": "injection"}, injection_plan().files)
+    (tmp_path / "study.json").unlink()
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(InputError, match="not empty"):
+        _claim(tmp_path, {"study": "injection"}, injection_plan().files)
+
+
+def test_unknown_parts_are_refused(tmp_path):
+    """With the known names."""
+    with pytest.raises(InputError, match=r"--parts.*mesh, budget"):
+        FullStudy(injection_plan(), SCENES, tmp_path, Bars(), 1, ("mash",)).pieces()
+
+
+def test_two_things_of_one_name_are_refused():
+    """A plan in which a name means two runs cannot be made."""
+    same = RunSpec("a", "x.toml", {"seed": 1})
+    assert by_name([same, dataclasses.replace(same)]) == {"a": same}
+    with pytest.raises(ValueError, match="two different"):
+        by_name([same, RunSpec("a", "x.toml", {"seed": 2})])
+
+
+def test_a_run_of_another_scene_is_refused_and_one_of_older_defaults_is_not(tmp_path):
+    """Keys that differ are named; keys that the stored file lacks have their defaults; a closure may lie elsewhere."""
+    scene = jaxdem.load_scene(SCENES / "settling.toml", {"closure.file": "/there/a.closure.h5"})
+    text = scene.to_toml().replace("drag_inputs_coarsened = 1\n", "").replace("/there/", "/elsewhere/")
+    (tmp_path / "scene.toml").write_text(text)
+    require_same_scene(tmp_path, scene)
+    other = jaxdem.load_scene(SCENES / "settling.toml", {"closure.file": "/there/a.closure.h5", "seed": 3})
+    with pytest.raises(InputError, match="seed"):
+        require_same_scene(tmp_path, other)
+
+
+def test_tables_are_numbers_and_text_and_parts_of_earlier_calls_are_kept(tmp_path):
+    """Missing numbers are null and a dash; a second part leaves the first where it is."""
+    one = Section(
+        "mesh", "Mesh", ["A sentence."], [Table("T", ["a", "b"], [["x", 0.012345], ["y", float("nan")]])]
+    )
+    write_results(tmp_path, [one], {"jobs": 2}, ("budget", "mesh"))
+    write_results(
+        tmp_path, [Section("budget", "Budget", missing={"run": "failed"})], {"jobs": 1}, ("budget", "mesh")
+    )
+    text = (tmp_path / "tables.md").read_text()
+    assert text.index("## Budget") < text.index("## Mesh")
+    assert "| x | 0.0123 |" in text and "| y | - |" in text and "- failed: run" in text
+    parts = json.loads((tmp_path / "results.json").read_text())["parts"]
+    assert parts["mesh"]["tables"][0]["rows"][1] == ["y", None] and parts["mesh"]["about"] == {"jobs": 2}
+
+
+def test_the_paper_s_figures_are_complete():
+    """All meshes have all figures."""
+    assert set(paper.MESHES) == set(paper.RUNOFF) == set(paper.HEIGHT) == set(paper.STORAGE)
