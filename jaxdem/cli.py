@@ -378,9 +378,9 @@ def study(
         command = ["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)]
         command += ["--parts", parts] if parts else []
         command += ["--jobs", str(jobs)] if jobs is not None else []
-        where = "" if scale is Scale.paper else f" at t = {stop.time:.6g} s"
+        runs = "all its runs" if scale is Scale.paper else f"a run at t = {stop.time:.6g} s"
         hint = shlex.join(command)
-        terminal.fail(f"Stopped{where} of a run of the study. Go on with: {hint}", 128 + stop.number)
+        terminal.fail(f"The study was stopped, {runs} with a checkpoint. Go on with: {hint}", 128 + stop.number)
     if result.comparison is not None:
         terminal.print_comparison(result.comparison)
     if result.problems:
