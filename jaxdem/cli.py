@@ -380,7 +380,9 @@ def study(
         command += ["--jobs", str(jobs)] if jobs is not None else []
         runs = "all its runs" if scale is Scale.paper else f"a run at t = {stop.time:.6g} s"
         hint = shlex.join(command)
-        terminal.fail(f"The study was stopped, {runs} with a checkpoint. Go on with: {hint}", 128 + stop.number)
+        terminal.fail(
+            f"The study was stopped, {runs} with a checkpoint. Go on with: {hint}", 128 + stop.number
+        )
     if result.comparison is not None:
         terminal.print_comparison(result.comparison)
     if result.problems:

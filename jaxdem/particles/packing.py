@@ -50,8 +50,7 @@ def polygon_pack(
 ) -> np.ndarray:
     """Centres that fill a polygon of the x-vertical plane, in rows from below.
 
-    In 3-D the polygon is extruded: layers fill the second axis, each shifted against the last so that its
-    spheres lie over the gaps of the one before.
+    In 3-D the polygon is extruded: equal layers fill the second axis, one behind the other, evenly spaced.
 
     Args:
         vertices: (V, 2) corners (x, vertical) [m].
