@@ -24,6 +24,7 @@ from jaxdem.studies.part_pareto import pareto_part
 from jaxdem.studies.plan import Part, StudyPlan
 from jaxdem.studies.pool import Bars, Piece, Pool
 from jaxdem.studies.tables import Section, write_results
+from jaxdem.train.architecture_table import read_search
 
 PARTS: dict[str, Callable[[Evidence], Section]] = {
     "mesh": mesh_part,
@@ -101,6 +102,8 @@ class FullStudy:
                 self._add_fit(found, name)
             for factor in part.oracles:
                 self._add_oracle(found, factor)
+            for name in part.searches:
+                self._add_search(found, name)
         return list(found.values())
 
     def scene_of(self, name: str) -> Scene:
@@ -157,6 +160,19 @@ class FullStudy:
         work = {"kind": "oracle", "run": str(self.out / "fine"), "coarsen": factor, "out": str(out)}
         total = self.scene_of("fine").time.end
         found[out.stem] = Piece(out.stem, work, total, ("fine",), out.is_file())
+
+    def _add_search(self, found: dict[str, Piece], name: str) -> None:
+        spec, out = self.plan.searches[name], self.out / name
+        for dataset in spec.datasets:
+            self._add_dataset(found, dataset)
+        work = {
+            "kind": "search", "sweep": spec.sweep, "settings": dataclasses.asdict(spec.settings), "out": str(out),
+            "datasets": [str(self.out / f"{dataset}.h5") for dataset in spec.datasets],
+        }  # fmt: skip
+        rows = read_search(out)
+        number = spec.sweep.count(",") + 1
+        done = len(rows) == number and all(row["samples"] or row["reason"] for row in rows)
+        found[name] = Piece(name, work, number * spec.settings.epochs, spec.datasets, done)
 
     def _evidence(self) -> Evidence:
         problems = {name.removeprefix("train "): why for name, why in self.problems.items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from jaxdem.studies.plan import DatasetSpec, FitSpec, Part, RunSpec, StudyPlan, by_name
+from jaxdem.studies.plan import DatasetSpec, FitSpec, Part, RunSpec, SearchSpec, StudyPlan, by_name
 from jaxdem.train.fit_settings import FitSettings
 
 INJECTION, SLAB, DILUTE = "injection.toml", "injection_slab.toml", "dilute_jet.toml"
@@ -48,6 +48,14 @@ UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
 
 ACTIVATIONS = ("elu", "relu", "softplus")
 """Of the networks that are run in the solver."""
+
+SWEEPS = (
+    "activation=relu,elu,sigmoid,tanh,softsign,softplus,selu",
+    "loss=mse,mae,msle,mape,log_cosh",
+    "samples=10000,25000,50000,100000,250000,500000,1000000",
+    "hidden=170-70-30,170-70,170,64-32-16,64-32,32-16,16-8,8-4,4",
+)
+"""Settings of the paper's network that are varied, one at a time."""
 
 FLUID_VARIANTS: dict[str, dict[str, Any]] = {
     "upwind": {"fluid.advection": "upwind"},
@@ -136,6 +144,13 @@ def fits() -> list[FitSpec]:
     return result
 
 
+def searches() -> list[SearchSpec]:
+    """The source study's tables, a tenth of its epochs each: with all of them they would take a day of one core."""
+    datasets = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
+    settings = FitSettings(epochs=200)
+    return [SearchSpec(f"sweep_{sweep.split('=')[0]}", sweep, settings, datasets) for sweep in SWEEPS]
+
+
 def closure_runs() -> list[RunSpec]:
     """Coarse runs with closures: all meshes with the first seed, 8 cm with all."""
     first = [COARSE[factor].with_closure(name) for factor in FACTORS for name in ("filtered", "paper")]
@@ -175,9 +190,9 @@ def injection_plan() -> StudyPlan:
     parts = [
         Part("mesh", mesh),
         Part("budget", budget, oracles=COARSENINGS),
-        Part("closures", (*plain, *closed), names, ("dataset_fine",)),
+        Part("closures", (*plain, *closed), names, ("dataset_fine",), searches=tuple(by_name(searches()))),
         Part("generalisation", (*plain, *unseen), ("filtered", "paper"), tuple(test.name for test in tests)),
         Part("pareto", (*plain, *closed, *pareto), ("filtered", "paper")),
     ]
     runs = by_name([*mesh_runs(), *budget_runs(), *TRAINING, *closure_runs(), *unseen_runs(), *pareto_runs()])
-    return StudyPlan(runs, by_name([*training, *tests]), by_name(fits()), by_name(parts))
+    return StudyPlan(runs, by_name([*training, *tests]), by_name(fits()), by_name(parts), by_name(searches()))

@@ -24,24 +24,3 @@ EVALUATION = {"classical": 4e-7, "learned": 1.75e-5}
 
 TRAINING_TIME, TRAINING_RUN = 1856.0, 2080.0
 """Training, and the run that it is trained on [s]."""
-
-R2_ACTIVATION = {
-    "relu": 0.8185,
-    "elu": 0.8408,
-    "sigmoid": 0.4113,
-    "tanh": 0.7023,
-    "softsign": 0.7378,
-    "softplus": 0.8332,
-    "selu": 0.8096,
-}
-R2_LOSS = {"mse": 0.8408, "mae": 0.3809, "msle": 0.1256, "mape": 0.2449, "log_cosh": 0.7937}
-R2_SAMPLES = {
-    1_000_000: 0.8689,
-    500_000: 0.8642,
-    250_000: 0.8408,
-    100_000: 0.7881,
-    50_000: 0.7601,
-    25_000: 0.5913,
-    10_000: 0.2106,
-}
-"""R2 of the network by activation, loss and number of samples."""

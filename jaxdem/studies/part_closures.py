@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time as clock
 from typing import Any
 
@@ -16,9 +15,7 @@ from jaxdem.studies import paper
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, over
 from jaxdem.studies.tables import Cell, Section, Table
-
-SWEEPS = "sweeps.json"
-"""R2 of fits by "activation", "loss" and "samples", value -> R2, if there is such a file in the study's folder."""
+from jaxdem.train.architecture_table import read_search
 
 EVALUATED = 20_000
 """Particles in the measurement of a drag evaluation."""
@@ -32,7 +29,7 @@ def closures_part(evidence: Evidence) -> Section:
         "with another pack and inlet. The fine run of injection.toml is held out."
     )
     section.tables += [_held_out(evidence), *_coarse_runs(evidence), _band(evidence), _figures(evidence)]
-    section.tables += _sweeps(evidence)
+    section.tables += searches_tables(evidence)
     section.missing = dict(evidence.missing)
     return section
 
@@ -177,20 +174,31 @@ def evaluation_time(closure: Any, particles: int = EVALUATED) -> float:
     return min(times) / particles
 
 
-def _sweeps(evidence: Evidence) -> list[Table]:
-    """R2 by activation, loss and number of samples, the paper's beside ours."""
-    path = evidence.out / SWEEPS
-    ours: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    theirs: dict[str, dict[Any, float]] = {
-        "activation": paper.R2_ACTIVATION,
-        "loss": paper.R2_LOSS,
-        "samples": paper.R2_SAMPLES,
-    }
+def searches_tables(evidence: Evidence) -> list[Table]:
+    """R2 by one setting of the paper's network, the paper's beside ours."""
     tables = []
-    for what, known in theirs.items():
-        found = ours.get(what, {})
-        values = dict.fromkeys([*(str(key) for key in known), *found])
-        given = {str(key): value for key, value in known.items()}
-        rows: list[list[Cell]] = [[value, given.get(value), found.get(value)] for value in values]
-        tables.append(Table(f"R2 by {what}", [what, "the paper's", "ours"], rows, digits=4))
+    for name, spec in evidence.plan.searches.items():
+        rows = read_search(evidence.out / name)
+        if not rows:
+            evidence.missing[name] = evidence.problems.get(name, "not trained")
+            continue
+        what = spec.sweep.split("=")[0]
+        lines: list[list[Cell]] = [
+            [
+                row[what],
+                _number(row["r2_paper"]),
+                _number(row.get("r2_1_closure", "")),
+                _number(row["seconds"]),
+            ]
+            for row in rows
+        ]
+        title = f"R2 by {what}, fine inputs, {spec.settings.epochs} epochs"
+        tables.append(
+            Table(title, [what, "the paper's (2,000 epochs)", "ours", "s a network"], lines, digits=4)
+        )
     return tables
+
+
+def _number(text: str) -> float | None:
+    value = float(text or "nan")
+    return value if np.isfinite(value) else None

@@ -65,6 +65,23 @@ class FitSpec:
 
 
 @dataclasses.dataclass(frozen=True)
+class SearchSpec:
+    """Networks of the recipe `paper` that differ in one setting, as `jaxdem train --sweep` trains them.
+
+    Attributes:
+        name: of the folder.
+        sweep: the setting and its values, "activation=relu,elu".
+        settings: what is not varied.
+        datasets: as for `FitSpec`.
+    """
+
+    name: str
+    sweep: str
+    settings: FitSettings
+    datasets: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Part:
     """One question of a study: what it needs; its answer is computed by the function of the same name.
 
@@ -74,6 +91,7 @@ class Part:
         fits: names of closures.
         datasets: names of datasets beside those that the closures are trained on.
         oracles: factors of the mesh on which the fine run is replayed.
+        searches: names of searches over networks.
     """
 
     name: str
@@ -81,6 +99,7 @@ class Part:
     fits: tuple[str, ...] = ()
     datasets: tuple[str, ...] = ()
     oracles: tuple[int, ...] = ()
+    searches: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,15 +110,16 @@ class StudyPlan:
     datasets: Mapping[str, DatasetSpec]
     fits: Mapping[str, FitSpec]
     parts: Mapping[str, Part]
+    searches: Mapping[str, SearchSpec] = dataclasses.field(default_factory=dict)
 
     @property
     def files(self) -> set[str]:
-        """Names of all runs, datasets and closures in the study's folder."""
+        """Names of all runs, datasets, closures and searches in the study's folder."""
         closures = {f"{name}{ending}" for name in self.fits for ending in (".closure.h5", ".parity.npz")}
-        return {*self.runs, *(f"{name}.h5" for name in self.datasets), *closures}
+        return {*self.runs, *(f"{name}.h5" for name in self.datasets), *closures, *self.searches}
 
 
-Named = TypeVar("Named", RunSpec, DatasetSpec, FitSpec, Part)
+Named = TypeVar("Named", RunSpec, DatasetSpec, FitSpec, Part, SearchSpec)
 
 
 def by_name(items: Iterable[Named]) -> dict[str, Named]:

@@ -37,13 +37,41 @@ def do_dataset(work: dict[str, Any], report: Report) -> None:
 
 def do_fit(work: dict[str, Any], report: Report) -> None:
     """A closure: `recipe`, `settings`, `datasets`, `out`, `parity` (file)."""
+    files = [Path(name) for name in work["datasets"]]
+    out, parity = Path(work["out"]), Path(work["parity"])
+    fit_to_files(work["recipe"], files, _settings(work["settings"]), out, parity, report)
+
+
+def do_search(work: dict[str, Any], report: Report) -> None:
+    """Networks of the recipe `paper` that differ in one setting: `sweep`, `settings`, `datasets`, `out` (folder)."""
+    from jaxdem.train.architecture_search import parse_sweep, search
+    from jaxdem.train.dataset_file import read_dataset
+
+    datasets = [read_dataset(Path(name)) for name in work["datasets"]]
+    varied = [parse_sweep(work["sweep"])]
+    search(datasets, "paper", _settings(work["settings"]), varied, Path(work["out"]), _Epochs(report))
+
+
+class _Epochs:
+    """Hears how a search goes on, and reports the epochs of all its groups together."""
+
+    def __init__(self, report: Report):
+        self.report, self.before = report, 0.0
+
+    def stage(self, _: str, total: float) -> Callable[[float], None]:
+        before = self.before
+        self.before += total
+        return lambda done: self.report(before + done)
+
+    def say(self, message: str) -> None:
+        print(message, file=sys.stderr)
+
+
+def _settings(plain: dict[str, Any]) -> Any:
     from jaxdem.train.fit_settings import FitSettings
 
-    given: dict[str, Any] = {
-        name: tuple(v) if isinstance(v, list) else v for name, v in work["settings"].items()
-    }
-    files = [Path(name) for name in work["datasets"]]
-    fit_to_files(work["recipe"], files, FitSettings(**given), Path(work["out"]), Path(work["parity"]), report)
+    given: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in plain.items()}
+    return FitSettings(**given)
 
 
 def fit_to_files(
@@ -90,6 +118,7 @@ WORK: dict[str, Callable[[dict[str, Any], Report], None]] = {
     "run": do_run,
     "dataset": do_dataset,
     "fit": do_fit,
+    "search": do_search,
     "oracle": do_oracle,
 }
 """Kinds of work."""

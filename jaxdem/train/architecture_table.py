@@ -179,6 +179,15 @@ class Search:
         )
 
 
+def read_search(folder: Path) -> list[dict[str, str]]:
+    """Lines of a search's sweep.csv, by column; none where there is no such file."""
+    path = folder / TABLE
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def as_text(value: Any) -> str:
     """A value as the command line takes it."""
     if isinstance(value, tuple):

@@ -9,6 +9,12 @@ import pytest
 from benchmarks.cases.drag_samples import known_factor, make_dataset
 from jaxdem.closures import EnsembleClosure, InvariantClosure, load_closure, save_closure
 from jaxdem.errors import InputError
+from jaxdem.studies.driver import FullStudy
+from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.part_closures import searches_tables
+from jaxdem.studies.plan import DatasetSpec, Part, RunSpec, SearchSpec, StudyPlan
+from jaxdem.studies.work import WORK
+from jaxdem.study import SCENES
 from jaxdem.train.architecture_search import parse_sweep, search
 from jaxdem.train.architecture_table import PAGE, TABLE
 from jaxdem.train.compress import distill, prune, prune_weights, settings_for
@@ -84,6 +90,30 @@ def test_a_search_groups_goes_on_and_refuses_other_settings(dataset, tmp_path):
     (tmp_path / "else" / "file").touch()
     with pytest.raises(InputError, match="is not empty"):
         search([dataset], "paper", SMALL, varied, tmp_path / "else", Heard())
+
+
+def test_a_search_of_the_full_size_study_is_done_once_and_stands_in_its_tables(tmp_path):
+    """As the study's process does it."""
+    make_dataset(tmp_path, rows=500, coarsenings=(1, 2))
+    (tmp_path / "one_0.h5").rename(tmp_path / "data.h5")
+    spec = SearchSpec("sweep_loss", "loss=mse,mae", SMALL, ("data",))
+    data = DatasetSpec("data", "fine", (1, 2))
+    part = Part("closures", (), searches=("sweep_loss",))
+    fine = RunSpec("fine", "settling.toml", {"output.samples": 0.1})
+    plan = StudyPlan({"fine": fine}, {"data": data}, {}, {"closures": part}, {"sweep_loss": spec})
+
+    def piece():
+        study = FullStudy(plan, SCENES, tmp_path, None, 1)
+        return {piece.name: piece for piece in study.pieces()}["sweep_loss"]
+
+    assert not piece().done and piece().needs == ("data",)
+    heard = []
+    WORK["search"](dict(piece().work), heard.append)
+    assert piece().done and heard[-1] == piece().total == 8
+    evidence = Evidence(plan, tmp_path, {})
+    (table,) = searches_tables(evidence)
+    assert [row[0] for row in table.rows] == ["mse", "mae"] and not evidence.missing
+    assert all(np.isfinite(row[2]) and row[3] > 0.0 for row in table.rows)
 
 
 def test_a_network_that_diverges_does_not_stop_the_others(dataset, tmp_path):
