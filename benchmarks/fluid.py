@@ -252,19 +252,13 @@ def pisofoam(cells: tuple[int, ...], flow: str, arguments: argparse.Namespace) -
     ends, iterations, count = [], [], 0
     with tempfile.TemporaryDirectory() as folder:
         write_foam_case(Path(folder), cells, flow, (arguments.windows + 1) * intervals)
-        subprocess.run(openfoam.command("blockMesh"), check=True, stdout=subprocess.DEVNULL, cwd=folder)
-        with subprocess.Popen(
-            openfoam.command("pisoFoam"), stdout=subprocess.PIPE, text=True, cwd=folder
-        ) as running:
-            assert running.stdout is not None
-            for line in running.stdout:
-                if found := re.search(r"Solving for p,.*No Iterations (\d+)", line):
-                    count += int(found[1])
-                elif line.startswith("ExecutionTime"):
-                    ends.append(time.perf_counter())
-                    iterations.append(count)
-                    count = 0
-    assert running.returncode == 0, f"pisoFoam ended with {running.returncode}"
+        for line in openfoam.lines_of("pisoFoam", folder):
+            if found := re.search(r"Solving for p,.*No Iterations (\d+)", line):
+                count += int(found[1])
+            elif line.startswith("ExecutionTime"):
+                ends.append(time.perf_counter())
+                iterations.append(count)
+                count = 0
     return {
         "intervals": intervals,
         "windows": [

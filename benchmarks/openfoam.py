@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,15 @@ def installed(program: str) -> bool:
 def command(program: str) -> list[str]:
     """A program in the environment that it needs, on one core."""
     return harness.pinned(1, ["bash", "-c", f". {SETTINGS} >/dev/null 2>&1; exec {program}"])
+
+
+def lines_of(program: str, folder: str) -> Iterator[str]:
+    """What a solver prints while it runs the case in a folder, line by line, after its mesh is made."""
+    subprocess.run(command("blockMesh"), check=True, stdout=subprocess.DEVNULL, cwd=folder)
+    with subprocess.Popen(command(program), stdout=subprocess.PIPE, text=True, cwd=folder) as running:
+        assert running.stdout is not None
+        yield from running.stdout
+    assert running.returncode == 0, f"{program} ended with {running.returncode}"
 
 
 def write_case(folder: Path, files: dict[str, str], values: dict[str, Any], kinds: dict[str, str]) -> None:
