@@ -1,0 +1,66 @@
+"""Closures trained through the solver: what the training did, and coarse runs with them."""
+
+from __future__ import annotations
+
+from jaxdem.studies import paper
+from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.part_closures import over_noise
+from jaxdem.studies.plan import TuneSpec
+from jaxdem.studies.tables import Cell, Section, Table
+
+
+def solver_part(evidence: Evidence) -> Section:
+    """Loss before and after, cost, and the coarse runs beside those with what the training began with."""
+    section = Section("solver", "Trained through the solver")
+    section.text.append(
+        "The filtered closure, trained on through coarse runs that follow the fine training injection; no run of injection.toml "
+        "is in it."
+    )
+    part = evidence.plan.parts["solver"]
+    specs = [evidence.plan.closures[name] for name in part.closures]
+    tuned = [spec for spec in specs if isinstance(spec, TuneSpec)]
+    section.tables.append(_trainings(evidence, tuned))
+    section.tables.append(over_noise(evidence, _runs(evidence, [spec.name for spec in tuned])))
+    section.missing = dict(evidence.missing)
+    return section
+
+
+def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
+    rows: list[list[Cell]] = []
+    for spec in specs:
+        if (found := evidence.closure(spec.name)) is None:
+            continue
+        record = found["finetune"]
+        rows.append(
+            [
+                spec.name,
+                spec.settings.method,
+                " x ".join(str(n) for n in spec.overrides["fluid.cells"]),
+                ", ".join(str(n) for n in spec.settings.horizons or ()),
+                len(record["loss_history"]),
+                record["skipped"],
+                record["validation_loss_before"],
+                record["validation_loss"],
+                record["seconds"],
+            ]
+        )
+    headings = [
+        "closure", "method", "cells", "horizons [outputs]", "updates", "skipped", "loss before", "loss after", "time [s]",
+    ]  # fmt: skip
+    note = (
+        "Loss of the training injection from its first frame over the longest horizon; the best weights are kept, those of the "
+        "start among them."
+    )
+    return Table("Training", headings, rows, note)
+
+
+def _runs(evidence: Evidence, names: list[str]) -> list[tuple[str, str, str]]:
+    """Mesh, drag and name of the runs: Koch-Hill, the closure that the training starts from, and what came of it."""
+    planned = evidence.plan.parts["solver"].runs
+    drags = {"Koch-Hill": "", "filtered": "_filtered", **{name: f"_{name}" for name in names}}
+    every = [
+        (mesh, what, f"coarse_{factor}{end}")
+        for factor, mesh in list(paper.MESHES.items())[1:]
+        for what, end in drags.items()
+    ]
+    return [row for row in every if row[2] in planned]
