@@ -13,9 +13,10 @@ import jaxdem
 from jaxdem.errors import InputError
 from jaxdem.simulate import Interrupted
 from jaxdem.studies import paper
-from jaxdem.studies.driver import PARTS, FullStudy, require_same_scene
+from jaxdem.studies.driver import PARTS, FullStudy
 from jaxdem.studies.injection import injection_plan
-from jaxdem.studies.plan import RunSpec, by_name
+from jaxdem.studies.pieces import require_same_scene
+from jaxdem.studies.plan import FitSpec, RunSpec, by_name
 from jaxdem.studies.pool import Piece, Pool
 from jaxdem.studies.tables import Section, Table, write_results
 from jaxdem.study import SCENES, _claim
@@ -119,7 +120,7 @@ def test_every_scene_and_name_of_the_plan_is_sound(tmp_path):
     assert {name for piece in pieces.values() for name in piece.needs} <= set(pieces)
     assert set(PARTS) == set(plan.parts)
     assert {name for name in plan.runs} <= set(pieces)
-    for fit in plan.fits.values():
+    for fit in (one for one in plan.closures.values() if isinstance(one, FitSpec)):
         runs = [plan.datasets[name].run for name in fit.datasets]
         assert runs[-1] == "fine" and len(runs) > 2
     json.dumps([dict(piece.work) for piece in pieces.values()])

@@ -1,21 +1,25 @@
 """The whole chain on a tiny scene: run, samples, dataset, fit, run with the closure, compare; and going on."""
 
 import dataclasses
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.closures import KochHill
+from jaxdem.closures import KochHill, load_closure
 from jaxdem.errors import InputError
 from jaxdem.studies import measure
-from jaxdem.studies.driver import PARTS
+from jaxdem.studies.driver import PARTS, FullStudy
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.injection import injection_plan
 from jaxdem.studies.oracle import FLUID_METRICS, read_replay, replay_to_file
-from jaxdem.study import DEMOS, FULL, Plan, Study, run_study
+from jaxdem.studies.work import WORK
+from jaxdem.study import DEMOS, FULL, SCENES, Plan, Study, run_study
 from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
+from jaxdem.train.finetune import FinetuneResult
 from jaxdem.train.fit import FitSettings
 
 SCENE = {
@@ -158,7 +162,7 @@ def evidence(study, tmp_path_factory):
             write_history(fine / "history.csv", out / name / "history.csv", 1.0 + off)
     for name in ("filtered.closure.h5", "filtered.parity.npz"):
         (out / name).symlink_to(fine.parent / name)
-    for name in plan.fits["filtered"].datasets:
+    for name in plan.closures["filtered"].datasets:
         (out / f"{name}.h5").symlink_to(fine.parent / "dataset.h5")
     return Evidence(plan, out, {"coarse_2_filtered": "diverged"}, 2)
 
@@ -182,7 +186,7 @@ def test_errors_over_noise_are_ratios_of_time_integrals(evidence):
     )
 
 
-@pytest.mark.parametrize("name", ["mesh", "budget", "closures", "generalisation", "pareto"])
+@pytest.mark.parametrize("name", PARTS)
 def test_every_part_has_tables_and_names_what_is_missing(evidence, name):
     """With runs missing (the slab, all with closures) a part still gives what there is."""
     section = PARTS[name](dataclasses.replace(evidence, missing={}))
@@ -234,3 +238,43 @@ def test_replay_on_the_run_s_own_mesh_gives_the_run_s_fluid(study, tmp_path):
     assert measure.flux_error(result.time, result.velocity, result.void_fraction, run) < 0.02
     for name in FLUID_METRICS[1:]:
         np.testing.assert_allclose(result.history()[name], run.history[name][1:], rtol=0.02)
+
+
+def test_closures_made_of_closures(study, tmp_path):
+    """A student, a pruned network, an ensemble and a tuned closure are made as the plan asks, with the time it took."""
+    fine = study[0].out
+    made = {"teacher": str(fine / "filtered.closure.h5"), "datasets": [str(fine / "dataset.h5")], "epochs": 2}
+    given = {
+        "distill": {**made, "hidden": [4]},
+        "prune": {**made, "neurons": 0.5},
+        "ensemble": {"members": [made["teacher"]] * 2},
+    }
+    widths = {}
+    for kind, work in given.items():
+        out = tmp_path / f"{kind}.closure.h5"
+        WORK[kind](work | {"out": str(out)}, lambda done: None)
+        closure, metadata = load_closure(out)
+        assert metadata["study_seconds"] > 0.0
+        widths[kind] = getattr(closure, "members", closure).hidden
+    whole = load_closure(made["teacher"])[0].hidden
+    assert widths == {"distill": (4,), "prune": tuple(-(-n // 2) for n in whole), "ensemble": whole}
+
+
+def test_a_tuning_gets_the_plan_s_settings_and_scene(study, tmp_path, monkeypatch):
+    """Settings pass through JSON unchanged, and what the training gives is saved."""
+    plan = injection_plan()
+    pieces = {piece.name: piece for piece in FullStudy(plan, SCENES, tmp_path, Recorder(), 1).pieces()}
+    piece = pieces["train tuned_4"]
+    assert {"train filtered", "training_injection"} <= set(piece.needs)
+    seen = []
+
+    def stand_in(scene, reference, closure, metadata, settings, progress):
+        seen.append((scene.fluid.cells, Path(reference).name, settings))
+        return FinetuneResult(closure, {"finetune": {}}, "")
+
+    monkeypatch.setattr("jaxdem.train.finetune.finetune", stand_in)
+    start, out = study[0].out / "filtered.closure.h5", tmp_path / "tuned.closure.h5"
+    work = json.loads(json.dumps(dict(piece.work)))
+    WORK["tune"](work | {"start": str(start), "out": str(out)}, lambda done: None)
+    assert seen == [((75, 12), "training_injection", plan.closures["tuned_4"].settings)]
+    assert load_closure(out)[1]["study_seconds"] > 0.0

@@ -31,6 +31,7 @@ def compare(
     parity: Mapping[str, Mapping[str, Any]] | None = None,
     training_cost: Mapping[str, float] | None = None,
     notes: Sequence[str] = (),
+    sections: Sequence[page.PageSection] = (),
     until: float | None = None,
     title: str = "Comparison of runs",
 ) -> Comparison:
@@ -47,6 +48,7 @@ def compare(
         parity: name -> {predicted, target, base}, each (M, D) [N]; `base` may be missing.
         training_cost: name of a run -> time spent to train its closure [s].
         notes: sentences for the page.
+        sections: tables of one's own for the page, after the notes.
         until: nothing after this time is compared [s], e.g. when the front reaches the outlet.
         title: of the page.
 
@@ -78,7 +80,7 @@ def compare(
     result.sentences = findings.sentences(result)
     result.warnings = findings.warnings(result, [*entries, *jittered], until)
     result.notes = list(notes)
-    _write(title, result, entries, jittered, parity, Path(out))
+    _write(title, result, entries, jittered, parity, Path(out), sections)
     return result
 
 
@@ -89,6 +91,7 @@ def _write(
     jittered: list[Entry],
     parity: Mapping[str, Mapping[str, Any]] | None,
     out: Path,
+    sections: Sequence[page.PageSection],
 ) -> None:
     """All files; `result.files` names them."""
     out.mkdir(parents=True, exist_ok=True)
@@ -104,4 +107,4 @@ def _write(
     if parity:
         files["parity"] = figures.parity_figure(parity, out / "parity.png")
     files["html"] = out / "report.html"
-    page.write_page(title, result, every, looks, files["html"])
+    page.write_page(title, result, every, looks, files["html"], sections)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import math
 from collections.abc import Sequence
 from html import escape
@@ -21,6 +22,7 @@ CSS = """
 body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1c1c1c; background: #fff;
   margin: 0 auto; padding: 1.5rem; max-width: 1280px; }
 h1 { font-size: 1.7rem; margin: 0 0 .3rem; } h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
 .lead li, .notes li { margin: .25rem 0; max-width: 58rem; }
 .warning { border-left: 4px solid #B00020; background: #fdf1f2; padding: .5rem 1rem; margin: 1rem 0; }
 .wide { overflow-x: auto; }
@@ -42,14 +44,39 @@ img { max-width: 100%; height: auto; } .caption { color: #555; font-size: .88rem
 """
 
 
+@dataclasses.dataclass(frozen=True)
+class PageTable:
+    """A table of words; the first column is text, the others are numbers as they shall stand there."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class PageSection:
+    """A heading with sentences and tables of its own."""
+
+    title: str
+    text: Sequence[str]
+    tables: Sequence[PageTable]
+
+
 def write_page(
-    title: str, comparison: Comparison, entries: Sequence[Entry], styles: dict[str, RunStyle], path: Path
+    title: str,
+    comparison: Comparison,
+    entries: Sequence[Entry],
+    styles: dict[str, RunStyle],
+    path: Path,
+    sections: Sequence[PageSection] = (),
 ) -> None:
     """Write the page; the PNG files named in `comparison.files` are embedded.
 
     Args:
         entries: reference, runs and noise runs, in the order of the rows.
         styles: by name; noise runs have none.
+        sections: after the notes.
     """
     body = [
         f"<h1>{escape(title)}</h1>",
@@ -80,6 +107,7 @@ def write_page(
         ),
         *_image(comparison, "parity", "Force by closure and base law against the target", ""),
         *(["<h2>Notes</h2>", _list(comparison.notes, "notes")] if comparison.notes else []),
+        *map(_section, sections),
         "<h2>What differs from the reference's scene</h2>",
         _difference_table(entries),
         "<h2>Versions, machine, state of the runs</h2>",
@@ -93,6 +121,15 @@ def write_page(
         + "\n</body></html>\n"
     )
     path.write_text(page, encoding="utf-8")
+
+
+def _section(section: PageSection) -> str:
+    blocks = [f"<h2>{escape(section.title)}</h2>", _list(section.text, "notes") if section.text else ""]
+    for table in section.tables:
+        rows = [("", [escape(cell) for cell in row]) for row in table.rows]
+        blocks.append(f"<h3>{escape(table.title)}</h3>")
+        blocks.append(_table([escape(heading) for heading in table.headings], rows) + _caption(table.note))
+    return "\n".join(blocks)
 
 
 def _list(items: Sequence[str], kind: str) -> str:

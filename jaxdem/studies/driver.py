@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from jaxdem.errors import InputError
-from jaxdem.io import RunDirectory
-from jaxdem.io.run_directory import SCENE
 from jaxdem.report import Comparison, compare
-from jaxdem.scene import Scene, load_scene
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import screen_time
 from jaxdem.studies.part_budget import budget_part
@@ -21,15 +16,19 @@ from jaxdem.studies.part_closures import closures_part
 from jaxdem.studies.part_generalisation import generalisation_part
 from jaxdem.studies.part_mesh import mesh_part
 from jaxdem.studies.part_pareto import pareto_part
+from jaxdem.studies.part_smaller import smaller_part
+from jaxdem.studies.part_solver import solver_part
+from jaxdem.studies.pieces import Pieces
 from jaxdem.studies.plan import Part, StudyPlan
 from jaxdem.studies.pool import Bars, Piece, Pool
 from jaxdem.studies.tables import Section, write_results
-from jaxdem.train.architecture_table import read_search
 
 PARTS: dict[str, Callable[[Evidence], Section]] = {
     "mesh": mesh_part,
     "budget": budget_part,
     "closures": closures_part,
+    "solver": solver_part,
+    "smaller": smaller_part,
     "generalisation": generalisation_part,
     "pareto": pareto_part,
 }
@@ -87,92 +86,11 @@ class FullStudy:
             self.bars.say(
                 f"{part.name}: {len(evidence.missing)} missing" if evidence.missing else f"{part.name}: done"
             )
-        write_results(self.out, sections, {"jobs": self.jobs}, self.plan.parts)
-        return self._report(sections)
+        return self._report(write_results(self.out, sections, {"jobs": self.jobs}, self.plan.parts))
 
     def pieces(self) -> list[Piece]:
         """What the chosen parts need, everything after what it needs itself."""
-        found: dict[str, Piece] = {}
-        for part in self.parts:
-            for name in part.runs:
-                self._add_run(found, name)
-            for name in part.datasets:
-                self._add_dataset(found, name)
-            for name in part.fits:
-                self._add_fit(found, name)
-            for factor in part.oracles:
-                self._add_oracle(found, factor)
-            for name in part.searches:
-                self._add_search(found, name)
-        return list(found.values())
-
-    def scene_of(self, name: str) -> Scene:
-        """Scene of a run."""
-        spec = self.plan.runs[name]
-        overrides = dict(spec.overrides)
-        if spec.closure is not None:
-            overrides["closure.file"] = str(self._evidence().closure_file(spec.closure).resolve())
-        return load_scene(self.scenes / spec.scene, overrides)
-
-    def _add_run(self, found: dict[str, Piece], name: str) -> None:
-        if name in found:
-            return
-        spec, out = self.plan.runs[name], self.out / name
-        needs: tuple[str, ...] = ()
-        if spec.closure is not None:
-            self._add_fit(found, spec.closure)
-            needs = (f"train {spec.closure}",)
-        scene = self.scene_of(name)
-        require_same_scene(out, scene)
-        tables = scene.model_dump(by_alias=True, exclude_none=True, mode="json")
-        work = {"kind": "run", "scene": tables, "out": str(out)}
-        found[name] = Piece(name, work, scene.time.end, needs, RunDirectory.is_complete(out))
-
-    def _add_dataset(self, found: dict[str, Piece], name: str) -> None:
-        if name in found:
-            return
-        spec, out = self.plan.datasets[name], self.out / f"{name}.h5"
-        self._add_run(found, spec.run)
-        scene = self.scene_of(spec.run)
-        samples = scene.time.end / scene.output.samples / spec.every
-        work = {
-            "kind": "dataset", "run": str(self.out / spec.run), "out": str(out), "coarsen": spec.coarsen, "every": spec.every,
-        }  # fmt: skip
-        found[name] = Piece(name, work, len(spec.coarsen) * samples, (spec.run,), out.is_file())
-
-    def _add_fit(self, found: dict[str, Piece], name: str) -> None:
-        piece = f"train {name}"
-        if piece in found:
-            return
-        spec, out = self.plan.fits[name], self._evidence().closure_file(name)
-        for dataset in spec.datasets:
-            self._add_dataset(found, dataset)
-        work = {
-            "kind": "fit", "recipe": spec.recipe, "settings": dataclasses.asdict(spec.settings), "out": str(out),
-            "datasets": [str(self.out / f"{dataset}.h5") for dataset in spec.datasets],
-            "parity": str(self.out / f"{name}.parity.npz"),
-        }  # fmt: skip
-        found[piece] = Piece(piece, work, spec.settings.epochs, spec.datasets, out.is_file())
-
-    def _add_oracle(self, found: dict[str, Piece], factor: int) -> None:
-        out = self.out / f"oracle_{factor}.npz"
-        self._add_run(found, "fine")
-        work = {"kind": "oracle", "run": str(self.out / "fine"), "coarsen": factor, "out": str(out)}
-        total = self.scene_of("fine").time.end
-        found[out.stem] = Piece(out.stem, work, total, ("fine",), out.is_file())
-
-    def _add_search(self, found: dict[str, Piece], name: str) -> None:
-        spec, out = self.plan.searches[name], self.out / name
-        for dataset in spec.datasets:
-            self._add_dataset(found, dataset)
-        work = {
-            "kind": "search", "sweep": spec.sweep, "settings": dataclasses.asdict(spec.settings), "out": str(out),
-            "datasets": [str(self.out / f"{dataset}.h5") for dataset in spec.datasets],
-        }  # fmt: skip
-        rows = read_search(out)
-        number = spec.sweep.count(",") + 1
-        done = len(rows) == number and all(row["samples"] or row["reason"] for row in rows)
-        found[name] = Piece(name, work, number * spec.settings.epochs, spec.datasets, done)
+        return Pieces(self.plan, self.scenes, self.out).of(self.parts)
 
     def _evidence(self) -> Evidence:
         problems = {name.removeprefix("train "): why for name, why in self.problems.items()}
@@ -184,7 +102,7 @@ class FullStudy:
         fine = evidence.run("fine")
         names = [
             name
-            for part in ("mesh", "closures")
+            for part in ("mesh", "closures", "solver")
             for name in self.plan.parts[part].runs
             if name.startswith("coarse_") and "_seed_" not in name
         ]
@@ -200,42 +118,10 @@ class FullStudy:
             noise=evidence.jittered("fine"),
             parity=evidence.parity("filtered"),
             training_cost={name: seconds for name, seconds in cost.items() if seconds is not None},
-            notes=[sentence for section in sections for sentence in section.text],
+            sections=[section.page() for section in sections],
             until=screen_time(fine),
             title="Injection: a learned drag closure on coarse meshes",
         )
-
-
-def require_same_scene(out: Path, scene: Scene) -> None:
-    """Refuse a run directory of another scene; where its closure's file lies does not matter, nor new defaults.
-
-    Raises:
-        InputError: naming the first key that differs.
-    """
-    if not (out / SCENE).is_file():
-        return
-    stored, wanted = (_flat(_bare(s)) for s in (load_scene(out / SCENE), scene))
-    for key in {**wanted, **stored}:
-        if stored.get(key) != wanted.get(key):
-            limit = f"was run with {key} = {stored.get(key)!r}, the study asks for {wanted.get(key)!r}"
-            raise InputError("--out", str(out), limit, "Move that run away, or choose another folder.")
-
-
-def _bare(scene: Scene) -> dict[str, Any]:
-    tables = scene.model_dump(by_alias=True, exclude_none=True, mode="json")
-    tables["output"].pop("checkpoint_interval", None)
-    if "file" in tables["closure"]:
-        tables["closure"]["file"] = Path(tables["closure"]["file"]).name
-    return tables
-
-
-def _flat(tables: dict[str, Any], prefix: str = "") -> dict[str, str]:
-    flat: dict[str, str] = {}
-    for key, value in tables.items():
-        flat |= (
-            _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: json.dumps(value)}
-        )
-    return flat
 
 
 def default_jobs() -> int:

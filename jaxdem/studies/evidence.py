@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +16,7 @@ from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
 from jaxdem.studies.measure import errors, noise_floor
 from jaxdem.studies.oracle import Replay, read_replay
-from jaxdem.studies.plan import StudyPlan
+from jaxdem.studies.plan import StudyPlan, made_of
 
 
 @dataclasses.dataclass
@@ -76,7 +77,7 @@ class Evidence:
         """File of a closure."""
         return self.out / f"{name}.closure.h5"
 
-    def fit(self, name: str) -> dict[str, Any] | None:
+    def closure(self, name: str) -> dict[str, Any] | None:
         """Metadata of a closure."""
         path = self.closure_file(name)
         if not path.is_file():
@@ -85,12 +86,14 @@ class Evidence:
         return load_closure(path)[1]
 
     def training_seconds(self, name: str | None) -> float | None:
-        """Wall time that a closure took to train [s]."""
-        found = None if name is None else self.fit(name)
-        if found is None:
+        """Wall time that a closure took to train, with those that it is made of; without the runs [s]."""
+        found = None if name is None else self.closure(name)
+        if found is None or name is None:
             return None
-        seconds = found.get("study_seconds", found.get("seconds"))
-        return None if seconds is None else float(seconds)
+        before = [self.training_seconds(other) for other in made_of(self.plan.closures[name])]
+        return float(found.get("study_seconds", found.get("seconds", math.nan))) + sum(
+            seconds or 0.0 for seconds in before
+        )
 
     def parity(self, name: str) -> dict[str, dict[str, np.ndarray]]:
         """Arrays for the parity plot, by the mesh that the inputs are averaged to; {} without."""

@@ -6,10 +6,24 @@ closure's; `_seed_1` is another jitter of the pack. Without a scene's name it is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from jaxdem.studies.plan import DatasetSpec, FitSpec, Part, RunSpec, SearchSpec, StudyPlan, by_name
+from jaxdem.closures.invariant import TERMS
+from jaxdem.studies.plan import (
+    DatasetSpec,
+    EnsembleSpec,
+    FitSpec,
+    Part,
+    RunSpec,
+    SearchSpec,
+    SmallerSpec,
+    StudyPlan,
+    TuneSpec,
+    by_name,
+)
+from jaxdem.train.finetune import FinetuneSettings
 from jaxdem.train.fit_settings import FitSettings
 
 INJECTION, SLAB, DILUTE = "injection.toml", "injection_slab.toml", "dilute_jet.toml"
@@ -32,6 +46,9 @@ CELLS: dict[str, dict[int, list[int]]] = {
     DILUTE: {2: [128, 32, 32], 4: [64, 16, 16]},
 }
 """Cells of the coarse meshes, by scene and factor."""
+
+WHOLE_INLET = {"boundary.left.to": 2.0}
+"""Water through all of the left side, as the source study's text may be read."""
 
 UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
     "speed_1_5": (INJECTION, {"boundary.left.velocity": 1.5}),
@@ -109,10 +126,12 @@ TRAINING = (
 def mesh_runs() -> list[RunSpec]:
     """All meshes, single layer and slab, three packs each; other drag laws at 8 cm."""
     laws = [varied(COARSE[2], law, {"coupling.drag": law}) for law in ("di_felice", "gidaspow")]
+    bare = RunSpec("fine", INJECTION)
+    whole = [varied(run, "whole_inlet", WHOLE_INLET) for run in (bare, *(COARSE[n] for n in FACTORS))]
     layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
     slab = [SLAB_FINE, *SLAB_COARSE.values()]
     seeds = [run for plain in (*layer, *slab) for run in jittered(plain)]
-    return [*layer, *laws, *slab, *seeds]
+    return [*layer, *laws, *slab, *seeds, *whole]
 
 
 def budget_runs() -> list[RunSpec]:
@@ -129,32 +148,82 @@ def budget_runs() -> list[RunSpec]:
     return [FINE, *jittered(FINE), *(COARSE[factor] for factor in FACTORS), *inputs, *fluids]
 
 
+DATASETS = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
+"""What closures are trained on, and the fine run, which is held out."""
+
+ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{seed}" for seed in SEEDS)))
+
+TUNING = FinetuneSettings(horizons=(1, 2, 4), updates=6)
+"""Through the solver, an update over one output costs five times 0.1 s of a run."""
+
+
 def fits() -> list[FitSpec]:
     """Both recipes with three seeds, and the paper's with the activations that it runs in the solver."""
-    datasets = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
     result = []
     for seed in (0, *SEEDS):
         end = f"_seed_{seed}" if seed else ""
         for activation in ACTIVATIONS:
             name = "paper" if activation == "elu" else f"paper_{activation}"
             settings = FitSettings(activation=activation, seed=seed, coarsenings=(1,))
-            result.append(FitSpec(name + end, "paper", settings, datasets))
+            result.append(FitSpec(name + end, "paper", settings, DATASETS))
         settings = FitSettings.filtered(seed=seed, coarsenings=COARSENINGS)
-        result.append(FitSpec("filtered" + end, "filtered", settings, datasets))
+        result.append(FitSpec("filtered" + end, "filtered", settings, DATASETS))
+    settings = FitSettings.filtered(terms=TERMS, coarsenings=COARSENINGS)
+    return [*result, FitSpec("filtered_terms", "filtered", settings, DATASETS)]
+
+
+def tuned() -> list[TuneSpec]:
+    """The filtered closure trained on through coarse runs of the training injection, at 8 and 16 cm."""
+    cells = {factor: {"fluid.cells": CELLS[INJECTION][factor]} for factor in (2, 4)}
+    run = TRAINING[1].name
+    every = [TuneSpec(f"tuned_{factor}", "filtered", run, cells[factor], TUNING) for factor in cells]
+    search = dataclasses.replace(TUNING, method="gradient-free")
+    return [*every, TuneSpec("tuned_4_search", "filtered", run, cells[4], search)]
+
+
+def smaller() -> list[FitSpec | SmallerSpec]:
+    """Networks of less neurons, of both recipes."""
+    result: list[FitSpec | SmallerSpec] = []
+    for hidden in ((64, 32), (8,), (4,)):
+        settings = FitSettings.filtered(hidden=hidden, coarsenings=COARSENINGS)
+        result.append(FitSpec(f"filtered_{_words(hidden)}", "filtered", settings, DATASETS))
+    for hidden in ((32, 16), (8, 4)):
+        name = f"paper_distilled_{_words(hidden)}"
+        result.append(SmallerSpec(name, "paper", DATASETS, epochs=200, hidden=hidden))
+    for neurons in (0.5, 0.25):
+        name = f"paper_pruned_{_words((neurons,))}"
+        result.append(SmallerSpec(name, "paper", DATASETS, epochs=100, neurons=neurons))
     return result
+
+
+def _words(numbers: Iterable[float]) -> str:
+    return "_".join(f"{number:g}".replace(".", "_") for number in numbers)
 
 
 def searches() -> list[SearchSpec]:
     """The source study's tables, a tenth of its epochs each: with all of them they would take a day of one core."""
-    datasets = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
     settings = FitSettings(epochs=200)
-    return [SearchSpec(f"sweep_{sweep.split('=')[0]}", sweep, settings, datasets) for sweep in SWEEPS]
+    return [SearchSpec(f"sweep_{sweep.split('=')[0]}", sweep, settings, DATASETS) for sweep in SWEEPS]
 
 
 def closure_runs() -> list[RunSpec]:
     """Coarse runs with closures: all meshes with the first seed, 8 cm with all."""
     first = [COARSE[factor].with_closure(name) for factor in FACTORS for name in ("filtered", "paper")]
-    return [*first, *(COARSE[2].with_closure(fit.name) for fit in fits())]
+    other = [
+        COARSE[factor].with_closure(name) for factor in (2, 4) for name in ("filtered_terms", ENSEMBLE.name)
+    ]
+    return [*first, *other, *(COARSE[2].with_closure(fit.name) for fit in fits())]
+
+
+def solver_runs() -> list[RunSpec]:
+    """Coarse runs with closures that were trained through the solver; at 32 cm with that of 16 cm."""
+    names = {2: ("tuned_2",), 4: ("tuned_4", "tuned_4_search"), 8: ("tuned_4",)}
+    return [COARSE[factor].with_closure(name) for factor, several in names.items() for name in several]
+
+
+def smaller_runs() -> list[RunSpec]:
+    """16 cm with closures of all sizes."""
+    return [COARSE[4].with_closure(name) for name in ("filtered", "paper", *(one.name for one in smaller()))]
 
 
 def unseen_runs() -> list[RunSpec]:
@@ -181,18 +250,21 @@ def injection_plan() -> StudyPlan:
     training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=3) for run in TRAINING]
     tests = [DatasetSpec("dataset_fine", "fine", (1, 2, 3, 4, 8), every=10)]
     tests += [DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN]
-    mesh, budget, closed, unseen, pareto = (
-        tuple(dict.fromkeys(run.name for run in runs))
-        for runs in (mesh_runs(), budget_runs(), closure_runs(), unseen_runs(), pareto_runs())
+    every = (mesh_runs, budget_runs, closure_runs, solver_runs, smaller_runs, unseen_runs, pareto_runs)
+    mesh, budget, closed, through, small, unseen, pareto = (
+        tuple(dict.fromkeys(run.name for run in runs())) for runs in every
     )
     plain = tuple(run.name for run in (FINE, *jittered(FINE), *(COARSE[factor] for factor in FACTORS)))
-    names = tuple(fit.name for fit in fits())
+    names = (*(fit.name for fit in fits()), ENSEMBLE.name)
     parts = [
         Part("mesh", mesh),
         Part("budget", budget, oracles=COARSENINGS),
         Part("closures", (*plain, *closed), names, ("dataset_fine",), searches=tuple(by_name(searches()))),
+        Part("solver", (*plain, *closed[:6], *through), ("filtered", *(one.name for one in tuned()))),
+        Part("smaller", (*plain, *small), ("filtered", "paper", *(one.name for one in smaller()))),
         Part("generalisation", (*plain, *unseen), ("filtered", "paper"), tuple(test.name for test in tests)),
-        Part("pareto", (*plain, *closed, *pareto), ("filtered", "paper")),
+        Part("pareto", (*plain, *closed, *through, *pareto), ("filtered", "paper")),
     ]
-    runs = by_name([*mesh_runs(), *budget_runs(), *TRAINING, *closure_runs(), *unseen_runs(), *pareto_runs()])
-    return StudyPlan(runs, by_name([*training, *tests]), by_name(fits()), by_name(parts), by_name(searches()))
+    runs = by_name([*TRAINING, *(run for runs in every for run in runs())])
+    closures = by_name([*fits(), ENSEMBLE, *tuned(), *smaller()])
+    return StudyPlan(runs, by_name([*training, *tests]), closures, by_name(parts), by_name(searches()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -21,6 +22,16 @@ EVALUATED = 20_000
 """Particles in the measurement of a drag evaluation."""
 
 
+DRAGS = {
+    "Koch-Hill": "",
+    "filtered": "_filtered",
+    "filtered, with terms": "_filtered_terms",
+    "filtered, ensemble": "_filtered_ensemble",
+    "paper": "_paper",
+}
+"""By what stands behind the names of coarse runs; terms and the ensemble at 8 and 16 cm only."""
+
+
 def closures_part(evidence: Evidence) -> Section:
     """R2, coarse runs with closures, the band of seeds and activations, the paper's figures beside ours."""
     section = Section("closures", "Learned closures")
@@ -36,8 +47,8 @@ def closures_part(evidence: Evidence) -> Section:
 
 def _held_out(evidence: Evidence) -> Table:
     rows: list[list[Cell]] = []
-    for name in evidence.plan.fits:
-        found = evidence.fit(name)
+    for name in evidence.plan.parts["closures"].closures:
+        found = evidence.closure(name)
         for factor, r2 in ({} if found is None else found["r2"]).items():
             scores = [float(r2[key]) for key in ("closure", "base", "regression")]
             rows.append([name, f"{factor}x", *scores, 100 * float(r2["out_of_range"])])
@@ -54,15 +65,17 @@ def _held_out(evidence: Evidence) -> Table:
 
 def _coarse_runs(evidence: Evidence) -> list[Table]:
     ends: list[list[Cell]] = []
-    wrong: list[list[Cell]] = []
+    compared: list[tuple[str, str, str]] = []
     for factor, mesh in list(paper.MESHES.items())[1:]:
-        for what, name in (("Koch-Hill", ""), ("filtered", "_filtered"), ("paper", "_paper")):
-            run, error = evidence.run(f"coarse_{factor}{name}"), evidence.errors(f"coarse_{factor}{name}")
-            if run is None or error is None:
+        for what, name in DRAGS.items():
+            compared.append((mesh, what, f"coarse_{factor}{name}"))
+            if (run := evidence.run(f"coarse_{factor}{name}")) is None:
                 continue
-            closed = what == "paper"
-            theirs = (paper.RUNOFF_CLOSURE, paper.HEIGHT_CLOSURE) if closed else (paper.RUNOFF, paper.HEIGHT)
-            given = [None, None] if what == "filtered" else [table[factor] for table in theirs]
+            theirs = {
+                "paper": (paper.RUNOFF_CLOSURE, paper.HEIGHT_CLOSURE),
+                "Koch-Hill": (paper.RUNOFF, paper.HEIGHT),
+            }
+            given = [table[factor] for table in theirs[what]] if what in theirs else [None, None]
             outside = 100 * float(run.summary["closure"]["out_of_range_fraction"])
             final = [float(run.history[key][-1]) for key in ("runoff", "height")]
             ends.append(
@@ -77,10 +90,6 @@ def _coarse_runs(evidence: Evidence) -> list[Table]:
                     outside,
                 ]
             )
-            ratio = over(error, evidence.floor)
-            wrong.append(
-                [mesh, what, *(ratio[n] for n in NAMES), mean_over(error, evidence.floor), 100 * mean(error)]
-            )
     headings = [
         "mesh",
         "drag",
@@ -93,8 +102,23 @@ def _coarse_runs(evidence: Evidence) -> list[Table]:
     ]
     return [
         Table("Coarse runs at the end", headings, ends, "The paper's fine run: 9.1 m and 0.856 m."),
-        Table("Error over noise [-]", ["mesh", "drag", *LABELS, "mean", "mean error [%]"], wrong),
+        over_noise(evidence, compared),
     ]
+
+
+def over_noise(evidence: Evidence, runs: Iterable[tuple[str, str, str]]) -> Table:
+    """Errors of coarse runs over the noise of the fine one.
+
+    Args:
+        evidence: the study's folder.
+        runs: mesh and drag in words, and the run's name.
+    """
+    rows: list[list[Cell]] = []
+    for mesh, what, name in runs:
+        if (error := evidence.errors(name)) is not None:
+            ratio, whole = over(error, evidence.floor), mean_over(error, evidence.floor)
+            rows.append([mesh, what, *(ratio[n] for n in NAMES), whole, 100 * mean(error)])
+    return Table("Error over noise [-]", ["mesh", "drag", *LABELS, "mean", "mean error [%]"], rows)
 
 
 def _band(evidence: Evidence) -> Table:
@@ -107,7 +131,8 @@ def _band(evidence: Evidence) -> Table:
         "paper, softplus": "paper_softplus",
     }
     for words, name in kinds.items():
-        seeds = [fit for fit in evidence.plan.fits if fit == name or fit.startswith(f"{name}_seed_")]
+        known = evidence.plan.parts["closures"].closures
+        seeds = [fit for fit in known if fit == name or fit.startswith(f"{name}_seed_")]
         runs = evidence.runs(f"coarse_2_{fit}" for fit in seeds)
         errors = [error for fit in seeds if (error := evidence.errors(f"coarse_2_{fit}")) is not None]
         ends = [[float(run.history[key][-1]) for run in runs] for key in ("runoff", "height")]

@@ -16,6 +16,7 @@ from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.registry import drag_law
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor
+from jaxdem.studies.plan import FitSpec
 from jaxdem.studies.tables import Cell, Section, Table
 from jaxdem.train.dataset_file import Group, read_dataset
 from jaxdem.train.fit_evaluate import Predictor, map_rows, r_squared, thin
@@ -64,13 +65,14 @@ def _forces(evidence: Evidence) -> Table:
     """Normalised error and R2 of the force on every grain."""
     laws: dict[str, Any] = {}
     for name in CLOSURES:
-        if evidence.fit(name) is not None:
+        if evidence.closure(name) is not None:
             laws[name] = load_closure(evidence.closure_file(name))[0]
     predictors: dict[str, Predictor] = {
         name: partial(lambda closure, group: map_rows(partial(_force, closure), group), closure)
         for name, closure in laws.items()
     }
-    spec = evidence.plan.fits["filtered"]
+    spec = evidence.plan.closures["filtered"]
+    assert isinstance(spec, FitSpec)
     files = [evidence.dataset(name) for name in spec.datasets[:-1]]
     if isinstance(laws.get("filtered"), InvariantClosure) and all(files):
         data = [read_dataset(file) for file in files if file is not None]

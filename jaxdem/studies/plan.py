@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
+from jaxdem.train.finetune import FinetuneSettings
 from jaxdem.train.fit_settings import FitSettings
 
 
@@ -65,6 +66,72 @@ class FitSpec:
 
 
 @dataclasses.dataclass(frozen=True)
+class TuneSpec:
+    """A closure trained on through coarse runs that follow a finer one.
+
+    Attributes:
+        name: of the file, without its ending.
+        start: closure to begin with.
+        reference: name of the run to follow.
+        overrides: of the reference's scene that make it the coarse one.
+        settings: of the training.
+    """
+
+    name: str
+    start: str
+    reference: str
+    overrides: Mapping[str, Any]
+    settings: FinetuneSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class SmallerSpec:
+    """A cheaper closure made of another one.
+
+    Attributes:
+        name: of the file, without its ending.
+        teacher: the other one.
+        datasets: as for `FitSpec`.
+        epochs: of the training.
+        hidden: widths of a network that is taught by it; None prunes.
+        neurons: part of the neurons that pruning keeps, before it trains on.
+    """
+
+    name: str
+    teacher: str
+    datasets: tuple[str, ...]
+    epochs: int
+    hidden: tuple[int, ...] | None = None
+    neurons: float = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class EnsembleSpec:
+    """Closures that differ in their seed as one.
+
+    Attributes:
+        name: of the file, without its ending.
+        members: the closures.
+    """
+
+    name: str
+    members: tuple[str, ...]
+
+
+ClosureSpec = FitSpec | TuneSpec | SmallerSpec | EnsembleSpec
+"""Any closure of a study."""
+
+
+def made_of(spec: ClosureSpec) -> tuple[str, ...]:
+    """Names of the closures that another one is made of."""
+    if isinstance(spec, TuneSpec):
+        return (spec.start,)
+    if isinstance(spec, SmallerSpec):
+        return (spec.teacher,)
+    return spec.members if isinstance(spec, EnsembleSpec) else ()
+
+
+@dataclasses.dataclass(frozen=True)
 class SearchSpec:
     """Networks of the recipe `paper` that differ in one setting, as `jaxdem train --sweep` trains them.
 
@@ -88,7 +155,7 @@ class Part:
     Attributes:
         name: as given to `--parts`.
         runs: names of runs.
-        fits: names of closures.
+        closures: names of closures.
         datasets: names of datasets beside those that the closures are trained on.
         oracles: factors of the mesh on which the fine run is replayed.
         searches: names of searches over networks.
@@ -96,7 +163,7 @@ class Part:
 
     name: str
     runs: tuple[str, ...]
-    fits: tuple[str, ...] = ()
+    closures: tuple[str, ...] = ()
     datasets: tuple[str, ...] = ()
     oracles: tuple[int, ...] = ()
     searches: tuple[str, ...] = ()
@@ -108,18 +175,18 @@ class StudyPlan:
 
     runs: Mapping[str, RunSpec]
     datasets: Mapping[str, DatasetSpec]
-    fits: Mapping[str, FitSpec]
+    closures: Mapping[str, ClosureSpec]
     parts: Mapping[str, Part]
     searches: Mapping[str, SearchSpec] = dataclasses.field(default_factory=dict)
 
     @property
     def files(self) -> set[str]:
         """Names of all runs, datasets, closures and searches in the study's folder."""
-        closures = {f"{name}{ending}" for name in self.fits for ending in (".closure.h5", ".parity.npz")}
+        closures = {f"{name}{ending}" for name in self.closures for ending in (".closure.h5", ".parity.npz")}
         return {*self.runs, *(f"{name}.h5" for name in self.datasets), *closures, *self.searches}
 
 
-Named = TypeVar("Named", RunSpec, DatasetSpec, FitSpec, Part, SearchSpec)
+Named = TypeVar("Named", RunSpec, DatasetSpec, ClosureSpec, Part, SearchSpec)
 
 
 def by_name(items: Iterable[Named]) -> dict[str, Named]:

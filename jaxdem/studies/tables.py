@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxdem.io.durable import write_bytes
+from jaxdem.report.page import PageSection, PageTable
 
 Cell = str | float | int | None
 """A word, a number, or None for what is missing."""
@@ -38,6 +39,11 @@ class Table:
         lines = [f"**{self.title}**", "", _line(self.headings), _line(["---"] * len(self.headings))]
         lines += [_line([shown(cell, self.digits) for cell in row]) for row in self.rows]
         return "\n".join([*lines, *(["", self.note] if self.note else []), ""])
+
+    def page(self) -> PageTable:
+        """The table for a report."""
+        rows = [[shown(cell, self.digits) for cell in row] for row in self.rows]
+        return PageTable(self.title, self.headings, rows, self.note)
 
 
 @dataclasses.dataclass
@@ -70,6 +76,11 @@ class Section:
             blocks.append("Missing:\n\n" + "\n".join(lines))
         return "\n\n".join(block for block in blocks if block) + "\n"
 
+    def page(self) -> PageSection:
+        """The section for a report."""
+        missing = [f"Missing: {', '.join(self.missing)}."] if self.missing else []
+        return PageSection(self.title, [*self.text, *missing], [table.page() for table in self.tables])
+
 
 def shown(cell: Cell, digits: int = 3) -> str:
     """A cell as text; a dash for what is missing."""
@@ -84,7 +95,7 @@ def shown(cell: Cell, digits: int = 3) -> str:
 
 def write_results(
     out: Path, sections: Iterable[Section], about: Mapping[str, Any], order: Iterable[str]
-) -> None:
+) -> list[Section]:
     """results.json and tables.md; parts of an earlier call that are not among `sections` are kept.
 
     Args:
@@ -92,6 +103,9 @@ def write_results(
         sections: of the parts looked at now.
         about: how they were made.
         order: of the parts.
+
+    Returns:
+        All sections, those kept among them.
     """
     file, found = out / "results.json", {}
     if file.is_file():
@@ -101,12 +115,14 @@ def write_results(
     }
     parts = {name: found[name] for name in order if name in found}
     write_bytes(file, (json.dumps({"parts": parts}, indent=1) + "\n").encode())
-    texts = []
+    every = []
     for part in parts.values():
         tables = [Table(**table) for table in part["tables"]]
-        kept = {name: part[name] for name in ("name", "title", "text", "missing")}
-        texts.append(Section(**kept, tables=tables).markdown())
-    write_bytes(out / "tables.md", "\n".join(texts).encode())
+        every.append(
+            Section(**{name: part[name] for name in ("name", "title", "text", "missing")}, tables=tables)
+        )
+    write_bytes(out / "tables.md", "\n".join(section.markdown() for section in every).encode())
+    return every
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -6,11 +6,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +46,8 @@ def do_fit(work: dict[str, Any], report: Report) -> None:
 def do_search(work: dict[str, Any], report: Report) -> None:
     """Networks of the recipe `paper` that differ in one setting: `sweep`, `settings`, `datasets`, `out` (folder)."""
     from jaxdem.train.architecture_search import parse_sweep, search
-    from jaxdem.train.dataset_file import read_dataset
 
-    datasets = [read_dataset(Path(name)) for name in work["datasets"]]
+    datasets = _read_all(work["datasets"])
     varied = [parse_sweep(work["sweep"])]
     search(datasets, "paper", _settings(work["settings"]), varied, Path(work["out"]), _Epochs(report))
 
@@ -70,8 +70,12 @@ class _Epochs:
 def _settings(plain: dict[str, Any]) -> Any:
     from jaxdem.train.fit_settings import FitSettings
 
-    given: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in plain.items()}
-    return FitSettings(**given)
+    return FitSettings(**_tuples(plain))
+
+
+def _tuples(plain: dict[str, Any]) -> dict[str, Any]:
+    """Settings as they were before they were JSON."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
 
 
 def fit_to_files(
@@ -88,22 +92,86 @@ def fit_to_files(
     """
     import numpy as np
 
-    from jaxdem.closures import save_closure
-    from jaxdem.train.dataset_file import read_dataset
     from jaxdem.train.fit import fit_filtered, fit_paper
 
-    begin = clock.perf_counter()
     fit = {"filtered": fit_filtered, "paper": fit_paper}[recipe]
-    result = fit(
-        [read_dataset(file) for file in datasets], settings, progress=lambda epoch, *_: report(epoch)
-    )
-    arrays = {
-        f"{factor}/{name}": array for factor, figures in result.parity.items() for name, array in figures.items()
-    }  # fmt: skip
-    with parity.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]
-    seconds = clock.perf_counter() - begin
-    save_closure(out, result.closure, {**result.metadata, "study_seconds": seconds})
+    with _saved(out) as result:
+        found = fit(_read_all(datasets), settings, progress=lambda epoch, *_: report(epoch))
+        arrays = {
+            f"{factor}/{name}": array for factor, figures in found.parity.items() for name, array in figures.items()
+        }  # fmt: skip
+        with parity.open("wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+        result += [found.closure, found.metadata]
+
+
+def do_tune(work: dict[str, Any], report: Report) -> None:
+    """A closure trained on through the solver: `scene` (tables, coarse), `reference`, `start`, `settings`, `out`."""
+    from jaxdem.closures.file import load_single
+    from jaxdem.scene import load_scene
+    from jaxdem.train.finetune import FinetuneSettings, finetune
+
+    settings = FinetuneSettings(**_tuples(work["settings"]))
+    with _saved(Path(work["out"])) as result:
+        closure, metadata = load_single(work["start"], "")
+        scene = load_scene(work["scene"])
+        found = finetune(
+            scene, work["reference"], closure, metadata, settings, lambda done, *_: report(float(done))
+        )
+        result += [found.closure, found.metadata]
+
+
+def do_distill(work: dict[str, Any], report: Report) -> None:
+    """A small network taught by a closure: `teacher`, `hidden`, `epochs`, `datasets`, `out`."""
+    from jaxdem.closures import load_closure
+    from jaxdem.train.compress import distill, settings_for
+
+    with _saved(Path(work["out"])) as result:
+        teacher, _ = load_closure(work["teacher"])
+        settings = settings_for(teacher, hidden=tuple(work["hidden"]), epochs=work["epochs"])
+        found = distill(teacher, _read_all(work["datasets"]), settings, lambda epoch, *_: report(epoch))
+        result += [found.closure, found.metadata]
+
+
+def do_prune(work: dict[str, Any], report: Report) -> None:
+    """A closure without its least neurons, trained on: `teacher`, `neurons`, `epochs`, `datasets`, `out`."""
+    from jaxdem.closures.file import load_single
+    from jaxdem.train.compress import prune, settings_for
+
+    with _saved(Path(work["out"])) as result:
+        closure, _ = load_single(work["teacher"], "")
+        settings, data = settings_for(closure, epochs=work["epochs"]), _read_all(work["datasets"])
+        found = prune(closure, data, work["neurons"], settings, True, lambda epoch, *_: report(epoch))
+        result += [found.closure, found.metadata]
+
+
+def do_ensemble(work: dict[str, Any], report: Report) -> None:
+    """Closures as one: `members` (files), `out`."""
+    from jaxdem.closures import EnsembleClosure
+    from jaxdem.closures.file import load_single
+
+    with _saved(Path(work["out"])) as result:
+        members = [load_single(name, "") for name in work["members"]]
+        names = [Path(name).name for name in work["members"]]
+        result += [EnsembleClosure.of([closure for closure, _ in members]), {"members": names}]
+    report(1.0)
+
+
+@contextlib.contextmanager
+def _saved(out: Path) -> Iterator[list[Any]]:
+    """Takes a closure and its metadata in a list, and saves them with the time that it took."""
+    from jaxdem.closures import save_closure
+
+    begin, result = clock.perf_counter(), []  # type: tuple[float, list[Any]]
+    yield result
+    closure, metadata = result
+    save_closure(out, closure, {**metadata, "study_seconds": clock.perf_counter() - begin})
+
+
+def _read_all(datasets: Iterable[str | Path]) -> list[Any]:
+    from jaxdem.train.dataset_file import read_dataset
+
+    return [read_dataset(Path(name)) for name in datasets]
 
 
 def do_oracle(work: dict[str, Any], report: Report) -> None:
@@ -118,6 +186,10 @@ WORK: dict[str, Callable[[dict[str, Any], Report], None]] = {
     "run": do_run,
     "dataset": do_dataset,
     "fit": do_fit,
+    "tune": do_tune,
+    "distill": do_distill,
+    "prune": do_prune,
+    "ensemble": do_ensemble,
     "search": do_search,
     "oracle": do_oracle,
 }

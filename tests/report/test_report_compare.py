@@ -18,6 +18,7 @@ import jaxdem.report
 from jaxdem.errors import InputError
 from jaxdem.metrics import METRICS
 from jaxdem.report import compare, terminal_table
+from jaxdem.report.page import PageSection, PageTable
 from jaxdem.report.runs import number, scene_differences, text
 
 NAMES = [metric.name for metric in METRICS]
@@ -46,6 +47,7 @@ def test_files_and_columns(make: Any, tmp_path: Path) -> None:
         make("fine", cells=(300, 50), wall=20.0), runs, tmp_path / "new" / "out", noise=noise, notes=["a <note>"],
         parity={"16 cm": dict(zip(("predicted", "target", "base"), arrays, strict=True))},
         training_cost={"coarse": 30.0}, names=["coarse", "<b>odd</b></script>"],
+        sections=[PageSection("Mesh & drag", ["a < b"], [PageTable("T", ["what", "[%]"], [["<i>", "3"]], "said")])],
     )  # fmt: skip
     out = tmp_path / "new" / "out"
     for file in (
@@ -77,6 +79,14 @@ def test_files_and_columns(make: Any, tmp_path: Path) -> None:
     assert page.count('<script src="http') == 0 and page.count('<img alt="') == 2
     assert page.count("plotly.js v") == 1 and len(page) < 9_000_000
     assert "<b>odd" not in page and "odd</b></script>" not in page and "a &lt;note&gt;" in page
+    for text in (
+        "<h2>Mesh &amp; drag</h2>",
+        "<li>a &lt; b</li>",
+        "<h3>T</h3>",
+        "&lt;i&gt;</td><td>3</td>",
+        ">said<",
+    ):
+        assert text in page
     assert {path.name for path in result.files.values()} == {path.name for path in out.iterdir()}
 
 
