@@ -79,14 +79,14 @@ def test_files_and_columns(make: Any, tmp_path: Path) -> None:
     assert page.count('<script src="http') == 0 and page.count('<img alt="') == 2
     assert page.count("plotly.js v") == 1 and len(page) < 9_000_000
     assert "<b>odd" not in page and "odd</b></script>" not in page and "a &lt;note&gt;" in page
-    for text in (
+    for words in (
         "<h2>Mesh &amp; drag</h2>",
         "<li>a &lt; b</li>",
         "<h3>T</h3>",
         "&lt;i&gt;</td><td>3</td>",
         ">said<",
     ):
-        assert text in page
+        assert words in page
     assert {path.name for path in result.files.values()} == {path.name for path in out.iterdir()}
 
 
