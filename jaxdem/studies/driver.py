@@ -116,7 +116,7 @@ class FullStudy:
             self.out,
             names=["fine", *found],
             noise=evidence.jittered("fine"),
-            parity=evidence.parity("filtered"),
+            parity={**evidence.parity("filtered"), **evidence.parity("paper")},
             training_cost={name: seconds for name, seconds in cost.items() if seconds is not None},
             sections=[section.page() for section in sections],
             until=screen_time(fine),

@@ -102,8 +102,8 @@ class Evidence:
             with np.load(path, allow_pickle=False) as stored:
                 for key in stored.files:
                     factor, kind = key.split("/")
-                    title = "fine inputs" if factor == "1" else f"inputs averaged {factor}x"
-                    figures.setdefault(title, {})[kind] = stored[key]
+                    inputs = "fine inputs" if factor == "1" else f"inputs averaged {factor}x"
+                    figures.setdefault(f"{name}, {inputs}", {})[kind] = stored[key]
         return figures
 
     def dataset(self, name: str) -> Path | None:
