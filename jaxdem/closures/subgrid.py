@@ -17,8 +17,8 @@ LARGEST_VISCOSITY = 0.1
 """Of c_1, a Smagorinsky constant of 0.32."""
 LEAST_VISCOSITY = -0.02
 """Of c_1: as far below zero as the numerical viscosity of the advection at extrema, |u| h / 2, carries."""
-LARGEST_GRADIENT = 1.0 / 6.0
-"""Of |c_n|: twice what the mean of a smooth field over a cell gives."""
+LARGEST_GRADIENT = 0.25
+"""Of |c_n|: three times what the mean of a smooth field over a cell gives."""
 
 FEATURES = 4
 OUTPUTS = 2
@@ -31,7 +31,7 @@ class SubgridClosure:
 
     tau_ij = 2 c_1 Delta^2 |S| S_ij - c_n sum_k h_k^2 du_i/dx_k du_j/dx_k, with (n_1, n_2) = network(x) and
     c_1    0.1 tanh(n_1 / 2) where n_1 > 0, else 0.02 tanh(5 n_1 / 2), so that it lies in (-0.02, 0.1),
-    c_n    tanh(n_2) / 6.
+    c_n    tanh(n_2) / 4.
     The features x, from |S| = sqrt(2 S:S), |W| = sqrt(2 W:W) of the rotation rate, the filter size Delta and the
     void fraction g:
     ln(1 + |S| Delta^2 / nu) / 10;  |W| / (|S| + |W|), 0 at rest;  g;  Delta |grad g|.
