@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -12,11 +13,14 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.network import Perceptron, apply_weights, initial_weights
+from jaxdem.errors import InputError
 
 LARGEST_VISCOSITY = 0.1
 """Of c_1, a Smagorinsky constant of 0.32."""
 LEAST_VISCOSITY = -0.02
 """Of c_1: as far below zero as the numerical viscosity of the advection at extrema, |u| h / 2, carries."""
+VISCOSITY_SLOPE = 0.05
+"""Of c_1 by the network's output, where that is zero."""
 LARGEST_GRADIENT = 0.25
 """Of |c_n|: three times what the mean of a smooth field over a cell gives."""
 
@@ -64,6 +68,34 @@ class SubgridClosure:
         weights = initial_weights(network, FEATURES, seed, zero_last=True)
         return cls(weights, tuple(hidden), activation)
 
+    @classmethod
+    def constant(
+        cls, viscosity: float, gradient: float, hidden: Sequence[int] = (8, 8), seed: int = 0
+    ) -> SubgridClosure:
+        """A closure that gives the same c_1 and c_n everywhere, until it is trained: (0, 1/12) is the gradient model.
+
+        Args:
+            viscosity: c_1 [-].
+            gradient: c_n [-].
+            hidden: widths of the hidden layers.
+            seed: of their weights.
+
+        Raises:
+            InputError: a coefficient that is not within its bounds.
+        """
+        bound = LARGEST_VISCOSITY if viscosity > 0 else -LEAST_VISCOSITY
+        for name, value, limit in (("viscosity", viscosity, bound), ("gradient", gradient, LARGEST_GRADIENT)):
+            if not abs(value) < limit:
+                raise InputError(name, value, f"must be less than {limit:g} in size", "Choose another.")
+        closure = cls.initial(hidden, seed=seed)
+        last = f"Dense_{len(hidden)}"
+        bias = (
+            bound / VISCOSITY_SLOPE * math.atanh(viscosity / bound),
+            math.atanh(gradient / LARGEST_GRADIENT),
+        )
+        layer = closure.weights[last] | {"bias": jnp.asarray(bias, jnp.float32)}
+        return dataclasses.replace(closure, weights=closure.weights | {last: layer})
+
     def __call__(
         self,
         strain_rate: Array,
@@ -99,7 +131,6 @@ class SubgridClosure:
 
 
 def _viscosity_coefficient(output: Array) -> Array:
-    """c_1: of slope 1/20 at zero, towards `LARGEST_VISCOSITY` above and `LEAST_VISCOSITY` below."""
-    slope = 0.05
+    """c_1: of one slope at zero, towards `LARGEST_VISCOSITY` above and `LEAST_VISCOSITY` below."""
     bound = jnp.where(output > 0, LARGEST_VISCOSITY, -LEAST_VISCOSITY)
-    return bound * jnp.tanh(slope * output / bound)
+    return bound * jnp.tanh(VISCOSITY_SLOPE * output / bound)

@@ -11,6 +11,7 @@ import pytest
 import jaxdem
 from benchmarks.cases.flows import random_faces
 from jaxdem.closures import SubgridClosure
+from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid, face_total
 from jaxdem.fluid.subgrid_stress import subgrid_acceleration, subgrid_flow, subgrid_stress
@@ -159,6 +160,12 @@ def test_the_coefficients_stay_within_their_bounds_and_have_one_slope_at_zero():
     assert -0.02 <= float(viscosity.min()) < float(viscosity.max()) <= 0.1
     assert float(jnp.abs(bending).max()) <= 1 / 4
     assert float(jnp.abs(bending).min()) > 0.1  # the bounds were reached
+    for wanted in ((0.05, 1 / 12), (-0.01, -0.2)):
+        given = jax.jit(lambda law: law(*rates, *rest))(SubgridClosure.constant(*wanted, hidden=(4,)))
+        for values, value in zip(given, wanted, strict=True):
+            np.testing.assert_allclose(values, value, rtol=1e-6)
+    with pytest.raises(InputError, match="gradient.*0.25"):
+        SubgridClosure.constant(0.0, 0.3)
 
 
 def jet(**fluid):
