@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 import jaxdem
 from benchmarks import harness
 from jaxdem.closures import InvariantClosure
+from jaxdem.train.closures import Closures
 from jaxdem.train.finetune import FinetuneSettings, Unrolled, finetune
 from jaxdem.train.observables import BINS, Observables
 from jaxdem.train.reference import Course
@@ -50,7 +51,8 @@ def unrolled(count: int) -> tuple[Unrolled, Any]:
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     targets = Observables(*[jnp.ones(1)] * 5, *[jnp.ones((1, BINS))] * 2)
     course = Course(scene, simulation, parameters, None, state, 1, targets)  # type: ignore[arg-type]
-    return Unrolled(course, closure, 1), (closure.weights, state, neighbors)
+    closures = Closures(closure)
+    return Unrolled(course, closures, 1), (closures.weights, state, neighbors)
 
 
 def one_horizon(steps: int, count: int, repetitions: int, sloped: bool) -> dict[str, Any]:
@@ -131,8 +133,8 @@ def training_table(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
         }
         for name, settings in ways.items():
             begin = time.perf_counter()
-            result = finetune(coarse, Path(folder) / "fine", closure, {}, settings)
-            record = result.metadata["finetune"] | {"seconds": time.perf_counter() - begin}
+            result = finetune(coarse, Path(folder) / "fine", Closures(closure), {}, settings)
+            record = result.metadata["drag"]["finetune"] | {"seconds": time.perf_counter() - begin}
             results[name] = {key: value for key, value in record.items() if key != "scene_toml"}
             lines.append(
                 f"| {name} | {record['validation_loss_before']:.4g} | {record['validation_loss']:.4g} | "

@@ -14,7 +14,7 @@ from jax import Array
 
 from jaxdem.arrivals import population_of
 from jaxdem.bodies import Bodies, material_table, wall_materials
-from jaxdem.closures import DRAG_LAWS, load_closure
+from jaxdem.closures import DRAG_LAWS, load_closure, load_subgrid
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
@@ -34,6 +34,7 @@ from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.remap import coarsened
+from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
 from jaxdem.magnitudes import check_magnitudes, check_memory
 from jaxdem.particles import vectors
@@ -66,6 +67,7 @@ def build(
     walls: Sequence[Callable[[Array], Array]] = (),
     contact_law: ContactLaw | None = None,
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
+    subgrid: SubgridLaw | None = None,
 ) -> tuple[Simulation, Parameters]:
     """The simulation of a scene, and its parameters.
 
@@ -80,6 +82,8 @@ def build(
         inlet_profiles: by the side's name, one for each of its other axes or None where it is even, instead of the
             scene's `boundary.<side>.profile`; see `jaxdem.fluid.inlet.InletProfile`. The automatic fluid step
             takes them for even; a faster flow is met by sub-steps, or by a flag.
+        subgrid: closure of the subgrid stress to use instead of the scene's `fluid.subgrid`. It goes into the
+            parameters, and one may differentiate by its weights.
 
     Raises:
         InputError: a step or size that the scene asks for cannot work.
@@ -136,7 +140,7 @@ def build(
     simulation = Simulation(
         steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law, population
     )
-    return simulation, _parameters(scene, bodies, closure, dtype)
+    return simulation, _parameters(scene, bodies, closure, subgrid, dtype)
 
 
 def initial_state(
@@ -353,7 +357,9 @@ def _contact_constants(scene: Scene, number: Callable[[Any], Array]) -> ContactP
     )
 
 
-def _parameters(scene: Scene, sizes: Bodies, closure: Any, dtype: Any) -> Parameters:
+def _parameters(
+    scene: Scene, sizes: Bodies, closure: Any, subgrid: SubgridLaw | None, dtype: Any
+) -> Parameters:
     def number(value: Any) -> Array:
         rigid = isinstance(value, str) and value == "rigid"
         return jnp.asarray(math.inf if rigid else (0.0 if value is None else value), dtype)
@@ -369,8 +375,10 @@ def _parameters(scene: Scene, sizes: Bodies, closure: Any, dtype: Any) -> Parame
             for side in (scene.boundary[name] for name in scene.sides)
         )
         coefficient = number(scene.fluid.smagorinsky) if scene.fluid.smagorinsky > 0.0 else None
+        if subgrid is None and scene.fluid.subgrid is not None:
+            subgrid = load_subgrid(scene.fluid.subgrid)[0]
         fluid = FluidProperties(
-            number(scene.fluid.density), number(scene.fluid.viscosity), velocity, coefficient
+            number(scene.fluid.density), number(scene.fluid.viscosity), velocity, coefficient, subgrid
         )
     if scene.coupling is not None:
         drag_scale = number(1.0)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxdem import stability
 from jaxdem.bodies import material_table
 from jaxdem.build import build, initial_state
+from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
 from jaxdem.coupling.exchange import VISCOUS_LIMIT, FluidInterval
 from jaxdem.initial import scene_bodies
 from jaxdem.scene import Scene
@@ -136,18 +137,23 @@ def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | N
     """Viscous limit [s] with what a subgrid viscosity and model B add to nu, as far as that is known beforehand.
 
     nu_t = (C_s Delta)^2 sqrt(2 S:S) for a shear of the largest boundary speed over the smallest cell side, where
-    sqrt(2 S:S) = U/h; model B: over the smallest void fraction of the start. While running, the true ones decide.
+    sqrt(2 S:S) = U/h; model B: over the smallest void fraction of the start. A learned stress is taken at its bounds,
+    over that void fraction in either model. While running, the true ones decide.
     """
     fluid = scene.fluid
     model_b = (
         simulation.fluid is not None and not simulation.fluid.solver.shares_stress and lowest is not None
     )
-    if fluid is None or simulation.fluid is None or not (fluid.smagorinsky > 0.0 or model_b):
+    if fluid is None or simulation.fluid is None or not (fluid.smagorinsky > 0.0 or fluid.subgrid or model_b):
         return {}
     grid = simulation.fluid.solver.grid
     width = math.prod(grid.spacing) ** (1.0 / grid.dimension)
-    eddies = (fluid.smagorinsky * width) ** 2 * boundary_speed(scene) / min(grid.spacing)
+    shear = boundary_speed(scene) / min(grid.spacing)
+    eddies = (fluid.smagorinsky * width) ** 2 * shear
     viscosity = (fluid.viscosity + eddies) / (lowest if model_b and lowest else 1.0)
+    if fluid.subgrid is not None:
+        largest = LARGEST_VISCOSITY * width**2 + 2.0 * LARGEST_GRADIENT * max(grid.spacing) ** 2
+        viscosity += largest * shear / (lowest or 1.0)
     return {"viscous_model": stability.viscous_time(viscosity, grid.spacing, VISCOUS_LIMIT)}
 
 
@@ -236,6 +242,7 @@ def _parts(
             (f"advection {type(solver.advection).__name__}", True),
             ("viscous stress", solver.viscous),
             ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
+            ("learned subgrid stress", parameters.fluid.subgrid is not None),
             ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
             ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
             ("coupling of particles and fluid", simulation.fluid.deposition is not None),

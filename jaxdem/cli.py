@@ -17,13 +17,20 @@ import typer
 from typer.core import TyperGroup
 
 from jaxdem import cli_networks, terminal
-from jaxdem.cli_options import prepare_file, prepare_folder, whole_numbers
+from jaxdem.cli_options import (
+    SceneFile,
+    Settings,
+    load,
+    overrides,
+    prepare_file,
+    prepare_folder,
+    whole_numbers,
+)
 from jaxdem.compilation_cache import use_compilation_cache
 from jaxdem.errors import JaxdemError
 
 if TYPE_CHECKING:
     from jaxdem.io import Run
-    from jaxdem.scene import Scene
 
 OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
 
@@ -40,13 +47,6 @@ class Color(StrEnum):
 
     velocity = "velocity"
     drag = "drag"
-
-
-class Method(StrEnum):
-    """How a closure is trained through the solver."""
-
-    gradient = "gradient"
-    gradient_free = "gradient-free"
 
 
 class ExportFormat(StrEnum):
@@ -89,15 +89,13 @@ app = typer.Typer(
     help="Particles in a fluid (unresolved CFD-DEM), with learned drag closures.",
 )
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene; may be given many times."),
-]
-
 ClosureFile = Annotated[
     Path | None,
     typer.Option("--closure", metavar="FILE", help="Learned drag closure; replaces closure.file."),
+]
+SubgridFile = Annotated[
+    Path | None,
+    typer.Option("--subgrid", metavar="FILE", help="Learned subgrid stress; replaces fluid.subgrid."),
 ]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
 Colour = Annotated[Color, typer.Option("--color", help="What particles are coloured by.")]
@@ -130,7 +128,7 @@ def _options(
 @app.command()
 def check(scene: SceneFile, settings: Settings = None) -> None:
     """Time-step limits, memory, and what is compiled in or left out; exit code 2 where `run` would refuse."""
-    description = _load(scene, settings)
+    description = load(scene, settings)
     use_compilation_cache()
     from jaxdem.check import check_scene
     from jaxdem.check_table import render
@@ -143,11 +141,12 @@ def run(
     scene: SceneFile,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Run directory: new or empty.")],
     closure: ClosureFile = None,
+    subgrid: SubgridFile = None,
     settings: Settings = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
 ) -> None:
     """Run a scene and write a run directory."""
-    description = _load(scene, settings, closure)
+    description = load(scene, settings, closure, subgrid)
     use_compilation_cache()
     from jaxdem.io import RunDirectory
     from jaxdem.simulate import Interrupted, simulate
@@ -159,6 +158,7 @@ def run(
     except Interrupted as stop:
         command = ["jaxdem", "run", str(scene), "--out", str(out)]
         command += ["--closure", str(closure)] if closure else []
+        command += ["--subgrid", str(subgrid)] if subgrid else []
         command += [part for setting in settings or () for part in ("--set", setting)]
         hint = f"A checkpoint is in {out}; go on with: {shlex.join([*command, '--resume'])}"
         terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
@@ -191,50 +191,7 @@ def dataset(
 app.command()(cli_networks.train)
 app.command()(cli_networks.distill)
 app.command()(cli_networks.prune)
-
-
-@app.command()
-def finetune(
-    scene: SceneFile,
-    reference: Annotated[Path, typer.Option(metavar="RUN", help="Run directory of a finer run to follow.")],
-    closure: Annotated[Path, typer.Option(metavar="FILE", help="Closure file to start from.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Closure file to write (HDF5).")],
-    horizons: Annotated[
-        str | None, typer.Option(metavar="N,N,...", help="Outputs of the reference to unroll, by stage.")
-    ] = None,
-    updates: Annotated[int, typer.Option(min=1, help="Of each stage.")] = 10,
-    learning_rate: Annotated[float, typer.Option(help="Of Adam.")] = 3e-3,
-    method: Annotated[Method, typer.Option(help="Adam, or a search on a few parameters.")] = Method.gradient,
-    seed: Annotated[int, typer.Option(min=0, help="Of the order of the start times.")] = 0,
-    settings: Settings = None,
-) -> None:
-    """Train a closure through runs of a coarse scene, so that they have the statistics of a fine run."""
-    description = _load(scene, settings)
-    chosen = None if horizons is None else whole_numbers("--horizons", horizons, ",")
-    prepare_file(out)
-    use_compilation_cache()
-    from jaxdem.closures import save_closure
-    from jaxdem.closures.file import load_single
-    from jaxdem.train.finetune import FinetuneSettings
-    from jaxdem.train.finetune import finetune as train_through_solver
-
-    options = FinetuneSettings(
-        horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
-    )
-    start, metadata = load_single(closure, "Fine-tune one of its members, or distill it first.")
-    with terminal.counted("update") as progress:
-        result = train_through_solver(description, reference, start, metadata, options, progress)
-    save_closure(out, result.closure, result.metadata)
-    record, console = result.metadata["finetune"], terminal.output()
-    before, after = record["validation_loss_before"], record["validation_loss"]
-    skipped = f", {record['skipped']} updates skipped" if record["skipped"] else ""
-    summary = f"Loss over the longest horizon from {before:.4g} to {after:.4g}{skipped}"
-    console.print(summary, markup=False, highlight=False)
-    console.print(
-        f"Wrote {out} after {record['seconds']:.3g} s", markup=False, highlight=False, soft_wrap=True
-    )
-    if result.stopped:
-        terminal.fail(result.stopped, 1)
+app.command()(cli_networks.finetune)
 
 
 @app.command()
@@ -325,21 +282,25 @@ def sweep(
     ],
     settings: Settings = None,
     closure: ClosureFile = None,
+    subgrid: SubgridFile = None,
 ) -> None:
     """Run a scene with all combinations of some keys; goes on where it was stopped."""
     from jaxdem.sweep import parse_variation, run_sweep
 
     variations = [parse_variation(text) for text in vary]
-    _load(scene, settings, closure)  # sets the precision; what is wrong without variations is said here
+    load(
+        scene, settings, closure, subgrid
+    )  # sets the precision; what is wrong without variations is said here
     use_compilation_cache()
     from jaxdem.simulate import Interrupted
 
     try:
         with terminal.study_display() as display:
-            result = run_sweep(scene, _overrides(settings, closure), variations, out, display)
+            result = run_sweep(scene, overrides(settings, closure, subgrid), variations, out, display)
     except Interrupted as stop:
         command = ["jaxdem", "sweep", str(scene), "--out", str(out)]
         command += ["--closure", str(closure)] if closure else []
+        command += ["--subgrid", str(subgrid)] if subgrid else []
         command += [part for text in vary for part in ("--vary", text)]
         command += [part for text in settings or () for part in ("--set", text)]
         hint = f"Go on with: {shlex.join(command)}"
@@ -388,29 +349,6 @@ def study(
     if result.problems:
         lines = "\n".join(f"  {piece}: {why}" for piece, why in result.problems.items())
         terminal.fail(f"{len(result.problems)} pieces of the study are not done:\n{lines}", 1)
-
-
-def _load(path: Path, settings: list[str] | None, closure: Path | None = None) -> Scene:
-    """The scene with the options applied; JAX set to its precision."""
-    from jaxdem.scene import load_scene
-
-    scene = load_scene(path, _overrides(settings, closure))
-    import jax
-
-    if scene.precision == "float64":
-        jax.config.update("jax_enable_x64", True)
-    return scene
-
-
-def _overrides(settings: list[str] | None, closure: Path | None = None) -> dict[str, Any]:
-    """Keys of the scene that the options change."""
-    from jaxdem.scene import parse_override
-
-    overrides = dict(parse_override(text) for text in settings or ())
-    if closure is not None:
-        # Names in a scene are relative to it, names on the command line to the working directory.
-        overrides["closure.file"] = str(closure.resolve())
-    return overrides
 
 
 def _load_run(path: Path) -> Run:

@@ -1,4 +1,4 @@
-"""The commands that make networks: train (one, several at once, an ensemble), distill, prune."""
+"""The commands that make networks: train (one, several at once, an ensemble), distill, prune, finetune."""
 
 from __future__ import annotations
 
@@ -10,15 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jaxdem import terminal
-from jaxdem.cli_options import prepare_file, prepare_folder, whole_numbers
+from jaxdem.cli_options import SceneFile, Settings, load, prepare_file, prepare_folder, whole_numbers
 from jaxdem.compilation_cache import use_compilation_cache
 from jaxdem.errors import InputError
 
 if TYPE_CHECKING:
+    from jaxdem.train.closures import Closures
     from jaxdem.train.dataset_file import Dataset
     from jaxdem.train.fit import FitResult, FitSettings
 
 FIGURE = "sweep.png"
+NEW = "new"
+"""Value of --subgrid for a stress that has not been trained."""
+ALL = ("drag", "subgrid")
+"""What can be trained through the solver, by the names of `jaxdem.train.closures`."""
 
 
 class Recipe(StrEnum):
@@ -26,6 +31,21 @@ class Recipe(StrEnum):
 
     paper = "paper"
     filtered = "filtered"
+
+
+class Method(StrEnum):
+    """How a closure is trained through the solver."""
+
+    gradient = "gradient"
+    gradient_free = "gradient-free"
+
+
+class Trained(StrEnum):
+    """Which closures are trained through the solver."""
+
+    drag = "drag"
+    subgrid = "subgrid"
+    both = "both"
 
 
 Datasets = Annotated[list[Path], typer.Argument(metavar="DATASET...", help="From `jaxdem dataset`.")]
@@ -187,6 +207,105 @@ def prune(
     _line("Hidden layers from {} to {}".format(*widths))
     for coarsening, value in result.metadata["pruned"]["r2_before"].items():
         _line(f"Coarsening {coarsening}: R2 was {value:.4f}")
+
+
+def finetune(
+    scene: SceneFile,
+    reference: Annotated[Path, typer.Option(metavar="RUN", help="Run directory of a finer run to follow.")],
+    out: Annotated[
+        Path,
+        typer.Option(metavar="FILE", help="Closure file to write (HDF5); the drag's, if both are trained."),
+    ],
+    closure: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Drag closure to start from; without: the scene's.")
+    ] = None,
+    subgrid: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Subgrid stress to start from, or `new`.")
+    ] = None,
+    trained: Annotated[
+        Trained | None, typer.Option("--train", help="What is trained; without: all that is given.")
+    ] = None,
+    subgrid_out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Subgrid stress to write, if both are trained.")
+    ] = None,
+    horizons: Annotated[
+        str | None, typer.Option(metavar="N,N,...", help="Outputs of the reference to unroll, by stage.")
+    ] = None,
+    updates: Annotated[int, typer.Option(min=1, help="Of each stage.")] = 10,
+    learning_rate: Annotated[float, typer.Option(help="Of Adam.")] = 3e-3,
+    method: Annotated[Method, typer.Option(help="Adam, or a search on a few parameters.")] = Method.gradient,
+    seed: Annotated[int, typer.Option(min=0, help="Of the order of the start times.")] = 0,
+    settings: Settings = None,
+) -> None:
+    """Train closures through runs of a coarse scene, so that they have the statistics of a fine run."""
+    description = load(scene, settings)
+    chosen = None if horizons is None else whole_numbers("--horizons", horizons, ",")
+    prepare_file(out)
+    use_compilation_cache()
+    from jaxdem.closures import save_closure
+    from jaxdem.train.finetune import FinetuneSettings
+    from jaxdem.train.finetune import finetune as train_through_solver
+
+    options = FinetuneSettings(
+        horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
+    )
+    start, metadata = _given(closure, subgrid, trained)
+    files = _files(start.trained, out, subgrid_out)
+    with terminal.counted("update") as progress:
+        result = train_through_solver(description, reference, start, metadata, options, progress)
+    for name, path in files.items():
+        save_closure(path, getattr(result.closures, name), result.metadata[name])
+    record, console = result.metadata[start.trained[0]]["finetune"], terminal.output()
+    before, after = record["validation_loss_before"], record["validation_loss"]
+    skipped = f", {record['skipped']} updates skipped" if record["skipped"] else ""
+    summary = f"Loss over the longest horizon from {before:.4g} to {after:.4g}{skipped}"
+    console.print(summary, markup=False, highlight=False)
+    console.print(
+        f"Wrote {' and '.join(map(str, files.values()))} after {record['seconds']:.3g} s",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
+    if result.stopped:
+        terminal.fail(result.stopped, 1)
+
+
+def _given(
+    closure: Path | None, subgrid: str | None, trained: Trained | None
+) -> tuple[Closures, dict[str, dict[str, Any]]]:
+    """The closures to start from, and the metadata of their files."""
+    from jaxdem.closures import SubgridClosure, load_subgrid
+    from jaxdem.closures.file import load_single
+    from jaxdem.train.closures import Closures
+
+    metadata: dict[str, dict[str, Any]] = {}
+    drag = stress = None
+    if closure is not None:
+        drag, metadata["drag"] = load_single(closure, "Fine-tune one of its members, or distill it first.")
+    if subgrid == NEW:
+        stress, metadata["subgrid"] = SubgridClosure.initial(), {}
+    elif subgrid is not None:
+        stress, metadata["subgrid"] = load_subgrid(subgrid)
+    names = tuple(metadata) if trained is None else ALL if trained is Trained.both else (trained.value,)
+    start = Closures(drag, stress, names)
+    start.check()
+    return start, metadata
+
+
+def _files(trained: tuple[str, ...], out: Path, subgrid_out: Path | None) -> dict[str, Path]:
+    """Where each closure that is trained is written to."""
+    if len(trained) == 1 and subgrid_out is not None:
+        limit = f"is for a training of both, here {trained[0]} is trained alone"
+        raise InputError("--subgrid-out", str(subgrid_out), limit, "Give --out alone.")
+    if len(trained) == 1:
+        return {trained[0]: out}
+    if subgrid_out is None or subgrid_out.resolve() == out.resolve():
+        limit = "is needed beside --out where both are trained, another file"
+        raise InputError(
+            "--subgrid-out", str(subgrid_out or ""), limit, "Name a file for the subgrid stress."
+        )
+    prepare_file(subgrid_out)
+    return {"drag": out, "subgrid": subgrid_out}
 
 
 def _widths(hidden: str | None) -> tuple[int, ...] | None:

@@ -313,6 +313,7 @@ def run_summary(
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
         "closure": {
             "file": scene.closure.file,
+            "subgrid_file": None if scene.fluid is None else scene.fluid.subgrid,
             "law": _law_name(scene, simulation),
             "out_of_range_fraction": totals.out_of_range / used if used else 0.0,
         },

@@ -100,7 +100,7 @@ def require_same_origin(attributes: Mapping[str, Any], here: Mapping[str, str]) 
         ("scene", "was written by a run of another scene", "Put this run's own checkpoint back"),
         (
             "parameters",
-            "was written with another closure, or other sizes or densities of particles, than their files hold now",
+            "was written with another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files hold now",
             "Put the files that the scene names back as they were",
         ),
     ):

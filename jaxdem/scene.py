@@ -174,6 +174,7 @@ class Fluid(Section):
         model: of the volume-averaged equations: "A", pressure and stress act on fluid and particles by their
             volumes, or "B", on the fluid alone, with the drag over the void fraction.
         smagorinsky: coefficient of the subgrid viscosity, 0.1 to 0.2 usually; 0 leaves it out [-].
+        subgrid: file of a learned subgrid stress, written by `jaxdem finetune --subgrid`.
         time_step: of the fluid; "auto" is a Courant number of 0.5 at the largest boundary speed, 0.01 s at most [s].
         advection: "limited" (second order, van Leer) or "upwind" (first order).
         courant_limit: a fluid step is halved, up to three times, until its Courant number is under this [-].
@@ -187,6 +188,7 @@ class Fluid(Section):
     viscosity: NonNegative = 1e-6
     model: Literal["A", "B"] = "A"
     smagorinsky: Fraction = 0.0
+    subgrid: str | None = None
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "upwind"] = "limited"
     courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7
@@ -498,6 +500,7 @@ def _completed(scene: Scene) -> Scene:
         velocity = scene.fluid.velocity or (0.0,) * dimension
         _entries("fluid.velocity", velocity, dimension)
         update["fluid"] = scene.fluid.model_copy(update={"velocity": velocity})
+        _check_subgrid(scene.fluid)
     if scene.fluid is not None and scene.particles is not None:
         update["coupling"] = scene.coupling or Coupling()
         check_self_disturbance(update["coupling"], dimension)
@@ -520,6 +523,26 @@ def _completed(scene: Scene) -> Scene:
     check_exits(scene)
     check_history(scene)
     return scene.model_copy(update=update)
+
+
+def _check_subgrid(fluid: Fluid) -> None:
+    """The learned subgrid stress scales with the viscosity, and has an eddy viscosity of its own."""
+    if fluid.subgrid is None:
+        return
+    if fluid.smagorinsky > 0.0:
+        raise InputError(
+            "fluid.smagorinsky",
+            fluid.smagorinsky,
+            "stands for the same eddies as the learned stress of fluid.subgrid",
+            "set one of them",
+        )
+    if fluid.viscosity == 0.0:
+        raise InputError(
+            "fluid.viscosity",
+            0.0,
+            "fluid.subgrid needs a Reynolds number of the cells",
+            "set fluid.viscosity > 0",
+        )
 
 
 def _completed_contact(contact: Contact) -> Contact:
@@ -868,6 +891,7 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
         ("particles", "velocity"),
         ("particles", "angular_velocity"),
         ("closure", "file"),
+        ("fluid", "subgrid"),
     ):
         holder = tables.get(table)
         if isinstance(holder, dict) and isinstance(holder.get(key), str):

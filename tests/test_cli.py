@@ -19,7 +19,14 @@ from typer.testing import CliRunner
 
 from jaxdem import __version__, load_run
 from jaxdem.cli import app
-from jaxdem.closures import EnsembleClosure, InvariantClosure, load_closure, save_closure
+from jaxdem.closures import (
+    EnsembleClosure,
+    InvariantClosure,
+    SubgridClosure,
+    load_closure,
+    load_subgrid,
+    save_closure,
+)
 from jaxdem.sweep import _name, parse_variation
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 from jaxdem.train.finetune import FinetuneResult
@@ -136,6 +143,8 @@ def test_a_scene_that_is_not_there(tmp_path):
         ("particles.count=7", ("particles.count", "3 positions")),
         ("output.samples=0.01", ("output.samples", "[fluid]")),
         ("closure.file=none.h5", ("closure.file",)),
+        ("fluid={cells=[4,4], subgrid='none.h5'}", ("fluid.subgrid", "none.h5", "is not a file")),
+        ("fluid={cells=[4,4], subgrid='s.h5', smagorinsky=0.1}", ("fluid.smagorinsky", "same eddies")),
     ],
 )
 @pytest.mark.parametrize("command", ["check", "run"])
@@ -232,8 +241,9 @@ def test_check_prints_what_a_user_decides_by(grains):
         assert words in text, words
 
 
-def test_check_names_the_options_of_the_fluid(grains):
+def test_check_names_the_options_of_the_fluid(grains, tmp_path):
     fluid = ("--set", "fluid.cells=[4, 4]")
+    save_closure(tmp_path / "s.h5", SubgridClosure.initial(), {})
 
     def parts(*options):
         return " ".join(invoke("check", grains, *fluid, *options).stdout.split()).split("left out")
@@ -243,6 +253,7 @@ def test_check_names_the_options_of_the_fluid(grains):
     right = "boundary.right.kind=outlet"
     for words, *options in (
         ("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),
+        ("learned subgrid stress", "--set", f"fluid.subgrid={tmp_path / 's.h5'}"),
         ("model B", "--set", "fluid.model=B"),
         ("virtual mass", "--set", "coupling.virtual_mass=0.5"),
         ("Basset force", "--set", "coupling.basset=20"),
@@ -466,7 +477,8 @@ def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
 
     def trained(scene, reference, start, metadata, settings, progress):
         assert settings.horizons == (1, 2) and settings.updates == 3
-        return FinetuneResult(start, metadata | {"finetune": record}, "5 updates in a row failed")
+        written = {name: values | {"finetune": record} for name, values in metadata.items()}
+        return FinetuneResult(start, written, "5 updates in a row failed")
 
     monkeypatch.setattr("jaxdem.train.finetune.finetune", trained)
     chosen = ("--horizons", "1,2", "--updates", 3)
@@ -474,6 +486,32 @@ def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
     assert result.exit_code == 1 and "5 updates in a row failed" in result.stderr
     assert "from 0.5 to 0.25, 5 updates skipped" in result.stdout
     assert load_closure(out)[1] == {"recipe": "filtered", "finetune": record}
+    stress = tmp_path / "stress.h5"
+    both = ("--subgrid", "new", "--subgrid-out", stress)
+    result = invoke("finetune", grains, "--reference", done[0], *common, *chosen, *both)
+    assert result.exit_code == 1
+    assert load_closure(out)[1] == {"recipe": "filtered", "finetune": record}
+    assert load_subgrid(stress)[1] == {"finetune": record}
+    alone = ("--subgrid", stress, "--train", "subgrid")
+    assert invoke("finetune", grains, "--reference", done[0], *common, *chosen, *alone).exit_code == 1
+    assert jax.tree.structure(load_subgrid(out)[0]) == jax.tree.structure(load_subgrid(stress)[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), ("--closure", "--subgrid new")),
+        (("--subgrid", "new", "--train", "drag"), ("--train", "needs --closure")),
+        (("--subgrid", "none.h5"), ("fluid.subgrid", "none.h5", "is not a file")),
+        (("--closure", "c.h5", "--train", "subgrid"), ("--train", "needs --subgrid")),
+        (("--closure", "c.h5", "--subgrid", "new"), ("--subgrid-out", "is needed")),
+        (("--subgrid", "new", "--subgrid-out", "s.h5"), ("--subgrid-out", "subgrid is trained alone")),
+    ],
+)
+def test_finetune_refuses_what_does_not_go_together(grains, tmp_path, monkeypatch, options, words):
+    monkeypatch.chdir(tmp_path)
+    save_closure("c.h5", InvariantClosure.initial(hidden=(2,)), {})
+    refused(invoke("finetune", grains, "--reference", "none", "--out", "out.h5", *options), *words)
 
 
 def test_export_writes_what_was_asked_for(tmp_path):

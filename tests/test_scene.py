@@ -411,6 +411,7 @@ def dotted_keys(tables, prefix=""):
                 "closure.file",
                 "fluid.model",
                 "fluid.smagorinsky",
+                "fluid.subgrid",
                 "fluid.velocity",
                 "particles.velocity",
                 "walls",

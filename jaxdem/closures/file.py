@@ -18,11 +18,15 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
+from jaxdem.closures.subgrid import SubgridClosure
 from jaxdem.errors import InputError
 
 FORMAT = "jaxdem-closure"
 VERSION = 1
-KEY = "closure.file"
+KEY, SUBGRID_KEY = "closure.file", "fluid.subgrid"
+
+WRITERS = {KEY: "`jaxdem train`", SUBGRID_KEY: "`jaxdem finetune --subgrid`"}
+"""What writes the files that a key of the scene names."""
 
 UNREADABLE = (
     OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, OverflowError, MemoryError,
@@ -32,20 +36,22 @@ UNREADABLE = (
 LearnedClosure = PaperNetwork | InvariantClosure
 """A closure with one network."""
 StoredClosure = LearnedClosure | EnsembleClosure
-"""What a closure file holds."""
+"""A drag closure in a file."""
 
 
-def save_closure(path: str | os.PathLike[str], closure: StoredClosure, metadata: dict[str, Any]) -> None:
+def save_closure(
+    path: str | os.PathLike[str], closure: StoredClosure | SubgridClosure, metadata: dict[str, Any]
+) -> None:
     """Write a closure; an earlier file is replaced in one step, only when the new one is complete.
 
-    Layout: attributes format, version, kind ("paper", "invariant" or "ensemble"), base (scene name of the base law),
-    hidden, activation, dimension (paper), terms and features (invariant), members and member_kind (ensemble); dataset `metadata`
-    (JSON); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`, those of
+    Layout: attributes format, version, kind ("paper", "invariant", "ensemble" or "subgrid"), base (scene name of the base
+    law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features (invariant), members and
+    member_kind (ensemble); dataset `metadata` (JSON); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`, those of
     an ensemble below `arrays/members/` with the members along their first axis.
 
     Args:
         path: file to write; its folder must exist.
-        closure: a `PaperNetwork`, an `InvariantClosure` or an ensemble of one of them.
+        closure: a `PaperNetwork`, an `InvariantClosure`, an ensemble of one of them, or a `SubgridClosure`.
         metadata: anything JSON can hold (numpy numbers and arrays included): recipe, R2, datasets, seed,
             seconds.
 
@@ -54,7 +60,8 @@ def save_closure(path: str | os.PathLike[str], closure: StoredClosure, metadata:
     """
     structure = _structure(closure)
     text = json.dumps(metadata, default=_plain)
-    with write_aside(path, KEY) as aside, h5py.File(aside, "w") as file:
+    key = SUBGRID_KEY if isinstance(closure, SubgridClosure) else KEY
+    with write_aside(path, key) as aside, h5py.File(aside, "w") as file:
         file.attrs.update({"format": FORMAT, "version": VERSION, **structure})
         file.create_dataset("metadata", data=text)
         for name, leaf in _named_leaves(closure).items():
@@ -84,66 +91,85 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
 
 
 def load_closure(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str, Any]]:
-    """Read a closure and its metadata; the weights are those written, bit for bit.
+    """Read a drag closure and its metadata; the weights are those written, bit for bit.
 
     Raises:
-        InputError: no such file, not HDF5 or cut short, not a closure, of a newer version, or arrays that are
+        InputError: no such file, not HDF5 or cut short, not a drag closure, of a newer version, or arrays that are
             missing, do not have the shapes of the structure, or are not finite.
     """
+    return _load(path, KEY)
+
+
+def load_subgrid(path: str | os.PathLike[str]) -> tuple[SubgridClosure, dict[str, Any]]:
+    """`load_closure` of a subgrid stress.
+
+    Raises:
+        InputError: as `load_closure`; a drag closure is refused.
+    """
+    return _load(path, SUBGRID_KEY)
+
+
+def _load(path: str | os.PathLike[str], key: str) -> tuple[Any, dict[str, Any]]:
+    """The closure that a key of the scene stands for."""
     try:
         if not Path(path).is_file():
-            raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem train`.")
+            raise InputError(key, str(path), "is not a file", f"Give a file written by {WRITERS[key]}.")
         with h5py.File(path, "r") as file:
-            return _read(file, str(path))
+            return _read(file, str(path), key)
     except UNREADABLE as error:
         reason = f"cannot be read as a closure ({error})"
-        raise InputError(KEY, str(path), reason, "Train or copy it again.") from error
+        raise InputError(key, str(path), reason, "Train or copy it again.") from error
 
 
-def _read(file: h5py.File, path: str) -> tuple[StoredClosure, dict[str, Any]]:
+def _read(file: h5py.File, path: str, key: str) -> tuple[Any, dict[str, Any]]:
     if file.attrs.get("format") != FORMAT:
-        raise InputError(KEY, path, "is not a closure file", "Give a file written by `jaxdem train`.")
+        raise InputError(key, path, "is not a closure file", f"Give a file written by {WRITERS[key]}.")
     if int(file.attrs["version"]) > VERSION:
         limit = f"has version {file.attrs['version']}, this program reads up to {VERSION}"
-        raise InputError(KEY, path, limit, "Update jaxdem.")
+        raise InputError(key, path, limit, "Update jaxdem.")
+    found = SUBGRID_KEY if file.attrs["kind"] == "subgrid" else KEY
+    if found != key:
+        what = "subgrid stress" if found == SUBGRID_KEY else "drag closure"
+        raise InputError(key, path, f"holds a {what}", f"Give it as {found}.")
     template = jax.eval_shape(lambda: _template(file.attrs, path))
     leaves = []
     for name, leaf in _named_leaves(template).items():
         stored = file.get(f"arrays/{name}")
         if not isinstance(stored, h5py.Dataset):
-            raise InputError(KEY, path, f"the array {name} is missing", "Train or copy it again.")
+            raise InputError(key, path, f"the array {name} is missing", "Train or copy it again.")
         if stored.shape != leaf.shape or stored.dtype.kind != "f":
             found = f"{stored.shape} {stored.dtype}"
             limit = f"the array {name} has shape {found}, its structure asks for {leaf.shape} floats"
-            raise InputError(KEY, path, limit, "Train or copy it again.")
+            raise InputError(key, path, limit, "Train or copy it again.")
         values = stored[()]
         unbounded = name.endswith(("_low", "_high"))  # the range of a closure that has not been trained
         if np.isnan(values).any() or (np.isinf(values).any() and not unbounded):
             limit = f"the array {name} holds values that are not finite numbers"
-            raise InputError(KEY, path, limit, "Train or copy it again.")
+            raise InputError(key, path, limit, "Train or copy it again.")
         leaves.append(jnp.asarray(values))
     closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
     return closure, json.loads(file["metadata"].asstr()[()])
 
 
-def _structure(closure: StoredClosure) -> dict[str, Any]:
+def _structure(closure: StoredClosure | SubgridClosure) -> dict[str, Any]:
     """The static part as HDF5 attributes."""
     if isinstance(closure, EnsembleClosure):
         one = _structure(closure.members)
         return {**one, "kind": "ensemble", "member_kind": one["kind"], "members": closure.count}
-    common = {
-        "base": drag_law_name(closure.base),
-        "hidden": np.asarray(closure.hidden, np.int64),
-        "activation": closure.activation,
-    }
+    network = {"hidden": np.asarray(closure.hidden, np.int64), "activation": closure.activation}
+    if isinstance(closure, SubgridClosure):
+        return {"kind": "subgrid", **network}
+    common = {"base": drag_law_name(closure.base), **network}
     if isinstance(closure, PaperNetwork):
         return {"kind": "paper", "dimension": closure.dimension, **common}
     names = {"terms": ",".join(closure.terms), "features": ",".join(closure.features)}
     return {"kind": "invariant", **names, **common}
 
 
-def _template(attributes: Any, path: str) -> StoredClosure:
+def _template(attributes: Any, path: str) -> StoredClosure | SubgridClosure:
     """An untrained closure of the stored structure; traced for its shapes only."""
+    if attributes["kind"] == "subgrid":
+        return SubgridClosure.initial(*_network(attributes))
     if attributes["kind"] != "ensemble":
         return _single(attributes, str(attributes["kind"]), path)
     return EnsembleClosure.of(
@@ -153,8 +179,7 @@ def _template(attributes: Any, path: str) -> StoredClosure:
 
 def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
     base = drag_law(str(attributes["base"]), KEY)
-    hidden = tuple(int(width) for width in attributes["hidden"])
-    activation = str(attributes["activation"])
+    hidden, activation = _network(attributes)
     if kind == "paper":
         return PaperNetwork.initial(int(attributes["dimension"]), base, hidden, activation)
     if kind == "invariant":
@@ -163,6 +188,11 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
         features = str(attributes.get("features", ",".join(WITHOUT_PRESSURE))).split(",")
         return InvariantClosure.initial(base, hidden, activation, terms, features=features)
     raise InputError(KEY, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
+
+
+def _network(attributes: Any) -> tuple[tuple[int, ...], str]:
+    """Widths of the hidden layers, and the activation."""
+    return tuple(int(width) for width in attributes["hidden"]), str(attributes["activation"])
 
 
 def load_single(path: str | os.PathLike[str], remedy: str) -> tuple[LearnedClosure, dict[str, Any]]:
@@ -177,7 +207,7 @@ def load_single(path: str | os.PathLike[str], remedy: str) -> tuple[LearnedClosu
     return closure, metadata
 
 
-def _named_leaves(closure: StoredClosure) -> dict[str, Any]:
+def _named_leaves(closure: StoredClosure | SubgridClosure) -> dict[str, Any]:
     """Every array of the closure by its path, such as weights/Dense_0/kernel, in tree order."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(closure)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}

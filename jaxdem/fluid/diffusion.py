@@ -43,15 +43,27 @@ def stress_divergence(
             if axis == which:
                 stress = stress - (2.0 / 3.0) * expansion
             if eddy is not None:
-                there = eddy if axis == which else _edge_average(grid, eddy, which, axis)
+                there = eddy if axis == which else edge_average(grid, eddy, which, axis)
                 stress = (kinematic_viscosity + there) * stress
-            if axis == which:
-                stress = _wrapped(grid, stress, axis)
-            force = (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
-            terms.append(force if axis == which else _inner_only(grid, force, which))
+            terms.append(stress_slope(grid, stress, which, axis))
         total = sum_of(terms)
-        result.append(_extended(grid, kinematic_viscosity * total if eddy is None else total, which))
+        result.append(to_boundary(grid, kinematic_viscosity * total if eddy is None else total, which))
     return tuple(result)
+
+
+def stress_slope(grid: Grid, stress: Array, which: int, axis: int) -> Array:
+    """d(stress)/dx_axis on the inner faces of component `which`, what a stress on their sides gives them.
+
+    Args:
+        grid: the grid.
+        stress: in the cells for `which` = `axis`, else on the edges of both axes.
+        which: axis of the faces.
+        axis: of the derivative.
+    """
+    if axis == which:
+        stress = _wrapped(grid, stress, axis)
+    force = (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
+    return force if axis == which else _inner_only(grid, force, which)
 
 
 def strain_rates(
@@ -71,31 +83,40 @@ def strain_rates(
         stretch = (along(component, i, 1, None) - along(component, i, None, -1)) / grid.spacing[i]
         rates[i, i] = 2.0 * stretch
         for j in range(i + 1, grid.dimension):
-            rates[i, j] = _shear_rate(grid, boundary, side_velocity, velocity, i, j, time)
+            across = (
+                shear(grid, boundary, side_velocity, velocity[which], which, direction, time)
+                for which, direction in ((i, j), (j, i))
+            )
+            rates[i, j] = sum_of(across)
     return rates
 
 
-def _shear_rate(
+def shear(
     grid: Grid,
     boundary: Boundary,
     side_velocity: tuple[Array, ...],
-    velocity: FaceField,
+    component: Array,
     which: int,
     axis: int,
     time: Array,
 ) -> Array:
-    """du_which/dx_axis + du_axis/dx_which on the edges between both kinds of faces."""
-    rates = []
-    for component, direction in ((which, axis), (axis, which)):
-        padded = with_ghosts(grid, boundary, side_velocity, velocity[component], component, direction, time)
-        near = along(padded, direction, 1, -1)
-        rates.append(
-            (along(near, direction, 1, None) - along(near, direction, None, -1)) / grid.spacing[direction]
-        )
-    return rates[0] + rates[1]
+    """du_which/dx_axis for another axis, on the edges between both kinds of faces [1/s].
+
+    Args:
+        grid: the grid.
+        boundary: sides.
+        side_velocity: velocity of every side, see `velocity_at` [m/s].
+        component: u_which on its faces [m/s].
+        which: of the velocity.
+        axis: of the derivative.
+        time: [s].
+    """
+    padded = with_ghosts(grid, boundary, side_velocity, component, which, axis, time)
+    near = along(padded, axis, 1, -1)
+    return (along(near, axis, 1, None) - along(near, axis, None, -1)) / grid.spacing[axis]
 
 
-def _edge_average(grid: Grid, cell: Array, first: int, second: int) -> Array:
+def edge_average(grid: Grid, cell: Array, first: int, second: int) -> Array:
     """Mean of the four cells around every edge between the faces of two axes; at a boundary of those inside."""
     return face_average_along(grid, face_average_along(grid, cell, first), second)
 
@@ -111,7 +132,8 @@ def _inner_only(grid: Grid, faces: Array, axis: int) -> Array:
     return faces if grid.periodic[axis] else along(faces, axis, 1, -1)
 
 
-def _extended(grid: Grid, faces: Array, axis: int) -> Array:
+def to_boundary(grid: Grid, faces: Array, axis: int) -> Array:
+    """Values of the inner faces with those of the nearest inner face on the boundary faces."""
     if grid.periodic[axis]:
         return faces
     if faces.shape[axis] == 0:  # one cell between two boundaries: no inner face

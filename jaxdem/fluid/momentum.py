@@ -32,6 +32,14 @@ from jaxdem.fluid.grid import (
 )
 from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
 from jaxdem.fluid.subgrid import eddy_viscosity
+from jaxdem.fluid.subgrid_stress import (
+    SubgridFlow,
+    SubgridLaw,
+    subgrid_acceleration,
+    subgrid_diffusivity,
+    subgrid_flow,
+    subgrid_stress,
+)
 
 
 class FluidState(NamedTuple):
@@ -57,12 +65,14 @@ class FluidProperties(NamedTuple):
         side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall; (T, D)
             of an inlet with T times [m/s].
         smagorinsky: () coefficient of the subgrid viscosity; None compiles none [-].
+        subgrid: closure of the subgrid stress with its weights; None compiles none.
     """
 
     density: Array
     viscosity: Array
     side_velocity: tuple[Array, ...]
     smagorinsky: Array | None = None
+    subgrid: SubgridLaw | None = None
 
 
 class FaceExchange(NamedTuple):
@@ -168,10 +178,12 @@ class FluidSolver:
         first_flux = _product(old, state.face_velocity)
         if void_fraction is not None:
             first_flux = self._corrected(first_flux, growth)
-        first, first_stress = self._rates(properties, first_flux, state.face_velocity, weight, time)
+        first, first_stress = self._rates(
+            properties, first_flux, state.face_velocity, weight, state.void_fraction, time
+        )
         trial = advance(first)
         second_flux = self._corrected(_boundary_of(grid, first_flux, _product(new, trial)), growth)
-        second, second_stress = self._rates(properties, second_flux, trial, weight, end)
+        second, second_stress = self._rates(properties, second_flux, trial, weight, void_fraction, end)
         predicted = advance(_mean(first, second))
         return self._project(
             properties,
@@ -192,7 +204,7 @@ class FluidSolver:
         In model B the whole stress acts on the part g of the volume: it is over the smallest void fraction.
 
         Args:
-            properties: viscosity, coefficient of the subgrid viscosity, boundary velocities.
+            properties: viscosity, subgrid viscosity or stress, boundary velocities.
             state: of the fluid at `time`.
             time: [s].
         """
@@ -204,7 +216,29 @@ class FluidSolver:
             largest = largest + jnp.max(eddy_viscosity(self.grid, rates, properties.smagorinsky))
         if not self.shares_stress and state.void_fraction is not None:
             largest = largest / jnp.min(state.void_fraction)
+        flow = self._subgrid_flow(properties, state.face_velocity, state.void_fraction, time)
+        if flow is not None:
+            # It acts on the part g of the volume too, with the g of other cells.
+            lowest = 1.0 if state.void_fraction is None else jnp.min(state.void_fraction)
+            largest = largest + jnp.max(subgrid_diffusivity(self.grid, flow)) / lowest
         return largest
+
+    def _subgrid_flow(
+        self, properties: FluidProperties, velocity: FaceField, void_fraction: Array | None, time: Array
+    ) -> SubgridFlow | None:
+        """What the subgrid stress is made of, None without one."""
+        if properties.subgrid is None:
+            return None
+        return subgrid_flow(
+            self.grid,
+            self.boundary,
+            properties.side_velocity,
+            properties.subgrid,
+            velocity,
+            properties.viscosity,
+            void_fraction,
+            time,
+        )
 
     def _weight(self, void_fraction: tuple[CellOrOne, ...], weighting: Array | None) -> tuple[CellOrOne, ...]:
         """Part of pressure gradient and stress that acts on the fluid, on the faces."""
@@ -235,11 +269,19 @@ class FluidSolver:
         flux: FaceField,
         velocity: FaceField,
         weight: tuple[CellOrOne, ...],
+        void_fraction: Array | None,
         time: Array,
     ) -> tuple[FaceField, FaceField]:
-        """Rate of change of g u by advection and stress; and the stress divergence over density."""
+        """Rate of change of g u by advection and stress; and the stress divergence over density.
+
+        The subgrid stress belongs to the first: it moves the fluid's momentum and is no force on what is in the fluid.
+        """
         args = (self.grid, self.boundary)
         rates = advection(*args, self.advection, properties.side_velocity, flux, velocity, time)
+        flow = self._subgrid_flow(properties, velocity, void_fraction, time)
+        if flow is not None:
+            moved = subgrid_acceleration(self.grid, subgrid_stress(self.grid, flow, void_fraction))
+            rates = tuple(r + m for r, m in zip(rates, moved, strict=True))
         if not self.viscous:
             return rates, tuple(jnp.zeros_like(u) for u in velocity)
         stress = stress_divergence(

@@ -25,16 +25,31 @@ def eddy_viscosity(grid: Grid, rates: StrainRates, coefficient: Array) -> Array:
 
     Source: J. Smagorinsky, Mon. Weather Rev. 91 (1963) 99-164.
     """
-    squares = []
-    for (i, j), rate in rates.items():
-        square = rate**2
-        squares.append(0.5 * square if i == j else _mean_along(_mean_along(square, i), j))
-    magnitude = sum_of(squares)
-    # The root has an infinite slope where nothing is strained.
-    strained = magnitude > 0.0
-    root = jnp.where(strained, jnp.sqrt(jnp.where(strained, magnitude, 1.0)), 0.0)
+    root = strain_magnitude(rates)
     return (coefficient * grid.filter_size) ** 2 * root
 
 
-def _mean_along(array: Array, axis: int) -> Array:
+def strain_magnitude(rates: StrainRates) -> Array:
+    """sqrt(2 S:S) in the cells, the squares on edges as the mean of a cell's four [1/s]."""
+    squares = []
+    for (i, j), rate in rates.items():
+        square = rate**2
+        squares.append(0.5 * square if i == j else cell_mean(square, i, j))
+    return root_of_squares(sum_of(squares))
+
+
+def root_of_squares(total: Array) -> Array:
+    """The root of a sum of squares, its slope zero where that is zero."""
+    # The root has an infinite slope where nothing is strained.
+    positive = total > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, total, 1.0)), 0.0)
+
+
+def cell_mean(edge: Array, first: int, second: int) -> Array:
+    """Mean of the four edges of every cell, of those between the faces of two axes."""
+    return mean_along(mean_along(edge, first), second)
+
+
+def mean_along(array: Array, axis: int) -> Array:
+    """Mean of neighbours along an axis: from faces to the cells between them."""
     return 0.5 * (along(array, axis, None, -1) + along(array, axis, 1, None))

@@ -1,4 +1,4 @@
-"""Training a drag closure through the solver: unrolled coarse runs that are to have the statistics of a fine one.
+"""Training closures through the solver: unrolled coarse runs that are to have the statistics of a fine one.
 
 A coarse run is started from a frame of the reference, unrolled for some outputs, and its observables (front, height,
 mean drag, profiles; `jaxdem.train.observables`) are compared with the reference's at those times. Single
@@ -6,7 +6,8 @@ trajectories diverge chaotically, so they are not compared, and horizons grow fr
 
     loss = mean over observables and times of mean((m - m_ref)^2) / s^2,
 
-with s the mean size of m_ref over the reference. The gradient goes through the whole coupled step by
+with s the mean size of m_ref over the reference. Trained are the weights of the drag closure, of the subgrid stress, or of
+both at once; with a subgrid stress in the run the fluid is compared too. The gradient goes through the whole coupled step by
 `jaxdem.rollout`. A gradient-free search on a few of the parameters stands beside it as a baseline.
 """
 
@@ -27,7 +28,6 @@ import optax
 from jax import Array
 from scipy.optimize import minimize
 
-from jaxdem.closures import InvariantClosure, PaperNetwork
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, first_meaning
 from jaxdem.io import load_run
@@ -35,10 +35,10 @@ from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.rollout import measured_rollout
 from jaxdem.scene import Scene
 from jaxdem.state import Diagnostics, State
-from jaxdem.train.observables import Observables, observe_particles
+from jaxdem.train.closures import Closures, Weights, few_parameters
+from jaxdem.train.observables import Observables, observe_fluid, observe_particles
 from jaxdem.train.reference import Course, follow
 
-LearnedClosure = PaperNetwork | InvariantClosure
 Progress = Callable[[int, int, float], None]
 """progress(updates done, updates in all, loss)."""
 
@@ -61,7 +61,7 @@ class FinetuneSettings:
         updates: of each stage; a gradient-free search has as many evaluations in all.
         starts: start times in a stage, evenly over the reference; an update takes one of them.
         method: "gradient" (Adam) or "gradient-free" (Nelder-Mead at the longest horizon).
-        parameters: "all" weights, or "few": a shift of every output and one factor on the network's last layer.
+        parameters: "all" weights, or "few": a shift of every output and one factor on each network's last layer.
             A gradient-free search always has few.
         learning_rate: of Adam, which falls to a twentieth along a cosine.
         largest_gradient: global norm that a gradient is clipped to.
@@ -106,65 +106,68 @@ class FinetuneResult:
     """What a training gave.
 
     Attributes:
-        closure: the best at the longest horizon, the one given included.
-        metadata: for the closure's file.
+        closures: the best at the longest horizon, those given included.
+        metadata: for the file of each that was trained, by its name.
         stopped: why the training ended early; empty if it did not.
     """
 
-    closure: LearnedClosure
-    metadata: dict[str, Any]
+    closures: Closures
+    metadata: dict[str, dict[str, Any]]
     stopped: str
 
 
 def finetune(
     scene: Scene,
     reference: str | Path,
-    closure: LearnedClosure,
-    metadata: dict[str, Any],
+    closures: Closures,
+    metadata: dict[str, dict[str, Any]],
     settings: FinetuneSettings | None = None,
     progress: Progress | None = None,
 ) -> FinetuneResult:
-    """Train a closure through runs of a coarse scene that follow a reference.
+    """Train closures through runs of a coarse scene that follow a reference.
 
     The run from the reference's first frame over the longest horizon decides which weights are kept; no update
     starts there (unless there is no other frame to start from).
 
     Args:
-        scene: coarse scene; its drag law and closure are replaced.
+        scene: coarse scene; its drag law, closure and subgrid stress are replaced where one is given.
         reference: run directory of a finer run of the same scene.
-        closure: to start from.
-        metadata: of its file.
+        closures: to start from.
+        metadata: of the file of each that is trained, by its name.
         settings: see `FinetuneSettings`.
         progress: see `Progress`.
 
     Raises:
         InputError: scene and reference do not fit together.
-        RunError: the run cannot be unrolled with the closure that was given.
+        RunError: the run cannot be unrolled with the closures that were given.
     """
     settings = settings or FinetuneSettings()
     began = time.perf_counter()
-    course = follow(scene, load_run(reference), closure)
+    closures.check()
+    course = follow(scene, load_run(reference), closures)
     stages = settings.stages(course.run.number_of_frames - 1)
-    training = Training(course, closure, settings, stages)
+    training = Training(course, closures, settings, stages)
     stopped = training.run(progress)
     record = training.record() | {
         "reference": Path(reference).name,
         "scene_toml": scene.to_toml(),
+        "trained": list(closures.trained),
         "settings": dataclasses.asdict(settings) | {"horizons": list(stages)},
         "seconds": time.perf_counter() - began,
         "stopped": stopped,
     }
-    best = dataclasses.replace(closure, weights=training.best)
-    return FinetuneResult(
-        best, metadata | {"recipe": "finetune", "before": metadata, "finetune": record}, stopped
-    )
+    written = {}
+    for name in closures.trained:
+        before = metadata.get(name, {})
+        written[name] = before | {"recipe": "finetune", "before": before, "finetune": record}
+    return FinetuneResult(closures.with_weights(training.best), written, stopped)
 
 
 class Unrolled:
     """Coarse runs from frames of the reference, their loss and its gradient."""
 
-    def __init__(self, course: Course, closure: LearnedClosure, longest: int):
-        self.course, self.closure, self.longest = course, closure, longest
+    def __init__(self, course: Course, closures: Closures, longest: int):
+        self.course, self.closures, self.longest = course, closures, longest
         self.scales = jax.tree.map(_mean_size, course.targets)
         self.room: Room | None = None
         self.forward_runs = self.resizes = 0
@@ -174,36 +177,40 @@ class Unrolled:
         self._loss = jax.jit(self.loss_of_run)
         self._slope = jax.jit(jax.value_and_grad(self.loss_of_run, has_aux=True))
 
-    def loss(self, weights: Any, index: int, outputs: int) -> tuple[float, int]:
+    def loss(self, weights: Weights, index: int, outputs: int) -> tuple[float, int]:
         """Loss of the run from frame `index` over some outputs, and its failure flags."""
         (value, code), _ = self._evaluated(False, weights, index, outputs)
         return value, code
 
-    def slope(self, weights: Any, index: int, outputs: int) -> tuple[float, int, Any]:
+    def slope(self, weights: Weights, index: int, outputs: int) -> tuple[float, int, Weights]:
         """`loss`, and its gradient by the weights."""
         (value, code), slopes = self._evaluated(True, weights, index, outputs)
         return value, code, slopes
 
     def loss_of_run(
-        self, weights: Any, state: State, neighbors: Neighbors, targets: Observables, outputs: Array
+        self, weights: Weights, state: State, neighbors: Neighbors, targets: Observables, outputs: Array
     ) -> tuple[Array, Array]:
         """Loss and failure flags as a pure function of the weights; see the module.
 
         Args:
-            weights: of the closure.
+            weights: of the closures that are trained.
             state, neighbors: to start from.
             targets: of the coming outputs, as many as the longest horizon has.
             outputs: () int32, how many of them count.
         """
         course, grains = self.course, self.course.grains
-        parameters = course.parameters._replace(closure=dataclasses.replace(self.closure, weights=weights))
+        parameters = self.closures.with_weights(weights).put_into(course.parameters)
 
         def measure(state: State, diagnostics: Diagnostics) -> Observables:
             particles, forces = state.particles, diagnostics.forces
             assert particles is not None and forces is not None
-            return observe_particles(
+            seen = observe_particles(
                 grains, particles.position, particles.velocity, particles.angular_velocity, forces.drag
             )
+            if targets.fluid_velocity_mean is None:
+                return seen
+            assert course.simulation.fluid is not None and state.fluid is not None
+            return observe_fluid(seen, course.simulation.fluid.solver.grid, state.fluid)
 
         each, longest = course.per_output, len(targets.runoff)
         result = measured_rollout(
@@ -222,7 +229,7 @@ class Unrolled:
             of_time = squared if squared.ndim == 1 else jnp.mean(squared, axis=1)
             return jnp.sum(jnp.where(counts, of_time, 0.0)) / outputs
 
-        terms = list(map(term, result.observations, targets, self.scales))
+        terms = jax.tree.leaves(jax.tree.map(term, result.observations, targets, self.scales))
         return jnp.mean(jnp.stack(terms)), result.failures
 
     def _evaluated(self, sloped: bool, weights: Any, index: int, outputs: int) -> Any:
@@ -259,19 +266,19 @@ class Training:
     """The course of one training."""
 
     def __init__(
-        self, course: Course, closure: LearnedClosure, settings: FinetuneSettings, stages: tuple[int, ...]
+        self, course: Course, closures: Closures, settings: FinetuneSettings, stages: tuple[int, ...]
     ):
-        self.unrolled = Unrolled(course, closure, max(stages))
+        self.unrolled = Unrolled(course, closures, max(stages))
         self.settings, self.stages = settings, stages
-        self.best = closure.weights
+        self.best = closures.weights
         self.validation: list[float] = []
         self.losses: list[float] = []
         self.skipped = 0
         few = settings.parameters == "few" or settings.method == "gradient-free"
-        self.variables: Any = closure.weights
+        self.variables: Any = closures.weights
         self.weights_of: Callable[[Any], Any] = lambda weights: weights
         if few:
-            self.variables, weights_of = few_parameters(closure)
+            self.variables, weights_of = few_parameters(closures)
             self.weights_of = jax.jit(weights_of)
         self._slopes_of = jax.jit(lambda at, slopes: jax.vjp(self.weights_of, at)[1](slopes)[0])
 
@@ -286,7 +293,7 @@ class Training:
             reason, remedy = (
                 first_meaning(code) if code else ("its loss is not finite", "Look at the closure.")
             )
-            where = f"run with the closure as given, {max(self.stages)} outputs from the start"
+            where = f"run with the closures as given, {max(self.stages)} outputs from the start"
             raise RunError(reason, where, 0.0, remedy)
         self.validation.append(value)
         return (
@@ -392,22 +399,6 @@ def _update(
     """Variables and state of the optimiser after an update, and the norm of the gradient."""
     changes, state = optimizer.update(slopes, state)
     return optax.apply_updates(variables, changes), state, optax.tree.norm(slopes)
-
-
-def few_parameters(closure: LearnedClosure) -> tuple[Array, Callable[[Array], Any]]:
-    """A handful of parameters for a search without gradients: (p, weights of p), p = 0 for the closure itself.
-
-    The bias of the last layer moves by p_k for output k, and its kernel is multiplied by exp(p_last).
-    """
-    last = f"Dense_{len(closure.hidden)}"
-    layer = closure.weights[last]
-    bias = jnp.asarray(layer["bias"])
-
-    def weights(p: Array) -> Any:
-        changed = {"kernel": layer["kernel"] * jnp.exp(p[-1]), "bias": bias + p[:-1]}
-        return closure.weights | {last: changed}
-
-    return jnp.zeros(bias.shape[0] + 1, bias.dtype), weights
 
 
 def _mean_size(values: Array) -> Array:

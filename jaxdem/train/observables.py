@@ -1,5 +1,7 @@
 """The observables of `jaxdem.metrics` as functions that can be differentiated, and profiles along the flow.
 
+Those of the fluid are of fields averaged to the coarse mesh, on both sides: what a perfect coarse run would show.
+
 Those that have a name of `jaxdem.metrics` give its value: run-off and height are the same percentile, whose slope
 is that of the two grains that it lies between. The profiles are sums over all particles with a smooth kernel, so that
 every grain has a share in where the pack is.
@@ -12,6 +14,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.fluid.grid import Grid, cell_average
+from jaxdem.fluid.momentum import FluidState
 from jaxdem.metrics import PERCENTILE
 
 BINS = 24
@@ -25,6 +29,10 @@ class Observables(NamedTuple):
         drag_force_mean, particle_velocity_mean, kinetic_energy, runoff, height: (), see `jaxdem.metrics`.
         solids_profile: (BINS,) volume of particles per length along x [m2].
         height_profile: (BINS,) volume of particles times the height of their centres, per length along x [m3].
+        fluid_velocity_mean, fluid_pressure_mean: (), as in `jaxdem.metrics`; these and the following are None where
+            the fluid is not compared.
+        momentum_profile: (cells along x,) mean over each section of g u_x^2, the momentum that passes [m2/s2].
+        flux_height_profile: (cells along x,) mean over each section of g u_x z, where the flow passes [m2/s].
     """
 
     drag_force_mean: Array
@@ -34,6 +42,10 @@ class Observables(NamedTuple):
     height: Array
     solids_profile: Array
     height_profile: Array
+    fluid_velocity_mean: Array | None = None
+    fluid_pressure_mean: Array | None = None
+    momentum_profile: Array | None = None
+    flux_height_profile: Array | None = None
 
 
 class Grains(NamedTuple):
@@ -74,6 +86,29 @@ def observe_particles(
         height=jnp.percentile(position[:, -1], PERCENTILE),
         solids_profile=solids,
         height_profile=_profile(grains, position[:, 0], grains.volume * position[:, -1]),
+    )
+
+
+def observe_fluid(seen: Observables, grid: Grid, fluid: FluidState) -> Observables:
+    """The observables with those of the fluid.
+
+    Args:
+        seen: those of the particles.
+        grid: the coarse grid.
+        fluid: on it, with a void fraction.
+    """
+    cells = jnp.stack(cell_average(fluid.face_velocity), axis=-1)
+    sections = tuple(range(1, grid.dimension))
+    height = (jnp.arange(grid.cells[-1], dtype=cells.dtype) + 0.5) * grid.spacing[-1]
+    height = height.reshape((1,) * (grid.dimension - 1) + (-1,))
+    along = cells[..., 0]
+    assert fluid.void_fraction is not None
+    flux = fluid.void_fraction * along
+    return seen._replace(
+        fluid_velocity_mean=jnp.mean(_length(cells.reshape(-1, grid.dimension))),
+        fluid_pressure_mean=jnp.mean(fluid.pressure),
+        momentum_profile=jnp.mean(flux * along, axis=sections),
+        flux_height_profile=jnp.mean(flux * height, axis=sections),
     )
 
 

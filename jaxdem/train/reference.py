@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.build import build, initial_state
-from jaxdem.closures import InvariantClosure, PaperNetwork
+from jaxdem.closures import PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid, face_average_along
@@ -27,7 +27,8 @@ from jaxdem.scene import Scene
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.time_steps import time_steps
-from jaxdem.train.observables import Grains, Observables, observe_particles
+from jaxdem.train.closures import Closures
+from jaxdem.train.observables import Grains, Observables, observe_fluid, observe_particles
 
 OPTION = "--reference"
 
@@ -52,6 +53,11 @@ class Course:
     template: State
     per_output: int
     targets: Observables
+
+    @property
+    def observes_fluid(self) -> bool:
+        """Whether the fluid is compared: where there is a subgrid stress, of which particles alone say little."""
+        return self.parameters.fluid is not None and self.parameters.fluid.subgrid is not None
 
     @property
     def grains(self) -> Grains:
@@ -130,18 +136,20 @@ class Course:
         return deposited
 
 
-def follow(scene: Scene, run: Run, closure: PaperNetwork | InvariantClosure) -> Course:
-    """The coarse run of `scene` with a closure, to follow a reference run.
+def follow(scene: Scene, run: Run, closures: Closures) -> Course:
+    """The coarse run of `scene` with closures in it, to follow a reference run.
+
+    With a subgrid stress among them the fluid is compared too.
 
     Raises:
         InputError: the scene cannot be differentiated or compared: other particles, box or times than the
             reference's, a finer mesh than its, particles that come and go, or forces with a memory.
     """
-    _check_scene(scene, closure)
+    _check_scene(scene, closures)
     _check_reference(scene, run)
     _check_grains(scene, run)
     per_output = _intervals_per_output(time_steps(scene).interval, run)
-    simulation, parameters = build(scene, closure)
+    simulation, parameters = build(scene, closures.drag, subgrid=closures.subgrid)
     if simulation.population is not None:
         limit = "training where particles come and go is not built"
         raise InputError("particles", "inlets or exits", limit, "Take them out of the scene.")
@@ -157,12 +165,18 @@ def _targets(course: Course) -> Observables:
     def observed(*arrays: Array) -> Observables:
         return observe_particles(course.grains, *arrays)
 
+    fluid = course.simulation.fluid
+    assert fluid is not None
+    fluid_observed = jax.jit(lambda seen, flow: observe_fluid(seen, fluid.solver.grid, flow))
     rows = []
     for index in range(course.run.number_of_frames):
         frame = course.run.particles(index)
         flat = [frame[name][:, :dimension] for name in ("position", "velocity")]
         arrays = (*flat, frame["angular_velocity"], frame["drag_force"][:, :dimension])
-        rows.append(observed(*(jnp.asarray(array, dtype) for array in arrays)))
+        seen = observed(*(jnp.asarray(array, dtype) for array in arrays))
+        if course.observes_fluid:
+            seen = fluid_observed(seen, course.start(index).fluid)
+        rows.append(seen)
     return jax.tree.map(lambda *values: jnp.stack(values), *rows)
 
 
@@ -175,7 +189,7 @@ def _flux_of_cells(grid: Grid, void_fraction: Array, velocity: Array) -> tuple[A
     )
 
 
-def _check_scene(scene: Scene, closure: PaperNetwork | InvariantClosure) -> None:
+def _check_scene(scene: Scene, closures: Closures) -> None:
     coupling = scene.coupling
     if scene.particles is None or scene.fluid is None or coupling is None:
         raise InputError(
@@ -188,8 +202,11 @@ def _check_scene(scene: Scene, closure: PaperNetwork | InvariantClosure) -> None
             "what it remembers is not in the reference's frames",
             "Set it to 0 for the training.",
         )
-    if isinstance(closure, PaperNetwork) and closure.dimension != scene.dimension:
-        limit = f"was trained in {closure.dimension}-D, the scene is {scene.dimension}-D"
+    if closures.subgrid is not None and scene.fluid.smagorinsky > 0.0:
+        limit = "stands for the same eddies as the learned subgrid stress"
+        raise InputError("fluid.smagorinsky", scene.fluid.smagorinsky, limit, "Set it to 0.")
+    if isinstance(closures.drag, PaperNetwork) and closures.drag.dimension != scene.dimension:
+        limit = f"was trained in {closures.drag.dimension}-D, the scene is {scene.dimension}-D"
         raise InputError("--closure", "", limit, "Train one of the scene's dimension.")
 
 

@@ -16,7 +16,9 @@ from jaxdem.closures import (
     InvariantClosure,
     KochHill,
     PaperNetwork,
+    SubgridClosure,
     load_closure,
+    load_subgrid,
     save_closure,
 )
 from jaxdem.closures.invariant import FEATURES, TERMS, WITHOUT_PRESSURE
@@ -312,7 +314,12 @@ CLOSURES = {
     "invariant": lambda: shaken(InvariantClosure.initial(Ergun(), (5, 4), "softplus", TERMS)),
     "paper": lambda: shaken(PaperNetwork.initial(3, hidden=(7, 3), activation="selu")),
     "ensemble": lambda: EnsembleClosure.of([PaperNetwork.initial(3, hidden=(7,), seed=n) for n in (0, 1)]),
+    "subgrid": lambda: shaken(SubgridClosure.initial((5, 4), "softplus")),
 }
+
+
+def read_as(kind, path):
+    return (load_subgrid if kind == "subgrid" else load_closure)(path)
 
 
 @pytest.mark.parametrize("kind", CLOSURES)
@@ -320,7 +327,7 @@ def test_file_round_trip_is_exact(kind, tmp_path):
     closure, path = CLOSURES[kind](), tmp_path / "closure.h5"
     metadata = {"recipe": kind, "r2": {"8": {"closure": np.float32(0.5)}}, "loss_history": [0.1] * 20_000}
     save_closure(path, closure, metadata)
-    loaded, read = load_closure(path)
+    loaded, read = read_as(kind, path)
     assert jax.tree.structure(loaded) == jax.tree.structure(closure)
     for before, after in zip(jax.tree.leaves(closure), jax.tree.leaves(loaded), strict=True):
         assert before.dtype == after.dtype
@@ -362,6 +369,20 @@ def test_failed_write_keeps_the_old_file(tmp_path):
     assert load_closure(path)[1] == {"round": 1}
     with pytest.raises(InputError, match="cannot be written"):
         save_closure(tmp_path / "nowhere" / "closure.h5", CLOSURES["paper"](), {})
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "words"),
+    [
+        ("subgrid", "closure.file", "subgrid stress.*fluid.subgrid"),
+        ("paper", "fluid.subgrid", "drag closure"),
+    ],
+)
+def test_a_closure_of_the_other_kind_is_refused(kind, key, words, tmp_path):
+    path = tmp_path / "closure.h5"
+    save_closure(path, CLOSURES[kind](), {})
+    with pytest.raises(InputError, match=f"^{key}.*{words}"):
+        read_as("paper" if kind == "subgrid" else "subgrid", path)
 
 
 def break_truncate(path):
@@ -427,12 +448,17 @@ def break_missing(path):
         (break_missing, "is not a file"),
     ],
 )
-def test_broken_files_are_refused(damage, message, tmp_path):
+@pytest.mark.parametrize("kind", ["invariant", "subgrid"])
+def test_broken_files_are_refused(kind, damage, message, tmp_path):
+    if kind == "subgrid" and damage is break_law:
+        pytest.skip("it has no base law")
     path = tmp_path / "closure.h5"
-    save_closure(path, CLOSURES["invariant"](), {})
+    save_closure(path, CLOSURES[kind](), {})
     damage(path)
-    with pytest.raises(InputError, match=message):
-        load_closure(path)
+    with pytest.raises(InputError, match=message) as caught:
+        read_as(kind, path)
+    if damage is not break_law:
+        assert caught.value.key == ("fluid.subgrid" if kind == "subgrid" else "closure.file")
 
 
 def test_bad_structure_is_refused():
