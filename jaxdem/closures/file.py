@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.errors import InputError
+from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 
 FORMAT = "jaxdem-closure"
 VERSION = 1
@@ -40,7 +42,7 @@ def save_closure(path: str | os.PathLike[str], closure: StoredClosure, metadata:
 
     Layout: attributes format, version, kind ("paper", "invariant" or "ensemble"), base (scene name of the base law),
     hidden, activation, dimension (paper), terms and features (invariant), members and member_kind (ensemble); dataset `metadata`
-    (JSON); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`, those of
+    (JSON in UTF-8, as bytes); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`, those of
     an ensemble below `arrays/members/` with the members along their first axis.
 
     Args:
@@ -54,11 +56,14 @@ def save_closure(path: str | os.PathLike[str], closure: StoredClosure, metadata:
     """
     structure = _structure(closure)
     text = json.dumps(metadata, default=_plain)
-    with write_aside(path, KEY) as aside, h5py.File(aside, "w") as file:
-        file.attrs.update({"format": FORMAT, "version": VERSION, **structure})
-        file.create_dataset("metadata", data=text)
+    with in_memory("closure") as file:
+        write_attributes(file, {"format": FORMAT, "version": VERSION, **structure})
+        store(file, "metadata", np.frombuffer(text.encode(), np.uint8))
         for name, leaf in _named_leaves(closure).items():
-            file.create_dataset(f"arrays/{name}", data=np.asarray(leaf))
+            store(file, f"arrays/{name}", leaf)
+        content = image_of(file)
+    with write_aside(path, KEY) as aside:
+        aside.write_bytes(content)
 
 
 @contextmanager
@@ -67,6 +72,7 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
 
     Raises:
         InputError: the place cannot be written; `key` is what the error names.
+        OSError: there is no room on the disk.
     """
     target = Path(path)
     aside = target.with_name(target.name + ".part")
@@ -76,6 +82,9 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
             os.fsync(written.fileno())
         os.replace(aside, target)
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            error.filename = str(path)
+            raise
         raise InputError(
             key, str(path), f"cannot be written ({error})", "Choose a writable place."
         ) from error
@@ -93,7 +102,7 @@ def load_closure(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str,
     try:
         if not Path(path).is_file():
             raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem train`.")
-        with h5py.File(path, "r") as file:
+        with open_for_reading(path) as file:
             return _read(file, str(path))
     except UNREADABLE as error:
         reason = f"cannot be read as a closure ({error})"
@@ -101,12 +110,13 @@ def load_closure(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str,
 
 
 def _read(file: h5py.File, path: str) -> tuple[StoredClosure, dict[str, Any]]:
-    if file.attrs.get("format") != FORMAT:
+    own = attributes_of(file)
+    if own.get("format") != FORMAT:
         raise InputError(KEY, path, "is not a closure file", "Give a file written by `jaxdem train`.")
-    if int(file.attrs["version"]) > VERSION:
-        limit = f"has version {file.attrs['version']}, this program reads up to {VERSION}"
+    if int(own["version"]) > VERSION:
+        limit = f"has version {own['version']}, this program reads up to {VERSION}"
         raise InputError(KEY, path, limit, "Update jaxdem.")
-    template = jax.eval_shape(lambda: _template(file.attrs, path))
+    template = jax.eval_shape(lambda: _template(own, path))
     leaves = []
     for name, leaf in _named_leaves(template).items():
         stored = file.get(f"arrays/{name}")
@@ -123,7 +133,12 @@ def _read(file: h5py.File, path: str) -> tuple[StoredClosure, dict[str, Any]]:
             raise InputError(KEY, path, limit, "Train or copy it again.")
         leaves.append(jnp.asarray(values))
     closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
-    return closure, json.loads(file["metadata"].asstr()[()])
+    return closure, json.loads(_bytes(file["metadata"][()]))
+
+
+def _bytes(stored: Any) -> bytes:
+    """Text that is kept as an array of bytes; files before HDF5 1.10's format have a string of variable length."""
+    return stored if isinstance(stored, bytes) else stored.tobytes()
 
 
 def _structure(closure: StoredClosure) -> dict[str, Any]:
