@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
@@ -89,6 +90,7 @@ def fit_to_files(
     import numpy as np
 
     from jaxdem.closures import save_closure
+    from jaxdem.io.durable import write_bytes
     from jaxdem.train.dataset_file import read_dataset
     from jaxdem.train.fit import fit_filtered, fit_paper
 
@@ -100,8 +102,9 @@ def fit_to_files(
     arrays = {
         f"{factor}/{name}": array for factor, figures in result.parity.items() for name, array in figures.items()
     }  # fmt: skip
-    with parity.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]
+    content = io.BytesIO()
+    np.savez(content, **arrays)  # type: ignore[arg-type]
+    write_bytes(parity, content.getvalue())
     seconds = clock.perf_counter() - begin
     save_closure(out, result.closure, {**result.metadata, "study_seconds": seconds})
 
