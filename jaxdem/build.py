@@ -34,6 +34,7 @@ from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.remap import coarsened
+from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
 from jaxdem.magnitudes import check_magnitudes, check_memory
 from jaxdem.particles import vectors
@@ -66,6 +67,7 @@ def build(
     walls: Sequence[Callable[[Array], Array]] = (),
     contact_law: ContactLaw | None = None,
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
+    side_conditions: Mapping[str, SideCondition] | None = None,
 ) -> tuple[Simulation, Parameters]:
     """The simulation of a scene, and its parameters.
 
@@ -80,6 +82,9 @@ def build(
         inlet_profiles: by the side's name, one for each of its other axes or None where it is even, instead of the
             scene's `boundary.<side>.profile`; see `jaxdem.fluid.inlet.InletProfile`. The automatic fluid step
             takes them for even; a faster flow is met by sub-steps, or by a flag.
+        side_conditions: by the side's name, what the fluid does there instead of what the scene's
+            `boundary.<side>.kind` says; see `jaxdem.fluid.side_conditions.SideCondition`. Checks of the scene and limits
+            of the fluid step are those of the kind: name there the one that is most like it.
 
     Raises:
         InputError: a step or size that the scene asks for cannot work.
@@ -87,7 +92,7 @@ def build(
     dtype = _dtype(scene)
     check_memory(scene)
     grid = _grid(scene)
-    boundary = _boundary(scene, inlet_profiles or {})
+    boundary = _boundary(scene, inlet_profiles or {}, side_conditions or {})
     bodies = scene_bodies(scene)
     check_magnitudes(scene, bodies)
     radius = bodies.radius
@@ -230,7 +235,10 @@ def _grid(scene: Scene) -> Grid | None:
     return Grid(scene.fluid.cells, scene.domain.size, float(depth or 1.0), scene.periodic)
 
 
-def _boundary(scene: Scene, given: Mapping[str, Sequence[InletProfile | None]]) -> Boundary:
+def _boundary(
+    scene: Scene, given: Mapping[str, Sequence[InletProfile | None]], own: Mapping[str, SideCondition]
+) -> Boundary:
+    _check_conditions(scene, own)
     for name, profiles in given.items():
         if name not in scene.sides or scene.boundary[name].kind != "inlet":
             known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
@@ -255,9 +263,26 @@ def _boundary(scene: Scene, given: Mapping[str, Sequence[InletProfile | None]]) 
                 side.ramp_time or 0.0,
                 tuple(given[name]) if name in given else inlet_profiles(scene, name),
                 side.times,
+                own.get(name),
             )
         )
     return Boundary(tuple(sides))
+
+
+def _check_conditions(scene: Scene, own: Mapping[str, SideCondition]) -> None:
+    for name in own:
+        walls = [
+            side
+            for axis, wraps in enumerate(scene.periodic)
+            if not wraps
+            for side in scene.sides[2 * axis :][:2]
+        ]
+        if name not in walls:
+            known = f"sides: {', '.join(walls) or 'none'}"
+            raise InputError("side_conditions", name, "is no side that the fluid ends at", known)
+        if scene.boundary[name].from_ is not None:
+            limit = "a condition of one's own holds on the whole side, and this one has a patch"
+            raise InputError(f"boundary.{name}.from", scene.boundary[name].from_, limit, "remove from and to")
 
 
 def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:

@@ -21,6 +21,7 @@ from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, failures, first_meaning
 from jaxdem.fluid.inlet import InletProfile
+from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.run_directory import CHECKPOINT, SCENE
 from jaxdem.particles.contact import ContactLaw
@@ -56,6 +57,7 @@ def simulate(
     walls: Sequence[Callable[[Array], Array]] = (),
     contact_law: ContactLaw | None = None,
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
+    side_conditions: Mapping[str, SideCondition] | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> Run:
@@ -64,11 +66,12 @@ def simulate(
     Args:
         scene: from `jaxdem.load_scene`.
         out: run directory; must be new or empty unless `resume`.
-        closure: drag law or learned closure in place of the scene's, see `jaxdem.build`. This and the next three are
+        closure: drag law or learned closure in place of the scene's, see `jaxdem.build`. This and the next four are
             not in the scene file: a resumed run must be given the same.
         walls: signed distances of further walls.
         contact_law: in place of the scene's.
         inlet_profiles: in place of the scene's, by the side's name.
+        side_conditions: in place of the scene's kinds of sides, by the side's name.
         resume: go on from the directory's checkpoint.
         progress: called after every coupling interval.
 
@@ -83,7 +86,7 @@ def simulate(
     if resume and RunDirectory.is_complete(out):
         RunDirectory.require_same_scene(out, scene.to_toml())
         return load_run(out)
-    simulation, parameters = build(scene, closure, walls, contact_law, inlet_profiles)
+    simulation, parameters = build(scene, closure, walls, contact_law, inlet_profiles, side_conditions)
     every = samples_every(scene, simulation)
     state, neighbors = initial_state(scene, simulation, parameters)
     attributes = sample_attributes(scene, simulation) if every else None
