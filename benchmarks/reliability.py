@@ -169,7 +169,8 @@ def runs(number: int, seed: int) -> dict[str, Any]:
 
     Compiling is nearly all of it: with few optimisations, and once for scenes that differ in parameters only.
     """
-    cases = list(hostile.bad_scenes())
+    # What is left out gives its default, which is no strange value.
+    cases = [case for case in hostile.bad_scenes() if not case.kind.startswith(("missing", "empty"))]
     random.Random(seed).shuffle(cases)
     accepted = (case for case in cases if hostile.outcome(case.tables) == "accepted")
     chosen = list(itertools.islice(accepted, number))

@@ -20,7 +20,7 @@ from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.exchange import FluidInterval
 from jaxdem.coupling.history import Basset
-from jaxdem.coupling.interpolation import KernelWidth
+from jaxdem.coupling.interpolation import KernelWidth, cells_under
 from jaxdem.coupling.lift import Magnus, SaffmanMei
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
@@ -58,6 +58,8 @@ from jaxdem.time_steps import inlet_profiles, time_steps
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
 LIFT_LAWS: dict[str, Any] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
+MOST_KERNEL_CELLS = 8000
+"""A cube of 20: each takes some operations of the program, which would not be compiled within minutes."""
 ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
 
 
@@ -270,15 +272,10 @@ def _boundary(
 
 
 def _check_conditions(scene: Scene, own: Mapping[str, SideCondition]) -> None:
+    ends = [side for number, side in enumerate(scene.sides) if not scene.periodic[number // 2]]
     for name in own:
-        walls = [
-            side
-            for axis, wraps in enumerate(scene.periodic)
-            if not wraps
-            for side in scene.sides[2 * axis :][:2]
-        ]
-        if name not in walls:
-            known = f"sides: {', '.join(walls) or 'none'}"
+        if name not in ends:
+            known = f"sides: {', '.join(ends) or 'none'}"
             raise InputError("side_conditions", name, "is no side that the fluid ends at", known)
         if scene.boundary[name].from_ is not None:
             limit = "a condition of one's own holds on the whole side, and this one has a patch"
@@ -302,7 +299,17 @@ def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
                 f"the kernel spans {2.0 * half:.4g} m of a periodic side of {length:.4g} m",
                 "narrow the kernel, or use more cells along that side",
             )
-    return Kernel(half_width) if scene.coupling.void_fraction == "kernel" else Diffusion(half_width)
+    if scene.coupling.void_fraction != "kernel":
+        return Diffusion(half_width)
+    reached = math.prod(cells_under(half, h) for half, h in zip(half_width, grid.spacing, strict=True))
+    if reached > MOST_KERNEL_CELLS:
+        raise InputError(
+            "coupling.kernel_width",
+            {"diameters": width.diameters, "cells": width.cells},
+            f"the kernel of a particle reaches {reached:.3g} cells, and may reach {MOST_KERNEL_CELLS:,}",
+            'narrow it, use fewer cells, or coupling.void_fraction = "diffusion", which takes any width',
+        )
+    return Kernel(half_width)
 
 
 def _self_disturbance(

@@ -14,7 +14,7 @@ import pytest
 
 import jaxdem
 from benchmarks.cases import damage, hostile
-from jaxdem import build, hdf5, load_scene
+from jaxdem import build, hdf5, load_scene, study
 from jaxdem.bodies import Bodies
 from jaxdem.closures import KochHill, load_closure, save_closure
 from jaxdem.closures.network import PaperNetwork
@@ -70,12 +70,10 @@ def test_files_without_checksums_are_read_by_a_process_of_its_own_first(tmp_path
     assert read()
     read()
     assert len(trials) == 1, "once for the same content"
-    for trial, words in (
-        ("while True: pass", "did not come to an end"),
-        ("import os; os.abort()", "crashes"),
-    ):
+    endless = ("while True: pass", 0.2, "did not come to an end")
+    for trial, seconds, words in (endless, ("import os; os.abort()", 60.0, "crashes")):
         monkeypatch.setattr(hdf5, "TRIAL", trial)
-        monkeypatch.setattr(hdf5, "TRIAL_SECONDS", 0.5)
+        monkeypatch.setattr(hdf5, "TRIAL_SECONDS", seconds)
         hdf5._trial.cache_clear()
         with pytest.raises(InputError, match=words):
             read()
@@ -117,6 +115,12 @@ def test_pictures_and_tables_are_whole_or_absent(tmp_path, full_disk):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_study_with_a_marker_that_is_none_is_refused(tmp_path):
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(InputError, match="study.json that is none"):
+        study._claim(tmp_path, {"study": "injection"})
+
+
 @pytest.mark.parametrize(
     ("tables", "key"),
     [
@@ -125,6 +129,10 @@ def test_pictures_and_tables_are_whole_or_absent(tmp_path, full_disk):
         (hostile.changed(hostile.RANDOM, "particles.pack.stop", [1e19, 1.0]), "particles.pack.stop"),
         (hostile.changed(hostile.ROWS, "contact", {"young_modulus": 1e20}), "contact.time_step"),
         (hostile.changed(hostile.STREAM, "fluid.time_step", 1e-19), "time.end"),
+        (
+            hostile.changed(hostile.COUPLED, "coupling.kernel_width", {"diameters": 1e8}),
+            "coupling.kernel_width",
+        ),
     ],
 )
 def test_what_the_machine_cannot_hold_is_refused(tables, key):
