@@ -127,6 +127,7 @@ def test_a_study_with_a_marker_that_is_none_is_refused(tmp_path):
         (hostile.changed(hostile.STREAM, "fluid.cells", [100_000] * 3), "fluid.cells"),
         (hostile.changed(hostile.COUPLED, "particles.radius", 1e-9), "particles.pack.stop"),
         (hostile.changed(hostile.RANDOM, "particles.pack.stop", [1e19, 1.0]), "particles.pack.stop"),
+        (hostile.changed(hostile.RANDOM, "domain.size", [1e19, 0.2]), "domain.size"),
         (hostile.changed(hostile.ROWS, "contact", {"young_modulus": 1e20}), "contact.time_step"),
         (hostile.changed(hostile.STREAM, "fluid.time_step", 1e-19), "time.end"),
         (
