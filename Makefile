@@ -28,7 +28,7 @@ docs: $(VENV)/docs.done
 examples: $(VENV)/run.done
 	for name in $(EXAMPLES); do $(BIN)/python examples/$$name.py docs/pictures/$$name.png || exit 1; done
 
-# Report in build/coverage; what runs in processes of its own (killed runs) is not seen.
+# Report in build/coverage; what runs in processes that are killed is not seen.
 coverage: $(VENV)/test.done
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --cov=jaxdem --cov-report=term-missing:skip-covered --cov-report=html:build/coverage
 

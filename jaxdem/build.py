@@ -20,7 +20,7 @@ from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.exchange import FluidInterval
 from jaxdem.coupling.history import Basset
-from jaxdem.coupling.interpolation import KernelWidth
+from jaxdem.coupling.interpolation import KernelWidth, cells_under
 from jaxdem.coupling.lift import Magnus, SaffmanMei
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
@@ -34,6 +34,7 @@ from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.remap import coarsened
+from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
 from jaxdem.magnitudes import check_magnitudes, check_memory
@@ -58,6 +59,8 @@ from jaxdem.time_steps import inlet_profiles, time_steps
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
 LIFT_LAWS: dict[str, Any] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
+MOST_KERNEL_CELLS = 8000
+"""A cube of 20: each takes some operations of the program, which would not be compiled within minutes."""
 ADVECTION: dict[str, Any] = {"limited": VanLeer, "upwind": Upwind}
 
 
@@ -68,6 +71,7 @@ def build(
     contact_law: ContactLaw | None = None,
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
     subgrid: SubgridLaw | None = None,
+    side_conditions: Mapping[str, SideCondition] | None = None,
 ) -> tuple[Simulation, Parameters]:
     """The simulation of a scene, and its parameters.
 
@@ -84,6 +88,9 @@ def build(
             takes them for even; a faster flow is met by sub-steps, or by a flag.
         subgrid: closure of the subgrid stress to use instead of the scene's `fluid.subgrid`. It goes into the
             parameters, and one may differentiate by its weights.
+        side_conditions: by the side's name, what the fluid does there instead of what the scene's
+            `boundary.<side>.kind` says; see `jaxdem.fluid.side_conditions.SideCondition`. Checks of the scene and limits
+            of the fluid step are those of the kind: name there the one that is most like it.
 
     Raises:
         InputError: a step or size that the scene asks for cannot work.
@@ -91,7 +98,7 @@ def build(
     dtype = _dtype(scene)
     check_memory(scene)
     grid = _grid(scene)
-    boundary = _boundary(scene, inlet_profiles or {})
+    boundary = _boundary(scene, inlet_profiles or {}, side_conditions or {})
     bodies = scene_bodies(scene)
     check_magnitudes(scene, bodies)
     radius = bodies.radius
@@ -234,7 +241,10 @@ def _grid(scene: Scene) -> Grid | None:
     return Grid(scene.fluid.cells, scene.domain.size, float(depth or 1.0), scene.periodic)
 
 
-def _boundary(scene: Scene, given: Mapping[str, Sequence[InletProfile | None]]) -> Boundary:
+def _boundary(
+    scene: Scene, given: Mapping[str, Sequence[InletProfile | None]], own: Mapping[str, SideCondition]
+) -> Boundary:
+    _check_conditions(scene, own)
     for name, profiles in given.items():
         if name not in scene.sides or scene.boundary[name].kind != "inlet":
             known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
@@ -259,9 +269,21 @@ def _boundary(scene: Scene, given: Mapping[str, Sequence[InletProfile | None]]) 
                 side.ramp_time or 0.0,
                 tuple(given[name]) if name in given else inlet_profiles(scene, name),
                 side.times,
+                own.get(name),
             )
         )
     return Boundary(tuple(sides))
+
+
+def _check_conditions(scene: Scene, own: Mapping[str, SideCondition]) -> None:
+    ends = [side for number, side in enumerate(scene.sides) if not scene.periodic[number // 2]]
+    for name in own:
+        if name not in ends:
+            known = f"sides: {', '.join(ends) or 'none'}"
+            raise InputError("side_conditions", name, "is no side that the fluid ends at", known)
+        if scene.boundary[name].from_ is not None:
+            limit = "a condition of one's own holds on the whole side, and this one has a patch"
+            raise InputError(f"boundary.{name}.from", scene.boundary[name].from_, limit, "remove from and to")
 
 
 def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
@@ -281,7 +303,17 @@ def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
                 f"the kernel spans {2.0 * half:.4g} m of a periodic side of {length:.4g} m",
                 "narrow the kernel, or use more cells along that side",
             )
-    return Kernel(half_width) if scene.coupling.void_fraction == "kernel" else Diffusion(half_width)
+    if scene.coupling.void_fraction != "kernel":
+        return Diffusion(half_width)
+    reached = math.prod(cells_under(half, h) for half, h in zip(half_width, grid.spacing, strict=True))
+    if reached > MOST_KERNEL_CELLS:
+        raise InputError(
+            "coupling.kernel_width",
+            {"diameters": width.diameters, "cells": width.cells},
+            f"the kernel of a particle reaches {reached:.3g} cells, and may reach {MOST_KERNEL_CELLS:,}",
+            'narrow it, use fewer cells, or coupling.void_fraction = "diffusion", which takes any width',
+        )
+    return Kernel(half_width)
 
 
 def _self_disturbance(

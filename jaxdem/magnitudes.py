@@ -16,6 +16,9 @@ from jaxdem.scene import Scene
 RANGE = {"float32": (1e-35, 1e35), "float64": (1e-280, 1e280)}
 """Sizes that a product of a scene's numbers may have: the range of the floats, with room for a factor of 1000."""
 
+LONGEST_SIDE = 1e9
+"""Of the box, in radii of the smallest particle: pairs of float32 then carry overlaps of some millionths of the radius."""
+
 LEAST_BYTES_PER_PARTICLE = 500
 """State, forces and neighbours of a particle in float32, measured by `jaxdem check`; a bound from below."""
 
@@ -37,6 +40,7 @@ def check_magnitudes(scene: Scene, bodies: Bodies) -> None:
     Raises:
         InputError: naming the quantity.
     """
+    _check_side(scene, bodies)
     low, high = RANGE[scene.precision]
     for key, what, unit, value in (*_of_particles(scene, bodies), *_of_fluid(scene)):
         if value != 0.0 and not low <= abs(value) <= high:
@@ -45,6 +49,15 @@ def check_magnitudes(scene: Scene, bodies: Bodies) -> None:
                 remedy += ', or use precision = "float64"'
             limit = f"makes {what} of {value:.3g} {unit}, which {scene.precision} does not hold"
             raise InputError(key, _given(scene, key), limit, remedy)
+
+
+def _check_side(scene: Scene, bodies: Bodies) -> None:
+    if scene.particles is None or bodies.radius.size == 0:
+        return
+    radii = max(scene.domain.size) / float(np.min(bodies.radius))
+    if radii > LONGEST_SIDE:
+        limit = f"a side is {radii:.3g} times the radius of the smallest particle, and may be {LONGEST_SIDE:.0e} times"
+        raise InputError("domain.size", _given(scene, "domain.size"), limit, "correct the value or its unit")
 
 
 def check_memory(scene: Scene) -> None:

@@ -6,12 +6,18 @@ import errno
 import io
 import os
 import stat
+import tokenize
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxdem.errors import InputError
+
+_UNREADABLE = (
+    OSError, ValueError, TypeError, EOFError, SyntaxError, OverflowError, tokenize.TokenError, MemoryError,
+)  # fmt: skip
+"""What a text, or numpy's reader with an altered header, raises."""
 
 
 def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.ndarray | None:
@@ -73,7 +79,7 @@ def _read_rows(key: str, name: str) -> np.ndarray:
         return np.asarray(lines, float)
     except FileNotFoundError:
         raise InputError(key, name, "no such file", "names are relative to the scene file") from None
-    except (OSError, ValueError, EOFError, MemoryError) as error:
+    except _UNREADABLE as error:
         reason = getattr(error, "strerror", None) or str(error) or "too large"
         raise InputError(
             key, name, f"cannot be read as rows of numbers ({reason})", "correct the file"

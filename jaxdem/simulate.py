@@ -21,6 +21,7 @@ from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, failures, first_meaning
 from jaxdem.fluid.inlet import InletProfile
+from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.run_directory import CHECKPOINT, SCENE
@@ -58,6 +59,7 @@ def simulate(
     contact_law: ContactLaw | None = None,
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
     subgrid: SubgridLaw | None = None,
+    side_conditions: Mapping[str, SideCondition] | None = None,
     resume: bool = False,
     progress: Progress | None = None,
 ) -> Run:
@@ -72,6 +74,7 @@ def simulate(
         contact_law: in place of the scene's.
         inlet_profiles: in place of the scene's, by the side's name.
         subgrid: closure of the subgrid stress in place of the scene's.
+        side_conditions: in place of the scene's kinds of sides, by the side's name.
         resume: go on from the directory's checkpoint.
         progress: called after every coupling interval.
 
@@ -86,7 +89,9 @@ def simulate(
     if resume and RunDirectory.is_complete(out):
         RunDirectory.require_same_scene(out, scene.to_toml())
         return load_run(out)
-    simulation, parameters = build(scene, closure, walls, contact_law, inlet_profiles, subgrid)
+    simulation, parameters = build(
+        scene, closure, walls, contact_law, inlet_profiles, subgrid, side_conditions
+    )
     every = samples_every(scene, simulation)
     state, neighbors = initial_state(scene, simulation, parameters)
     attributes = sample_attributes(scene, simulation) if every else None

@@ -19,6 +19,7 @@ import numpy as np
 from jaxdem.closures import load_closure
 from jaxdem.errors import InputError
 from jaxdem.io import Run
+from jaxdem.io.durable import write_bytes
 from jaxdem.report import Comparison, compare
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulate import Progress, simulate_once
@@ -278,7 +279,12 @@ def _claim(out: Path, identity: dict[str, str], known: Collection[str] = ()) -> 
     """Marks the folder as this study's; refuses a folder that holds something else than what is known."""
     marker = out / "study.json"
     if marker.is_file():
-        found = json.loads(marker.read_text(encoding="utf-8"))
+        try:
+            found = json.loads(marker.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise InputError(
+                "--out", str(out), "has a study.json that is none", "choose another folder"
+            ) from None
         if found != identity:
             raise InputError("--out", str(out), f"holds the study {found}", "choose another folder")
         return
@@ -286,7 +292,7 @@ def _claim(out: Path, identity: dict[str, str], known: Collection[str] = ()) -> 
         raise InputError("--out", str(out), "is not empty and holds no study", "choose another folder")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        marker.write_text(json.dumps(identity) + "\n", encoding="utf-8")
+        write_bytes(marker, (json.dumps(identity) + "\n").encode())
     except OSError as error:
         raise InputError(
             "--out", str(out), f"cannot be written ({error.strerror})", "choose another folder"

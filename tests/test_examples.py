@@ -59,6 +59,11 @@ def test_an_inlet_profile_of_ones_own(quickly_compiled):
     assert np.all(np.diff(inflow[: len(inflow) // 2]) > 0.0)
 
 
+def test_a_kind_of_side_of_ones_own(quickly_compiled):
+    found, expected = extending("slip_wall")
+    assert found == pytest.approx(expected, rel=1e-4)  # the scheme is exact for a line; float32
+
+
 def test_every_key_of_a_scene_is_described():
     reference = load(ROOT / "docs" / "tools" / "scene_reference.py")
     text = reference.markdown()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import errno
 import itertools
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 
 import jaxdem
 from benchmarks.cases import damage, hostile
-from jaxdem import build, load_scene
+from jaxdem import build, hdf5, load_scene, study
 from jaxdem.bodies import Bodies
 from jaxdem.closures import KochHill, load_closure, save_closure
 from jaxdem.closures.network import PaperNetwork
@@ -21,6 +22,8 @@ from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory
 from jaxdem.magnitudes import check_magnitudes
 from jaxdem.particles.cells import MOST_CELLS, CellGrid
+from jaxdem.report import style
+from jaxdem.report.comparison import Comparison, Row, write_csv
 from jaxdem.restart import origin, require_same_origin
 from jaxdem.time_steps import time_steps
 
@@ -40,10 +43,82 @@ def test_bad_scenes_are_refused_or_sound():
     assert "accepted" in found
 
 
-@pytest.mark.parametrize("kind", damage.KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in damage.KINDS if kind not in damage.BEFORE_110])
 def test_damaged_files_are_refused(kind):
     found = damage.read_damaged(kind, 8, 0, damage.CHANGES[:4])
     assert found["refused"] >= (3 if kind == "scene.toml" else 4), "a scene that is cut may still be one"
+
+
+HDF5_KINDS = ("closure", "dataset", "checkpoint", "particles.vtkhdf", "fluid.vtkhdf", "samples.h5")
+
+
+@pytest.mark.parametrize("kind", HDF5_KINDS)
+def test_one_altered_bit_is_noticed(kind):
+    """Anywhere in the file: refused, or in a place that does not matter; never a hang, never other numbers."""
+    found = damage.read_damaged(kind, 25, 1, damage.BIT)
+    assert found["refused"] > 12
+    assert "read as something else" not in found
+
+
+def test_files_without_checksums_are_read_by_a_process_of_its_own_first(tmp_path, monkeypatch):
+    path, read = damage.KINDS["closure of HDF5 before 1.10"](tmp_path)
+    assert path.read_bytes()[8] < hdf5.CHECKED
+    trials = []
+    monkeypatch.setattr(
+        hdf5.subprocess, "run", lambda *a, run=hdf5.subprocess.run, **k: trials.append(1) or run(*a, **k)
+    )
+    assert read()
+    read()
+    assert len(trials) == 1, "once for the same content"
+    endless = ("while True: pass", 0.2, "did not come to an end")
+    for trial, seconds, words in (endless, ("import os; os.abort()", 60.0, "crashes")):
+        monkeypatch.setattr(hdf5, "TRIAL", trial)
+        monkeypatch.setattr(hdf5, "TRIAL_SECONDS", seconds)
+        hdf5._trial.cache_clear()
+        with pytest.raises(InputError, match=words):
+            read()
+    hdf5._trial.cache_clear()
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Every file of more than a few bytes is refused as by a full disk."""
+
+    def refuse(path, content, opened=Path.open):
+        with opened(path, "wb") as file:
+            file.write(content[:5])
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+
+
+@pytest.mark.parametrize("kind", ["closure", "dataset"])
+def test_a_full_disk_leaves_the_earlier_file_and_nothing_beside_it(tmp_path, kind, request):
+    path, _ = damage.KINDS[kind](tmp_path)
+    before = path.read_bytes()
+    request.getfixturevalue("full_disk")
+    with pytest.raises(OSError, match="No space left"):
+        damage.KINDS[kind](tmp_path)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_pictures_and_tables_are_whole_or_absent(tmp_path, full_disk):
+    figure = style.new_figure(1.0, 1.0)
+    row = Row(
+        "a", "run", "", None, 1, "", "", "float32", 1.0, 1.0, True, True, "", 1.0, 0.0, 1.0, {}, {}, 0.0, 0
+    )
+    with pytest.raises(OSError, match="No space left.*picture.png'$"):
+        style.save(figure, tmp_path / "picture.png")
+    with pytest.raises(OSError, match="No space left"):
+        write_csv(Comparison(rows=[row]), tmp_path / "comparison.csv")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_study_with_a_marker_that_is_none_is_refused(tmp_path):
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(InputError, match="study.json that is none"):
+        study._claim(tmp_path, {"study": "injection"})
 
 
 @pytest.mark.parametrize(
@@ -52,8 +127,13 @@ def test_damaged_files_are_refused(kind):
         (hostile.changed(hostile.STREAM, "fluid.cells", [100_000] * 3), "fluid.cells"),
         (hostile.changed(hostile.COUPLED, "particles.radius", 1e-9), "particles.pack.stop"),
         (hostile.changed(hostile.RANDOM, "particles.pack.stop", [1e19, 1.0]), "particles.pack.stop"),
+        (hostile.changed(hostile.RANDOM, "domain.size", [1e19, 0.2]), "domain.size"),
         (hostile.changed(hostile.ROWS, "contact", {"young_modulus": 1e20}), "contact.time_step"),
         (hostile.changed(hostile.STREAM, "fluid.time_step", 1e-19), "time.end"),
+        (
+            hostile.changed(hostile.COUPLED, "coupling.kernel_width", {"diameters": 1e8}),
+            "coupling.kernel_width",
+        ),
     ],
 )
 def test_what_the_machine_cannot_hold_is_refused(tables, key):
@@ -87,6 +167,13 @@ def test_toml_that_exhausts_the_reader_is_refused(tmp_path, content, words):
     path.write_bytes(content)
     with pytest.raises(InputError, match=words):
         load_scene(path)
+
+
+def test_an_array_file_with_a_header_that_does_not_end_is_refused(tmp_path):
+    path, read = damage.KINDS["positions.npy"](tmp_path)
+    path.write_bytes(path.read_bytes().replace(b"(20, 2)", b"(20, 2("))
+    with pytest.raises(InputError, match="cannot be read as rows of numbers"):
+        read()
 
 
 def test_a_device_is_no_scene():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.closures import KochHill, load_closure
+from jaxdem.closures import KochHill, load_closure, load_subgrid
 from jaxdem.errors import InputError
 from jaxdem.studies import measure
 from jaxdem.studies.driver import PARTS, FullStudy
@@ -264,17 +264,20 @@ def test_a_tuning_gets_the_plan_s_settings_and_scene(study, tmp_path, monkeypatc
     """Settings pass through JSON unchanged, and what the training gives is saved."""
     plan = injection_plan()
     pieces = {piece.name: piece for piece in FullStudy(plan, SCENES, tmp_path, Recorder(), 1).pieces()}
-    piece = pieces["train tuned_4"]
+    piece = pieces["train tuned_stress_4"]
     assert {"train filtered", "training_injection"} <= set(piece.needs)
     seen = []
 
-    def stand_in(scene, reference, closure, metadata, settings, progress):
-        seen.append((scene.fluid.cells, Path(reference).name, settings))
-        return FinetuneResult(closure, {"finetune": {}}, "")
+    def stand_in(scene, reference, closures, metadata, settings, progress):
+        seen.append((scene.fluid.cells, Path(reference).name, closures.trained, settings))
+        return FinetuneResult(closures, {name: {"finetune": {}} for name in closures.trained}, "")
 
     monkeypatch.setattr("jaxdem.train.finetune.finetune", stand_in)
-    start, out = study[0].out / "filtered.closure.h5", tmp_path / "tuned.closure.h5"
     work = json.loads(json.dumps(dict(piece.work)))
-    WORK["tune"](work | {"start": str(start), "out": str(out)}, lambda done: None)
-    assert seen == [((75, 12), "training_injection", plan.closures["tuned_4"].settings)]
-    assert load_closure(out)[1]["study_seconds"] > 0.0
+    WORK["tune"](work | {"start": str(study[0].out / "filtered.closure.h5")}, lambda done: None)
+    trained = plan.closures["tuned_stress_4"]
+    assert seen == [((75, 12), "training_injection", ("drag", "subgrid"), trained.settings)]
+    for load, ending in ((load_closure, "closure"), (load_subgrid, "subgrid")):
+        assert load(tmp_path / f"tuned_stress_4.{ending}.h5")[1]["study_seconds"] > 0.0
+    evidence = Evidence(plan, tmp_path, {})
+    assert evidence.training_of("coarse_4_tuned_stress_4") > 0.0 and list(evidence.missing) == ["filtered"]

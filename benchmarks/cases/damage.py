@@ -1,40 +1,56 @@
 """Damaged files: cut, overwritten, altered in a bit or exchanged for those of another program, and read.
 
-    python -m benchmarks.cases.damage KIND NUMBER SEED
+    python -m benchmarks.cases.damage KIND NUMBER BITS SEED
 
-prints how many were refused with a message and how many read, as JSON; anything else is an error.
+prints how many of NUMBER files, and of BITS files with one bit altered, were refused with a message, how many read as they
+were written and how many read as something else, as JSON; anything else is an error.
 """
 
 from __future__ import annotations
 
 import collections
+import dataclasses
+import hashlib
 import json
 import random
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
+import jax
 import numpy as np
 
-from jaxdem.closures import KochHill, load_closure, save_closure
+from jaxdem import hdf5
+from jaxdem.closures import KochHill, save_closure
+from jaxdem.closures.file import load_single
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory, load_run, read_checkpoint, write_checkpoint
 from jaxdem.rows import rows_of
-from jaxdem.train.dataset_file import SCALARS, VECTORS, read_dataset, write_dataset
+from jaxdem.train.dataset_file import SCALARS, VECTORS, Dataset, read_dataset, write_dataset
+
+Made = tuple[Path, Callable[[], object]]
+"""Path of a file and a reader of it, which returns the content."""
 
 RUN_SCENE = "[domain]\nsize = [0.4, 0.3]\n[fluid]\ncells = [4, 3]\n"
 
 
-def _closure(folder: Path) -> tuple[Path, Callable[[], object]]:
+def _closure(folder: Path) -> Made:
     path = folder / "closure.h5"
     save_closure(path, PaperNetwork.initial(2, KochHill(), (4, 4), "elu"), {"seed": 1})
-    return path, lambda: load_closure(path)
+
+    def read() -> object:
+        closure, metadata = load_single(path, "")
+        static = [str(getattr(closure, name)) for name in ("hidden", "activation")]
+        return closure, type(closure.base).__name__, static, metadata
+
+    return path, read
 
 
-def _dataset(folder: Path) -> tuple[Path, Callable[[], object]]:
+def _dataset(folder: Path) -> Made:
     path, rows = folder / "data.h5", np.random.default_rng(0)
     columns = {name: rows.uniform(0.1, 0.3, 20) for name in SCALARS}
     columns |= {name: rows.normal(size=(20, 2)) for name in VECTORS}
@@ -46,14 +62,14 @@ def _dataset(folder: Path) -> tuple[Path, Callable[[], object]]:
     return path, lambda: read_dataset(path)
 
 
-def _checkpoint(folder: Path) -> tuple[Path, Callable[[], object]]:
+def _checkpoint(folder: Path) -> Made:
     path = folder / "checkpoint.h5"
     write_checkpoint(path, {f"a{k}": np.arange(20.0) + k for k in range(30)}, {"frames": 1, "samples": 1})
     return path, lambda: read_checkpoint(path)
 
 
-def _rows(name: str) -> Callable[[Path], tuple[Path, Callable[[], object]]]:
-    def make(folder: Path) -> tuple[Path, Callable[[], object]]:
+def _rows(name: str) -> Callable[[Path], Made]:
+    def make(folder: Path) -> Made:
         path, values = folder / name, np.random.default_rng(0).uniform(size=(20, 2))
         if path.suffix == ".npy":
             np.save(path, values)
@@ -64,8 +80,8 @@ def _rows(name: str) -> Callable[[Path], tuple[Path, Callable[[], object]]]:
     return make
 
 
-def _run(name: str) -> Callable[[Path], tuple[Path, Callable[[], object]]]:
-    def make(folder: Path) -> tuple[Path, Callable[[], object]]:
+def _run(name: str) -> Callable[[Path], Made]:
+    def make(folder: Path) -> Made:
         out = folder / "run"
         with RunDirectory.create(out, RUN_SCENE) as run:
             vectors, cells = np.ones((5, 2), np.float32), np.ones((4, 3), np.float32)
@@ -81,19 +97,43 @@ def _run(name: str) -> Callable[[Path], tuple[Path, Callable[[], object]]]:
                 run.write_frame(index, 0.1 * index, particles, fluid, {"slip_velocity": vectors}, row)
             run.finish({"valid": True})
 
-        def read() -> None:
+        def read() -> object:
             found = load_run(out)
-            for index in range(found.number_of_frames):
-                found.particles(index), found.fluid(index)
-            for index in range(len(found.samples or ())):
-                found.samples.frame(index)  # type: ignore[union-attr]
+            frames = [(found.particles(index), found.fluid(index)) for index in range(found.number_of_frames)]
+            samples = found.samples or ()
+            sampled = [samples.frame(index) for index in range(len(samples))]  # type: ignore[union-attr]
+            return frames, sampled, found.history, found.summary, found.scene
 
         return out / name, read
 
     return make
 
 
-KINDS: dict[str, Callable[[Path], tuple[Path, Callable[[], object]]]] = {
+def _before_110(name: str) -> Callable[[Path], Made]:
+    """A file as HDF5 writes it by default: tables without checksums, text of variable length."""
+
+    def make(folder: Path) -> Made:
+        path, read = KINDS[name](folder)
+        with h5py.File(path) as new, h5py.File(folder / "old", "w", libver="earliest") as old:
+
+            def attributes(item: Any, target: Any) -> None:
+                for key, value in hdf5.attributes_of(item).items():
+                    target.attrs[key] = value
+
+            def one(where: str, item: Any) -> None:
+                is_group = isinstance(item, h5py.Group)
+                target = old.require_group(where) if is_group else old.create_dataset(where, data=item[()])
+                attributes(item, target)
+
+            attributes(new, old)
+            new.visititems(one)
+        (folder / "old").replace(path)
+        return path, read
+
+    return make
+
+
+KINDS: dict[str, Callable[[Path], Made]] = {
     "closure": _closure,
     "dataset": _dataset,
     "checkpoint": _checkpoint,
@@ -113,7 +153,12 @@ KINDS: dict[str, Callable[[Path], tuple[Path, Callable[[], object]]]] = {
 }
 """Name -> a function that writes such a file into a folder and returns its path and a reader of it."""
 
+BEFORE_110 = tuple(f"{name} of HDF5 before 1.10" for name in ("closure", "dataset", "samples.h5"))
+KINDS |= {name: _before_110(name.partition(" ")[0]) for name in BEFORE_110}
+"""Those of earlier versions, in which single altered bits hang or crash the HDF5 library."""
+
 CHANGES = ("cut", "empty", "text", "foreign HDF5", "zeros", "noise")
+BIT = ("bit",)
 
 
 def damaged(content: bytes, change: str, generator: random.Random) -> bytes:
@@ -122,6 +167,9 @@ def damaged(content: bytes, change: str, generator: random.Random) -> bytes:
         return content[: generator.randrange(len(content))]
     if change in ("empty", "text"):
         return b"" if change == "empty" else b"Dear Sir,\n"
+    if change == "bit":
+        place, bit = generator.randrange(len(content)), generator.randrange(8)
+        return content[:place] + bytes([content[place] ^ (1 << bit)]) + content[place + 1 :]
     if change == "foreign HDF5":
         with h5py.File("foreign", "w", driver="core", backing_store=False) as file:
             file["x"] = np.arange(3)
@@ -134,24 +182,45 @@ def damaged(content: bytes, change: str, generator: random.Random) -> bytes:
 
 
 def read_damaged(kind: str, number: int, seed: int, changes: tuple[str, ...] = CHANGES) -> dict[str, int]:
-    """How many damaged files of a kind were read, and how many refused."""
+    """How many damaged files of a kind were refused, read as they were written, and read as something else."""
     generator = random.Random(seed)
     found: collections.Counter[str] = collections.Counter()
     with tempfile.TemporaryDirectory() as folder:
         path, read = KINDS[kind](Path(folder))
-        read()
-        content = path.read_bytes()
+        written, content = _digest(read()), path.read_bytes()
         for index in range(number):
             path.write_bytes(damaged(content, changes[index % len(changes)], generator))
             try:
-                read()
+                same = _digest(read()) == written
             except InputError as error:
                 assert error.key and error.remedy, error
                 found["refused"] += 1
             else:
-                found["read"] += 1
+                found["read as written" if same else "read as something else"] += 1
     return dict(found)
 
 
+def _digest(content: object) -> str:
+    """A checksum of everything that a reader returned."""
+    digest = hashlib.sha256()
+    for place, leaf in jax.tree_util.tree_flatten_with_path(_unwrapped(content))[0]:
+        array = np.asarray(leaf)
+        digest.update(f"{jax.tree_util.keystr(place)} {array.dtype} {array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def _unwrapped(content: object) -> object:
+    """Datasets as dictionaries; JAX takes all else apart by itself."""
+    return dataclasses.asdict(content) if isinstance(content, Dataset) else content
+
+
+def main(kind: str, number: int, bits: int, seed: int) -> None:
+    """Prints the counts of all damages and those of single bits."""
+    hdf5.TRIAL_SECONDS = 5.0
+    found = read_damaged(kind, number, seed)
+    altered = read_damaged(kind, bits, seed, BIT)
+    print(json.dumps(found | {f"one bit altered, {name}": n for name, n in altered.items()}))
+
+
 if __name__ == "__main__":
-    print(json.dumps(read_damaged(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))))
+    main(sys.argv[1], *(int(number) for number in sys.argv[2:]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.closures.subgrid import SubgridClosure
 from jaxdem.errors import InputError
+from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 
 FORMAT = "jaxdem-closure"
 VERSION = 1
@@ -46,7 +48,8 @@ def save_closure(
 
     Layout: attributes format, version, kind ("paper", "invariant", "ensemble" or "subgrid"), base (scene name of the base
     law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features (invariant), members and
-    member_kind (ensemble); dataset `metadata` (JSON); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`, those of
+    member_kind (ensemble); dataset `metadata` (JSON in UTF-8, as bytes); group `arrays` with every data field, the weights
+    below `arrays/weights/<layer>/<kernel or bias>`, those of
     an ensemble below `arrays/members/` with the members along their first axis.
 
     Args:
@@ -61,11 +64,14 @@ def save_closure(
     structure = _structure(closure)
     text = json.dumps(metadata, default=_plain)
     key = SUBGRID_KEY if isinstance(closure, SubgridClosure) else KEY
-    with write_aside(path, key) as aside, h5py.File(aside, "w") as file:
-        file.attrs.update({"format": FORMAT, "version": VERSION, **structure})
-        file.create_dataset("metadata", data=text)
+    with in_memory("closure") as file:
+        write_attributes(file, {"format": FORMAT, "version": VERSION, **structure})
+        store(file, "metadata", np.frombuffer(text.encode(), np.uint8))
         for name, leaf in _named_leaves(closure).items():
-            file.create_dataset(f"arrays/{name}", data=np.asarray(leaf))
+            store(file, f"arrays/{name}", leaf)
+        content = image_of(file)
+    with write_aside(path, key) as aside:
+        aside.write_bytes(content)
 
 
 @contextmanager
@@ -74,6 +80,7 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
 
     Raises:
         InputError: the place cannot be written; `key` is what the error names.
+        OSError: there is no room on the disk.
     """
     target = Path(path)
     aside = target.with_name(target.name + ".part")
@@ -83,6 +90,9 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
             os.fsync(written.fileno())
         os.replace(aside, target)
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            error.filename = str(path)
+            raise
         raise InputError(
             key, str(path), f"cannot be written ({error})", "Choose a writable place."
         ) from error
@@ -114,7 +124,7 @@ def _load(path: str | os.PathLike[str], key: str) -> tuple[Any, dict[str, Any]]:
     try:
         if not Path(path).is_file():
             raise InputError(key, str(path), "is not a file", f"Give a file written by {WRITERS[key]}.")
-        with h5py.File(path, "r") as file:
+        with open_for_reading(path) as file:
             return _read(file, str(path), key)
     except UNREADABLE as error:
         reason = f"cannot be read as a closure ({error})"
@@ -122,16 +132,17 @@ def _load(path: str | os.PathLike[str], key: str) -> tuple[Any, dict[str, Any]]:
 
 
 def _read(file: h5py.File, path: str, key: str) -> tuple[Any, dict[str, Any]]:
-    if file.attrs.get("format") != FORMAT:
+    own = attributes_of(file)
+    if own.get("format") != FORMAT:
         raise InputError(key, path, "is not a closure file", f"Give a file written by {WRITERS[key]}.")
-    if int(file.attrs["version"]) > VERSION:
-        limit = f"has version {file.attrs['version']}, this program reads up to {VERSION}"
+    if int(own["version"]) > VERSION:
+        limit = f"has version {own['version']}, this program reads up to {VERSION}"
         raise InputError(key, path, limit, "Update jaxdem.")
-    found = SUBGRID_KEY if file.attrs["kind"] == "subgrid" else KEY
+    found = SUBGRID_KEY if own["kind"] == "subgrid" else KEY
     if found != key:
         what = "subgrid stress" if found == SUBGRID_KEY else "drag closure"
         raise InputError(key, path, f"holds a {what}", f"Give it as {found}.")
-    template = jax.eval_shape(lambda: _template(file.attrs, path))
+    template = jax.eval_shape(lambda: _template(own, path))
     leaves = []
     for name, leaf in _named_leaves(template).items():
         stored = file.get(f"arrays/{name}")
@@ -148,7 +159,12 @@ def _read(file: h5py.File, path: str, key: str) -> tuple[Any, dict[str, Any]]:
             raise InputError(key, path, limit, "Train or copy it again.")
         leaves.append(jnp.asarray(values))
     closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
-    return closure, json.loads(file["metadata"].asstr()[()])
+    return closure, json.loads(_bytes(file["metadata"][()]))
+
+
+def _bytes(stored: Any) -> bytes:
+    """Text that is kept as an array of bytes; files before HDF5 1.10's format have a string of variable length."""
+    return stored if isinstance(stored, bytes) else stored.tobytes()
 
 
 def _structure(closure: StoredClosure | SubgridClosure) -> dict[str, Any]:

@@ -75,6 +75,11 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
     return Weights(jnp.stack(index, axis=1), jnp.stack(weight, axis=1))
 
 
+def cells_under(half_width: float, spacing: float) -> int:
+    """Most cells of a size that a kernel reaches along an axis."""
+    return math.ceil(2.0 * half_width / spacing - 1e-9) + 1
+
+
 def point_weights(grid: Grid, points: Array) -> Weights:
     """Weights of particles that are P points of equal weight each, (N, P, D) [m]; P = 1: the cell of the centre."""
     flat: Any = 0
@@ -120,7 +125,7 @@ def _smoothed(weights: Weights, field: Array) -> Array:
 def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> tuple[Array, Array]:
     """Cell indices and weights along one axis, (N, reach) each."""
     count, spacing = grid.cells[axis], grid.spacing[axis]
-    reach = math.ceil(2.0 * half_width / spacing - 1e-9) + 1
+    reach = cells_under(half_width, spacing)
     scaled = position / spacing
     width = half_width / spacing
     # Compilers compute this once for the indices and once for the weights. Subtracting before dividing leaves

@@ -10,8 +10,7 @@ from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
 from jaxdem.fluid.inlet import InletProfile
-
-KINDS = ("no_slip", "free_slip", "moving_wall", "inlet", "outlet", "periodic")
+from jaxdem.fluid.side_conditions import CONDITIONS, SideCondition
 
 
 class Side(NamedTuple):
@@ -20,12 +19,13 @@ class Side(NamedTuple):
     Attributes:
         axis: the axis it is normal to.
         upper: whether it is the side at the upper end of that axis.
-        kind: one of `KINDS`; it holds on the patch, and the rest of the side is a no-slip wall.
+        kind: one of `CONDITIONS`; it holds on the patch, and the rest of the side is a no-slip wall.
         start: lower corner of the patch in the other axes [m], or None for the whole side.
         stop: upper corner [m].
         ramp_time: over which the velocity rises linearly from zero [s].
         profile: of an inlet, one for each of the other axes, None where it is even; None if it is so in all.
         times: increasing, of the velocities of a side whose velocity is a table in time; None for one velocity [s].
+        own: what the fluid does here instead of what the kind says, on the whole side.
     """
 
     axis: int
@@ -36,6 +36,12 @@ class Side(NamedTuple):
     ramp_time: float = 0.0
     profile: tuple[InletProfile | None, ...] | None = None
     times: tuple[float, ...] | None = None
+    own: SideCondition | None = None
+
+    @property
+    def condition(self) -> SideCondition:
+        """What the fluid does here."""
+        return CONDITIONS[self.kind] if self.own is None else self.own
 
 
 class Boundary(NamedTuple):
@@ -50,7 +56,7 @@ class Boundary(NamedTuple):
     @property
     def has_outlet(self) -> bool:
         """Whether the pressure is set anywhere; without it only its differences have a meaning."""
-        return any(side.kind == "outlet" for side in self.sides)
+        return any(side.condition.sets_pressure for side in self.sides)
 
 
 def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray:
@@ -91,7 +97,7 @@ def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray
 def open_fraction(grid: Grid, side: Side) -> np.ndarray:
     """1 on the faces of a side through which the pressure drives the flow (outlet), else 0."""
     covered = coverage(grid, side)
-    return np.where((covered >= 0.5) & (side.kind == "outlet"), 1.0, 0.0)
+    return np.where((covered >= 0.5) & side.condition.sets_pressure, 1.0, 0.0)
 
 
 def ramp(side: Side, time: Array) -> Array:
@@ -148,9 +154,8 @@ def set_normal_velocity(
 ) -> FaceField:
     """Face velocities with the boundary faces set.
 
-    Walls: zero. Inlet: the superficial velocity of the side, times the covered fraction of each face (or the
-    mean of its profile), over the void fraction. Outlet: the velocity of the nearest inner face, and nothing that flows in: water
-    outside is at rest (the projection may still draw it in). Periodic: the doubles are made equal.
+    Each side by its `SideCondition`; an inlet has the superficial velocity of the side times the covered fraction of each face
+    (or the mean of its profile). Periodic: the doubles are made equal.
 
     Args:
         grid: the grid.
@@ -173,14 +178,11 @@ def set_normal_velocity(
             at_side = (
                 g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
             )
-            value = jnp.zeros_like(inner)
-            if side.kind == "inlet":
-                covered = jnp.asarray(coverage(grid, side), component.dtype)
-                speed = velocity_at(side, side_velocity[2 * axis + upper], time)[axis]
-                value = value + covered * speed / at_side
-            if side.kind == "outlet":
-                outward = jnp.maximum(inner, 0.0) if upper else jnp.minimum(inner, 0.0)
-                value = jnp.asarray(open_fraction(grid, side), component.dtype) * outward
+            covered = jnp.asarray(coverage(grid, side), component.dtype)
+            speed = velocity_at(side, side_velocity[2 * axis + upper], time)[axis]
+            value = side.condition.normal(inner, covered * speed, at_side, upper)
+            if side.condition.sets_pressure:
+                value = jnp.asarray(open_fraction(grid, side), component.dtype) * value
             ends.append(value)
         result.append(jnp.concatenate((ends[0], along(component, axis, 1, -1), ends[1]), axis))
     return tuple(result)
@@ -197,8 +199,7 @@ def with_ghosts(
 ) -> Array:
     """The face array of component `which` with two ghost layers on either end of `axis`.
 
-    Along its own axis the values are continued evenly. Across a wall or an inlet the ghosts mirror the
-    values about the side's velocity; across an outlet or a free-slip side they mirror the values themselves.
+    Along its own axis the values are continued evenly, across a side as its `SideCondition` says.
     """
     count = grid.cells[axis]
     if which == axis:
@@ -220,11 +221,13 @@ def with_ghosts(
         mirror = (count - 1, count - 1 - second) if upper else (second, 0)
         mirrored = _layers(component, axis, mirror)
         covered = jnp.asarray(coverage(grid, side, staggered=which), component.dtype)
-        if side.kind in ("outlet", "free_slip"):
-            ghosts.append(covered * mirrored - (1.0 - covered) * mirrored)
-        else:
-            speed = velocity_at(side, side_velocity[2 * axis + upper], time)[which]
-            ghosts.append(2.0 * covered * speed - mirrored)
+        speed = velocity_at(side, side_velocity[2 * axis + upper], time)[which]
+        lengths = (
+            np.array([index + 0.5 for index in (mirror if not upper else (0, second))]) * grid.spacing[axis]
+        )
+        shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
+        distance = jnp.asarray(lengths.reshape(shape), component.dtype)
+        ghosts.append(side.condition.ghosts(mirrored, speed, covered, distance))
     return jnp.concatenate((ghosts[0], component, ghosts[1]), axis)
 
 

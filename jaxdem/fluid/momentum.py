@@ -367,4 +367,8 @@ def _boundary_of(grid: Grid, source: FaceField, inner: FaceField) -> FaceField:
 
 def _closed(boundary: Boundary) -> Boundary:
     """The same box without outlets."""
-    return Boundary(tuple(s._replace(kind="no_slip") if s.kind == "outlet" else s for s in boundary.sides))
+    return Boundary(
+        tuple(
+            s._replace(kind="no_slip", own=None) if s.condition.sets_pressure else s for s in boundary.sides
+        )
+    )

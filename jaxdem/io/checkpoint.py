@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
-import h5py
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 from jaxdem.io.durable import write_bytes
-from jaxdem.io.frames import UNREADABLE, open_for_reading
+from jaxdem.io.frames import UNREADABLE
 
 FORMAT_NAME = "jaxdem checkpoint"
 FORMAT_VERSION = 3
@@ -40,16 +40,14 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, Any], attributes: Ma
     """
     prepared = {name: _storable(name, array) for name, array in arrays.items()}
     text = json.dumps({name: _plain(name, value) for name, value in attributes.items()})
-    with h5py.File("checkpoint", "w", driver="core", backing_store=False) as file:
-        file.attrs["format"], file.attrs["format_version"] = FORMAT_NAME, FORMAT_VERSION
-        file.attrs["sha256"] = _checksum(prepared, text)
-        # A dataset, not an HDF5 attribute: those end at 64 KiB.
-        file["attributes"] = np.frombuffer(text.encode(), np.uint8)
+    with in_memory("checkpoint") as file:
+        checksum = _checksum(prepared, text)
+        write_attributes(file, {"format": FORMAT_NAME, "format_version": FORMAT_VERSION, "sha256": checksum})
+        store(file, "attributes", np.frombuffer(text.encode(), np.uint8))
         group = file.create_group("arrays")
         for name, array in prepared.items():
-            group.create_dataset(_quoted(name), data=array)
-        file.flush()
-        content = file.id.get_file_image()
+            store(group, _quoted(name), array)
+        content = image_of(file)
     write_bytes(Path(path), content)
 
 
@@ -64,7 +62,8 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], Attributes
         raise _refused(path, "there is no checkpoint", "Start the run anew, without --resume.")
     try:
         with open_for_reading(path) as file:
-            name, version = file.attrs.get("format"), file.attrs.get("format_version")
+            own = attributes_of(file)
+            name, version = own.get("format"), own.get("format_version")
             if name != FORMAT_NAME:
                 remedy = "Give the folder of a run of jaxdem, or start the run anew."
                 raise _refused(path, "is not a checkpoint of jaxdem", remedy)
@@ -73,7 +72,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], Attributes
                 raise _refused(path, f"has format {version}, this version reads {FORMAT_VERSION}", remedy)
             text = file["attributes"][...].tobytes().decode()
             arrays = {unquote(name): dataset[()] for name, dataset in file["arrays"].items()}
-            expected = file.attrs["sha256"]
+            expected = own["sha256"]
     except UNREADABLE as error:
         raise _damaged(path, "cannot be read as HDF5 (truncated or not a checkpoint)") from error
     # h5py gives 0-d datasets as scalars.

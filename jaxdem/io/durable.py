@@ -45,8 +45,10 @@ def aside(path: Path) -> Iterator[Path]:
         finally:
             os.close(descriptor)
         os.replace(temporary, path)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):  # a full disk is reported without a name
+            error.filename = str(path)
         raise
     sync_directory(path.parent)
 

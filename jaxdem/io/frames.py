@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.hdf5 import create, image_of, in_memory, open_for_reading, store
 from jaxdem.io.durable import PatientFile, aside, sync_directory, write_bytes
 
 PARTS_FOLDER = ".frames"
@@ -66,21 +67,15 @@ class Format(Protocol):
         """Frame `index` of `file`, equal to the one appended."""
 
 
-def open_for_reading(path: Path) -> h5py.File:
-    """Open without HDF5's own lock: the files are never changed in place, and the disk may be read-only."""
-    return h5py.File(path, "r", locking=False)
-
-
 def image(frame: Frame, frame_format: Format) -> bytes:
     """The file of a single frame as bytes.
 
     HDF5 builds it in memory: our own plain write then meets a full disk as an OSError at a known place,
     where HDF5 would meet it in some flush of its own and could not close the file any more.
     """
-    with h5py.File("frame", "w", driver="core", backing_store=False) as file:
+    with in_memory("frame") as file:
         frame_format.finish(file, [frame_format.append(file, frame, growing=False)])
-        file.flush()
-        return bytes(file.id.get_file_image())
+        return image_of(file)
 
 
 def extend(group: h5py.Group, name: str, rows: np.ndarray, growing: bool, chunk: int) -> int:
@@ -89,11 +84,12 @@ def extend(group: h5py.Group, name: str, rows: np.ndarray, growing: bool, chunk:
     `chunk` is the number of rows in one chunk of a growing dataset.
     """
     if name not in group:
-        limits: dict[str, Any] = {}
         if growing:
             row = tuple(max(length, 1) for length in rows.shape[1:])
-            limits = {"maxshape": (None, *rows.shape[1:]), "chunks": (chunk, *row)}
-        group.create_dataset(name, data=rows, **limits)
+            limits = (None, *rows.shape[1:])
+            group.create_dataset(name, data=rows, maxshape=limits, chunks=(chunk, *row), fletcher32=True)
+        else:
+            store(group, name, rows)
         return 0
     dataset = group[name]
     start = int(dataset.shape[0])
@@ -216,7 +212,7 @@ class FrameSeries:
             sync_directory(self.joined.parent)
             return
         with aside(self.joined) as temporary, PatientFile(temporary) as target:
-            with h5py.File(target, "w") as file:
+            with create(target) as file:
                 entries = []
                 for frame in self.frames(number):
                     entries.append(self.format.append(file, frame, growing=number > 1))

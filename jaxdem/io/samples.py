@@ -15,7 +15,8 @@ import h5py
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.io.frames import UNREADABLE, Entries, Frame, FrameSeries, extend, open_for_reading
+from jaxdem.hdf5 import attributes_of, open_for_reading, store, write_attributes
+from jaxdem.io.frames import UNREADABLE, Entries, Frame, FrameSeries, extend
 
 FORMAT_NAME = "jaxdem samples"
 FORMAT_VERSION = 1
@@ -42,9 +43,8 @@ class SampleFormat:
 
     def append(self, file: h5py.File, frame: Frame, growing: bool) -> Entries:
         if "format" not in file.attrs:
-            file.attrs["format"], file.attrs["format_version"] = FORMAT_NAME, FORMAT_VERSION
-            for name, value in frame.attributes.items():
-                file.attrs[name] = _storable(value)
+            own = {"format": FORMAT_NAME, "format_version": FORMAT_VERSION}
+            write_attributes(file, own | frame.attributes)
         elif set(file) != set(frame.arrays):
             raise ValueError(f"sampled arrays {sorted(frame.arrays)} after samples of {sorted(file)}")
         for name, array in frame.arrays.items():
@@ -52,10 +52,11 @@ class SampleFormat:
         return {"time": frame.time}
 
     def finish(self, file: h5py.File, entries: list[Entries]) -> None:
-        file["time"] = np.array([entry["time"] for entry in entries], np.float64)
+        store(file, "time", np.array([entry["time"] for entry in entries], np.float64))
 
     def count(self, file: h5py.File) -> int:
-        if file.attrs["format"] != FORMAT_NAME or file.attrs["format_version"] != FORMAT_VERSION:
+        own = attributes_of(file)
+        if own["format"] != FORMAT_NAME or own["format_version"] != FORMAT_VERSION:
             raise ValueError(f"not a file of {FORMAT_NAME}, version {FORMAT_VERSION}")
         return int(file["time"].shape[0])
 
@@ -64,7 +65,7 @@ class SampleFormat:
 
     def read(self, file: h5py.File, index: int) -> Frame:
         arrays = {name: np.asarray(dataset[index]) for name, dataset in file.items() if name != "time"}
-        attributes = {name: _loaded(value) for name, value in file.attrs.items() if name not in _RESERVED}
+        attributes = {name: value for name, value in attributes_of(file).items() if name not in _RESERVED}
         return Frame(float(file["time"][index]), arrays, attributes)
 
 
@@ -120,17 +121,3 @@ def read_samples(path: str | Path) -> Samples:
         remedy = "Give the samples.h5 of a run whose scene asks for samples."
         raise InputError("samples", str(path), "cannot be read as samples", remedy) from error
     return Samples(FrameSeries(path.parent, SampleFormat(), joined=path), number)
-
-
-def _storable(value: Any) -> Any:
-    array = np.asarray(value)
-    if array.dtype.kind == "U" and array.ndim:
-        return array.astype(h5py.string_dtype())
-    return value
-
-
-def _loaded(value: Any) -> Any:
-    """Strings as `str`, lists of them as lists, numbers as Python's, arrays as they are."""
-    if isinstance(value, np.ndarray):
-        return value.tolist() if value.dtype.kind == "O" else value
-    return value.item() if isinstance(value, np.generic) else value

@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from jaxdem.hdf5 import store
 from jaxdem.io.frames import Entries, Frame, extend
 
 ROOT = "VTKHDF"
@@ -158,7 +159,7 @@ class _StepFormat:
             steps = file[ROOT]["Steps"]
             steps.attrs["NSteps"] = len(entries)
             for name in entries[0]:
-                steps[name] = np.array([entry[name] for entry in entries])
+                store(steps, name, np.array([entry[name] for entry in entries]))
             _name_unit(steps["Values"], "time")
 
     @staticmethod
@@ -258,21 +259,21 @@ class FluidFormat(_StepFormat):
 
 
 def _name_unit(dataset: h5py.Dataset, name: str) -> None:
-    """Store the unit of an array that has one, once."""
+    """Store the unit of an array that has one, once: for others to read, who expect text of variable length."""
     if name in UNITS and "units" not in dataset.attrs:
         dataset.attrs["units"] = UNITS[name]
 
 
 def _write_topology(root: h5py.Group, number: int) -> None:
     """One part of `number` points, point i being vertex i, and no other cells."""
-    root["NumberOfPoints"] = np.array([number], np.int64)
+    store(root, "NumberOfPoints", np.array([number], np.int64))
     for name in TOPOLOGIES:
         cells = number if name == "Vertices" else 0
         group = root.create_group(name)
-        group["NumberOfCells"] = np.array([cells], np.int64)
-        group["NumberOfConnectivityIds"] = np.array([cells], np.int64)
-        group["Connectivity"] = np.arange(cells, dtype=np.int64)
-        group["Offsets"] = np.arange(cells + 1, dtype=np.int64)
+        store(group, "NumberOfCells", np.array([cells], np.int64))
+        store(group, "NumberOfConnectivityIds", np.array([cells], np.int64))
+        store(group, "Connectivity", np.arange(cells, dtype=np.int64))
+        store(group, "Offsets", np.arange(cells + 1, dtype=np.int64))
 
 
 def _same_rows(point_data: h5py.Group, name: str, array: np.ndarray) -> int | None:

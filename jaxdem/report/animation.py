@@ -7,6 +7,7 @@ Example:
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -73,11 +74,20 @@ def animate(
         size = frame_size(run)
         figure = style.new_figure(*size, layout=None)
         axis = frame_axes(figure, size, run, scales, color)
-        with writer.saving(figure, str(out), DPI):
-            for index in indices:
-                draw_frame(axis, run, pictures.take(run, index), scales, color)
-                writer.grab_frame()
-                advance()
+        # The ending tells the writer what to write, so the name aside keeps it.
+        part = out.with_name(f".{out.stem}.part{out.suffix}")
+        try:
+            with writer.saving(figure, str(part), DPI):
+                for index in indices:
+                    draw_frame(axis, run, pictures.take(run, index), scales, color)
+                    writer.grab_frame()
+                    advance()
+            os.replace(part, out)
+        except OSError as error:
+            error.filename = str(out)
+            raise
+        finally:
+            part.unlink(missing_ok=True)
     return len(indices)
 
 

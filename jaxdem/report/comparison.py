@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,7 @@ import numpy as np
 
 from jaxdem import metrics
 from jaxdem.errors import InputError
+from jaxdem.io.durable import write_bytes
 from jaxdem.report import runs as read
 from jaxdem.report.runs import RunLike
 
@@ -243,14 +245,12 @@ def build(
 def write_csv(comparison: Comparison, path: Path) -> None:
     """comparison.csv: one row a run, the reference first, noise runs last; missing numbers are `nan`."""
     with_noise = bool(comparison.noise_rows)
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        writer: csv.DictWriter[str] | None = None
-        for row in (*comparison.rows, *comparison.noise_rows):
-            record = _record(row, with_noise)
-            if writer is None:
-                writer = csv.DictWriter(file, fieldnames=list(record))
-                writer.writeheader()
-            writer.writerow(record)
+    records = [_record(row, with_noise) for row in (*comparison.rows, *comparison.noise_rows)]
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, fieldnames=list(records[0]))
+    writer.writeheader()
+    writer.writerows(records)
+    write_bytes(path, text.getvalue().encode())
 
 
 def _record(row: Row, with_noise: bool) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+from jaxdem.io.durable import write_bytes
 from jaxdem.metrics import METRICS
 from jaxdem.report import interactive, player
 from jaxdem.report import runs as read
@@ -120,7 +121,7 @@ def write_page(
         + "\n".join(body)
         + "\n</body></html>\n"
     )
-    path.write_text(page, encoding="utf-8")
+    write_bytes(path, page.encode())
 
 
 def _section(section: PageSection) -> str:

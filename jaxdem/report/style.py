@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import Any, Literal, NamedTuple, cast
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from jaxdem.io.durable import write_bytes
 
 # Okabe and Ito (2008), without black (the reference) and yellow (too light on white).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
@@ -73,7 +76,8 @@ def look() -> Iterator[None]:
 
 
 def save(figure: Figure, path: Path, dpi: int = 150) -> Path:
-    """Write a PNG and return its path."""
-    longest = max(figure.get_size_inches())
-    figure.savefig(path, dpi=min(dpi, MAX_PIXELS / longest))
+    """Write a picture, of the kind that the ending names, whole or not at all, and return its path."""
+    longest, content = max(figure.get_size_inches()), io.BytesIO()
+    figure.savefig(content, format=path.suffix[1:], dpi=min(dpi, MAX_PIXELS / longest))
+    write_bytes(path, content.getvalue())
     return path

@@ -109,7 +109,7 @@ class FullStudy:
         found = {name: run for name in dict.fromkeys(names) if (run := evidence.run(name)) is not None}
         if fine is None or not found:
             return None
-        cost = {name: evidence.training_seconds(self.plan.runs[name].closure) for name in found}
+        cost = {name: evidence.training_of(name) for name in found}
         return compare(
             fine,
             list(found.values()),

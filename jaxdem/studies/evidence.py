@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.closures import load_closure
+from jaxdem.closures import load_closure, load_subgrid
 from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
 from jaxdem.studies.measure import errors, noise_floor
 from jaxdem.studies.oracle import Replay, read_replay
-from jaxdem.studies.plan import StudyPlan, made_of
+from jaxdem.studies.plan import StudyPlan, files_of, made_of
 
 
 @dataclasses.dataclass
@@ -74,26 +74,34 @@ class Evidence:
         return None if run is None or fine is None else errors(run, fine)
 
     def closure_file(self, name: str) -> Path:
-        """File of a closure."""
-        return self.out / f"{name}.closure.h5"
+        """File of a drag closure."""
+        return self.out / files_of(self.plan.closures[name])["drag"]
 
     def closure(self, name: str) -> dict[str, Any] | None:
-        """Metadata of a closure."""
-        path = self.closure_file(name)
+        """Metadata of a closure; where drag and subgrid stress were trained together, the drag's."""
+        kind, file = next(iter(files_of(self.plan.closures[name]).items()))
+        path = self.out / file
         if not path.is_file():
             self.missing[name] = self.problems.get(name, "not trained")
             return None
-        return load_closure(path)[1]
+        return (load_closure if kind == "drag" else load_subgrid)(path)[1]
 
-    def training_seconds(self, name: str | None) -> float | None:
-        """Wall time that a closure took to train, with those that it is made of; without the runs [s]."""
-        found = None if name is None else self.closure(name)
-        if found is None or name is None:
-            return None
-        before = [self.training_seconds(other) for other in made_of(self.plan.closures[name])]
-        return float(found.get("study_seconds", found.get("seconds", math.nan))) + sum(
-            seconds or 0.0 for seconds in before
-        )
+    def training_seconds(self, *names: str) -> float | None:
+        """Wall time that closures took to train, with those that they are made of; without the runs [s].
+
+        None where nothing was trained.
+        """
+        waiting, seconds = list(names), {}  # type: tuple[list[str], dict[str, float]]
+        while waiting:
+            name = waiting.pop()
+            if name not in seconds and (found := self.closure(name)) is not None:
+                seconds[name] = float(found.get("study_seconds", found.get("seconds", math.nan)))
+                waiting += made_of(self.plan.closures[name])
+        return sum(seconds.values()) if seconds else None
+
+    def training_of(self, run: str) -> float | None:
+        """Wall time of the training of what a run uses [s]."""
+        return self.training_seconds(*self.plan.runs[run].learned)
 
     def parity(self, name: str) -> dict[str, dict[str, np.ndarray]]:
         """Arrays for the parity plot, by the mesh that the inputs are averaged to; {} without."""

@@ -153,8 +153,8 @@ DATASETS = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
 
 ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{seed}" for seed in SEEDS)))
 
-TUNING = FinetuneSettings(horizons=(1, 2, 4), updates=6)
-"""Through the solver, an update over one output costs five times 0.1 s of a run."""
+TUNING = FinetuneSettings(horizons=(1, 2, 4), updates=4)
+"""Through the solver: a gradient over one output costs as much as half a second of a run."""
 
 
 def fits() -> list[FitSpec]:
@@ -172,13 +172,28 @@ def fits() -> list[FitSpec]:
     return [*result, FitSpec("filtered_terms", "filtered", settings, DATASETS)]
 
 
+def tuned_at(factor: int) -> list[TuneSpec]:
+    """Trained through coarse runs of the training injection: the drag, a subgrid stress, and both."""
+    run, cells = TRAINING[1].name, {"fluid.cells": CELLS[INJECTION][factor]}
+    found = [
+        TuneSpec(f"tuned_{factor}", run, cells, TUNING, "filtered"),
+        TuneSpec(f"stress_{factor}", run, cells, TUNING, trained=("subgrid",)),
+        TuneSpec(f"tuned_stress_{factor}", run, cells, TUNING, "filtered", ("drag", "subgrid")),
+    ]
+    if factor == 4:  # the search without gradients stands beside them once
+        settings = dataclasses.replace(TUNING, method="gradient-free")
+        others = [one for one in found if "drag" in one.trained]
+        found += [dataclasses.replace(one, name=f"{one.name}_search", settings=settings) for one in others]
+    return found
+
+
+TUNED = (2, 4)
+"""Meshes on which closures are trained through the solver."""
+
+
 def tuned() -> list[TuneSpec]:
-    """The filtered closure trained on through coarse runs of the training injection, at 8 and 16 cm."""
-    cells = {factor: {"fluid.cells": CELLS[INJECTION][factor]} for factor in (2, 4)}
-    run = TRAINING[1].name
-    every = [TuneSpec(f"tuned_{factor}", "filtered", run, cells[factor], TUNING) for factor in cells]
-    search = dataclasses.replace(TUNING, method="gradient-free")
-    return [*every, TuneSpec("tuned_4_search", "filtered", run, cells[4], search)]
+    """All of them."""
+    return [one for factor in TUNED for one in tuned_at(factor)]
 
 
 def smaller() -> list[FitSpec | SmallerSpec]:
@@ -216,9 +231,9 @@ def closure_runs() -> list[RunSpec]:
 
 
 def solver_runs() -> list[RunSpec]:
-    """Coarse runs with closures that were trained through the solver; at 32 cm with that of 16 cm."""
-    names = {2: ("tuned_2",), 4: ("tuned_4", "tuned_4_search"), 8: ("tuned_4",)}
-    return [COARSE[factor].with_closure(name) for factor, several in names.items() for name in several]
+    """Coarse runs with what was trained through the solver on their mesh; at 32 cm with that of 16 cm."""
+    found = [COARSE[factor].with_tuned(one) for factor in TUNED for one in tuned_at(factor)]
+    return [*found, *(COARSE[8].with_tuned(one) for one in tuned_at(4) if "drag" in one.trained)]
 
 
 def smaller_runs() -> list[RunSpec]:

@@ -78,7 +78,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         if run is None or error is None:
             continue
         seconds, ratio = float(run.summary["wall_time_s"]), over(error, floor)
-        training = evidence.training_seconds(evidence.plan.runs[name].closure)
+        training = evidence.training_of(name)
         cells = " x ".join(str(n) for n in run.cells or ())
         rows.append(
             [

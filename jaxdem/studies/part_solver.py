@@ -13,8 +13,9 @@ def solver_part(evidence: Evidence) -> Section:
     """Loss before and after, cost, and the coarse runs beside those with what the training began with."""
     section = Section("solver", "Trained through the solver")
     section.text.append(
-        "The filtered closure, trained on through coarse runs that follow the fine training injection; no run of injection.toml "
-        "is in it."
+        "The filtered closure and a subgrid stress that begins as none, trained through coarse runs that follow the fine training "
+        "injection, each alone and both together; no run of injection.toml is in it. With the stress the loss has the fluid in it too, so "
+        "that losses are comparable where the same is trained."
     )
     part = evidence.plan.parts["solver"]
     specs = [evidence.plan.closures[name] for name in part.closures]
@@ -34,6 +35,7 @@ def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
         rows.append(
             [
                 spec.name,
+                " and ".join(spec.trained),
                 spec.settings.method,
                 " x ".join(str(n) for n in spec.overrides["fluid.cells"]),
                 ", ".join(str(n) for n in spec.settings.horizons or ()),
@@ -45,7 +47,7 @@ def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
             ]
         )
     headings = [
-        "closure", "method", "cells", "horizons [outputs]", "updates", "skipped", "loss before", "loss after", "time [s]",
+        "closure", "trained", "method", "cells", "horizons [outputs]", "updates", "skipped", "loss before", "loss after", "time [s]",
     ]  # fmt: skip
     note = (
         "Loss of the training injection from its first frame over the longest horizon; the best weights are kept, those of the "

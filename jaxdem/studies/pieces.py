@@ -19,13 +19,11 @@ from jaxdem.studies.plan import (
     SmallerSpec,
     StudyPlan,
     TuneSpec,
+    files_of,
     made_of,
 )
 from jaxdem.studies.pool import Piece
 from jaxdem.train.architecture_table import read_search
-
-CLOSURE = ".closure.h5"
-"""What the names of closure files end in."""
 
 
 @dataclasses.dataclass
@@ -67,16 +65,16 @@ class Pieces:
         spec = self.plan.runs[name]
         overrides = dict(spec.overrides)
         if spec.closure is not None:
-            overrides["closure.file"] = str((self.out / f"{spec.closure}{CLOSURE}").resolve())
+            overrides["closure.file"] = str(self._file(spec.closure).resolve())
+        if spec.subgrid is not None:
+            overrides["fluid.subgrid"] = str(self._file(spec.subgrid, "subgrid").resolve())
         return load_scene(self.scenes / spec.scene, overrides)
 
     def _run(self, name: str) -> None:
         if name in self._found:
             return
         spec, out = self.plan.runs[name], self.out / name
-        needs: tuple[str, ...] = ()
-        if spec.closure is not None:
-            needs = (self._closure(spec.closure),)
+        needs = tuple(self._closure(closure) for closure in spec.learned)
         scene = self.scene_of(name)
         require_same_scene(out, scene)
         work = {"kind": "run", "scene": tables_of(scene), "out": str(out)}
@@ -99,21 +97,25 @@ class Pieces:
         piece = f"train {name}"
         if piece in self._found:
             return piece
-        spec, out = self.plan.closures[name], self._file(name)
+        spec = self.plan.closures[name]
+        files = {kind: self.out / file for kind, file in files_of(spec).items()}
         needs = [self._closure(other) for other in made_of(spec)]
         if isinstance(spec, TuneSpec):
             self._run(spec.reference)
             work, total = self._tuning(spec)
             needs.append(spec.reference)
         elif isinstance(spec, EnsembleSpec):
-            files = [str(self._file(other)) for other in spec.members]
-            work, total = {"kind": "ensemble", "members": files}, 1.0
+            members = [str(self._file(other)) for other in spec.members]
+            work, total = {"kind": "ensemble", "members": members}, 1.0
         else:
             for dataset in spec.datasets:
                 self._dataset(dataset)
             needs += spec.datasets
             work, total = self._smaller(spec) if isinstance(spec, SmallerSpec) else self._fit(spec)
-        self._found[piece] = Piece(piece, {**work, "out": str(out)}, total, tuple(needs), out.is_file())
+        if not isinstance(spec, TuneSpec):
+            work["out"] = str(files["drag"])
+        done = all(file.is_file() for file in files.values())
+        self._found[piece] = Piece(piece, work, total, tuple(needs), done)
         return piece
 
     def _fit(self, spec: FitSpec) -> tuple[dict[str, Any], float]:
@@ -135,7 +137,8 @@ class Pieces:
         scene = load_scene(self.scenes / reference.scene, {**reference.overrides, **spec.overrides})
         work = {
             "kind": "tune", "scene": tables_of(scene), "reference": str(self.out / spec.reference),
-            "start": str(self._file(spec.start)), "settings": dataclasses.asdict(settings),
+            "start": None if spec.start is None else str(self._file(spec.start)), "settings": dataclasses.asdict(settings),
+            "outs": {kind: str(self.out / file) for kind, file in files_of(spec).items()},
         }  # fmt: skip
         return work, settings.updates * len(settings.horizons or ())
 
@@ -159,8 +162,8 @@ class Pieces:
         done = len(rows) == number and all(row["samples"] or row["reason"] for row in rows)
         self._found[name] = Piece(name, work, number * spec.settings.epochs, spec.datasets, done)
 
-    def _file(self, closure: str) -> Path:
-        return self.out / f"{closure}{CLOSURE}"
+    def _file(self, closure: str, kind: str = "drag") -> Path:
+        return self.out / files_of(self.plan.closures[closure])[kind]
 
     def _files(self, datasets: Iterable[str]) -> list[str]:
         return [str(self.out / f"{dataset}.h5") for dataset in datasets]
@@ -189,8 +192,9 @@ def require_same_scene(out: Path, scene: Scene) -> None:
 def _bare(scene: Scene) -> dict[str, Any]:
     tables = tables_of(scene)
     tables["output"].pop("checkpoint_interval", None)
-    if "file" in tables["closure"]:
-        tables["closure"]["file"] = Path(tables["closure"]["file"]).name
+    for table, key in (("closure", "file"), ("fluid", "subgrid")):
+        if key in tables.get(table, {}):
+            tables[table][key] = Path(tables[table][key]).name
     return tables
 
 

@@ -19,16 +19,29 @@ class RunSpec:
         scene: file name of the scene.
         overrides: dotted key -> value.
         closure: name of the closure that it uses, None for the scene's drag law.
+        subgrid: name of the training whose subgrid stress it uses, None for none.
     """
 
     name: str
     scene: str
     overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     closure: str | None = None
+    subgrid: str | None = None
+
+    @property
+    def learned(self) -> tuple[str, ...]:
+        """Names of the closures that it uses."""
+        return tuple(dict.fromkeys(name for name in (self.closure, self.subgrid) if name is not None))
 
     def with_closure(self, closure: str) -> RunSpec:
         """The same run with a closure, under a name that says so."""
         return dataclasses.replace(self, name=f"{self.name}_{closure}", closure=closure)
+
+    def with_tuned(self, tuned: TuneSpec) -> RunSpec:
+        """The same run with what a training through the solver gave, beside what it began with."""
+        closure = tuned.name if "drag" in tuned.trained else tuned.start
+        subgrid = tuned.name if "subgrid" in tuned.trained else None
+        return dataclasses.replace(self, name=f"{self.name}_{tuned.name}", closure=closure, subgrid=subgrid)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,21 +80,23 @@ class FitSpec:
 
 @dataclasses.dataclass(frozen=True)
 class TuneSpec:
-    """A closure trained on through coarse runs that follow a finer one.
+    """Closures trained through coarse runs that follow a finer one.
 
     Attributes:
-        name: of the file, without its ending.
-        start: closure to begin with.
+        name: of the files, without their endings.
         reference: name of the run to follow.
         overrides: of the reference's scene that make it the coarse one.
         settings: of the training.
+        start: drag closure to begin with, None for the scene's drag law.
+        trained: "drag", "subgrid" or both; a subgrid stress begins as one that gives nothing.
     """
 
     name: str
-    start: str
     reference: str
     overrides: Mapping[str, Any]
     settings: FinetuneSettings
+    start: str | None = None
+    trained: tuple[str, ...] = ("drag",)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,10 +140,20 @@ ClosureSpec = FitSpec | TuneSpec | SmallerSpec | EnsembleSpec
 def made_of(spec: ClosureSpec) -> tuple[str, ...]:
     """Names of the closures that another one is made of."""
     if isinstance(spec, TuneSpec):
-        return (spec.start,)
+        return () if spec.start is None else (spec.start,)
     if isinstance(spec, SmallerSpec):
         return (spec.teacher,)
     return spec.members if isinstance(spec, EnsembleSpec) else ()
+
+
+ENDINGS = {"drag": ".closure.h5", "subgrid": ".subgrid.h5"}
+"""Of the files of closures, by what they are."""
+
+
+def files_of(spec: ClosureSpec) -> dict[str, str]:
+    """Names of a closure's files: `drag`, `subgrid` or both."""
+    kinds = spec.trained if isinstance(spec, TuneSpec) else ("drag",)
+    return {kind: f"{spec.name}{ENDINGS[kind]}" for kind in kinds}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -182,8 +207,9 @@ class StudyPlan:
     @property
     def files(self) -> set[str]:
         """Names of all runs, datasets, closures and searches in the study's folder."""
-        closures = {f"{name}{ending}" for name in self.closures for ending in (".closure.h5", ".parity.npz")}
-        return {*self.runs, *(f"{name}.h5" for name in self.datasets), *closures, *self.searches}
+        closures = {file for spec in self.closures.values() for file in files_of(spec).values()}
+        parities = {f"{name}.parity.npz" for name in self.closures}
+        return {*self.runs, *(f"{name}.h5" for name in self.datasets), *closures, *parities, *self.searches}
 
 
 Named = TypeVar("Named", RunSpec, DatasetSpec, ClosureSpec, Part, SearchSpec)

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import sys
@@ -92,6 +93,7 @@ def fit_to_files(
     """
     import numpy as np
 
+    from jaxdem.io.durable import write_bytes
     from jaxdem.train.fit import fit_filtered, fit_paper
 
     fit = {"filtered": fit_filtered, "paper": fit_paper}[recipe]
@@ -100,25 +102,32 @@ def fit_to_files(
         arrays = {
             f"{factor}/{name}": array for factor, figures in found.parity.items() for name, array in figures.items()
         }  # fmt: skip
-        with parity.open("wb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
+        content = io.BytesIO()
+        np.savez(content, **arrays)  # type: ignore[arg-type]
+        write_bytes(parity, content.getvalue())
         result += [found.closure, found.metadata]
 
 
 def do_tune(work: dict[str, Any], report: Report) -> None:
-    """A closure trained on through the solver: `scene` (tables, coarse), `reference`, `start`, `settings`, `out`."""
+    """Closures trained through the solver: `scene` (tables, coarse), `reference`, `start` (file), `settings`, `outs`."""
+    from jaxdem.closures import SubgridClosure
     from jaxdem.closures.file import load_single
     from jaxdem.scene import load_scene
+    from jaxdem.train.closures import Closures
     from jaxdem.train.finetune import FinetuneSettings, finetune
 
-    settings = FinetuneSettings(**_tuples(work["settings"]))
-    with _saved(Path(work["out"])) as result:
-        closure, metadata = load_single(work["start"], "")
-        scene = load_scene(work["scene"])
+    settings, outs = FinetuneSettings(**_tuples(work["settings"])), work["outs"]
+    drag, before = (None, {}) if work["start"] is None else load_single(work["start"], "")
+    stress = SubgridClosure.initial() if "subgrid" in outs else None
+    given = Closures(drag, stress, tuple(outs))
+    scene = load_scene(work["scene"])
+    with contextlib.ExitStack() as saved:
+        results = {kind: saved.enter_context(_saved(Path(out))) for kind, out in outs.items()}
         found = finetune(
-            scene, work["reference"], closure, metadata, settings, lambda done, *_: report(float(done))
+            scene, work["reference"], given, {"drag": before}, settings, lambda done, *_: report(float(done))
         )
-        result += [found.closure, found.metadata]
+        for kind, result in results.items():
+            result += [getattr(found.closures, kind), found.metadata[kind]]
 
 
 def do_distill(work: dict[str, Any], report: Report) -> None:

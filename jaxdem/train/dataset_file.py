@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.file import UNREADABLE, write_aside
 from jaxdem.errors import InputError
+from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 
 FORMAT = "jaxdem-dataset"
 VERSION = 1
@@ -139,19 +140,20 @@ def write_dataset(
     Raises:
         InputError: an attribute or array is missing or has a wrong shape, or the place cannot be written.
     """
+    with in_memory("dataset") as file:
+        given = {name: _require(attributes, name, str(path)) for name in ROOT_ATTRIBUTES}
+        write_attributes(file, {"format": FORMAT, "version": VERSION, **given})
+        for coarsening, content in sorted(groups.items()):
+            place = f"coarsen_{coarsening}"
+            group = file.create_group(place)
+            for name in GROUP_ATTRIBUTES:
+                group.attrs[name] = float(_require(content, name, str(path), place))
+            for name in SCALARS + VECTORS:
+                store(group, name, _require(content, name, str(path), place))
+        _read(file, str(path))
+        image = image_of(file)
     with write_aside(path, KEY) as aside:
-        with h5py.File(aside, "w") as file:
-            file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-            for name in ROOT_ATTRIBUTES:
-                file.attrs[name] = _require(attributes, name, str(path))
-            for coarsening, content in sorted(groups.items()):
-                place = f"coarsen_{coarsening}"
-                group = file.create_group(place)
-                for name in GROUP_ATTRIBUTES:
-                    group.attrs[name] = float(_require(content, name, str(path), place))
-                for name in SCALARS + VECTORS:
-                    group.create_dataset(name, data=np.asarray(_require(content, name, str(path), place)))
-        read_dataset(aside)
+        aside.write_bytes(image)
 
 
 def read_dataset(path: str | os.PathLike[str]) -> Dataset:
@@ -164,7 +166,7 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
     try:
         if not Path(path).is_file():
             raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem dataset`.")
-        with h5py.File(path, "r") as file:
+        with open_for_reading(path) as file:
             return _read(file, str(path))
     except UNREADABLE as error:
         reason = f"cannot be read as a dataset ({error})"
@@ -172,12 +174,13 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
 
 
 def _read(file: h5py.File, path: str) -> Dataset:
-    if file.attrs.get("format") != FORMAT:
+    own = attributes_of(file)
+    if own.get("format") != FORMAT:
         raise InputError(KEY, path, "is not a dataset file", "Give a file written by `jaxdem dataset`.")
-    if int(file.attrs["version"]) > VERSION:
-        limit = f"has version {file.attrs['version']}, this program reads up to {VERSION}"
+    if int(own["version"]) > VERSION:
+        limit = f"has version {own['version']}, this program reads up to {VERSION}"
         raise InputError(KEY, path, limit, "Update jaxdem.")
-    root = {name: _require(file.attrs, name, path) for name in ROOT_ATTRIBUTES}
+    root = {name: _require(own, name, path) for name in ROOT_ATTRIBUTES}
     fluid: dict[str, Any] = {name: float(root[name]) for name in ("fluid_density", "dynamic_viscosity")}
     for name, value in fluid.items():
         if not 0.0 < value < math.inf:

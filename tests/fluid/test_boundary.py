@@ -4,6 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxdem import build, load_scene
+from jaxdem.errors import InputError
 from jaxdem.fluid.advection import Upwind, VanLeer
 from jaxdem.fluid.boundary import (
     Boundary,
@@ -18,6 +20,7 @@ from jaxdem.fluid.boundary import (
 )
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import LinearTable, Parabola
+from jaxdem.fluid.side_conditions import FreeSlip
 
 
 def box(cells, kinds, periodic=(False, False), velocity=None, **patch):
@@ -186,3 +189,14 @@ def test_limiter_is_zero_at_extrema_exact_on_lines_and_bounded():
     b = jnp.asarray([1.0, -1.0, 3.0, -6.0, 0.0, 5.0, 1e9])
     np.testing.assert_allclose(VanLeer().slope(a, b), [1.0, 0.0, 1.5, -3.0, 0.0, 0.0, 2.0], rtol=1e-8)
     assert not np.any(Upwind().slope(a, b))
+
+
+@pytest.mark.parametrize(("side", "key"), [("left", "side_conditions"), ("bottom", "boundary.bottom.from")])
+def test_a_condition_of_ones_own_needs_a_whole_side(side, key):
+    boundary = {"left": {"kind": "periodic"}, "right": {"kind": "periodic"}}
+    boundary["bottom"] = {"kind": "free_slip", "from": 0.0, "to": 0.1}
+    tables = {"domain": {"size": [0.2, 0.2]}, "fluid": {"cells": [4, 4]}, "boundary": boundary}
+    scene = load_scene(tables | {"time": {"end": 0.1, "output_interval": 0.1}})
+    with pytest.raises(InputError) as caught:
+        build(scene, side_conditions={side: FreeSlip()})
+    assert caught.value.key == key
