@@ -1,4 +1,7 @@
-"""Scene -> Simulation and Parameters: the one module that knows both the description and the implementations."""
+"""Scene -> Simulation and Parameters: the one module that knows both the description and the implementations.
+
+Somewhat longer than other modules, for every part that a scene can choose is chosen here and nowhere else.
+"""
 
 from __future__ import annotations
 

@@ -69,6 +69,19 @@ class Flow:
         return np.arange(self.grid.cells[axis] + 1) * self.grid.spacing[axis]
 
 
+def linear_faces(grid: Grid, gradient: np.ndarray) -> tuple[jax.Array, ...]:
+    """The flow u_i = sum_k G_ik x_k on the faces of a box without periodic sides; `gradient` (D, D) [1/s]."""
+    faces = []
+    for i in range(grid.dimension):
+        points = [
+            (np.arange(n + 1.0) if a == i else np.arange(n) + 0.5) * h
+            for a, (n, h) in enumerate(zip(grid.cells, grid.spacing, strict=True))
+        ]
+        x = np.meshgrid(*points, indexing="ij")
+        faces.append(jnp.asarray(sum(gradient[i][k] * x[k] for k in range(grid.dimension))))
+    return tuple(faces)
+
+
 def random_faces(grid, seed=0):
     """A random velocity field, zero on walls, doubled on periodic axes."""
     random, result = np.random.default_rng(seed), []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from benchmarks.cases.flows import PERIODIC, Flow
+from benchmarks.cases.flows import PERIODIC, Flow, linear_faces
 from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT, VISCOUS_STABLE, advance_fluid
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
@@ -21,19 +21,6 @@ def box(cells, kinds):
     periodic = tuple(kinds[2 * a] == "periodic" for a in range(len(cells)))
     grid = Grid(cells, SIZE[: len(cells)], 1.0, periodic)
     return grid, Boundary(tuple(Side(n // 2, bool(n % 2), kind) for n, kind in enumerate(kinds)))
-
-
-def linear_flow(grid, gradient):
-    """u_i = sum_j G_ij x_j on the faces."""
-    faces = []
-    for i in range(grid.dimension):
-        points = [
-            (np.arange(n + 1.0) if a == i else np.arange(n) + 0.5) * h
-            for a, (n, h) in enumerate(zip(grid.cells, grid.spacing, strict=True))
-        ]
-        x = np.meshgrid(*points, indexing="ij")
-        faces.append(jnp.asarray(sum(gradient[i][j] * x[j] for j in range(grid.dimension))))
-    return tuple(faces)
 
 
 def viscosity_of(grid, boundary, velocity, sides=None):
@@ -52,7 +39,7 @@ def test_plane_shear_has_the_shear_rate_as_strain_up_to_the_walls(cells):
     gradient[0, d - 1] = A
     speeds = [jnp.zeros(d)] * (2 * d)
     speeds[-1] = jnp.zeros(d).at[0].set(A * grid.size[-1])
-    nu = viscosity_of(grid, boundary, linear_flow(grid, gradient), tuple(speeds))
+    nu = viscosity_of(grid, boundary, linear_faces(grid, gradient), tuple(speeds))
     delta = np.prod(grid.spacing) ** (1.0 / d)
     np.testing.assert_allclose(nu, (CS * delta) ** 2 * A, rtol=1e-13)
 
@@ -61,16 +48,16 @@ def test_stretching_and_rotation_away_from_walls():
     """u = (a x, -a z): S:S = 2 a^2, nu_t = (C_s Delta)^2 2 a; a rigid rotation has none."""
     grid, boundary = box((6, 5), ("outlet",) * 4)
     scale = CS**2 * np.prod(grid.spacing)
-    stretched = viscosity_of(grid, boundary, linear_flow(grid, [[A, 0.0], [0.0, -A]]))
+    stretched = viscosity_of(grid, boundary, linear_faces(grid, [[A, 0.0], [0.0, -A]]))
     np.testing.assert_allclose(stretched[1:-1, 1:-1], scale * 2.0 * A, rtol=1e-13)
-    turned = viscosity_of(grid, boundary, linear_flow(grid, [[0.0, -A], [A, 0.0]]))
+    turned = viscosity_of(grid, boundary, linear_faces(grid, [[0.0, -A], [A, 0.0]]))
     np.testing.assert_allclose(turned[1:-1, 1:-1], 0.0, atol=1e-13)
 
 
 def test_wall_stress_of_plane_shear():
     """Under a stress-free top the fluid loses rho (nu + nu_t) a per wall area, and nothing else."""
     grid, boundary = box((3, 8), ("periodic", "periodic", "no_slip", "free_slip"))
-    velocity = linear_flow(grid, [[0.0, A], [0.0, 0.0]])
+    velocity = linear_faces(grid, [[0.0, A], [0.0, 0.0]])
     still, nu = (jnp.zeros(2),) * 4, jnp.asarray(0.02)
     acceleration = stress_divergence(grid, boundary, still, velocity, nu, TIME, jnp.asarray(CS))[0]
     loss = -np.asarray(acceleration).sum(axis=1) * grid.spacing[1]
@@ -105,7 +92,7 @@ def test_slope_is_finite_at_rest():
         stress = stress_divergence(grid, boundary, still, velocity, jnp.asarray(0.1), TIME, coefficient)
         return sum(jnp.sum(s) for s in stress)
 
-    at_rest = linear_flow(grid, np.zeros((2, 2)))
+    at_rest = linear_faces(grid, np.zeros((2, 2)))
     slopes = jax.grad(total, (0, 1))(at_rest, jnp.asarray(CS))
     assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(slopes))
 
@@ -127,7 +114,7 @@ def sheared(**fluid):
     simulation, parameters = jaxdem.build(scene)
     state, _ = jaxdem.initial_state(scene, simulation, parameters)
     grid = simulation.fluid.solver.grid
-    faces = linear_flow(grid, [[0.0, A], [0.0, 0.0]])
+    faces = linear_faces(grid, [[0.0, A], [0.0, 0.0]])
     return simulation.fluid, parameters, state.fluid._replace(face_velocity=faces)
 
 

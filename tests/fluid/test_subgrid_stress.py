@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from benchmarks.cases.flows import random_faces
+from benchmarks.cases.flows import linear_faces, random_faces
 from jaxdem.closures import SubgridClosure
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary, Side
@@ -60,19 +60,6 @@ def random_flow(grid, seed=0):
     return tuple(map(jnp.asarray, random_faces(grid, seed)))
 
 
-def linear_flow(grid, gradient):
-    """u_i = sum_k G_ik x_k on the faces."""
-    faces = []
-    for i in range(grid.dimension):
-        points = [
-            (np.arange(n + 1.0) if a == i else np.arange(n) + 0.5) * h
-            for a, (n, h) in enumerate(zip(grid.cells, grid.spacing, strict=True))
-        ]
-        x = np.meshgrid(*points, indexing="ij")
-        faces.append(jnp.asarray(sum(gradient[i][k] * x[k] for k in range(grid.dimension))))
-    return tuple(faces)
-
-
 def test_a_linear_flow_has_the_stress_of_the_formula():
     grid, boundary = box((5, 6, 7), *("outlet",) * 3)
     g = np.random.default_rng(3).normal(size=(3, 3))
@@ -81,7 +68,7 @@ def test_a_linear_flow_has_the_stress_of_the_formula():
     delta = np.prod(grid.spacing) ** (1 / 3)
     widths = np.diag(np.square(grid.spacing))
     expected = 2.0 * C1 * delta**2 * magnitude * strain - CN * g @ widths @ g.T
-    stress, _ = stress_of(grid, boundary, constant, linear_flow(grid, g))
+    stress, _ = stress_of(grid, boundary, constant, linear_faces(grid, g))
     inside = (slice(2, -2),) * 3
     for (i, j), values in stress.items():
         np.testing.assert_allclose(np.asarray(values)[inside], expected[i, j], rtol=1e-12)
@@ -90,7 +77,7 @@ def test_a_linear_flow_has_the_stress_of_the_formula():
 def test_plane_shear_between_walls_has_no_stress_on_them():
     """u = (a z, 0): tau_xz = c_1 Delta^2 a^2 inside, zero on floor and lid; tau_xx = -c_n h_z^2 a^2, tau_zz = 0."""
     grid, boundary = box((3, 6), "periodic", "free_slip")
-    stress, _ = stress_of(grid, boundary, constant, linear_flow(grid, [[0.0, 3.0], [0.0, 0.0]]))
+    stress, _ = stress_of(grid, boundary, constant, linear_faces(grid, [[0.0, 3.0], [0.0, 0.0]]))
     hx, hz = grid.spacing
     np.testing.assert_allclose(stress[0, 1][:, 2:-2], C1 * hx * hz * 9.0, rtol=1e-12)
     assert not np.asarray(stress[0, 1])[:, [0, -1]].any()
@@ -219,7 +206,7 @@ def test_the_viscosity_number_counts_the_stress():
     solver = simulation.fluid.solver
     grid, a = solver.grid, 7.0
     properties = parameters.fluid._replace(subgrid=constant)
-    shear = fluid._replace(face_velocity=linear_flow(grid, [[0.0, a], [0.0, 0.0]]))
+    shear = fluid._replace(face_velocity=linear_faces(grid, [[0.0, a], [0.0, 0.0]]))
     hx, hz = grid.spacing
     # At the walls, which the made-up flow does not know, the strain is another: far from it in a fluid at rest there.
     boundary = Boundary(tuple(side._replace(kind="outlet") for side in solver.boundary.sides))
