@@ -270,12 +270,13 @@ def injection_plan() -> StudyPlan:
         tuple(dict.fromkeys(run.name for run in runs())) for runs in every
     )
     plain = tuple(run.name for run in (FINE, *jittered(FINE), *(COARSE[factor] for factor in FACTORS)))
+    begun = tuple(COARSE[factor].with_closure("filtered").name for factor in FACTORS)
     names = (*(fit.name for fit in fits()), ENSEMBLE.name)
     parts = [
         Part("mesh", mesh),
         Part("budget", budget, oracles=COARSENINGS),
         Part("closures", (*plain, *closed), names, ("dataset_fine",), searches=tuple(by_name(searches()))),
-        Part("solver", (*plain, *closed[:6], *through), ("filtered", *(one.name for one in tuned()))),
+        Part("solver", (*plain, *begun, *through), ("filtered", *(one.name for one in tuned()))),
         Part("smaller", (*plain, *small), ("filtered", "paper", *(one.name for one in smaller()))),
         Part("generalisation", (*plain, *unseen), ("filtered", "paper"), tuple(test.name for test in tests)),
         Part("pareto", (*plain, *closed, *through, *pareto), ("filtered", "paper")),
