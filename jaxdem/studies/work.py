@@ -6,13 +6,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
 import sys
 import time as clock
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -96,16 +95,16 @@ def fit_to_files(
     from jaxdem.io.durable import write_bytes
     from jaxdem.train.fit import fit_filtered, fit_paper
 
+    begin = clock.perf_counter()
     fit = {"filtered": fit_filtered, "paper": fit_paper}[recipe]
-    with _saved(out) as result:
-        found = fit(_read_all(datasets), settings, progress=lambda epoch, *_: report(epoch))
-        arrays = {
-            f"{factor}/{name}": array for factor, figures in found.parity.items() for name, array in figures.items()
-        }  # fmt: skip
-        content = io.BytesIO()
-        np.savez(content, **arrays)  # type: ignore[arg-type]
-        write_bytes(parity, content.getvalue())
-        result += [found.closure, found.metadata]
+    found = fit(_read_all(datasets), settings, progress=lambda epoch, *_: report(epoch))
+    arrays = {
+        f"{factor}/{name}": array for factor, figures in found.parity.items() for name, array in figures.items()
+    }  # fmt: skip
+    content = io.BytesIO()
+    np.savez(content, **arrays)  # type: ignore[arg-type]
+    write_bytes(parity, content.getvalue())
+    _save(out, found.closure, found.metadata, begin)
 
 
 def do_tune(work: dict[str, Any], report: Report) -> None:
@@ -116,18 +115,17 @@ def do_tune(work: dict[str, Any], report: Report) -> None:
     from jaxdem.train.closures import Closures
     from jaxdem.train.finetune import FinetuneSettings, finetune
 
+    begin = clock.perf_counter()
     settings, outs = FinetuneSettings(**_tuples(work["settings"])), work["outs"]
     drag, before = (None, {}) if work["start"] is None else load_single(work["start"], "")
     stress = SubgridClosure.initial() if "subgrid" in outs else None
     given = Closures(drag, stress, tuple(outs))
     scene = load_scene(work["scene"])
-    with contextlib.ExitStack() as saved:
-        results = {kind: saved.enter_context(_saved(Path(out))) for kind, out in outs.items()}
-        found = finetune(
-            scene, work["reference"], given, {"drag": before}, settings, lambda done, *_: report(float(done))
-        )
-        for kind, result in results.items():
-            result += [getattr(found.closures, kind), found.metadata[kind]]
+    found = finetune(
+        scene, work["reference"], given, {"drag": before}, settings, lambda done, *_: report(float(done))
+    )
+    for kind, out in outs.items():
+        _save(Path(out), getattr(found.closures, kind), found.metadata[kind], begin)
 
 
 def do_distill(work: dict[str, Any], report: Report) -> None:
@@ -135,11 +133,11 @@ def do_distill(work: dict[str, Any], report: Report) -> None:
     from jaxdem.closures import load_closure
     from jaxdem.train.compress import distill, settings_for
 
-    with _saved(Path(work["out"])) as result:
-        teacher, _ = load_closure(work["teacher"])
-        settings = settings_for(teacher, hidden=tuple(work["hidden"]), epochs=work["epochs"])
-        found = distill(teacher, _read_all(work["datasets"]), settings, lambda epoch, *_: report(epoch))
-        result += [found.closure, found.metadata]
+    begin = clock.perf_counter()
+    teacher, _ = load_closure(work["teacher"])
+    settings = settings_for(teacher, hidden=tuple(work["hidden"]), epochs=work["epochs"])
+    found = distill(teacher, _read_all(work["datasets"]), settings, lambda epoch, *_: report(epoch))
+    _save(Path(work["out"]), found.closure, found.metadata, begin)
 
 
 def do_prune(work: dict[str, Any], report: Report) -> None:
@@ -147,11 +145,11 @@ def do_prune(work: dict[str, Any], report: Report) -> None:
     from jaxdem.closures.file import load_single
     from jaxdem.train.compress import prune, settings_for
 
-    with _saved(Path(work["out"])) as result:
-        closure, _ = load_single(work["teacher"], "")
-        settings, data = settings_for(closure, epochs=work["epochs"]), _read_all(work["datasets"])
-        found = prune(closure, data, work["neurons"], settings, True, lambda epoch, *_: report(epoch))
-        result += [found.closure, found.metadata]
+    begin = clock.perf_counter()
+    closure, _ = load_single(work["teacher"], "")
+    settings, data = settings_for(closure, epochs=work["epochs"]), _read_all(work["datasets"])
+    found = prune(closure, data, work["neurons"], settings, True, lambda epoch, *_: report(epoch))
+    _save(Path(work["out"]), found.closure, found.metadata, begin)
 
 
 def do_ensemble(work: dict[str, Any], report: Report) -> None:
@@ -159,21 +157,17 @@ def do_ensemble(work: dict[str, Any], report: Report) -> None:
     from jaxdem.closures import EnsembleClosure
     from jaxdem.closures.file import load_single
 
-    with _saved(Path(work["out"])) as result:
-        members = [load_single(name, "") for name in work["members"]]
-        names = [Path(name).name for name in work["members"]]
-        result += [EnsembleClosure.of([closure for closure, _ in members]), {"members": names}]
+    begin = clock.perf_counter()
+    members = [load_single(name, "")[0] for name in work["members"]]
+    names = [Path(name).name for name in work["members"]]
+    _save(Path(work["out"]), EnsembleClosure.of(members), {"members": names}, begin)
     report(1.0)
 
 
-@contextlib.contextmanager
-def _saved(out: Path) -> Iterator[list[Any]]:
-    """Takes a closure and its metadata in a list, and saves them with the time that it took."""
+def _save(out: Path, closure: Any, metadata: dict[str, Any], begin: float) -> None:
+    """Write a closure, with the time since `begin` in its metadata."""
     from jaxdem.closures import save_closure
 
-    begin, result = clock.perf_counter(), []  # type: tuple[float, list[Any]]
-    yield result
-    closure, metadata = result
     save_closure(out, closure, {**metadata, "study_seconds": clock.perf_counter() - begin})
 
 
