@@ -37,6 +37,12 @@ COARSENINGS = (1, 2, 4, 8)
 SEEDS = (1, 2)
 """Jitters of the pack beside the first."""
 
+SOFT: dict[str, Any] = {"contact.young_modulus": 7e6, "contact.maximum_overlap": 0.3}
+"""Contacts of the study: a contact step of 1.4e-4 s, where the source study has 2e-4 s."""
+
+STIFF: dict[str, Any] = {"contact.young_modulus": 7e7, "contact.maximum_overlap": 0.2}
+"""Contacts of the scenes' files: three times the contact steps."""
+
 CELLS: dict[str, dict[int, list[int]]] = {
     INJECTION: {2: [150, 25], 3: [100, 17], 4: [75, 12], 8: [38, 6]},
     SLAB: {2: [150, 1, 25], 4: [75, 1, 12], 8: [38, 1, 6]},
@@ -54,7 +60,13 @@ UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
     "speed_1_5": (INJECTION, {"boundary.left.velocity": 1.5}),
     "speed_6": (
         INJECTION,
-        {"boundary.left.velocity": 6.0, "fluid.time_step": 0.005, "contact.maximum_overlap": 0.25},
+        {
+            "boundary.left.velocity": 6.0,
+            "fluid.time_step": 0.005,
+            "time.end": 2.5,
+            **STIFF,
+            "contact.maximum_overlap": 0.25,
+        },
     ),
     "density_2500": (INJECTION, {"particles.density": 2500.0}),
     "small_grains": ("injection_small_grains.toml", {}),
@@ -82,7 +94,6 @@ FLUID_VARIANTS: dict[str, dict[str, Any]] = {
 """Changes of the coarse fluid; the scene's own is second order without a subgrid viscosity."""
 
 SETTINGS: dict[str, dict[str, Any]] = {
-    "soft": {"contact.young_modulus": 7e6, "contact.maximum_overlap": 0.3},
     "float64": {"precision": "float64"},
     "fluid_step_0_005": {"fluid.time_step": 0.005, "coupling.interval": 0.01},
     "interval_0_005": {"fluid.time_step": 0.005, "coupling.interval": 0.005},
@@ -92,10 +103,16 @@ SETTINGS: dict[str, dict[str, Any]] = {
 """What else the error is bought with, apart from mesh and closure."""
 
 
+def planned(name: str, scene: str, overrides: Mapping[str, Any] | None = None) -> RunSpec:
+    """A run with the study's contacts, if its overrides do not say otherwise."""
+    contacts = {} if scene == DILUTE else SOFT
+    return RunSpec(name, scene, {**contacts, **(overrides or {})})
+
+
 def coarse(name: str, scene: str, factor: int, overrides: Mapping[str, Any] | None = None) -> RunSpec:
     """A run on a coarse mesh; `name` is what stands before `coarse_F`, with its underscore."""
     cells = {"fluid.cells": CELLS[scene][factor]}
-    return RunSpec(f"{name}coarse_{factor}", scene, {**cells, **(overrides or {})})
+    return planned(f"{name}coarse_{factor}", scene, {**cells, **(overrides or {})})
 
 
 def varied(run: RunSpec, what: str, overrides: Mapping[str, Any]) -> RunSpec:
@@ -110,35 +127,37 @@ def jittered(run: RunSpec) -> list[RunSpec]:
     return [varied(bare, f"seed_{seed}", {"seed": seed}) for seed in SEEDS]
 
 
-FINE = RunSpec("fine", INJECTION, {"output.samples": 0.02})
+FINE = planned("fine", INJECTION, {"output.samples": 0.02})
+BARE = planned("fine", INJECTION)
+"""The fine run, to vary."""
 COARSE = {factor: coarse("", INJECTION, factor) for factor in (2, 3, 4, 8)}
-SLAB_FINE = RunSpec("slab_fine", SLAB)
+STIFF_FINE = planned("stiff_fine", INJECTION, STIFF)
+STIFF_COARSE = {factor: coarse("stiff_", INJECTION, factor, STIFF) for factor in FACTORS}
+SLAB_FINE = planned("slab_fine", SLAB)
 SLAB_COARSE = {factor: coarse("slab_", SLAB, factor) for factor in FACTORS}
-DILUTE_FINE = RunSpec("dilute_fine", DILUTE)
+DILUTE_FINE = planned("dilute_fine", DILUTE)
 DILUTE_COARSE = {factor: coarse("dilute_", DILUTE, factor) for factor in (2, 4)}
 TRAINING = (
-    RunSpec("training_column", "training_column.toml", {"output.samples": 0.05}),
-    RunSpec("training_injection", "training_injection.toml", {"output.samples": 0.05}),
+    planned("training_column", "training_column.toml", {"output.samples": 0.05}),
+    planned("training_injection", "training_injection.toml", {"output.samples": 0.05}),
 )
 """Runs that closures are trained on: no run of injection.toml is among them."""
 
 
 def mesh_runs() -> list[RunSpec]:
-    """All meshes, single layer and slab, three packs each; other drag laws at 8 cm."""
+    """All meshes, single layer and slab, three packs each; stiff contacts; other drag laws at 8 cm."""
     laws = [varied(COARSE[2], law, {"coupling.drag": law}) for law in ("di_felice", "gidaspow")]
-    bare = RunSpec("fine", INJECTION)
-    whole = [varied(run, "whole_inlet", WHOLE_INLET) for run in (bare, *(COARSE[n] for n in FACTORS))]
+    whole = [varied(run, "whole_inlet", WHOLE_INLET) for run in (BARE, *(COARSE[n] for n in FACTORS))]
     layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
     slab = [SLAB_FINE, *SLAB_COARSE.values()]
-    seeds = [run for plain in (*layer, *slab) for run in jittered(plain)]
-    return [*layer, *laws, *slab, *seeds, *whole]
+    seeds = [run for plain in (*layer, *slab, STIFF_FINE) for run in jittered(plain)]
+    return [*layer, *laws, *slab, STIFF_FINE, *STIFF_COARSE.values(), *seeds, *whole]
 
 
 def budget_runs() -> list[RunSpec]:
     """What of the coarse error is the drag's, and what the fluid's."""
     inputs = [
-        varied(RunSpec("fine", INJECTION), f"inputs_{factor}", {"coupling.drag_inputs_coarsened": factor})
-        for factor in FACTORS
+        varied(BARE, f"inputs_{factor}", {"coupling.drag_inputs_coarsened": factor}) for factor in FACTORS
     ]
     fluids = [
         varied(COARSE[factor], name, changes)
@@ -245,7 +264,7 @@ def unseen_runs() -> list[RunSpec]:
     """Fine, fine with another jitter, coarse 4x, and coarse 4x with closures, of each scene; and mesh ratio 3."""
     result = [COARSE[3], *(COARSE[3].with_closure(name) for name in ("filtered", "paper"))]
     for name, (scene, overrides) in UNSEEN.items():
-        fine = RunSpec(f"{name}_fine", scene, {**overrides, "output.samples": 0.1})
+        fine = planned(f"{name}_fine", scene, {**overrides, "output.samples": 0.1})
         plain = coarse(f"{name}_", scene, 4, overrides)
         result += [fine, jittered(fine)[0], plain, *(plain.with_closure(c) for c in ("filtered", "paper"))]
     return result
@@ -253,10 +272,10 @@ def unseen_runs() -> list[RunSpec]:
 
 def pareto_runs() -> list[RunSpec]:
     """Everything that error is bought with, on the fine and the 16 cm mesh; and a scene where the fluid dominates."""
-    bare = RunSpec("fine", INJECTION)
-    settings = [varied(run, what, keys) for run in (bare, COARSE[4]) for what, keys in SETTINGS.items()]
+    settings = [varied(run, what, keys) for run in (BARE, COARSE[4]) for what, keys in SETTINGS.items()]
     closed = [run.with_closure("filtered") for run in DILUTE_COARSE.values()]
-    return [*settings, DILUTE_FINE, *jittered(DILUTE_FINE)[:1], *DILUTE_COARSE.values(), *closed]
+    stiff = [STIFF_FINE, *STIFF_COARSE.values()]
+    return [*settings, *stiff, DILUTE_FINE, *jittered(DILUTE_FINE)[:1], *DILUTE_COARSE.values(), *closed]
 
 
 def injection_plan() -> StudyPlan:

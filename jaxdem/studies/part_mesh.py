@@ -26,7 +26,7 @@ from jaxdem.studies.tables import Cell, Section, Table
 NEAR = 10.0
 """Radii from the upper wall within which the height stands for grains that reach it."""
 
-SETTINGS = {"single layer": "", "two-layer slab": "slab_"}
+SETTINGS = {"single layer": "", "single layer of 70 MPa": "stiff_", "two-layer slab": "slab_"}
 """By what stands before the names of their runs."""
 
 

@@ -175,7 +175,8 @@ def tables_of(scene: Scene) -> dict[str, Any]:
 
 
 def require_same_scene(out: Path, scene: Scene) -> None:
-    """Refuse a run directory of another scene; where its closure's file lies does not matter, nor new defaults.
+    """Refuse a run directory of another scene; where its closure's file lies does not matter, nor new defaults, nor
+    samples that the study does not ask for.
 
     Raises:
         InputError: naming the first key that differs.
@@ -183,6 +184,8 @@ def require_same_scene(out: Path, scene: Scene) -> None:
     if not (out / SCENE).is_file():
         return
     stored, wanted = (_flat(_bare(s)) for s in (load_scene(out / SCENE), scene))
+    if "output.samples" not in wanted:
+        stored.pop("output.samples", None)
     for key in {**wanted, **stored}:
         if stored.get(key) != wanted.get(key):
             limit = f"was run with {key} = {stored.get(key)!r}, the study asks for {wanted.get(key)!r}"
