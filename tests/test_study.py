@@ -4,6 +4,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -258,6 +259,11 @@ def test_closures_made_of_closures(study, tmp_path):
         widths[kind] = getattr(closure, "members", closure).hidden
     whole = load_closure(made["teacher"])[0].hidden
     assert widths == {"distill": (4,), "prune": tuple(-(-n // 2) for n in whole), "ensemble": whole}
+    stress = tmp_path / "stress.subgrid.h5"
+    WORK["stress"]({"viscosity": 0.02, "gradient": 0.1, "out": str(stress)}, lambda done: None)
+    rate = jnp.array([1.0, 30.0])
+    coefficients = load_subgrid(stress)[0](rate, rate, jnp.array(0.1), jnp.array(1e-6), 0.5 * rate, rate)
+    np.testing.assert_allclose(coefficients, [[0.02, 0.02], [0.1, 0.1]], rtol=1e-6)
 
 
 def test_a_tuning_gets_the_plan_s_settings_and_scene(study, tmp_path, monkeypatch):

@@ -19,6 +19,7 @@ from jaxdem.studies.plan import (
     RunSpec,
     SearchSpec,
     SmallerSpec,
+    StressSpec,
     StudyPlan,
     TuneSpec,
     by_name,
@@ -38,10 +39,10 @@ SEEDS = (1, 2)
 """Jitters of the pack beside the first."""
 
 SOFT: dict[str, Any] = {"contact.young_modulus": 7e6, "contact.maximum_overlap": 0.3}
-"""Contacts of the study: a contact step of 1.4e-4 s, where the source study has 2e-4 s."""
+"""Contacts of the study: a contact step of 1.1e-4 s, where the source study has 2e-4 s."""
 
 STIFF: dict[str, Any] = {"contact.young_modulus": 7e7, "contact.maximum_overlap": 0.2}
-"""Contacts of the scenes' files: three times the contact steps."""
+"""Contacts of the scenes' files: three times the contact steps. Where grains fall far they cannot be softer."""
 
 CELLS: dict[str, dict[int, list[int]]] = {
     INJECTION: {2: [150, 25], 3: [100, 17], 4: [75, 12], 8: [38, 6]},
@@ -70,7 +71,7 @@ UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "density_2500": (INJECTION, {"particles.density": 2500.0}),
     "small_grains": ("injection_small_grains.toml", {}),
-    "settling_column": ("settling_column.toml", {}),
+    "settling_column": ("settling_column.toml", STIFF),
     "fluidised_bed": ("fluidised_bed.toml", {}),
 }
 """Scenes that no closure was trained on, beside injection.toml itself."""
@@ -138,7 +139,7 @@ SLAB_COARSE = {factor: coarse("slab_", SLAB, factor) for factor in FACTORS}
 DILUTE_FINE = planned("dilute_fine", DILUTE)
 DILUTE_COARSE = {factor: coarse("dilute_", DILUTE, factor) for factor in (2, 4)}
 TRAINING = (
-    planned("training_column", "training_column.toml", {"output.samples": 0.05}),
+    planned("training_column", "training_column.toml", {**STIFF, "output.samples": 0.05}),
     planned("training_injection", "training_injection.toml", {"output.samples": 0.05}),
 )
 """Runs that closures are trained on: no run of injection.toml is among them."""
@@ -175,6 +176,12 @@ ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{see
 TUNING = FinetuneSettings(horizons=(1, 2, 4), updates=4)
 """Through the solver: a gradient over one output costs as much as half a second of a run."""
 
+SEARCHING = FinetuneSettings(method="gradient-free", horizons=(20,), updates=30, starts=1)
+"""Without gradients a run may be unrolled for two seconds; a handful of parameters each."""
+
+GRADIENT_STRESS = StressSpec("gradient_stress", 0.0, 1.0 / 12.0)
+"""The gradient model, that nothing is learned for: the stress of a smooth flow averaged over cells."""
+
 
 def fits() -> list[FitSpec]:
     """Both recipes with three seeds, and the paper's with the activations that it runs in the solver."""
@@ -199,11 +206,8 @@ def tuned_at(factor: int) -> list[TuneSpec]:
         TuneSpec(f"stress_{factor}", run, cells, TUNING, trained=("subgrid",)),
         TuneSpec(f"tuned_stress_{factor}", run, cells, TUNING, "filtered", ("drag", "subgrid")),
     ]
-    if factor == 4:  # the search without gradients stands beside them once
-        settings = dataclasses.replace(TUNING, method="gradient-free")
-        others = [one for one in found if "drag" in one.trained]
-        found += [dataclasses.replace(one, name=f"{one.name}_search", settings=settings) for one in others]
-    return found
+    searched = [dataclasses.replace(one, name=f"{one.name}_search", settings=SEARCHING) for one in found]
+    return [*found, *searched]
 
 
 TUNED = (2, 4)
@@ -251,8 +255,9 @@ def closure_runs() -> list[RunSpec]:
 
 def solver_runs() -> list[RunSpec]:
     """Coarse runs with what was trained through the solver on their mesh; at 32 cm with that of 16 cm."""
+    plain = [COARSE[factor].with_stress(GRADIENT_STRESS) for factor in FACTORS]
     found = [COARSE[factor].with_tuned(one) for factor in TUNED for one in tuned_at(factor)]
-    return [*found, *(COARSE[8].with_tuned(one) for one in tuned_at(4) if "drag" in one.trained)]
+    return [*plain, *found, *(COARSE[8].with_tuned(one) for one in tuned_at(4) if "drag" in one.trained)]
 
 
 def smaller_runs() -> list[RunSpec]:
@@ -295,11 +300,15 @@ def injection_plan() -> StudyPlan:
         Part("mesh", mesh),
         Part("budget", budget, oracles=COARSENINGS),
         Part("closures", (*plain, *closed), names, ("dataset_fine",), searches=tuple(by_name(searches()))),
-        Part("solver", (*plain, *begun, *through), ("filtered", *(one.name for one in tuned()))),
+        Part(
+            "solver",
+            (*plain, *begun, *through),
+            ("filtered", GRADIENT_STRESS.name, *(one.name for one in tuned())),
+        ),
         Part("smaller", (*plain, *small), ("filtered", "paper", *(one.name for one in smaller()))),
         Part("generalisation", (*plain, *unseen), ("filtered", "paper"), tuple(test.name for test in tests)),
         Part("pareto", (*plain, *closed, *through, *pareto), ("filtered", "paper")),
     ]
     runs = by_name([*TRAINING, *(run for runs in every for run in runs())])
-    closures = by_name([*fits(), ENSEMBLE, *tuned(), *smaller()])
+    closures = by_name([*fits(), ENSEMBLE, GRADIENT_STRESS, *tuned(), *smaller()])
     return StudyPlan(runs, by_name([*training, *tests]), closures, by_name(parts), by_name(searches()))

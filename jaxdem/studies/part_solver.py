@@ -5,7 +5,7 @@ from __future__ import annotations
 from jaxdem.studies import paper
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.part_closures import over_noise
-from jaxdem.studies.plan import TuneSpec
+from jaxdem.studies.plan import StressSpec, TuneSpec
 from jaxdem.studies.tables import Cell, Section, Table
 
 
@@ -15,13 +15,15 @@ def solver_part(evidence: Evidence) -> Section:
     section.text.append(
         "The filtered closure and a subgrid stress that begins as none, trained through coarse runs that follow the fine training "
         "injection, each alone and both together; no run of injection.toml is in it. With the stress the loss has the fluid in it too, so "
-        "that losses are comparable where the same is trained."
+        "that losses are comparable where the same is trained. Nothing is learned for the gradient stress, which has the "
+        "coefficients of a smooth flow."
     )
     part = evidence.plan.parts["solver"]
     specs = [evidence.plan.closures[name] for name in part.closures]
     tuned = [spec for spec in specs if isinstance(spec, TuneSpec)]
     section.tables.append(_trainings(evidence, tuned))
-    section.tables.append(over_noise(evidence, _runs(evidence, [spec.name for spec in tuned])))
+    others = [spec.name for spec in specs if isinstance(spec, TuneSpec | StressSpec)]
+    section.tables.append(over_noise(evidence, _runs(evidence, others)))
     section.missing = dict(evidence.missing)
     return section
 

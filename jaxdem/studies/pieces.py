@@ -17,6 +17,7 @@ from jaxdem.studies.plan import (
     FitSpec,
     Part,
     SmallerSpec,
+    StressSpec,
     StudyPlan,
     TuneSpec,
     files_of,
@@ -107,13 +108,15 @@ class Pieces:
         elif isinstance(spec, EnsembleSpec):
             members = [str(self._file(other)) for other in spec.members]
             work, total = {"kind": "ensemble", "members": members}, 1.0
+        elif isinstance(spec, StressSpec):
+            work, total = {"kind": "stress", "viscosity": spec.viscosity, "gradient": spec.gradient}, 1.0
         else:
             for dataset in spec.datasets:
                 self._dataset(dataset)
             needs += spec.datasets
             work, total = self._smaller(spec) if isinstance(spec, SmallerSpec) else self._fit(spec)
         if not isinstance(spec, TuneSpec):
-            work["out"] = str(files["drag"])
+            (work["out"],) = map(str, files.values())
         done = all(file.is_file() for file in files.values())
         self._found[piece] = Piece(piece, work, total, tuple(needs), done)
         return piece

@@ -37,6 +37,10 @@ class RunSpec:
         """The same run with a closure, under a name that says so."""
         return dataclasses.replace(self, name=f"{self.name}_{closure}", closure=closure)
 
+    def with_stress(self, stress: StressSpec) -> RunSpec:
+        """The same run with a subgrid stress, under a name that says so."""
+        return dataclasses.replace(self, name=f"{self.name}_{stress.name}", subgrid=stress.name)
+
     def with_tuned(self, tuned: TuneSpec) -> RunSpec:
         """The same run with what a training through the solver gave, beside what it began with."""
         closure = tuned.name if "drag" in tuned.trained else tuned.start
@@ -133,7 +137,21 @@ class EnsembleSpec:
     members: tuple[str, ...]
 
 
-ClosureSpec = FitSpec | TuneSpec | SmallerSpec | EnsembleSpec
+@dataclasses.dataclass(frozen=True)
+class StressSpec:
+    """A subgrid stress with the same coefficients everywhere, that nothing is learned for.
+
+    Attributes:
+        name: of the file, without its ending.
+        viscosity, gradient: c_1 and c_n, see `SubgridClosure.constant`.
+    """
+
+    name: str
+    viscosity: float
+    gradient: float
+
+
+ClosureSpec = FitSpec | TuneSpec | SmallerSpec | EnsembleSpec | StressSpec
 """Any closure of a study."""
 
 
@@ -152,7 +170,11 @@ ENDINGS = {"drag": ".closure.h5", "subgrid": ".subgrid.h5"}
 
 def files_of(spec: ClosureSpec) -> dict[str, str]:
     """Names of a closure's files: `drag`, `subgrid` or both."""
-    kinds = spec.trained if isinstance(spec, TuneSpec) else ("drag",)
+    kinds: tuple[str, ...] = ("drag",)
+    if isinstance(spec, TuneSpec):
+        kinds = spec.trained
+    elif isinstance(spec, StressSpec):
+        kinds = ("subgrid",)
     return {kind: f"{spec.name}{ENDINGS[kind]}" for kind in kinds}
 
 

@@ -164,6 +164,15 @@ def do_ensemble(work: dict[str, Any], report: Report) -> None:
     report(1.0)
 
 
+def do_stress(work: dict[str, Any], report: Report) -> None:
+    """A subgrid stress of constant coefficients: `viscosity`, `gradient`, `out`."""
+    from jaxdem.closures import SubgridClosure
+
+    begin = clock.perf_counter()
+    _save(Path(work["out"]), SubgridClosure.constant(work["viscosity"], work["gradient"]), {}, begin)
+    report(1.0)
+
+
 def _save(out: Path, closure: Any, metadata: dict[str, Any], begin: float) -> None:
     """Write a closure, with the time since `begin` in its metadata."""
     from jaxdem.closures import save_closure
@@ -193,6 +202,7 @@ WORK: dict[str, Callable[[dict[str, Any], Report], None]] = {
     "distill": do_distill,
     "prune": do_prune,
     "ensemble": do_ensemble,
+    "stress": do_stress,
     "search": do_search,
     "oracle": do_oracle,
 }
