@@ -411,6 +411,8 @@ def limits() -> dict[str, Callable[[], Limit]]:
         "stream along x, limited": ((1.0, 0.0), 1e-6, "limited"),
         "stream along x, upwind": ((1.0, 0.0), 1e-6, "upwind"),
         "diagonal stream, limited": ((1.0, 1.0), 1e-6, "limited"),
+        "stream along x, superbee": ((1.0, 0.0), 1e-6, "superbee"),
+        "diagonal stream, superbee": ((1.0, 1.0), 1e-6, "superbee"),
         "eddies, viscous": ((0.0, 0.0), 1.0, "limited"),
     }
     for name, settings in streams.items():

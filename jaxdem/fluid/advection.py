@@ -46,6 +46,24 @@ class VanLeer:
         return jnp.where(monotone, 2.0 * product / total, 0.0)
 
 
+@dataclasses.dataclass(frozen=True)
+class Superbee:
+    """Second-order upwind with the steepest limiter without new extrema: fronts and shear layers stay two cells wide.
+
+    slope = sign(a) max(min(2|a|, |b|), min(|a|, 2|b|)) where the neighbouring differences a and b have one sign, else 0. It
+    loses least of eddies of a few cells; where a flow is smooth and resolved it makes steps of slopes.
+
+    Source: P. L. Roe, in Large-Scale Computations in Fluid Mechanics, Lect. Appl. Math. 22 (1985) 163-193; P. K. Sweby,
+    SIAM J. Numer. Anal. 21 (1984) 995-1011.
+    """
+
+    def slope(self, behind: Array, ahead: Array) -> Array:
+        """See the class."""
+        a, b = jnp.abs(behind), jnp.abs(ahead)
+        size = jnp.maximum(jnp.minimum(2.0 * a, b), jnp.minimum(a, 2.0 * b))
+        return jnp.where(behind * ahead > 0, jnp.sign(behind) * size, 0.0)
+
+
 def advection(
     grid: Grid,
     boundary: Boundary,

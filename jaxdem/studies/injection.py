@@ -87,12 +87,19 @@ SWEEPS = (
 )
 """Settings of the paper's network that are varied, one at a time."""
 
+NARROW: dict[str, Any] = {"coupling.kernel_width": {"diameters": 1.5, "cells": 0.5}}
+SHARP: dict[str, Any] = {"fluid.advection": "superbee", **NARROW}
+"""A coarse fluid that smears less: of its own momentum, and of what the particles do to it."""
+
 FLUID_VARIANTS: dict[str, dict[str, Any]] = {
     "upwind": {"fluid.advection": "upwind"},
     "smagorinsky": {"fluid.smagorinsky": 0.15},
     "upwind_smagorinsky": {"fluid.advection": "upwind", "fluid.smagorinsky": 0.15},
+    "superbee": {"fluid.advection": "superbee"},
+    "narrow": NARROW,
+    "sharp": SHARP,
 }
-"""Changes of the coarse fluid; the scene's own is second order without a subgrid viscosity."""
+"""Changes of the coarse fluid; the scene's own is second order, limited, without a subgrid viscosity, kernels of a cell."""
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "float64": {"precision": "float64"},
@@ -206,17 +213,28 @@ def tuned_at(factor: int) -> list[TuneSpec]:
         TuneSpec(f"stress_{factor}", run, cells, TUNING, trained=("subgrid",)),
         TuneSpec(f"tuned_stress_{factor}", run, cells, TUNING, "filtered", ("drag", "subgrid")),
     ]
-    searched = [dataclasses.replace(one, name=f"{one.name}_search", settings=SEARCHING) for one in found]
-    return [*found, *searched]
+    if factor == 4:
+        found += [dataclasses.replace(one, name=f"{one.name}_search", settings=SEARCHING) for one in found]
+    return found
 
 
 TUNED = (2, 4)
 """Meshes on which closures are trained through the solver."""
 
 
+def sharp_tuned() -> list[TuneSpec]:
+    """Trained by the search on the sharp fluid of 16 cm."""
+    cells = {"fluid.cells": CELLS[INJECTION][4], **SHARP}
+    run = TRAINING[1].name
+    return [
+        TuneSpec("searched_stress", run, cells, SEARCHING, trained=("subgrid",)),
+        TuneSpec("searched_both", run, cells, SEARCHING, "filtered", ("drag", "subgrid")),
+    ]
+
+
 def tuned() -> list[TuneSpec]:
     """All of them."""
-    return [one for factor in TUNED for one in tuned_at(factor)]
+    return [*(one for factor in TUNED for one in tuned_at(factor)), *sharp_tuned()]
 
 
 def smaller() -> list[FitSpec | SmallerSpec]:
@@ -257,7 +275,12 @@ def solver_runs() -> list[RunSpec]:
     """Coarse runs with what was trained through the solver on their mesh; at 32 cm with that of 16 cm."""
     plain = [COARSE[factor].with_stress(GRADIENT_STRESS) for factor in FACTORS]
     found = [COARSE[factor].with_tuned(one) for factor in TUNED for one in tuned_at(factor)]
-    return [*plain, *found, *(COARSE[8].with_tuned(one) for one in tuned_at(4) if "drag" in one.trained)]
+    found += [COARSE[8].with_tuned(one) for one in tuned_at(4) if "drag" in one.trained]
+    for factor in FACTORS:
+        sharp = varied(COARSE[factor], "sharp", SHARP)
+        found += [sharp, sharp.with_closure("filtered"), sharp.with_stress(GRADIENT_STRESS)]
+        found += [sharp.with_tuned(one) for one in sharp_tuned()]
+    return [*plain, *found]
 
 
 def smaller_runs() -> list[RunSpec]:

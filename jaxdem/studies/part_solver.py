@@ -8,6 +8,9 @@ from jaxdem.studies.part_closures import over_noise
 from jaxdem.studies.plan import StressSpec, TuneSpec
 from jaxdem.studies.tables import Cell, Section, Table
 
+SHARP = "superbee, kernels of half a cell"
+"""The coarse fluid of the runs that are called sharp."""
+
 
 def solver_part(evidence: Evidence) -> Section:
     """Loss before and after, cost, and the coarse runs beside those with what the training began with."""
@@ -62,6 +65,7 @@ def _runs(evidence: Evidence, names: list[str]) -> list[tuple[str, str, str]]:
     """Mesh, drag and name of the runs: Koch-Hill, the closure that the training starts from, and what came of it."""
     planned = evidence.plan.parts["solver"].runs
     drags = {"Koch-Hill": "", "filtered": "_filtered", **{name: f"_{name}" for name in names}}
+    drags |= {f"{what}, {SHARP}": f"_sharp{end}" for what, end in drags.items()}
     every = [
         (mesh, what, f"coarse_{factor}{end}")
         for factor, mesh in list(paper.MESHES.items())[1:]

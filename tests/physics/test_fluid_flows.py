@@ -9,7 +9,7 @@ from jax import lax
 import jaxdem
 from benchmarks.cases.flows import PERIODIC, Flow, random_faces
 from benchmarks.cases.fluid import VISCOSITY, flow_rates, poiseuille
-from jaxdem.fluid.advection import Upwind, VanLeer, advection
+from jaxdem.fluid.advection import Superbee, Upwind, VanLeer, advection
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid, divergence, face_average
 from jaxdem.fluid.inlet import LinearTable
@@ -130,9 +130,9 @@ def test_flow_rate_of_a_table_is_the_same_on_every_mesh():
 # --- no new extrema, symmetries ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scheme", [VanLeer(), Upwind()], ids=["limited", "upwind"])
+@pytest.mark.parametrize("scheme", [VanLeer(), Superbee(), Upwind()], ids=["limited", "superbee", "upwind"])
 def test_a_front_makes_no_new_extrema(scheme):
-    """A step carried once around: stays within its values; the limited front is a third as wide."""
+    """A step carried once around: stays within its values; superbee's front is the narrowest, and does not spread on."""
     grid = Grid((40, 1), (1.0, 1.0), 1.0, (True, True))
     boundary = Boundary(tuple(Side(n // 2, bool(n % 2), "periodic") for n in range(4)))
     flux = (jnp.ones((41, 1)), jnp.zeros((40, 2)))
@@ -157,7 +157,10 @@ def test_a_front_makes_no_new_extrema(scheme):
     assert float(low) >= -1e-14 and float(high) <= 1.0 + 1e-14
     smear = float(jnp.abs(end - start).mean())
     print("front", smear)
-    assert smear < 0.1 if isinstance(scheme, VanLeer) else smear > 0.15
+    low, high = {VanLeer: (0.05, 0.1), Superbee: (0.0, 0.05), Upwind: (0.15, 1.0)}[type(scheme)]
+    assert low < smear < high
+    spread = float(jnp.abs(once_around(once_around(end)[0])[0] - start).mean()) / smear
+    assert spread < 1.02 if isinstance(scheme, Superbee) else spread > 1.2
 
 
 def test_layer_and_rotation():
