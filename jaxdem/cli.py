@@ -323,7 +323,11 @@ def study(
         str, typer.Option(metavar="A,B,...", help="Of the paper's size: some of its parts, e.g. mesh,budget.")
     ] = "",
     jobs: Annotated[
-        int | None, typer.Option(metavar="N", help="Of the paper's size: processes at once; one a core.")
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Of the paper's size: processes at once; one a core. 0: tables of what is there.",
+        ),
     ] = None,
 ) -> None:
     """Run, dataset, train, run with the closure, compare: the whole chain; goes on where it was stopped."""

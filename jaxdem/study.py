@@ -246,7 +246,8 @@ def run_study(
         out: folder.
         listener: hears how it goes on.
         parts: of the full size; all by default.
-        jobs: processes at once of the full size; one a core by default.
+        jobs: processes at once of the full size, one a core by default; 0 does nothing, and writes the tables and the
+            report of what is there.
 
     Raises:
         InputError: unknown name, scale or part, parts or jobs for a demonstration, or the folder holds another study
@@ -259,11 +260,18 @@ def run_study(
     if scale == "demo" and (parts or jobs is not None):
         key, value = ("--parts", ",".join(parts)) if parts else ("--jobs", str(jobs))
         raise InputError(key, value, "is for the full size", "Give --scale paper as well.")
-    if jobs is not None and jobs < 1:
-        raise InputError("--jobs", jobs, "must be at least 1", "Leave it out for one a core.")
+    if jobs is not None and jobs < 0:
+        raise InputError(
+            "--jobs",
+            jobs,
+            "must be at least 1, or 0 for the tables of what is there",
+            "Leave it out for one a core.",
+        )
     out, begin = Path(out), clock.perf_counter()
     if scale == "paper":
-        full = FullStudy(FULL[name](), SCENES, out, listener, jobs or default_jobs(), tuple(parts))
+        full = FullStudy(
+            FULL[name](), SCENES, out, listener, default_jobs() if jobs is None else jobs, tuple(parts)
+        )
         assert full.parts, "unknown parts are refused before the folder is touched"
         _claim(out, {"study": name, "scale": scale}, full.plan.files)
         result = StudyResult(full.run(), full.problems)

@@ -142,6 +142,14 @@ def test_unknown_parts_are_refused(tmp_path):
         FullStudy(injection_plan(), SCENES, tmp_path, Bars(), 1, ("mash",)).pieces()
 
 
+def test_without_processes_there_are_tables_of_what_is_there(tmp_path):
+    """`--jobs 0`: nothing is begun, and what is missing is named."""
+    bars = Bars()
+    study = FullStudy(injection_plan(), SCENES, tmp_path, bars, 0, ("budget",))
+    assert study.run() is None and not bars.begun and not study.problems
+    assert "not run: fine" in (tmp_path / "tables.md").read_text()
+
+
 def test_two_things_of_one_name_are_refused():
     """A plan in which a name means two runs cannot be made."""
     same = RunSpec("a", "x.toml", {"seed": 1})

@@ -44,7 +44,7 @@ class FullStudy:
         scenes: folder of the scenes' files.
         out: its folder.
         bars: shows how it goes on.
-        jobs: processes at once.
+        jobs: processes at once; 0 does no work, so that the tables are of what is there.
         chosen: names of the parts; all by default.
     """
 
@@ -78,7 +78,8 @@ class FullStudy:
         pieces = self.pieces()
         todo = sum(not piece.done for piece in pieces)
         self.bars.say(f"{len(pieces)} pieces of work, {todo} of them to do, {self.jobs} at a time.")
-        self.problems = Pool(self.jobs, self.out / "logs", self.bars).do(pieces)
+        if self.jobs:
+            self.problems = Pool(self.jobs, self.out / "logs", self.bars).do(pieces)
         sections = []
         for part in self.parts:
             evidence = self._evidence()

@@ -27,7 +27,7 @@ class Evidence:
         plan: of the study.
         out: its folder.
         problems: why something is not there, by name.
-        jobs: processes that shared the machine.
+        jobs: processes that shared the machine; 0 where that is not known.
         missing: what was asked for and is not there, with the reason.
     """
 
@@ -37,6 +37,13 @@ class Evidence:
     jobs: int = 1
     missing: dict[str, str] = dataclasses.field(default_factory=dict)
     _runs: dict[str, Run] = dataclasses.field(default_factory=dict)
+
+    @property
+    def sharing(self) -> str:
+        """A sentence for tables of times."""
+        if self.jobs == 0:
+            return "How many processes shared the machine is not known."
+        return f"{self.jobs} {'process' if self.jobs == 1 else 'processes'} shared the machine."
 
     def run(self, name: str) -> Run | None:
         """A run that is complete and valid."""

@@ -171,7 +171,7 @@ def _figures(evidence: Evidence) -> Table:
         seconds = evaluation_time(load_closure(file)[0]) if file.is_file() else None
         theirs = paper.EVALUATION["learned"] if name == "paper" else None
         rows.append([f"drag of a particle, {name} [s]", theirs, seconds])
-    note = f"Ours: for {EVALUATED} particles at once, compiled, over their number. {evidence.jobs} processes shared the machine."
+    note = f"Ours: for {EVALUATED} particles at once, compiled, over their number. {evidence.sharing}"
     return Table("Times", ["what", "the paper's", "ours"], rows, note)
 
 

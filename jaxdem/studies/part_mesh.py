@@ -187,6 +187,6 @@ def _costs(evidence: Evidence) -> Table:
     headings += [f"{what}, {setting}" for setting in SETTINGS for what in ("time [s]", "storage [GB]")]
     note = (
         "The paper's on four cores, ours on one core each, or on all for one process at a time; training samples are not "
-        f"counted as storage. {evidence.jobs} processes shared the machine."
+        f"counted as storage. {evidence.sharing}"
     )
     return Table("Run time and storage", headings, rows, note)

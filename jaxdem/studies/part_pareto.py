@@ -22,7 +22,7 @@ def pareto_part(evidence: Evidence) -> Section:
     """A table and a figure of all runs of each scene."""
     section = Section("pareto", "Error against run time")
     section.text.append(
-        f"Run times are those of the runs themselves; {evidence.jobs} processes shared the machine. Training is not in them "
+        f"Run times are those of the runs themselves. {evidence.sharing} Training is not in them "
         "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added, the "
         "grey line is the noise and the black one the fine run's time."
     )
