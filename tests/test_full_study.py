@@ -159,7 +159,8 @@ def test_two_things_of_one_name_are_refused():
 
 
 def test_a_run_of_another_scene_is_refused_and_one_of_older_defaults_is_not(tmp_path):
-    """Keys that differ are named; keys that the stored file lacks have their defaults; a closure may lie elsewhere."""
+    """Keys that differ are named; keys that the stored file lacks have their defaults; a closure may lie elsewhere,
+    and there may be samples that are not asked for, not the other way round."""
     scene = jaxdem.load_scene(SCENES / "settling.toml", {"closure.file": "/there/a.closure.h5"})
     text = scene.to_toml().replace("drag_inputs_coarsened = 1\n", "").replace("/there/", "/elsewhere/")
     (tmp_path / "scene.toml").write_text(text)
@@ -167,6 +168,13 @@ def test_a_run_of_another_scene_is_refused_and_one_of_older_defaults_is_not(tmp_
     other = jaxdem.load_scene(SCENES / "settling.toml", {"closure.file": "/there/a.closure.h5", "seed": 3})
     with pytest.raises(InputError, match="seed"):
         require_same_scene(tmp_path, other)
+    sampled = jaxdem.load_scene(
+        SCENES / "settling.toml", {"closure.file": "/there/a.closure.h5", "output.samples": 0.1}
+    )
+    with pytest.raises(InputError, match=r"output\.samples"):
+        require_same_scene(tmp_path, sampled)
+    (tmp_path / "scene.toml").write_text(sampled.to_toml())
+    require_same_scene(tmp_path, scene)
 
 
 def test_tables_are_numbers_and_text_and_parts_of_earlier_calls_are_kept(tmp_path):

@@ -187,8 +187,8 @@ def require_same_scene(out: Path, scene: Scene) -> None:
     if not (out / SCENE).is_file():
         return
     stored, wanted = (_flat(_bare(s)) for s in (load_scene(out / SCENE), scene))
-    if "output.samples" not in wanted:
-        stored.pop("output.samples", None)
+    if not scene.output.samples:
+        stored["output.samples"] = wanted["output.samples"]
     for key in {**wanted, **stored}:
         if stored.get(key) != wanted.get(key):
             limit = f"was run with {key} = {stored.get(key)!r}, the study asks for {wanted.get(key)!r}"
