@@ -88,9 +88,9 @@ def _errors(evidence: Evidence, setting: str, prefix: str, section: Section) -> 
     until = screen_time(fine)
     end = float(fine.history["time"][-1])
     section.text.append(
-        f"{setting.capitalize()}: compared over all {end:.3g} s, the fine run's front does not reach the screen."
+        f"{setting[0].upper()}{setting[1:]}: compared over all {end:.3g} s, the fine run's front does not reach the screen."
         if until is None
-        else f"{setting.capitalize()}: compared up to {until:.3g} s of {end:.3g} s, the last output before the fine run's front "
+        else f"{setting[0].upper()}{setting[1:]}: compared up to {until:.3g} s of {end:.3g} s, the last output before the fine run's front "
         "comes to the outlet's screen."
     )
     plain: list[list[Cell]] = [["noise", *(100 * floor[n] for n in NAMES), 100 * mean(floor)]]
