@@ -116,7 +116,7 @@ class InvariantClosure:
     def initial(
         cls,
         base: Correlation | None = None,
-        hidden: Sequence[int] = (16, 16),
+        hidden: Sequence[int] = (8,),
         activation: str = "elu",
         terms: Sequence[str] = (),
         seed: int = 0,
