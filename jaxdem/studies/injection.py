@@ -183,7 +183,7 @@ ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{see
 TUNING = FinetuneSettings(horizons=(1, 2, 4), updates=4)
 """Through the solver: a gradient over one output costs as much as half a second of a run."""
 
-SEARCHING = FinetuneSettings(method="gradient-free", horizons=(20,), updates=30, starts=1)
+SEARCHING = FinetuneSettings(method="gradient-free", horizons=(20,), updates=20, starts=1)
 """Without gradients a run may be unrolled for two seconds; a handful of parameters each."""
 
 GRADIENT_STRESS = StressSpec("gradient_stress", 0.0, 1.0 / 12.0)

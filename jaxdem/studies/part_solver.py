@@ -55,8 +55,8 @@ def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
         "closure", "trained", "method", "cells", "horizons [outputs]", "updates", "skipped", "loss before", "loss after", "time [s]",
     ]  # fmt: skip
     note = (
-        "Loss of the training injection from its first frame over the longest horizon; the best weights are kept, those of the "
-        "start among them."
+        "Loss of the training injection over the longest horizon, mean of the runs from its first frame and from the last that leaves "
+        "room; the best weights are kept, those of the start among them."
     )
     return Table("Training", headings, rows, note)
 

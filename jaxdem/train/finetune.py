@@ -126,8 +126,8 @@ def finetune(
 ) -> FinetuneResult:
     """Train closures through runs of a coarse scene that follow a reference.
 
-    The run from the reference's first frame over the longest horizon decides which weights are kept; no update
-    starts there (unless there is no other frame to start from).
+    Runs over the longest horizon from the reference's first frame and from the last that leaves room for them decide which
+    weights are kept; no update starts there (unless there is no other frame to start from).
 
     Args:
         scene: coarse scene; its drag law, closure and subgrid stress are replaced where one is given.
@@ -288,12 +288,12 @@ class Training:
         Raises:
             RunError: the run with the closure given fails by itself.
         """
-        value, code = self.unrolled.loss(self.best, 0, max(self.stages))
+        value, code = self._held_out_loss(self.best)
         if code or not math.isfinite(value):
             reason, remedy = (
                 first_meaning(code) if code else ("its loss is not finite", "Look at the closure.")
             )
-            where = f"run with the closures as given, {max(self.stages)} outputs from the start"
+            where = f"run with the closures as given, {max(self.stages)} outputs"
             raise RunError(reason, where, 0.0, remedy)
         self.validation.append(value)
         return (
@@ -313,11 +313,25 @@ class Training:
         }
 
     def starts(self, outputs: int) -> list[int]:
-        """Frames that runs over so many outputs start from; not the first, which the validation has."""
-        last = self.unrolled.course.run.number_of_frames - 1 - outputs
-        if last < 1:
-            return [0]
-        return sorted({round(x) for x in np.linspace(1, last, min(self.settings.starts, last))})
+        """Frames that runs over so many outputs start from; not those that the validation has."""
+        first, last = 1, self.unrolled.course.run.number_of_frames - 1 - outputs - 1
+        if last < first:
+            return [max(0, min(first, last + 1))]
+        return sorted({round(x) for x in np.linspace(first, last, min(self.settings.starts, last))})
+
+    @property
+    def held_out(self) -> list[int]:
+        """Frames that the validation starts from: the first alone would be judged by the start-up."""
+        last = self.unrolled.course.run.number_of_frames - 1 - max(self.stages)
+        return [0, last] if last > 1 else [0]
+
+    def _held_out_loss(self, weights: Weights) -> tuple[float, int]:
+        """Mean loss of the validation, and the failure flags of its runs."""
+        found = [self.unrolled.loss(weights, index, max(self.stages)) for index in self.held_out]
+        code = 0
+        for _, flags in found:
+            code |= flags
+        return float(np.mean([value for value, _ in found])), code
 
     def _by_gradient(self, progress: Progress | None) -> str:
         settings = self.settings
@@ -382,7 +396,7 @@ class Training:
     def _validate(self, variables: Any) -> None:
         """Keeps these variables if they are the best so far at the longest horizon."""
         weights = self.weights_of(variables)
-        value, code = self.unrolled.loss(weights, 0, max(self.stages))
+        value, code = self._held_out_loss(weights)
         sound = code == 0 and math.isfinite(value)
         if sound and value < min(self.validation):
             self.best = weights

@@ -184,7 +184,7 @@ def test_a_search_without_gradients_recovers_it_too(unrolled):
     assert made.run(lambda *report: seen.append(report)) == ""
     assert float(made.best["drag"]["Dense_0"]["bias"][0]) == pytest.approx(TRUE, abs=0.02)
     assert len(made.losses) <= 40
-    assert made.record()["forward_runs"] - before == 2 + 2 * len(made.losses)
+    assert made.record()["forward_runs"] - before == 4 + 2 * len(made.losses)
     assert seen[-1][:2] == (len(made.losses), 40)
 
 
@@ -246,9 +246,10 @@ def test_a_full_list_gets_more_room_and_the_run_is_repeated(course, monkeypatch)
     assert short.loss(None, 1, 1) == (0.5, 0) and rooms[-1] == 6
 
 
-def test_starts_leave_the_first_frame_to_the_validation(unrolled):
+def test_starts_leave_the_first_and_the_last_frame_to_the_validation(unrolled):
     made = training(unrolled, starts=3)
-    assert made.starts(2) == [1, 2, 4] and made.starts(4) == [1, 2] and made.starts(OUTPUTS) == [0]
+    assert made.held_out == [0, 4]
+    assert made.starts(2) == [1, 2, 3] and made.starts(4) == [1] and made.starts(OUTPUTS) == [0]
 
 
 def test_few_parameters_are_a_shift_and_a_factor_of_the_last_layer():
