@@ -245,17 +245,18 @@ def test_closures_made_of_closures(study, tmp_path):
     """A student, a pruned network, an ensemble and a tuned closure are made as the plan asks, with the time it took."""
     fine = study[0].out
     made = {"teacher": str(fine / "filtered.closure.h5"), "datasets": [str(fine / "dataset.h5")], "epochs": 2}
+    settings = dataclasses.asdict(FitSettings.filtered())
     given = {
         "distill": {**made, "hidden": [4]},
         "prune": {**made, "neurons": 0.5},
-        "ensemble": {"members": [made["teacher"]] * 2},
+        "ensemble": {**made, "members": [made["teacher"]] * 2, "recipe": "filtered", "settings": settings},
     }
     widths = {}
     for kind, work in given.items():
         out = tmp_path / f"{kind}.closure.h5"
         WORK[kind](work | {"out": str(out)}, lambda done: None)
         closure, metadata = load_closure(out)
-        assert metadata["study_seconds"] > 0.0
+        assert metadata["study_seconds"] > 0.0 and all("closure" in r2 for r2 in metadata["r2"].values())
         widths[kind] = getattr(closure, "members", closure).hidden
     whole = load_closure(made["teacher"])[0].hidden
     assert widths == {"distill": (4,), "prune": tuple(-(-n // 2) for n in whole), "ensemble": whole}

@@ -106,8 +106,10 @@ class Pieces:
             work, total = self._tuning(spec)
             needs.append(spec.reference)
         elif isinstance(spec, EnsembleSpec):
+            first = self.plan.closures[spec.members[0]]
+            assert isinstance(first, FitSpec), "an ensemble's members differ in their seed"
             members = [str(self._file(other)) for other in spec.members]
-            work, total = {"kind": "ensemble", "members": members}, 1.0
+            work, total = {**self._fit(first)[0], "kind": "ensemble", "members": members}, 1.0
         elif isinstance(spec, StressSpec):
             work, total = {"kind": "stress", "viscosity": spec.viscosity, "gradient": spec.gradient}, 1.0
         else:

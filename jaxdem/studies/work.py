@@ -153,14 +153,16 @@ def do_prune(work: dict[str, Any], report: Report) -> None:
 
 
 def do_ensemble(work: dict[str, Any], report: Report) -> None:
-    """Closures as one: `members` (files), `out`."""
-    from jaxdem.closures import EnsembleClosure
+    """Closures as one: `members` (files), `recipe`, `settings`, `datasets` of the first, `out`."""
     from jaxdem.closures.file import load_single
+    from jaxdem.train.ensemble import put_together
+    from jaxdem.train.fit import RECIPES
 
     begin = clock.perf_counter()
     members = [load_single(name, "")[0] for name in work["members"]]
-    names = [Path(name).name for name in work["members"]]
-    _save(Path(work["out"]), EnsembleClosure.of(members), {"members": names}, begin)
+    problem = RECIPES[work["recipe"]](_read_all(work["datasets"]), _settings(work["settings"]))
+    found = put_together(problem, members, [], 0.0)
+    _save(Path(work["out"]), found.closure, found.metadata, begin)
     report(1.0)
 
 

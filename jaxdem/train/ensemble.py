@@ -68,18 +68,33 @@ def fit_ensemble(
     for outcome in outcomes:
         require_finite(outcome, elapsed)
     closures = [problem.trained(outcome) for problem, outcome in zip(problems, outcomes, strict=True)]
-    ensemble = EnsembleClosure.of(closures)
     history = np.mean([outcome.history for outcome in outcomes], axis=0).tolist()
-    first = problems[0]
-    result = judge(first, ensemble, history, elapsed)
-    regression, name = first.regression(), first.targets.__getitem__
+    return put_together(problems[0], closures, history, elapsed)
+
+
+def put_together(
+    problem: Problem, closures: Sequence[LearnedClosure], history: list[float], elapsed: float
+) -> FitResult:
+    """Closures that differ in their seed as one, judged on held-out rows; see `fit_ensemble`.
+
+    Args:
+        problem: that the first was trained on.
+        closures: the members.
+        history: their mean loss by epoch.
+        elapsed: time of their training [s].
+    """
+    ensemble = EnsembleClosure.of(closures)
+    result = judge(problem, ensemble, history, elapsed)
+    regression, name = problem.regression(), problem.targets.__getitem__
     alone = [
-        evaluate_fit(closure, first.base, regression, first.split.held_out, name, settings.seed)[0]
+        evaluate_fit(closure, problem.base, regression, problem.split.held_out, name, problem.settings.seed)[
+            0
+        ]
         for closure in closures
     ]
-    result.metadata["members"] = members
+    result.metadata["members"] = len(closures)
     result.metadata["r2_members"] = {n: [scores[n]["closure"] for scores in alone] for n in alone[0]}
-    result.metadata["spread"] = {n: _calibration(ensemble, first, int(n)) for n in alone[0]}
+    result.metadata["spread"] = {n: _calibration(ensemble, problem, int(n)) for n in alone[0]}
     return result
 
 
