@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from jaxdem import metrics
 from jaxdem.report import style
@@ -154,6 +155,10 @@ def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> P
             axis.axvline(reference, color=style.REFERENCE, linewidth=1.0)
             axis.axhline(1.0, color=style.NOISE, linewidth=1.2)
             axis.set(xscale="log", yscale="log", title=label)
+            for scale in (axis.xaxis, axis.yaxis):  # less than a decade as a rule
+                scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                scale.set_major_formatter(FormatStrFormatter("%g"))
+                scale.set_minor_formatter(NullFormatter())
         figure.supxlabel("run time [s]")
         figure.supylabel(f"error over noise [-], {words}")
         return style.save(figure, path)
