@@ -88,6 +88,8 @@ SWEEPS = (
 """Settings of the paper's network that are varied, one at a time."""
 
 NARROW: dict[str, Any] = {"coupling.kernel_width": {"diameters": 1.5, "cells": 0.5}}
+"""Kernels half as wide as the scenes' on coarse meshes, where the cells decide."""
+
 SHARP: dict[str, Any] = {"fluid.advection": "superbee", **NARROW}
 """A coarse fluid that smears less: of its own momentum, and of what the particles do to it."""
 

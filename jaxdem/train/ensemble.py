@@ -86,12 +86,8 @@ def put_together(
     ensemble = EnsembleClosure.of(closures)
     result = judge(problem, ensemble, history, elapsed)
     regression, name = problem.regression(), problem.targets.__getitem__
-    alone = [
-        evaluate_fit(closure, problem.base, regression, problem.split.held_out, name, problem.settings.seed)[
-            0
-        ]
-        for closure in closures
-    ]
+    held_out, seed = problem.split.held_out, problem.settings.seed
+    alone = [evaluate_fit(closure, problem.base, regression, held_out, name, seed)[0] for closure in closures]
     result.metadata["members"] = len(closures)
     result.metadata["r2_members"] = {n: [scores[n]["closure"] for scores in alone] for n in alone[0]}
     result.metadata["spread"] = {n: _calibration(ensemble, problem, int(n)) for n in alone[0]}

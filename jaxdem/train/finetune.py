@@ -314,16 +314,21 @@ class Training:
 
     def starts(self, outputs: int) -> list[int]:
         """Frames that runs over so many outputs start from; not those that the validation has."""
-        first, last = 1, self.unrolled.course.run.number_of_frames - 1 - outputs - 1
-        if last < first:
-            return [max(0, min(first, last + 1))]
-        return sorted({round(x) for x in np.linspace(first, last, min(self.settings.starts, last))})
+        frames = [frame for frame in range(1, self._last_start(outputs) + 1) if frame not in self.held_out]
+        if not frames:
+            return [0]
+        places = np.linspace(0, len(frames) - 1, min(self.settings.starts, len(frames)))
+        return [frames[round(place)] for place in places]
 
     @property
     def held_out(self) -> list[int]:
         """Frames that the validation starts from: the first alone would be judged by the start-up."""
-        last = self.unrolled.course.run.number_of_frames - 1 - max(self.stages)
+        last = self._last_start(max(self.stages))
         return [0, last] if last > 1 else [0]
+
+    def _last_start(self, outputs: int) -> int:
+        """The last frame that leaves room for so many outputs."""
+        return self.unrolled.course.run.number_of_frames - 1 - outputs
 
     def _held_out_loss(self, weights: Weights) -> tuple[float, int]:
         """Mean loss of the validation, and the failure flags of its runs."""

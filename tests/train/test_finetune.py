@@ -249,7 +249,8 @@ def test_a_full_list_gets_more_room_and_the_run_is_repeated(course, monkeypatch)
 def test_starts_leave_the_first_and_the_last_frame_to_the_validation(unrolled):
     made = training(unrolled, starts=3)
     assert made.held_out == [0, 4]
-    assert made.starts(2) == [1, 2, 3] and made.starts(4) == [1] and made.starts(OUTPUTS) == [0]
+    assert made.starts(2) == [1, 2, 3] and made.starts(1) == [1, 3, 5] and made.starts(OUTPUTS) == [0]
+    assert not {frame for outputs in (1, 2) for frame in made.starts(outputs)} & set(made.held_out)
 
 
 def test_few_parameters_are_a_shift_and_a_factor_of_the_last_layer():
