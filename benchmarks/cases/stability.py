@@ -413,6 +413,8 @@ def limits() -> dict[str, Callable[[], Limit]]:
         "diagonal stream, limited": ((1.0, 1.0), 1e-6, "limited"),
         "stream along x, superbee": ((1.0, 0.0), 1e-6, "superbee"),
         "diagonal stream, superbee": ((1.0, 1.0), 1e-6, "superbee"),
+        "stream along x, central": ((1.0, 0.0), 1e-6, "central"),
+        "diagonal stream, central": ((1.0, 1.0), 1e-6, "central"),
         "eddies, viscous": ((0.0, 0.0), 1.0, "limited"),
     }
     for name, settings in streams.items():

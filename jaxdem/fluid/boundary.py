@@ -10,7 +10,7 @@ from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
 from jaxdem.fluid.inlet import InletProfile
-from jaxdem.fluid.side_conditions import CONDITIONS, SideCondition
+from jaxdem.fluid.side_conditions import CONDITIONS, Inlet, SideCondition
 
 
 class Side(NamedTuple):
@@ -92,6 +92,29 @@ def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray
         shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
         result = result * covered.reshape(shape)
     return result
+
+
+def momentum_excess(grid: Grid, side: Side) -> np.ndarray | None:
+    """1/c - 1 over every face of an inlet, c the part of it that the patch covers [-].
+
+    The fluid comes in through that part alone, 1/c times as fast as the face's mean velocity says, and brings so much more
+    momentum than its square. Without it an inlet that ends within a face would have a weaker jet on a coarse mesh than on
+    a fine one. A profile's own variation over a face is not in it: within the box that is not resolved either.
+
+    Args:
+        grid: the grid.
+        side: the side.
+
+    Returns:
+        An array as that of `coverage`, zero on faces that nothing enters by; None where there is none in all: other kinds
+        of sides, and inlets that end between faces.
+    """
+    if not isinstance(side.condition, Inlet):
+        return None
+    covered = coverage(grid, side._replace(profile=None))
+    # Faces that rounding alone puts into the patch, or leaves out of it, are none of it.
+    part = (covered > 1e-9) & (covered < 1.0 - 1e-9)
+    return np.where(part, 1.0 / np.where(part, covered, 1.0) - 1.0, 0.0) if part.any() else None
 
 
 def open_fraction(grid: Grid, side: Side) -> np.ndarray:

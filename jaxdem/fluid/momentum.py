@@ -4,7 +4,8 @@
     rho [ d(g u)/dt + div(g u u) ] = -g grad p + g div(tau) - f          model A
     rho [ d(g u)/dt + div(g u u) ] =   -grad p +   div(tau) - f          model B
 
-p is the reduced pressure, so gravity does not appear. Heun's method advances advection and stress, the
+p is the reduced pressure, so gravity does not appear. Heun's method advances advection and stress (central advection: the
+third-order method of C.-W. Shu, S. Osher, J. Comput. Phys. 77 (1988) 439-471, whose first two stages are Heun's), the
 drag f is implicit at the new velocity, and the projection knows it: the pressure acts on a face through
 g / (g + B), in model B 1 / (g + B), where B is the resistance that the particles put on it. Hence no error
 is made by splitting drag from pressure, whatever the drag's relaxation time.
@@ -13,6 +14,7 @@ is made by splitting drag from pressure, whatever the drag's relaxation time.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
@@ -29,6 +31,7 @@ from jaxdem.fluid.grid import (
     divergence,
     face_average,
     face_control_volume,
+    sum_of,
 )
 from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
 from jaxdem.fluid.subgrid import eddy_viscosity
@@ -101,6 +104,18 @@ class FluidStep(NamedTuple):
     viscous_acceleration: FaceField
     solver: SolverReport
     divergence: Array
+
+
+class _Rates(NamedTuple):
+    """What a stage of the Runge-Kutta method gives, on the faces [m/s2].
+
+    Attributes:
+        total: rate of change of g u by advection and stress.
+        stress: divergence of the stress over density.
+    """
+
+    total: FaceField
+    stress: FaceField
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,25 +193,24 @@ class FluidSolver:
         first_flux = _product(old, state.face_velocity)
         if void_fraction is not None:
             first_flux = self._corrected(first_flux, growth)
-        first, first_stress = self._rates(
-            properties, first_flux, state.face_velocity, weight, state.void_fraction, time
-        )
-        trial = advance(first)
-        second_flux = self._corrected(_boundary_of(grid, first_flux, _product(new, trial)), growth)
-        second, second_stress = self._rates(properties, second_flux, trial, weight, void_fraction, end)
-        predicted = advance(_mean(first, second))
+        rates = [self._rates(properties, first_flux, state.face_velocity, weight, state.void_fraction, time)]
+        trial = advance(rates[0].total)
+        flux = self._corrected(_boundary_of(grid, first_flux, _product(new, trial)), growth)
+        rates.append(self._rates(properties, flux, trial, weight, void_fraction, end))
+        mean = _weighted(rates, (0.5, 0.5))
+        predicted = advance(mean.total)
+        if self.advection.stages == 3:
+            # The third stage is at the middle of the step, which Heun's result is twice as far as.
+            velocity = _halfway(state.face_velocity, predicted)
+            flux = _halfway(_product(old, state.face_velocity), _product(new, predicted))
+            flux = self._corrected(_boundary_of(grid, first_flux, flux), growth)
+            g = None if void_fraction is None else 0.5 * (state.void_fraction + void_fraction)
+            rates.append(self._rates(properties, flux, velocity, weight, g, time + 0.5 * time_step))
+            mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
+            predicted = advance(mean.total)
         return self._project(
-            properties,
-            state,
-            predicted,
-            void_fraction,
-            new,
-            weight,
-            mobility,
-            growth,
-            time_step,
-            _mean(first_stress, second_stress),
-        )
+            properties, state, predicted, void_fraction, new, weight, mobility, growth, time_step, mean.stress
+        )  # fmt: skip
 
     def largest_viscosity(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
         """() largest kinematic viscosity, molecular and subgrid, for the limit of the explicit stress [m2/s].
@@ -271,8 +285,8 @@ class FluidSolver:
         weight: tuple[CellOrOne, ...],
         void_fraction: Array | None,
         time: Array,
-    ) -> tuple[FaceField, FaceField]:
-        """Rate of change of g u by advection and stress; and the stress divergence over density.
+    ) -> _Rates:
+        """Rates of a stage.
 
         The subgrid stress belongs to the first: it moves the fluid's momentum and is no force on what is in the fluid.
         """
@@ -283,12 +297,12 @@ class FluidSolver:
             moved = subgrid_acceleration(self.grid, subgrid_stress(self.grid, flow, void_fraction))
             rates = tuple(r + m for r, m in zip(rates, moved, strict=True))
         if not self.viscous:
-            return rates, tuple(jnp.zeros_like(u) for u in velocity)
+            return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity))
         stress = stress_divergence(
             *args, properties.side_velocity, velocity, properties.viscosity, time, properties.smagorinsky
         )
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
-        return total, stress
+        return _Rates(total, stress)
 
     def _corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
         """The flux changed by a gradient so that div(F) = -d(g)/dt, the boundary faces left alone.
@@ -349,7 +363,22 @@ def _product(a, b):  # type: ignore[no-untyped-def]
     return tuple(x * y for x, y in zip(a, b, strict=True))
 
 
-def _mean(a: FaceField, b: FaceField) -> FaceField:
+def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:
+    """Sum of the stages with weights."""
+    return _Rates(
+        *(
+            tuple(_sum(weights, faces) for faces in zip(*fields, strict=True))
+            for fields in zip(*stages, strict=True)
+        )
+    )
+
+
+def _sum(weights: tuple[float, ...], arrays: tuple[Array, ...]) -> Array:
+    total: Array = sum_of(w * a for w, a in zip(weights, arrays, strict=True))
+    return total
+
+
+def _halfway(a: FaceField, b: FaceField) -> FaceField:
     return tuple(0.5 * (x + y) for x, y in zip(a, b, strict=True))
 
 

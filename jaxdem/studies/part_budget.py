@@ -30,10 +30,10 @@ VARIANTS = {
     DRAG: "fine_inputs_{factor}",
     "coarse, first-order advection": "coarse_{factor}_upwind",
     "coarse, Smagorinsky 0.15": "coarse_{factor}_smagorinsky",
-    "coarse, first order and Smagorinsky": "coarse_{factor}_upwind_smagorinsky",
     "coarse, superbee": "coarse_{factor}_superbee",
+    "coarse, central": "coarse_{factor}_central",
     "coarse, kernels of half a cell": "coarse_{factor}_narrow",
-    "coarse, superbee and kernels of half a cell": "coarse_{factor}_sharp",
+    "coarse, central and kernels of half a cell": "coarse_{factor}_sharp",
 }
 """Runs by what they are."""
 

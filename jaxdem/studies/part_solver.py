@@ -8,7 +8,7 @@ from jaxdem.studies.part_closures import over_noise
 from jaxdem.studies.plan import StressSpec, TuneSpec
 from jaxdem.studies.tables import Cell, Section, Table
 
-SHARP = "superbee, kernels of half a cell"
+SHARP = "central, kernels of half a cell"
 """The coarse fluid of the runs that are called sharp."""
 
 
