@@ -11,10 +11,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxdem import __version__, metrics
 from jaxdem.closures import DRAG_LAWS
+from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.grid import cell_average
 from jaxdem.initial import scene_bodies
@@ -45,6 +48,8 @@ class Totals:
     collision: float = 0.0
     collision_intervals: int = 0
     out_of_range: float = 0.0
+    spread: float = 0.0
+    ensemble_force: float = 0.0
     iterations: int = 0
     courant: float = 0.0
     mass: float = 0.0
@@ -89,6 +94,12 @@ class Totals:
             self.volume = max(self.volume, float(fluid.volume))
             self.out_of_range += float(fluid.out_of_range)
 
+    def add_spread(self, closure: EnsembleClosure, forces: FluidForces) -> None:
+        """How far an ensemble's members are apart in the last interval, at an output."""
+        spread, force = _spread(closure, forces)
+        self.spread += float(spread)
+        self.ensemble_force += float(force)
+
     def collision_mean(self) -> float | None:
         """Mean collision force since the last call [N]; zero before the first interval."""
         mean = self.collision / self.collision_intervals if self.collision_intervals else 0.0
@@ -111,6 +122,12 @@ class Totals:
             if field.name not in ("stages", "start"):
                 setattr(self, field.name, type(getattr(self, field.name))(values[field.name]))
         self.stages = {name: float(values[f"stage_{name}"]) for name in self.stages}
+
+
+@jax.jit
+def _spread(closure: EnsembleClosure, forces: FluidForces) -> tuple[Array, Array]:
+    """Mean over the particles of the spread of the members' forces, and of the size of the law's force [N]."""
+    return jnp.mean(closure.spread(forces.inputs)), jnp.mean(jnp.linalg.norm(forces.law, axis=1))
 
 
 def frame_of(
@@ -316,6 +333,8 @@ def run_summary(
             "subgrid_file": None if scene.fluid is None else scene.fluid.subgrid,
             "law": _law_name(scene, simulation),
             "out_of_range_fraction": totals.out_of_range / used if used else 0.0,
+            # Mean spread over mean force, both over particles and outputs; null without an ensemble.
+            "ensemble_spread": totals.spread / totals.ensemble_force if totals.ensemble_force else None,
         },
     }
 

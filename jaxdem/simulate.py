@@ -18,6 +18,7 @@ from jax import Array
 from jaxdem import step as coupled
 from jaxdem.build import build, initial_state
 from jaxdem.closures.base import DragClosure
+from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure, failures, first_meaning
 from jaxdem.fluid.inlet import InletProfile
@@ -260,6 +261,8 @@ class TimeLoop:
             row = history_of(
                 self.simulation, self.parameters, self.state, forces, self.time, self.totals.collision_mean()
             )
+            if forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
+                self.totals.add_spread(self.parameters.closure, forces)
             self.directory.write_frame(self.directory.frames, self.time, particles, fluid, None, row)
 
     def _write_checkpoint(self) -> None:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxdem import load_scene, simulate
 from jaxdem.closures import (
     DragInputs,
     EnsembleClosure,
@@ -157,6 +158,29 @@ def test_ensemble_of_one_network_is_that_network():
     assert together.out_of_range.tolist() == [True] + [False] * 39
     spread = jax.jit(EnsembleClosure.spread)(EnsembleClosure.of([closure] * 3), far)
     np.testing.assert_allclose(spread / np.abs(force(alone, far)).max(), 0.0, atol=1e-12)
+
+
+def test_a_run_tells_how_far_its_ensemble_is_apart(tmp_path):
+    """Two members with constant factors exp(+-G b): spread over mean force is sqrt(2) tanh(G b), at all outputs."""
+    tables = {
+        "precision": "float64",
+        "domain": {"size": [0.4, 0.4], "depth": 0.04},
+        "particles": {"count": 3, "radius": 0.01, "density": 2650.0}
+        | {"position": [[0.1, 0.2], [0.2, 0.25], [0.3, 0.2]]},
+        "contact": {"young_modulus": 5e6},
+        "fluid": {"cells": [5, 5], "time_step": 0.005},
+        "coupling": {"drag": "koch_hill"},
+        "time": {"end": 0.02, "output_interval": 0.01},
+    }
+    start, bias = InvariantClosure.initial(hidden=(4,)), 0.3
+    members = []
+    for sign in (1.0, -1.0):
+        last = start.weights["Dense_1"] | {"bias": jnp.asarray([sign * bias], jnp.float32)}
+        members.append(dataclasses.replace(start, weights=start.weights | {"Dense_1": last}))
+    run = simulate(load_scene(tables), tmp_path / "run", closure=EnsembleClosure.of(members))
+    gate, bounded = 1.0 - np.exp(-0.08 / 0.02 / 4.0), np.log(10.0) * np.tanh(bias / np.log(10.0))
+    found = run.summary["closure"]["ensemble_spread"]
+    assert found == pytest.approx(np.sqrt(2.0) * np.tanh(gate * bounded), rel=1e-6)
 
 
 def test_ensemble_is_positive_and_the_same_under_rotation_and_in_a_moving_frame():
