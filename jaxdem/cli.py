@@ -176,15 +176,24 @@ def dataset(
     coarsen: Annotated[
         str, typer.Option(metavar="N,N,...", help="Fine cells along a side of the coarse cell.")
     ] = "1,2,4,8",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Kernel of the coarse runs, if it is another: coupling.kernel_width or coupling.void_fraction.",
+        ),
+    ] = None,
 ) -> None:
     """Make training data from a run: what the drag law would see on coarser meshes, and should give."""
     factors = whole_numbers("--coarsen", coarsen, ",")
+    changed = overrides(settings)
     prepare_file(out)
     use_compilation_cache()
     from jaxdem.train.dataset import make_dataset
 
     with terminal.counted("sample") as progress:
-        make_dataset(run, out, factors, progress=progress)
+        make_dataset(run, out, factors, progress=progress, overrides=changed)
     terminal.output().print(f"Wrote {out}", markup=False)
 
 

@@ -120,6 +120,21 @@ def test_dataset_of_the_own_mesh_is_what_the_law_saw(study):
         np.testing.assert_allclose(force, sample["drag_force"], atol=1e-4 * size)
 
 
+def test_a_dataset_sees_through_the_coarse_runs_own_kernel(study, tmp_path):
+    """By centres, the solid fraction at a grain is the volume of the grains in its coarse cell, over the cell's."""
+    done, _ = study
+    fine, out = jaxdem.load_run(done.out / "fine"), tmp_path / "d.h5"
+    make_dataset(done.out / "fine", out, (2,), overrides={"coupling.void_fraction": "centre"})
+    group, sample = read_dataset(out).groups[2], fine.samples.frame(0)
+    cell = tuple(np.floor(sample["position"] / np.array([0.08, 0.2 / 3])).astype(int).T)
+    number = np.zeros((5, 3))
+    np.add.at(number, cell, 1.0)
+    solids = number[cell] * (4.0 / 3.0 * np.pi * 0.01**3) / (0.08 * 0.2 / 3 * 0.04)
+    np.testing.assert_allclose(group.solid_fraction[: len(solids)], solids, rtol=1e-5)
+    with pytest.raises(InputError, match=r"fluid\.advection.*coupling\.kernel_width"):
+        make_dataset(done.out / "fine", out, (2,), overrides={"fluid.advection": "upwind"})
+
+
 def test_dataset_needs_samples(study, tmp_path):
     """A run without samples is refused with the key that asks for them."""
     done, _ = study

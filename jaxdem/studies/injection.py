@@ -191,6 +191,9 @@ def budget_runs() -> list[RunSpec]:
 DATASETS = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
 """What closures are trained on, and the fine run, which is held out."""
 
+NARROW_DATASETS = tuple(f"{name}_narrow" for name in DATASETS)
+"""The same through the kernels of the sharp coarse fluid."""
+
 ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{seed}" for seed in SEEDS)))
 
 TUNING = FinetuneSettings(horizons=(1, 2), updates=6)
@@ -211,7 +214,8 @@ BAND_EPOCHS = 400
 
 
 def fits() -> list[FitSpec]:
-    """Both recipes with three seeds, and the paper's with the activations that it runs in the solver."""
+    """Both recipes with three seeds, the paper's with the activations that it runs in the solver, and `filtered` for the
+    sharp coarse fluid."""
     settings = FitSettings(coarsenings=(1,))
     result = [
         FitSpec("paper", "paper", settings, DATASETS),
@@ -227,7 +231,8 @@ def fits() -> list[FitSpec]:
         one = dataclasses.replace(FILTERED, seed=seed)
         result.append(FitSpec(f"filtered_seed_{seed}", "filtered", one, DATASETS))
     settings = dataclasses.replace(FILTERED, terms=TERMS)
-    return [*result, FitSpec("filtered_terms", "filtered", settings, DATASETS)]
+    result.append(FitSpec("filtered_terms", "filtered", settings, DATASETS))
+    return [*result, FitSpec("filtered_narrow", "filtered", FILTERED, NARROW_DATASETS)]
 
 
 def tuned() -> list[TuneSpec]:
@@ -235,11 +240,11 @@ def tuned() -> list[TuneSpec]:
     by gradients too."""
     cells = {"fluid.cells": CELLS[INJECTION][4], **SHARP}
     run = TRAINING[1].name
-    both = TuneSpec("searched_both", run, cells, SEARCHING, "filtered", ("drag", "subgrid"))
+    both = TuneSpec("searched_both", run, cells, SEARCHING, "filtered_narrow", ("drag", "subgrid"))
     return [
         both,
         TuneSpec("searched_stress", run, cells, SEARCHING, trained=("subgrid",)),
-        TuneSpec("searched_drag", run, cells, SEARCHING, "filtered"),
+        TuneSpec("searched_drag", run, cells, SEARCHING, "filtered_narrow"),
         dataclasses.replace(both, name="gradient_both", settings=TUNING),
     ]
 
@@ -282,7 +287,8 @@ def solver_runs() -> list[RunSpec]:
     found = [briefly(COARSE[factor]).with_stress(GRADIENT_STRESS) for factor in (4, 8)]
     for factor in FACTORS:
         sharp = varied(briefly(COARSE[factor]), "sharp", SHARP)
-        found += [sharp, sharp.with_closure("filtered"), sharp.with_stress(GRADIENT_STRESS)]
+        found += [sharp, *(sharp.with_closure(name) for name in ("filtered", "filtered_narrow"))]
+        found.append(sharp.with_stress(GRADIENT_STRESS))
         found += [sharp.with_tuned(one) for one in tuned() if factor == 4 or len(one.trained) == 2]
     return found
 
@@ -318,6 +324,9 @@ def injection_plan() -> StudyPlan:
     # Rows of a sample are grains: some hundred thousand in all are enough, and memory is not.
     training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=3) for run in TRAINING]
     tests = [DatasetSpec("dataset_fine", "fine", (1, 2, 3, 4, 8), every=10)]
+    narrow = [
+        dataclasses.replace(one, name=f"{one.name}_narrow", overrides=NARROW) for one in (*training, *tests)
+    ]
     tests += [DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN]
     every = (mesh_runs, budget_runs, closure_runs, solver_runs, smaller_runs, unseen_runs, pareto_runs)
     mesh, budget, closed, through, small, unseen, pareto = (
@@ -333,7 +342,7 @@ def injection_plan() -> StudyPlan:
         Part(
             "solver",
             (*plain, *begun, *through),
-            ("filtered", GRADIENT_STRESS.name, *(one.name for one in tuned())),
+            ("filtered", "filtered_narrow", GRADIENT_STRESS.name, *(one.name for one in tuned())),
         ),
         Part("smaller", (*plain, *small), ("filtered", "paper", *(one.name for one in smaller()))),
         Part("generalisation", (*plain, *unseen), ("filtered", "paper"), tuple(test.name for test in tests)),
@@ -341,4 +350,6 @@ def injection_plan() -> StudyPlan:
     ]
     runs = by_name([*TRAINING, *(run for runs in every for run in runs())])
     closures = by_name([*fits(), ENSEMBLE, GRADIENT_STRESS, *tuned(), *smaller()])
-    return StudyPlan(runs, by_name([*training, *tests]), closures, by_name(parts), by_name(searches()))
+    return StudyPlan(
+        runs, by_name([*training, *narrow, *tests]), closures, by_name(parts), by_name(searches())
+    )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from jaxdem.studies import paper
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.part_closures import over_noise
-from jaxdem.studies.plan import StressSpec, TuneSpec
+from jaxdem.studies.plan import TuneSpec
 from jaxdem.studies.tables import Cell, Section, Table
 
 SHARP = "central, kernels of half a cell"
@@ -25,8 +27,7 @@ def solver_part(evidence: Evidence) -> Section:
     specs = [evidence.plan.closures[name] for name in part.closures]
     tuned = [spec for spec in specs if isinstance(spec, TuneSpec)]
     section.tables.append(_trainings(evidence, tuned))
-    others = [spec.name for spec in specs if isinstance(spec, TuneSpec | StressSpec)]
-    section.tables.append(over_noise(evidence, _runs(evidence, others)))
+    section.tables.append(over_noise(evidence, _runs(evidence, part.closures)))
     section.missing = dict(evidence.missing)
     return section
 
@@ -61,10 +62,10 @@ def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
     return Table("Training", headings, rows, note)
 
 
-def _runs(evidence: Evidence, names: list[str]) -> list[tuple[str, str, str]]:
-    """Mesh, drag and name of the runs: Koch-Hill, the closure that the training starts from, and what came of it."""
+def _runs(evidence: Evidence, names: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Mesh, drag and name of the runs: Koch-Hill, the closures that the training starts from, and what came of it."""
     planned = evidence.plan.parts["solver"].runs
-    drags = {"Koch-Hill": "", "filtered": "_filtered", **{name: f"_{name}" for name in names}}
+    drags = {"Koch-Hill": "", **{name: f"_{name}" for name in names}}
     drags |= {f"{what}, {SHARP}": f"_sharp{end}" for what, end in drags.items()}
     every = [
         (mesh, what, f"coarse_{factor}{end}")

@@ -90,6 +90,7 @@ class Pieces:
         samples = scene.time.end / scene.output.samples / spec.every
         work = {
             "kind": "dataset", "run": str(self.out / spec.run), "out": str(out), "coarsen": spec.coarsen, "every": spec.every,
+            "overrides": dict(spec.overrides),
         }  # fmt: skip
         self._found[name] = Piece(name, work, len(spec.coarsen) * samples, (spec.run,), out.is_file())
 

@@ -57,12 +57,14 @@ class DatasetSpec:
         run: name of the run, which writes samples.
         coarsen: factors of the mesh.
         every: every so many-th sample is used.
+        overrides: of the kernel through which the coarse meshes see the particles.
     """
 
     name: str
     run: str
     coarsen: tuple[int, ...]
     every: int = 1
+    overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -29,11 +29,11 @@ def do_run(work: dict[str, Any], report: Report) -> None:
 
 
 def do_dataset(work: dict[str, Any], report: Report) -> None:
-    """Training data: `run`, `out`, `coarsen`, `every`."""
+    """Training data: `run`, `out`, `coarsen`, `every`, `overrides`."""
     from jaxdem.train.dataset import make_dataset
 
     coarsen, every = tuple(work["coarsen"]), int(work["every"])
-    make_dataset(work["run"], work["out"], coarsen, lambda done, _: report(done), every=every)
+    make_dataset(work["run"], work["out"], coarsen, lambda done, _: report(done), every, work["overrides"])
 
 
 def do_fit(work: dict[str, Any], report: Report) -> None:

@@ -46,12 +46,17 @@ COLUMNS = (
 )
 
 
+SEEING = ("coupling.kernel_width", "coupling.void_fraction")
+"""Keys of a scene that say how a mesh sees the particles, and its drag law the fluid."""
+
+
 def make_dataset(
     run: str | Path,
     out: str | Path,
     coarsen: tuple[int, ...] = (1, 2, 4, 8),
     progress: Callable[[int, int], None] | None = None,
     every: int = 1,
+    overrides: dict[str, Any] | None = None,
 ) -> None:
     """Writes the dataset file of a run.
 
@@ -61,13 +66,19 @@ def make_dataset(
         coarsen: factors of the mesh; 1 is the run's own mesh.
         progress: called with the samples done and their number, all factors together.
         every: use every so many-th sample.
+        overrides: keys of `SEEING` in which the coarse runs differ from the fine one.
 
     Raises:
-        InputError: the run has no samples, or a factor is not usable.
+        InputError: the run has no samples, a factor is not usable, or another key is to differ.
     """
     source = load_run(run)
     samples = _samples(source)
-    scene = load_scene(source.scene)
+    for key in overrides or ():
+        if not key.startswith(SEEING):
+            raise InputError(
+                key, (overrides or {})[key], f"a dataset has {' and '.join(SEEING)} to set", "leave it out"
+            )
+    scene = load_scene(source.scene, overrides)
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
         raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "for example 1,2,4,8")
     groups, done, numbers = {}, 0, range(0, len(samples.times), every)
@@ -87,7 +98,7 @@ def make_dataset(
         "dynamic_viscosity": scene.fluid.density * scene.fluid.viscosity,
         "dimension": scene.dimension,
         "run": Path(run).name,
-        "scene_toml": source.scene_toml,
+        "scene_toml": scene.to_toml() if overrides else source.scene_toml,
     }
     write_dataset(out, attributes, groups)
 

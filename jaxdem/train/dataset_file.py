@@ -110,7 +110,7 @@ class Dataset:
         dynamic_viscosity: [Pa s].
         dimension: D.
         run: name of the run; data are split by it.
-        scene_toml: the scene of the run.
+        scene_toml: the scene of the run, with the coarse mesh's kernel where that is another.
         groups: by coarsening, ascending.
     """
 
