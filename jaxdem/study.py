@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time as clock
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,10 +24,10 @@ from jaxdem.report import Comparison, compare
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulate import Progress, simulate_once
 from jaxdem.studies.driver import FullStudy, default_jobs
-from jaxdem.studies.injection import injection_plan
+from jaxdem.studies.injection import SHARP, injection_plan
 from jaxdem.studies.plan import StudyPlan
 from jaxdem.studies.work import fit_to_files
-from jaxdem.train.dataset import make_dataset
+from jaxdem.train.dataset import SEEING, make_dataset
 from jaxdem.train.fit_settings import FitSettings
 
 SCENES = Path(__file__).parent / "scenes"
@@ -64,6 +64,8 @@ class Plan:
         noise_seeds: seeds of reference runs that differ in the jitter of the pack alone.
         filtered: settings of the recipe `filtered`.
         paper: settings of the recipe `paper`, or None to leave it out.
+        sharp: keys of a coarse fluid that smears less, which the closures are trained and run for; without any they are run on
+            the scene's own.
     """
 
     scene: str
@@ -72,6 +74,7 @@ class Plan:
     noise_seeds: tuple[int, ...]
     filtered: FitSettings
     paper: FitSettings | None
+    sharp: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 DEMOS: dict[str, Plan] = {
@@ -82,6 +85,7 @@ DEMOS: dict[str, Plan] = {
         noise_seeds=(),
         filtered=FitSettings.filtered(epochs=60, samples=60_000),
         paper=None,
+        sharp=SHARP,
     ),
 }
 """Demonstrations by the study's name."""
@@ -107,22 +111,27 @@ class Study:
         noise = [
             self.simulation(f"fine_seed_{seed}", self.scene, {"seed": seed}) for seed in self.plan.noise_seeds
         ]
-        coarse = {factor: self._coarse_run(factor, None) for factor in self.plan.factors}
+        coarse = {factor: [self._coarse_run(factor)] for factor in self.plan.factors}
+        sharp = "_sharp" if self.plan.sharp else ""
+        if sharp:
+            for factor, runs in coarse.items():
+                runs.append(self._coarse_run(factor, sharp))
         dataset = self.dataset(reference)
         fits = {"filtered": self.fit("filtered", dataset, self.plan.filtered)}
         if self.plan.paper is not None:
             fits["paper"] = self.fit("paper", dataset, self.plan.paper)
-        runs, names, cost = [], ["fine"], {}
-        for factor, plain in coarse.items():
-            runs.append(plain)
-            names.append(f"coarse {factor}x")
+        every, names, cost = [], ["fine"], {}
+        for factor, runs in coarse.items():
+            every += runs
+            names += [f"coarse {factor}x{word}" for word in ("", ", sharp")[: len(runs)]]
+            without = names[-1]
             for recipe, fit in fits.items():
-                runs.append(self._coarse_run(factor, fit))
-                names.append(f"coarse {factor}x + {recipe}")
+                every.append(self._coarse_run(factor, sharp, fit))
+                names.append(f"{without} + {recipe}")
                 cost[names[-1]] = fit.seconds
         return compare(
             reference,
-            runs,
+            every,
             self.out,
             names=names,
             noise=noise,
@@ -159,7 +168,8 @@ class Study:
             factors = (1, *self.plan.factors)
             assert reference.samples is not None
             advance = self.listener.stage("dataset", len(factors) * len(reference.samples.times))
-            make_dataset(reference.path, path, factors, lambda done, _: advance(done))
+            kernel = {key: value for key, value in self.plan.sharp.items() if key in SEEING}
+            make_dataset(reference.path, path, factors, lambda done, _: advance(done), overrides=kernel)
         return path
 
     def fit(self, recipe: str, dataset: Path, settings: FitSettings) -> StudyFit:
@@ -173,11 +183,13 @@ class Study:
             parity = {name: stored[name] for name in stored.files}
         return StudyFit(recipe, path, metadata, parity)
 
-    def _coarse_run(self, factor: int, fit: StudyFit | None) -> Run:
+    def _coarse_run(self, factor: int, sharp: str = "", fit: StudyFit | None = None) -> Run:
+        """A run on a coarse mesh; `sharp` is what says so in its name."""
         assert self.scene.fluid is not None
         cells = [max(1, round(count / factor)) for count in self.scene.fluid.cells]
-        name = f"coarse_{factor}" if fit is None else f"coarse_{factor}_{fit.recipe}"
-        return self.simulation(name, self.scene, {"fluid.cells": cells}, None if fit is None else fit.path)
+        name = f"coarse_{factor}{sharp}" + ("" if fit is None else f"_{fit.recipe}")
+        overrides = {"fluid.cells": cells, **(self.plan.sharp if sharp else {})}
+        return self.simulation(name, self.scene, overrides, None if fit is None else fit.path)
 
     def _parity(self, fit: StudyFit) -> dict[str, dict[str, np.ndarray]]:
         figures: dict[str, dict[str, np.ndarray]] = {}
@@ -192,6 +204,9 @@ class Study:
         notes = [
             "The closures are trained on the fine run that is also the reference: a test of recall, not of transfer."
         ]
+        if self.plan.sharp:
+            settings = ", ".join(f"{key} = {value}" for key, value in self.plan.sharp.items())
+            notes.append(f"Sharp is a coarse fluid that smears less: {settings}.")
         for fit in fits.values():
             for factor, figures in fit.metadata.get("r2", {}).items():
                 notes.append(

@@ -14,9 +14,9 @@ import numpy as np
 from jaxdem.closures import load_closure, load_subgrid
 from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
-from jaxdem.studies.measure import errors, noise_floor
+from jaxdem.studies.measure import errors, mean_errors, noise_floor
 from jaxdem.studies.oracle import Replay, read_replay
-from jaxdem.studies.plan import StudyPlan, files_of, made_of
+from jaxdem.studies.plan import RunSpec, StudyPlan, files_of, made_of
 
 
 @dataclasses.dataclass
@@ -67,7 +67,12 @@ class Evidence:
 
     def jittered(self, name: str) -> list[Run]:
         """Runs of the plan that differ from this one in the jitter of the pack alone."""
-        return self.runs(other for other in self.plan.runs if other.startswith(f"{name}_seed_"))
+        wanted = _but_for_the_pack(self.plan.runs[name])
+        return self.runs(
+            other
+            for other, spec in self.plan.runs.items()
+            if other != name and "seed" in spec.overrides and _but_for_the_pack(spec) == wanted
+        )
 
     @cached_property
     def floor(self) -> dict[str, float]:
@@ -76,9 +81,16 @@ class Evidence:
         return {} if fine is None else noise_floor(fine, self.jittered("fine"))
 
     def errors(self, name: str, reference: str = "fine") -> dict[str, float] | None:
-        """Error of every metric of a run; None where it or the reference is missing."""
+        """Error of every metric of a run, the mean over all packs that it was run with; None where it or the reference is
+        missing."""
         run, fine = self.run(name), self.run(reference)
-        return None if run is None or fine is None else errors(run, fine)
+        if run is None or fine is None:
+            return None
+        return mean_errors([errors(one, fine) for one in (run, *self.jittered(name))])
+
+    def packs(self, name: str) -> int:
+        """Number of packs that a run was done with."""
+        return len(self.runs([name])) + len(self.jittered(name))
 
     def closure_file(self, name: str) -> Path:
         """File of a drag closure."""
@@ -136,3 +148,10 @@ class Evidence:
             return read_replay(path)
         self.missing[path.stem] = self.problems.get(path.stem, "not made")
         return None
+
+
+def _but_for_the_pack(spec: RunSpec) -> tuple[Any, ...]:
+    """What a run is, apart from the jitter of its pack, its samples and how far it goes beyond what is compared."""
+    aside = ("seed", "output.samples", "time.end")
+    kept = {key: value for key, value in spec.overrides.items() if key not in aside}
+    return spec.scene, spec.closure, spec.subgrid, kept

@@ -107,7 +107,7 @@ def _coarse_runs(evidence: Evidence) -> list[Table]:
 
 
 def over_noise(evidence: Evidence, runs: Iterable[tuple[str, str, str]]) -> Table:
-    """Errors of coarse runs over the noise of the fine one.
+    """Errors of coarse runs over the noise of the fine one, mean over their packs.
 
     Args:
         evidence: the study's folder.
@@ -117,8 +117,10 @@ def over_noise(evidence: Evidence, runs: Iterable[tuple[str, str, str]]) -> Tabl
     for mesh, what, name in runs:
         if (error := evidence.errors(name)) is not None:
             ratio, whole = over(error, evidence.floor), mean_over(error, evidence.floor)
-            rows.append([mesh, what, *(ratio[n] for n in NAMES), whole, 100 * mean(error)])
-    return Table("Error over noise [-]", ["mesh", "drag", *LABELS, "mean", "mean error [%]"], rows)
+            packs = evidence.packs(name)
+            rows.append([mesh, what, *(ratio[n] for n in NAMES), whole, 100 * mean(error), packs])
+    headings = ["mesh", "drag", *LABELS, "mean", "mean error [%]", "packs"]
+    return Table("Error over noise [-]", headings, rows, "Mean over the packs.")
 
 
 def _band(evidence: Evidence) -> Table:

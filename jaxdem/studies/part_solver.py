@@ -66,6 +66,7 @@ def _runs(evidence: Evidence, names: Sequence[str]) -> list[tuple[str, str, str]
     """Mesh, drag and name of the runs: Koch-Hill, the closures that the training starts from, and what came of it."""
     planned = evidence.plan.parts["solver"].runs
     drags = {"Koch-Hill": "", **{name: f"_{name}" for name in names}}
+    drags["filtered and gradient_stress"] = "_filtered_gradient_stress"
     drags |= {f"{what}, {SHARP}": f"_sharp{end}" for what, end in drags.items()}
     every = [
         (mesh, what, f"coarse_{factor}{end}")
