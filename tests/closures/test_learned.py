@@ -24,6 +24,7 @@ from jaxdem.closures import (
 )
 from jaxdem.closures.invariant import FEATURES, TERMS, WITHOUT_PRESSURE
 from jaxdem.errors import InputError
+from jaxdem.study import SCENES
 
 
 def make_inputs(count=40, dimension=2, seed=0, filter_size=0.08):
@@ -181,6 +182,29 @@ def test_a_run_tells_how_far_its_ensemble_is_apart(tmp_path):
     gate, bounded = 1.0 - np.exp(-0.08 / 0.02 / 4.0), np.log(10.0) * np.tanh(bias / np.log(10.0))
     found = run.summary["closure"]["ensemble_spread"]
     assert found == pytest.approx(np.sqrt(2.0) * np.tanh(gate * bounded), rel=1e-6)
+
+
+def test_the_closure_that_comes_with_the_scenes():
+    """Better than its base law and the regression on a run that it has not seen, on every coarse mesh; in range on grains and water like those that it was trained on, and the base law far from them."""
+    closure, metadata = load_closure(SCENES / "filtered.closure.h5")
+    assert metadata["datasets"][-1] == "fine" and metadata["split"].startswith("by run: fine held out")
+    for factor in ("2", "3", "4", "8"):
+        scores = metadata["r2"][factor]
+        assert scores["closure"] > max(scores["base"], scores["regression"])
+    wild = make_inputs()
+    inputs = wild._replace(
+        solid_fraction=0.5 * wild.solid_fraction,
+        void_fraction_gradient=0.2 * wild.void_fraction_gradient,
+        pressure_gradient=0.3 * wild.pressure_gradient,
+        filter_size=jnp.asarray(0.16),
+    )
+    drag, base = evaluate(closure, inputs), evaluate_base(KochHill(), inputs)
+    factor = np.asarray(drag.coefficient / base.coefficient)
+    inside = ~np.asarray(drag.out_of_range)
+    assert inside.sum() > 10 and np.ptp(factor[inside]) > 0.05 and (factor > 0.0).all()
+    np.testing.assert_array_equal(factor[~inside], 1.0)
+    far = evaluate(closure, wild._replace(solid_fraction=jnp.full(40, 0.6)))
+    assert np.asarray(far.out_of_range).all()
 
 
 def test_ensemble_is_positive_and_the_same_under_rotation_and_in_a_moving_frame():
