@@ -6,7 +6,9 @@ import os
 import signal
 import sys
 import threading
+import types
 
+import numpy as np
 import pytest
 
 import jaxdem
@@ -18,6 +20,7 @@ from jaxdem.studies.injection import injection_plan
 from jaxdem.studies.pieces import require_same_scene
 from jaxdem.studies.plan import FitSpec, RunSpec, by_name
 from jaxdem.studies.pool import Piece, Pool
+from jaxdem.studies.subgrid_stress import hidden_stress
 from jaxdem.studies.tables import Section, Table, write_results
 from jaxdem.study import SCENES, _claim
 
@@ -196,3 +199,21 @@ def test_tables_are_numbers_and_text_and_parts_of_earlier_calls_are_kept(tmp_pat
 def test_the_paper_s_figures_are_complete():
     """All meshes have all figures."""
     assert set(paper.MESHES) == set(paper.RUNOFF) == set(paper.HEIGHT) == set(paper.STORAGE)
+
+
+@pytest.mark.parametrize("cells", [(12, 20), (12, 12, 16)], ids=["2-D", "3-D"])
+def test_the_hidden_stress_of_a_linear_flow_is_the_gradient_model_s(cells):
+    """u = G x averaged over 4 fine cells an axis: R_ij = g (1 - 1/4^2)/12 sum_k h_k^2 G_ik G_jk, whatever G."""
+    size = tuple(0.1 * (n + axis) for axis, n in enumerate(cells))
+    axes = [(np.arange(n) + 0.5) * length / n for n, length in zip(cells, size, strict=True)]
+    place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    gradient = np.random.default_rng(3).normal(size=(len(cells),) * 2)
+    frame = {"velocity": place @ gradient.T, "void_fraction": np.full(cells, 0.6)}
+    scene = {"domain": {"size": size}, "fluid": {"cells": cells}}
+    run = types.SimpleNamespace(times=[0.0, 0.1], scene=scene, fluid=lambda index: frame)
+    found = hidden_stress(run, tuple(n // 4 for n in cells))
+    assert found.gradient_fit == pytest.approx((1.0 - 1.0 / 16.0) / 12.0, rel=1e-10)
+    assert found.best == pytest.approx(1.0, abs=1e-10)
+    assert found.gradient == pytest.approx(
+        1.0 - 1.0 / 15.0**2, rel=1e-9
+    )  # of c_n = 1/12, a fifteenth too large

@@ -115,7 +115,7 @@ def flux_error(
 
 def averaged(run: Run, index: int, cells: tuple[int, ...]) -> tuple[list[np.ndarray], np.ndarray]:
     """Flux g u, D arrays (cells...) [m/s], and void fraction (cells...) of an output, averaged to a coarser mesh."""
-    fine, frame = grid_of(run), _fluid(run, index)
+    fine, frame = grid_of(run), fluid_frame(run, index)
     coarse, void_fraction = fine._replace(cells=cells), np.asarray(frame["void_fraction"], float)
     flux = [void_fraction * np.asarray(frame["velocity"][..., axis], float) for axis in range(fine.dimension)]
     return [remap_cells(fine, coarse, f) for f in flux], remap_cells(fine, coarse, void_fraction)
@@ -139,13 +139,14 @@ def peak_speed(run: Run, until: float | None, cells: tuple[int, ...] | None = No
 
 def run_flux_error(run: Run, reference: Run) -> float:
     """`flux_error` of a run, on its own mesh, which is the reference's or coarser."""
-    frames = [_fluid(run, index) for index in range(run.number_of_frames)]
+    frames = [fluid_frame(run, index) for index in range(run.number_of_frames)]
     velocity = [np.asarray(frame["velocity"], float) for frame in frames]
     void_fraction = [np.asarray(frame["void_fraction"], float) for frame in frames]
     return flux_error(np.asarray(run.times, float), velocity, void_fraction, reference)
 
 
-def _fluid(run: Run, index: int) -> dict[str, np.ndarray]:
+def fluid_frame(run: Run, index: int) -> dict[str, np.ndarray]:
+    """Fluid fields of an output of a run that has a fluid."""
     frame = run.fluid(index)
     assert frame is not None
     return frame

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from jaxdem.fluid.remap import coarsened
 from jaxdem.studies import paper
 from jaxdem.studies.evidence import Evidence
+from jaxdem.studies.measure import grid_of
 from jaxdem.studies.part_closures import over_noise
 from jaxdem.studies.plan import TuneSpec
+from jaxdem.studies.subgrid_stress import hidden_stress
 from jaxdem.studies.tables import Cell, Section, Table
 
 SHARP = "central, kernels of half a cell"
@@ -26,10 +29,36 @@ def solver_part(evidence: Evidence) -> Section:
     part = evidence.plan.parts["solver"]
     specs = [evidence.plan.closures[name] for name in part.closures]
     tuned = [spec for spec in specs if isinstance(spec, TuneSpec)]
-    section.tables.append(_trainings(evidence, tuned))
+    section.tables += [_hidden(evidence), _trainings(evidence, tuned)]
     section.tables.append(over_noise(evidence, _runs(evidence, part.closures)))
     section.missing = dict(evidence.missing)
     return section
+
+
+def _hidden(evidence: Evidence) -> Table:
+    """What averages over coarse cells hide, and how much of it models of the subgrid stress know."""
+    rows: list[list[Cell]] = []
+    if (fine := evidence.run("fine")) is not None:
+        for factor, mesh in list(paper.MESHES.items())[1:]:
+            found = hidden_stress(fine, coarsened(grid_of(fine), factor).cells)
+            rows.append(
+                [
+                    mesh,
+                    100 * found.share,
+                    100 * found.gradient,
+                    100 * found.best,
+                    found.gradient_fit,
+                    found.viscosity_fit,
+                ]
+            )
+    headings = [
+        "mesh", "of the momentum flux [%]", "known to c_n = 1/12 [%]", "to the best c_n [%]", "best c_n", "best c_1 alone",
+    ]  # fmt: skip
+    note = (
+        "From the fine run's fields alone: root-mean-square of the subgrid stress over that of the momentum flux; parts of its "
+        "squares; inner cells, all outputs up to the screen time."
+    )
+    return Table("Subgrid stress of the fine run, averaged", headings, rows, note)
 
 
 def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
