@@ -196,7 +196,7 @@ NARROW_DATASETS = tuple(f"{name}_narrow" for name in DATASETS)
 
 ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{seed}" for seed in SEEDS)))
 
-TUNING = FinetuneSettings(horizons=(1, 2), updates=6)
+TUNING = FinetuneSettings(horizons=(1, 2), updates=3)
 """Through the solver: a gradient over one output costs as much as half a second of a run."""
 
 SEARCHING = FinetuneSettings(method="gradient-free", horizons=(20,), updates=20, starts=1)
@@ -247,7 +247,7 @@ def tuned() -> list[TuneSpec]:
         drag,
         TuneSpec("searched_stress", run, cells, SEARCHING, trained=("subgrid",)),
         dataclasses.replace(drag, name="searched_both", trained=("drag", "subgrid")),
-        dataclasses.replace(drag, name="gradient_drag", settings=TUNING),
+        TuneSpec("gradient_drag", run, cells, TUNING, "filtered"),
     ]
 
 
@@ -295,7 +295,8 @@ def solver_runs() -> list[RunSpec]:
             # What is said of closures at 16 cm rests on three packs.
             packs = jittered(sharp)
             found += [*packs, *(run.with_closure("filtered") for run in packs)]
-            found += [sharp.with_closure(name) for name in ("filtered_narrow", "filtered_narrow_terms")]
+            others = ("filtered_terms", ENSEMBLE.name, "filtered_narrow", "filtered_narrow_terms")
+            found += [sharp.with_closure(name) for name in others]
             found += [run.with_stress(GRADIENT_STRESS) for run in (sharp, sharp.with_closure("filtered"))]
             found += [sharp.with_tuned(one) for one in tuned()]
     return found
@@ -352,6 +353,8 @@ def injection_plan() -> StudyPlan:
             (*plain, *begun, *through),
             (
                 "filtered",
+                "filtered_terms",
+                ENSEMBLE.name,
                 "filtered_narrow",
                 "filtered_narrow_terms",
                 GRADIENT_STRESS.name,
