@@ -309,14 +309,19 @@ def smaller_runs() -> list[RunSpec]:
 
 
 def unseen_runs() -> list[RunSpec]:
-    """Fine, fine with another jitter, coarse 4x, and coarse 4x with closures, of each scene; and mesh ratio 3."""
-    between = briefly(COARSE[3])
-    result = [between, *(between.with_closure(name) for name in ("filtered", "paper"))]
+    """Fine, fine with another jitter, coarse 4x, and coarse 4x on the sharp fluid, each with the closure and without, of
+    every scene; and mesh ratio 3."""
+    result = _with_and_without(briefly(COARSE[3]))
     for name, (scene, overrides) in UNSEEN.items():
         fine = planned(f"{name}_fine", scene, {**overrides, "output.samples": 0.1})
-        plain = coarse(f"{name}_", scene, 4, overrides)
-        result += [fine, jittered(fine)[0], plain, *(plain.with_closure(c) for c in ("filtered", "paper"))]
+        result += [fine, jittered(fine)[0], *_with_and_without(coarse(f"{name}_", scene, 4, overrides))]
     return result
+
+
+def _with_and_without(plain: RunSpec) -> list[RunSpec]:
+    return [
+        one for run in (plain, varied(plain, "sharp", SHARP)) for one in (run, run.with_closure("filtered"))
+    ]
 
 
 def pareto_runs() -> list[RunSpec]:

@@ -26,6 +26,15 @@ ROWS = 60_000
 """Rows of a group that the regression is fitted to, and that closures are judged on."""
 
 CLOSURES = ("filtered", "paper")
+"""Whose forces are looked at."""
+
+COARSE = {
+    "Koch-Hill": "",
+    "filtered": "_filtered",
+    "sharp": "_sharp",
+    "sharp, filtered": "_sharp_filtered",
+}
+"""Coarse runs by what stands behind their names."""
 
 
 def generalisation_part(evidence: Evidence) -> Section:
@@ -128,16 +137,14 @@ def _runs(evidence: Evidence) -> list[Table]:
         floor = noise_floor(fine, evidence.jittered(f"{prefix}fine"))
         for factor in (3, 4) if prefix == "" else (4,):
             row: list[Cell] = [f"{prefix or 'injection_'}"[:-1], f"{factor}x", 100 * mean(floor)]
-            for closure in ("", *(f"_{name}" for name in CLOSURES)):
-                error = evidence.errors(f"{prefix}coarse_{factor}{closure}", f"{prefix}fine")
+            for what, end in COARSE.items():
+                error = evidence.errors(f"{prefix}coarse_{factor}{end}", f"{prefix}fine")
                 row += [None, None] if error is None else [100 * mean(error), mean_over(error, floor)]
                 if error is not None:
-                    what = closure[1:] or "Koch-Hill"
                     detail.append([row[0], row[1], what, *(100 * error[n] for n in NAMES)])
             rows.append(row)
-    kinds = ("Koch-Hill", *CLOSURES)
     headings = ["scene", "mesh", "noise [%]"]
-    headings += [f"{what}, {kind}" for kind in kinds for what in ("mean error [%]", "over noise [-]")]
+    headings += [f"{what}, {kind}" for kind in COARSE for what in ("mean error [%]", "over noise [-]")]
     note = "Coarse runs against the fine run of the same scene; mean over the nine metrics."
     return [
         Table("Coarse runs in scenes that no closure has seen", headings, rows, note),
