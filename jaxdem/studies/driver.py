@@ -121,6 +121,9 @@ class FullStudy:
             training_cost={name: seconds for name, seconds in cost.items() if seconds is not None},
             sections=[section.page() for section in sections],
             until=screen_time(fine),
+            notes=[
+                "Runs that only errors are taken of end with what is compared: their run times are of less simulated time."
+            ],
             title="Injection: a learned drag closure on coarse meshes",
         )
 

@@ -46,7 +46,9 @@ class Evidence:
         return f"{self.jobs} {'process' if self.jobs == 1 else 'processes'} shared the machine."
 
     def run(self, name: str) -> Run | None:
-        """A run that is complete and valid."""
+        """A run of the plan that is complete and valid."""
+        if name not in self.plan.runs:
+            return None
         if name not in self._runs:
             if not (self.out / name).is_dir():
                 self.missing[name] = self.problems.get(name, "not run")

@@ -47,6 +47,11 @@ def packs(evidence: Evidence, prefix: str, factor: int) -> list[Run]:
     return [*evidence.runs([name]), *evidence.jittered(name)]
 
 
+def whole(runs: list[Run]) -> list[Run]:
+    """Those that go as far as the first, whose end is the scene's: others end with what is compared."""
+    return [run for run in runs if run.history["time"][-1] >= runs[0].history["time"][-1]]
+
+
 def _ends(evidence: Evidence, section: Section) -> Table:
     """Run-off and height at the end, the paper's beside ours."""
     headings = ["mesh", "run-off [m], paper"]
@@ -59,7 +64,8 @@ def _ends(evidence: Evidence, section: Section) -> Table:
         for name, theirs in (("runoff", paper.RUNOFF), ("height", paper.HEIGHT)):
             row.append(theirs[factor])
             for setting, prefix in SETTINGS.items():
-                values = [float(run.history[name][-1]) for run in packs(evidence, prefix, factor)]
+                runs = whole(packs(evidence, prefix, factor))
+                values = [float(run.history[name][-1]) for run in runs]
                 row.append(_spread(values))
                 far[setting] += [float(abs(np.mean(values) / theirs[factor] - 1.0))] if values else []
         rows.append(row)
@@ -100,7 +106,7 @@ def _errors(evidence: Evidence, setting: str, prefix: str, section: Section) -> 
         runs = packs(evidence, prefix, factor)
         if not runs:
             continue
-        behaviour.append(_behaviour(mesh, runs, end))
+        behaviour.append(_behaviour(mesh, whole(runs), end))
         if factor == 1:
             continue
         error = mean_errors([errors(run, fine) for run in runs])

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from jaxdem import metrics
+from jaxdem.io import Run
 from jaxdem.report import style
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor, over
@@ -23,44 +24,48 @@ def pareto_part(evidence: Evidence) -> Section:
     """A table and a figure of all runs of each scene."""
     section = Section("pareto", "Error against run time")
     section.text.append(
-        f"Run times are those of the runs themselves. {evidence.sharing} Training is not in them "
-        "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added, the "
-        "grey line is the noise and the black one the fine run's time."
+        f"Run times are those of the runs themselves, compiling included. {evidence.sharing} Training is not in them "
+        "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added as if for one run "
+        "as long as the fine one, the grey line is the noise and the black one the fine run's time."
     )
     for words, prefix in SCENES.items():
         table, points = _table(evidence, words, prefix)
         section.tables.append(table)
         if points:
             picture = evidence.out / f"pareto_{prefix or 'injection_'}"
-            reference = float(evidence.runs([f"{prefix}fine"])[0].summary["wall_time_s"])
+            reference = _time_per_second(evidence.runs([f"{prefix}fine"])[0])
             draw(points, reference, picture.with_name(picture.name.rstrip("_") + ".png"), words)
     section.missing = dict(evidence.missing)
     return section
 
 
 Point = tuple[str, float, dict[str, float], float]
-"""Name, run time [s], error over noise by metric, time of training [s]."""
+"""Name, run time over simulated time [-], error over noise by metric, training over the simulated time of a run [-]."""
+
+
+def _time_per_second(run: Run) -> float:
+    """Run time over simulated time [-]: runs that only errors are taken of end earlier than others."""
+    return float(run.summary["wall_time_s"]) / float(run.history["time"][-1])
 
 
 def runs_of(evidence: Evidence, prefix: str) -> list[str]:
     """Names of the plan's runs that are compared with the fine run of a scene."""
     part = evidence.plan.parts["pareto"].runs
     scene = evidence.plan.runs[f"{prefix}fine"].scene
+    runs = {name: evidence.plan.runs[name] for name in part}
+    # Another pack is in the error of the first.
     return [
-        n for n in part if evidence.plan.runs[n].scene == scene and n != f"{prefix}fine" and _comparable(n)
+        name
+        for name, spec in runs.items()
+        if spec.scene == scene and name != f"{prefix}fine" and "seed" not in spec.overrides
     ]
-
-
-def _comparable(name: str) -> bool:
-    """Whether a run is not one of those that make the noise floor."""
-    return "fine_seed_" not in name
 
 
 def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Point]]:
     headings = [
         "run",
         "cells",
-        "run time [s]",
+        "time a simulated second [s]",
         "training [s]",
         *LABELS,
         "mean",
@@ -78,7 +83,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         run, error = evidence.run(name), evidence.errors(name, f"{prefix}fine")
         if run is None or error is None:
             continue
-        seconds, ratio = float(run.summary["wall_time_s"]), over(error, floor)
+        seconds, ratio = _time_per_second(run), over(error, floor)
         training = evidence.training_of(name)
         cells = " x ".join(str(n) for n in run.cells or ())
         rows.append(
@@ -92,7 +97,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
                 100 * mean(error),
             ]
         )
-        points.append((name, seconds, ratio, training or 0.0))
+        points.append((name, seconds, ratio, (training or 0.0) / float(fine.history["time"][-1])))
     front = metrics.pareto_front([p[1] for p in points], [float(row[-1] or math.nan) for row in rows])
     table.rows = [[*row, "yes" if on else ""] for row, on in zip(rows, front, strict=True)]
     noise = [100 * floor[n] for n in NAMES]
@@ -101,7 +106,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         [
             f"{prefix}fine, noise [%]",
             size,
-            float(fine.summary["wall_time_s"]),
+            _time_per_second(fine),
             None,
             *noise,
             None,
@@ -109,9 +114,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
             "",
         ]
     )
-    table.note = (
-        "The last row is the reference: its run time, and the errors that are the unit of the others."
-    )
+    table.note = "The last row is the reference: its run time, and the errors that are the unit of the others. Errors are means over packs."
     return table, points
 
 
@@ -120,7 +123,7 @@ def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> P
 
     Args:
         points: the runs.
-        reference: run time of the fine run, the black line [s].
+        reference: run time of the fine run over simulated time, the black line [-].
         path: PNG file.
         words: name of the scene.
     """
@@ -159,6 +162,6 @@ def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> P
                 scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                 scale.set_major_formatter(FormatStrFormatter("%g"))
                 scale.set_minor_formatter(NullFormatter())
-        figure.supxlabel("run time [s]")
+        figure.supxlabel("run time of a simulated second [s]")
         figure.supylabel(f"error over noise [-], {words}")
         return style.save(figure, path)

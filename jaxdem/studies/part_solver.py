@@ -10,7 +10,7 @@ from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import grid_of
 from jaxdem.studies.part_closures import over_noise
 from jaxdem.studies.plan import TuneSpec
-from jaxdem.studies.subgrid_stress import hidden_stress
+from jaxdem.studies.subgrid_stress import EDGE, hidden_stress
 from jaxdem.studies.tables import Cell, Section, Table
 
 SHARP = "central, kernels of half a cell"
@@ -40,7 +40,10 @@ def _hidden(evidence: Evidence) -> Table:
     rows: list[list[Cell]] = []
     if (fine := evidence.run("fine")) is not None:
         for factor, mesh in list(paper.MESHES.items())[1:]:
-            found = hidden_stress(fine, coarsened(grid_of(fine), factor).cells)
+            cells = coarsened(grid_of(fine), factor).cells
+            if min(cells) <= 2 * EDGE:
+                continue
+            found = hidden_stress(fine, cells)
             rows.append(
                 [
                     mesh,

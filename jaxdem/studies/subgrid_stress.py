@@ -43,7 +43,7 @@ def hidden_stress(run: Run, cells: tuple[int, ...]) -> HiddenStress:
 
     Args:
         run: the fine run; its output frames after the first, up to the screen time, are used.
-        cells: of the coarser mesh.
+        cells: of the coarser mesh, more than twice `EDGE` along every axis.
     """
     fine, until = grid_of(run), screen_time(run)
     coarse = fine._replace(cells=cells)
