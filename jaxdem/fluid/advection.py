@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from typing import Literal, Protocol
 
@@ -42,14 +43,14 @@ class Upwind:
 
 
 @dataclasses.dataclass(frozen=True)
-class Limited:
+class Limited(abc.ABC):
     """Second-order upwind with one slope in a control volume, so limited that there are no new extrema."""
 
     stages: Literal[2, 3] = dataclasses.field(default=2, init=False)
 
+    @abc.abstractmethod
     def slope(self, behind: Array, ahead: Array) -> Array:
         """Difference over a control volume from those to its neighbours; it does not matter which of them is which."""
-        raise AssertionError("a limiter says what its slope is")
 
     def to_surfaces(self, behind: Array, ahead: Array) -> tuple[Array, Array]:
         """Half of the slope."""
