@@ -297,7 +297,7 @@ def run_summary(
         "valid": valid,
         "reason": reason,
         "time": time,
-        "versions": _versions(),
+        "versions": versions(),
         "device": str(jax.devices()[0].device_kind),
         "machine": {"processor": platform.processor() or platform.machine(), "devices": jax.device_count()},
         "precision": scene.precision,
@@ -365,7 +365,8 @@ def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict
     }
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Of jaxdem, Python and the packages that numbers depend on."""
     names = ("jax", "jaxlib", "jax-md", "flax", "optax", "h5py", "numpy")
     return {
         "jaxdem": __version__,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import platform
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from jaxdem.errors import InputError
+from jaxdem.records import versions
 from jaxdem.report import Comparison, compare
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import screen_time
@@ -87,7 +90,12 @@ class FullStudy:
             self.bars.say(
                 f"{part.name}: {len(evidence.missing)} missing" if evidence.missing else f"{part.name}: done"
             )
-        return self._report(write_results(self.out, sections, {"jobs": self.jobs}, self.plan.parts))
+        return self._report(write_results(self.out, sections, self._about(), self.plan.parts))
+
+    def _about(self) -> dict[str, Any]:
+        """Where and with what the tables were made."""
+        machine = {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count()}
+        return {"jobs": self.jobs, "machine": machine, "versions": versions()}
 
     def pieces(self) -> list[Piece]:
         """What the chosen parts need, everything after what it needs itself."""
