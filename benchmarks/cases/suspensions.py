@@ -45,7 +45,7 @@ def closure(law="stokes", lift=0.0):
 class Suspension:
     """36 spheres in a box that is periodic all round; density, drag, viscosity and gravity are traced."""
 
-    def __init__(self, model="A"):
+    def __init__(self, model="A", advection="limited"):
         line = (np.arange(CELLS) + 0.5) * SIDE / CELLS
         self.lattice = np.stack([a.ravel() for a in np.meshgrid(line, line, indexing="ij")], axis=1)
         tables = dict(
@@ -53,7 +53,9 @@ class Suspension:
             domain=dict(size=[SIDE, SIDE], depth=DEPTH, gravity=[0.0, 0.0]),
             particles=dict(radius=RADIUS, density=100.0, position=self.lattice.tolist()),
             contact=dict(young_modulus=1e5, friction=0.4, restitution=0.6, speed=0.5),
-            fluid=dict(cells=[CELLS, CELLS], viscosity=1e-5, time_step=0.01, model=model),
+            fluid=dict(
+                cells=[CELLS, CELLS], viscosity=1e-5, time_step=0.01, model=model, advection=advection
+            ),
             boundary={side: dict(kind="periodic") for side in ("left", "right", "bottom", "top")},
             coupling=dict(interval=0.01),
             time=dict(end=1.0, output_interval=0.1),

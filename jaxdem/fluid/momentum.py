@@ -17,6 +17,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -365,17 +366,10 @@ def _product(a, b):  # type: ignore[no-untyped-def]
 
 def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:
     """Sum of the stages with weights."""
-    return _Rates(
-        *(
-            tuple(_sum(weights, faces) for faces in zip(*fields, strict=True))
-            for fields in zip(*stages, strict=True)
-        )
+    mean: _Rates = jax.tree.map(
+        lambda *rates: sum_of(w * r for w, r in zip(weights, rates, strict=True)), *stages
     )
-
-
-def _sum(weights: tuple[float, ...], arrays: tuple[Array, ...]) -> Array:
-    total: Array = sum_of(w * a for w, a in zip(weights, arrays, strict=True))
-    return total
+    return mean
 
 
 def _halfway(a: FaceField, b: FaceField) -> FaceField:

@@ -33,6 +33,16 @@ def test_total_momentum_is_conserved_in_model_b(suspension_b, relaxation):
         assert exchanged > 1e-3
 
 
+def test_total_momentum_is_conserved_with_central_advection():
+    """Its third stage, half-way through the step, takes the same from one control volume as it gives to the next."""
+    central = Suspension(advection="central")
+    error, exchanged, code, worst = central.drift(
+        central.given(), central.stirred(1.0, particle_speed=0.2), 50
+    )
+    assert code == 0 and exchanged > 1e-3
+    assert error < 1e-10 and worst[1] < 1e-10
+
+
 def test_hydrostatic_rest_in_model_b(suspension_b):
     """Neutral particles, uneven void fraction, gravity: the reduced pressure is even and nothing moves."""
     parameters = suspension_b.given(density=1000.0, gravity=9.81)
