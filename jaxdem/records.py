@@ -126,8 +126,15 @@ class Totals:
 
 @jax.jit
 def _spread(closure: EnsembleClosure, forces: FluidForces) -> tuple[Array, Array]:
-    """Mean over the particles of the spread of the members' forces, and of the size of the law's force [N]."""
-    return jnp.mean(closure.spread(forces.inputs)), jnp.mean(jnp.linalg.norm(forces.law, axis=1))
+    """Mean over the particles of the spread of the members' forces, and of the size of the ensemble's [N].
+
+    As the closure gives them: before a drag scale, and of model A.
+    """
+    drag = closure(forces.inputs)
+    force = drag.coefficient[:, None] * forces.inputs.slip_velocity
+    if drag.remainder is not None:
+        force = force + drag.remainder
+    return jnp.mean(closure.spread(forces.inputs)), jnp.mean(jnp.linalg.norm(force, axis=1))
 
 
 def frame_of(

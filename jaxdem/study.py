@@ -168,7 +168,7 @@ class Study:
             factors = (1, *self.plan.factors)
             assert reference.samples is not None
             advance = self.listener.stage("dataset", len(factors) * len(reference.samples.times))
-            kernel = {key: value for key, value in self.plan.sharp.items() if key in SEEING}
+            kernel = {key: value for key, value in self.plan.sharp.items() if key.startswith(SEEING)}
             make_dataset(reference.path, path, factors, lambda done, _: advance(done), overrides=kernel)
         return path
 
@@ -292,13 +292,13 @@ def run_study(
         result = StudyResult(full.run(), full.problems)
     else:
         plan = DEMOS[name]
-        _claim(out, {"study": name, "scale": scale})
+        _claim(out, {"study": name, "scale": scale, "sharp": dict(plan.sharp)})
         result = StudyResult(Study(plan, load_scene(SCENES / plan.scene), out, listener).run(), {})
     listener.say(f"The study took {clock.perf_counter() - begin:.0f} s.")
     return result
 
 
-def _claim(out: Path, identity: dict[str, str], known: Collection[str] = ()) -> None:
+def _claim(out: Path, identity: dict[str, Any], known: Collection[str] = ()) -> None:
     """Marks the folder as this study's; refuses a folder that holds something else than what is known."""
     marker = out / "study.json"
     if marker.is_file():

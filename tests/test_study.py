@@ -124,8 +124,10 @@ def test_a_dataset_sees_through_the_coarse_runs_own_kernel(study, tmp_path):
     """By centres, the solid fraction at a grain is the volume of the grains in its coarse cell, over the cell's."""
     done, _ = study
     fine, out = jaxdem.load_run(done.out / "fine"), tmp_path / "d.h5"
-    make_dataset(done.out / "fine", out, (2,), overrides={"coupling.void_fraction": "centre"})
-    group, sample = read_dataset(out).groups[2], fine.samples.frame(0)
+    make_dataset(done.out / "fine", out, (1, 2), overrides={"coupling.void_fraction": "centre"})
+    groups, sample = read_dataset(out).groups, fine.samples.frame(0)
+    group, own = groups[2], groups[1].solid_fraction[: len(sample["position"])]
+    np.testing.assert_allclose(own, sample["solid_fraction"], rtol=1e-5)  # the fine mesh as its run saw it
     cell = tuple(np.floor(sample["position"] / np.array([0.08, 0.2 / 3])).astype(int).T)
     number = np.zeros((5, 3))
     np.add.at(number, cell, 1.0)

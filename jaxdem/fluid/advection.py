@@ -123,8 +123,8 @@ def advection(
 ) -> FaceField:
     """-div(F u) on every face [m/s2 times void fraction]; the values on boundary faces are not used.
 
-    Through the surface next to an inlet comes besides what its profile carries beyond its mean over a face, see
-    `momentum_excess`.
+    Through the surface next to an inlet that ends within a face comes besides what its patch brings beyond the face's
+    mean velocity, see `momentum_excess`.
 
     Args:
         grid: the grid.
@@ -143,7 +143,7 @@ def advection(
             carrier = _flux_through_control_surfaces(grid, flux, which, axis)
             transported = carrier * _upwind_value(scheme, padded, carrier, axis)
             if which == axis:
-                transported = _with_inlet_momentum(grid, boundary, transported, flux[axis] * component, axis)
+                transported = _with_inlet_momentum(grid, boundary, transported, flux[axis], component, axis)
             difference = along(transported, axis, 1, None) - along(transported, axis, None, -1)
             terms.append(-difference / grid.spacing[axis])
         result.append(sum_of(terms))
@@ -161,23 +161,26 @@ def _upwind_value(scheme: AdvectionScheme, padded: Array, carrier: Array, axis: 
 
 
 def _with_inlet_momentum(
-    grid: Grid, boundary: Boundary, transported: Array, carried: Array, axis: int
+    grid: Grid, boundary: Boundary, transported: Array, flux: Array, velocity: Array, axis: int
 ) -> Array:
-    """Momentum through the surfaces normal to an axis, with what inlets carry beyond the square of their mean.
+    """Momentum through the surfaces normal to an axis, with what inlets bring in beyond the square of their mean.
+
+    Where an inlet sucks, the box does not know how the flow narrows to the patch: nothing is added there.
 
     Args:
         grid: the grid.
         boundary: sides.
         transported: F u on the surfaces: sides of the box, and the middles of the cells between them [m2/s2].
-        carried: F u on the faces of the axis [m2/s2].
+        flux, velocity: F and u on the faces of the axis [m/s].
         axis: of the momentum and the surfaces.
     """
     for upper in (False, True):
         excess = momentum_excess(grid, boundary.side(axis, upper))
         if excess is not None:
-            more = jnp.asarray(excess, carried.dtype) * along(
-                carried, axis, -1 if upper else 0, None if upper else 1
-            )
+            ends = (-1, None) if upper else (0, 1)
+            u = along(velocity, axis, *ends)
+            inward = u < 0.0 if upper else u > 0.0
+            more = jnp.where(inward, jnp.asarray(excess, u.dtype) * along(flux, axis, *ends) * u, 0.0)
             place = [slice(None)] * grid.dimension
             place[axis] = slice(-2, -1) if upper else slice(1, 2)
             transported = transported.at[tuple(place)].add(more)

@@ -68,12 +68,15 @@ class Evidence:
         return [run for name in names if (run := self.run(name)) is not None]
 
     def jittered(self, name: str) -> list[Run]:
-        """Runs of the plan that differ from this one in the jitter of the pack alone."""
+        """Runs of the plan that differ from this one in the jitter of the pack alone, as far as they have been begun."""
         wanted = _but_for_the_pack(self.plan.runs[name])
         return self.runs(
             other
             for other, spec in self.plan.runs.items()
-            if other != name and "seed" in spec.overrides and _but_for_the_pack(spec) == wanted
+            if other != name
+            and "seed" in spec.overrides
+            and _but_for_the_pack(spec) == wanted
+            and (self.out / other).is_dir()
         )
 
     @cached_property

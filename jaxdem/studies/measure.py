@@ -36,6 +36,12 @@ def screen_time(run: Run) -> float | None:
     return float(run.history["time"][max(0, passed[0] - 1)]) if len(passed) else None
 
 
+def whole(runs: Iterable[Run], reference: Run | None) -> list[Run]:
+    """Those that go as far as the reference: others end with what is compared. All without a reference."""
+    end = -math.inf if reference is None else float(reference.history["time"][-1])
+    return [run for run in runs if float(run.history["time"][-1]) >= end]
+
+
 def errors(run: Run, reference: Run) -> dict[str, float]:
     """Error of every metric, int |m - m_ref| dt / int |m_ref| dt up to the screen time [-]."""
     until = screen_time(reference)

@@ -20,6 +20,7 @@ from jaxdem.studies.measure import (
     noise_floor,
     over,
     screen_time,
+    whole,
 )
 from jaxdem.studies.tables import Cell, Section, Table
 
@@ -47,11 +48,6 @@ def packs(evidence: Evidence, prefix: str, factor: int) -> list[Run]:
     return [*evidence.runs([name]), *evidence.jittered(name)]
 
 
-def whole(runs: list[Run]) -> list[Run]:
-    """Those that go as far as the first, whose end is the scene's: others end with what is compared."""
-    return [run for run in runs if run.history["time"][-1] >= runs[0].history["time"][-1]]
-
-
 def _ends(evidence: Evidence, section: Section) -> Table:
     """Run-off and height at the end, the paper's beside ours."""
     headings = ["mesh", "run-off [m], paper"]
@@ -64,7 +60,7 @@ def _ends(evidence: Evidence, section: Section) -> Table:
         for name, theirs in (("runoff", paper.RUNOFF), ("height", paper.HEIGHT)):
             row.append(theirs[factor])
             for setting, prefix in SETTINGS.items():
-                runs = whole(packs(evidence, prefix, factor))
+                runs = whole(packs(evidence, prefix, factor), evidence.run(f"{prefix}fine"))
                 values = [float(run.history[name][-1]) for run in runs]
                 row.append(_spread(values))
                 far[setting] += [float(abs(np.mean(values) / theirs[factor] - 1.0))] if values else []
@@ -106,7 +102,7 @@ def _errors(evidence: Evidence, setting: str, prefix: str, section: Section) -> 
         runs = packs(evidence, prefix, factor)
         if not runs:
             continue
-        behaviour.append(_behaviour(mesh, whole(runs), end))
+        behaviour.append(_behaviour(mesh, whole(runs, fine), end))
         if factor == 1:
             continue
         error = mean_errors([errors(run, fine) for run in runs])

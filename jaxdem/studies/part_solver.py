@@ -21,8 +21,8 @@ def solver_part(evidence: Evidence) -> Section:
     """Loss before and after, cost, and the coarse runs beside those with what the training began with."""
     section = Section("solver", "Trained through the solver")
     section.text.append(
-        "The filtered closure and a subgrid stress that begins as none, trained through coarse runs that follow the fine training "
-        "injection, each alone and both together; no run of injection.toml is in it. With the stress the loss has the fluid in it too, so "
+        "Filtered closures and a subgrid stress that begins as none, trained through coarse runs on the sharp fluid that follow the "
+        "fine training injection, each alone and both together; no run of injection.toml is in it. With the stress the loss has the fluid in it too, so "
         "that losses are comparable where the same is trained. Nothing is learned for the gradient stress, which has the "
         "coefficients of a smooth flow."
     )
@@ -74,6 +74,7 @@ def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
             [
                 spec.name,
                 " and ".join(spec.trained),
+                spec.start or "none",
                 spec.settings.method,
                 " x ".join(str(n) for n in spec.overrides["fluid.cells"]),
                 ", ".join(str(n) for n in spec.settings.horizons or ()),
@@ -85,7 +86,7 @@ def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
             ]
         )
     headings = [
-        "closure", "trained", "method", "cells", "horizons [outputs]", "updates", "skipped", "loss before", "loss after", "time [s]",
+        "closure", "trained", "begun with", "method", "cells", "horizons [outputs]", "updates", "skipped", "loss before", "loss after", "time [s]",
     ]  # fmt: skip
     note = (
         "Loss of the training injection over the longest horizon, mean of the runs from its first frame and from the last that leaves "

@@ -66,24 +66,23 @@ def make_dataset(
         coarsen: factors of the mesh; 1 is the run's own mesh.
         progress: called with the samples done and their number, all factors together.
         every: use every so many-th sample.
-        overrides: keys of `SEEING` in which the coarse runs differ from the fine one.
+        overrides: keys of `SEEING` in which the coarse runs differ from the fine one; without effect on a factor of 1.
 
     Raises:
         InputError: the run has no samples, a factor is not usable, or another key is to differ.
     """
     source = load_run(run)
     samples = _samples(source)
-    for key in overrides or ():
+    for key, value in (overrides or {}).items():
         if not key.startswith(SEEING):
-            raise InputError(
-                key, (overrides or {})[key], f"a dataset has {' and '.join(SEEING)} to set", "leave it out"
-            )
-    scene = load_scene(source.scene, overrides)
+            raise InputError(key, value, f"a dataset has {' and '.join(SEEING)} to set", "leave it out")
+    scene, coarse_scene = load_scene(source.scene), load_scene(source.scene, overrides)
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
         raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "for example 1,2,4,8")
     groups, done, numbers = {}, 0, range(0, len(samples.times), every)
     for factor in coarsen:
-        view = CoarseView(scene, factor)
+        # The run's own mesh is seen as the run saw it: its forces belong to that.
+        view = CoarseView(scene if factor == 1 else coarse_scene, factor)
         collected = []
         for number in numbers:
             collected.append(view.rows(samples.frame(number), float(samples.times[number])))
@@ -98,7 +97,7 @@ def make_dataset(
         "dynamic_viscosity": scene.fluid.density * scene.fluid.viscosity,
         "dimension": scene.dimension,
         "run": Path(run).name,
-        "scene_toml": scene.to_toml() if overrides else source.scene_toml,
+        "scene_toml": coarse_scene.to_toml() if overrides else source.scene_toml,
     }
     write_dataset(out, attributes, groups)
 
