@@ -216,7 +216,8 @@ def test_an_inlet_brings_the_momentum_of_its_patch_on_any_mesh(cells, upper):
     brought = np.sum(rate[1:-1]) * grid.cell_volume + direction * np.sum(through[0] ** 2) * area
     assert brought == pytest.approx(direction * 9.0 * 0.68**others, rel=1e-12)
     sucked = np.asarray(rates(tuple(-u for u in faces))[0])
-    np.testing.assert_allclose(sucked[1:-1], 0.0, atol=1e-12)  # nothing is known of how the flow narrows to the patch
+    # Where it sucks nothing is known of how the flow narrows to the patch.
+    np.testing.assert_allclose(sucked[1:-1], 0.0, atol=1e-12)
 
 
 def test_only_inlets_that_end_within_faces_have_more_momentum_than_their_mean():
