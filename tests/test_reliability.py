@@ -21,7 +21,7 @@ from jaxdem.closures.network import PaperNetwork
 from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory
 from jaxdem.magnitudes import check_magnitudes
-from jaxdem.particles.cells import MOST_CELLS, CellGrid
+from jaxdem.particles.cells import OWN_COLUMNS, CellGrid
 from jaxdem.report import style
 from jaxdem.report.comparison import Comparison, Row, write_csv
 from jaxdem.restart import origin, require_same_origin
@@ -182,10 +182,11 @@ def test_a_device_is_no_scene():
 
 
 def test_a_few_grains_in_a_vast_box_do_not_fill_the_memory_with_cells():
-    shape = CellGrid((1e3, 1e3, 1e3), (False,) * 3, 1e-3).shape
-    assert np.prod(shape) <= MOST_CELLS
-    assert min(shape) > 100
-    assert CellGrid((1.0, 1.0), (False, False), 0.1).shape == (10, 10)
+    vast = CellGrid((1e3, 1e3, 1e3), (False,) * 3, 1e-3, 20)
+    assert min(vast.shape) > 10_000
+    assert vast.columns == OWN_COLUMNS
+    plain = CellGrid((1.0, 1.0), (False, False), 0.1, 20)
+    assert plain.shape == (10, 10) and plain.columns == 12 * 12
 
 
 def test_a_closure_with_a_weight_that_is_not_a_number_is_refused(tmp_path):

@@ -4,10 +4,16 @@ The list is that of jax-md's `update`, in a fifth of the time: a cell keeps its 
 table, filled by one scatter-minimum per row; a particle marks those of the cells around it that are in reach
 as bits of a word per cell; and slot k of its list is the k-th bit that is set. Nothing is sorted, and only as
 many numbers are scattered as there are particles.
+
+In a large box that is nearly empty there are far more cells than particles. There the table has fewer columns, and
+far cells share one: the distance tells their particles apart. A cell finds its column by a sum of its indices
+times multipliers, modulo the number of columns (a lattice as of N. M. Korobov, Dokl. Akad. Nauk SSSR 124 (1959)
+1207-1210), which is as quick as a row-major index and keeps cells apart that are near each other.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from typing import NamedTuple
@@ -21,8 +27,20 @@ from jaxdem.particles.vectors import Vector
 WORD = 32
 """Bits of a word; a cell with more slots takes several words."""
 
-MOST_CELLS = 2**24
-"""A few grains of sand in a box of metres would have more cells than memory holds, nearly all of them empty."""
+MOST_PER_AXIS = 2**16
+"""Cells along an axis; beyond, the rounding of a position in float32 would be a part of a cell that matters."""
+
+OWN_COLUMNS = 2**17
+"""Up to so many cells each has a column of its own, ..."""
+
+COLUMNS_PER_PARTICLE = 8
+"""... and up to so many times the number of particles; with more, cells share columns."""
+
+STRANGERS = 2
+"""Room for particles of other cells where cells share columns."""
+
+APART = 12
+"""Two cells nearer than so many cells along every axis never share a column."""
 
 
 class CellGrid(NamedTuple):
@@ -32,21 +50,30 @@ class CellGrid(NamedTuple):
         box: side lengths [m].
         periodic: whether each axis is periodic.
         reach: pairs nearer than this are listed [m].
+        particles: their number, which says how many columns of the table are worth their memory.
     """
 
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
     reach: float
+    particles: int
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of cells along each axis; wider cells where there would be more than `MOST_CELLS`."""
-        width = self.reach
-        while True:
-            shape = tuple(max(1, math.floor(length / width)) for length in self.box)
-            if math.prod(shape) <= MOST_CELLS:
-                return shape
-            width *= 1.25
+        """Number of cells along each axis."""
+        return tuple(min(MOST_PER_AXIS, max(1, math.floor(length / self.reach))) for length in self.box)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of the table: that of the cells, or a power of two where cells share them."""
+        cells = math.prod(self.padded_shape)
+        most = max(OWN_COLUMNS, COLUMNS_PER_PARTICLE * self.particles)
+        return cells if cells <= most else 2 ** math.ceil(math.log2(most))
+
+    @property
+    def shares(self) -> bool:
+        """Whether far cells share columns."""
+        return self.columns < math.prod(self.padded_shape)
 
     @property
     def padded_shape(self) -> tuple[int, ...]:
@@ -66,7 +93,7 @@ class CellGrid(NamedTuple):
         return tuple(found)
 
     def around(self, cells: Vector) -> Array:
-        """(M, N) flat indices of the M cells in which neighbours are looked for; the own cell is the first."""
+        """(M, N) columns of the M cells in which neighbours are looked for; the own cell is the first."""
         offsets = [_offsets(n, wraps) for n, wraps in zip(self.shape, self.periodic, strict=True)]
         rows = []
         for offset in itertools.product(*offsets):
@@ -78,20 +105,28 @@ class CellGrid(NamedTuple):
         return jnp.stack(rows)
 
     def flat(self, cells: Vector) -> Array:
-        """(N,) row-major index in the padded grid."""
+        """(N,) column of the table: the row-major index in the padded grid, or one shared with far cells."""
+        if self.shares:
+            multipliers = _multipliers(len(self.box), self.columns)
+            terms = [
+                cell.astype(jnp.uint32) * jnp.uint32(m) for cell, m in zip(cells, multipliers, strict=True)
+            ]
+            # Of a power of two the overflow of 32 bits is a multiple.
+            return (functools.reduce(jnp.add, terms) & jnp.uint32(self.columns - 1)).astype(jnp.int32)
         index = cells[0]
         for cell, n in zip(cells[1:], self.padded_shape[1:], strict=True):
             index = index * n + cell
         return index
 
     def largest_occupancy(self, position: Vector) -> int:
-        """Largest number of particles in a cell; not jittable."""
+        """Largest number of particles in a column; not jittable."""
         return int(np.bincount(np.asarray(self.flat(self.cells(position)))).max(initial=0))
 
     def dense_occupancy(self, spacing: float) -> int:
-        """Number of particles in a cell where they fill a square lattice of this spacing [m]."""
+        """Number of particles in a column where they fill a square lattice of this spacing [m]."""
         widths = (length / n for length, n in zip(self.box, self.shape, strict=True))
-        return math.prod(math.floor(width / spacing) + 1 for width in widths)
+        dense = math.prod(math.floor(width / spacing) + 1 for width in widths)
+        return dense + STRANGERS if self.shares else dense
 
 
 def neighbors_in_cells(
@@ -103,7 +138,7 @@ def neighbors_in_cells(
         grid: the cells.
         position: D arrays (N,) [m].
         slots: K, room for neighbours of a particle.
-        cell_slots: room for particles in a cell.
+        cell_slots: room for particles in a column.
         active: (N,) bool, which particles there are; all if None. The others are in no cell and reach nobody.
 
     Returns:
@@ -113,7 +148,7 @@ def neighbors_in_cells(
     cells = grid.cells(position)
     home = grid.flat(cells)
     if active is not None:
-        home = jnp.where(active, home, math.prod(grid.padded_shape))  # beyond the last cell
+        home = jnp.where(active, home, grid.columns)  # beyond the last one
         position = tuple(jnp.where(active, x, jnp.nan) for x in position)
     table, crowded = _table(grid, home, cell_slots)
     around = grid.around(cells)
@@ -148,16 +183,28 @@ def _offsets(cells: int, periodic: bool) -> tuple[int, ...]:
     return (0, -1, 1)[:cells]
 
 
+@functools.cache
+def _multipliers(dimension: int, columns: int) -> tuple[int, ...]:
+    """1, a, a^2 modulo the columns, of the first odd a from the golden section down that keeps near cells apart."""
+    steps = np.indices((2 * APART + 1,) * dimension).reshape(dimension, -1) - APART
+    steps = steps[:, np.any(steps != 0, axis=0)]
+    for a in range(2 * round(columns * (math.sqrt(5.0) - 1.0) / 4.0) + 1, 1, -2):
+        multipliers = tuple(pow(a, power, columns) for power in range(dimension))
+        if np.all(np.mod(np.array(multipliers) @ steps, columns)):
+            return multipliers
+    raise AssertionError(f"no multipliers for {columns} columns")  # pragma: no cover
+
+
 def _table(grid: CellGrid, home: Array, cell_slots: int) -> tuple[Array, Array]:
-    """(cell_slots, cells) the particles in every cell, in order, N where there is none; and whether all fit."""
+    """(cell_slots, columns) the particles of every column, in order, N where there is none; and whether all fit."""
     count = home.shape[0]
-    own, cells = jnp.arange(count, dtype=jnp.int32), math.prod(grid.padded_shape)
-    left, rows = home, []  # those without a place yet; the others are sent to a cell beyond the last
+    own, columns = jnp.arange(count, dtype=jnp.int32), grid.columns
+    left, rows = home, []  # those without a place yet; the others are sent to a column beyond the last
     for _ in range(cell_slots):
-        row = jnp.full((cells + 1,), count, jnp.int32).at[left].min(own)
-        left = jnp.where(row[left] == own, cells, left)
-        rows.append(row[:cells])
-    return jnp.stack(rows), jnp.any(left < cells)
+        row = jnp.full((columns + 1,), count, jnp.int32).at[left].min(own)
+        left = jnp.where(row[left] == own, columns, left)
+        rows.append(row[:columns])
+    return jnp.stack(rows), jnp.any(left < columns)
 
 
 def _words(grid: CellGrid, position: Vector, own: Array, table: Array, around: Array) -> Array:

@@ -141,7 +141,10 @@ class NeighborSearch:
     def __init__(self, geometry: NeighborGeometry, radius: Array):
         self.geometry = geometry
         self.radius = radius
-        self._grid = CellGrid(geometry.box, geometry.periodic, geometry.cutoff + geometry.skin)
+        self._reach = geometry.cutoff + geometry.skin
+
+    def _cells(self, position: Vector) -> CellGrid:
+        return CellGrid(self.geometry.box, self.geometry.periodic, self._reach, position[0].shape[0])
 
     def allocate(
         self,
@@ -187,7 +190,9 @@ class NeighborSearch:
             pairs, blank = Pairs(none, none, index), jnp.zeros(0, position[0].dtype)
             separation, overlap = (blank,) * len(position), blank
         else:
-            index, crowded = neighbors_in_cells(self._grid, position, room.slots, room.cell, active)
+            index, crowded = neighbors_in_cells(
+                self._cells(position), position, room.slots, room.cell, active
+            )
             pairs, too_many = pairs_of(index, room.pairs)
             overflow = overflow | crowded | too_many
             separation, overlap = self._pair_geometry(pairs, position, low)
@@ -222,12 +227,13 @@ class NeighborSearch:
         if count < 2:
             return Room(0, 0, 1)
         present = position if active is None else tuple(x[np.asarray(active)] for x in position)
-        crowd = max(self._grid.largest_occupancy(present), self._grid.dense_occupancy(self.geometry.cutoff))
+        cells = self._cells(position)
+        crowd = max(cells.largest_occupancy(present), cells.dense_occupancy(self.geometry.cutoff))
         usual, each = USUAL_SLOTS[dimension], USUAL_PAIRS[dimension]
         if active is not None:  # what stands there at the start tells nothing of those who come
-            usual = math.ceil(EXTRA_CAPACITY * self._crowd(self._grid.reach))
-            each = max(each, 0.5 * self._crowd(self._grid.reach))
-            widths = (length / n for length, n in zip(self.geometry.box, self._grid.shape, strict=True))
+            usual = math.ceil(EXTRA_CAPACITY * self._crowd(self._reach))
+            each = max(each, 0.5 * self._crowd(self._reach))
+            widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
             crowd = max(crowd, self._crowd(0.6 * max(widths)))
         found, slots = self._found_by_jax_md(present)
         everyone = count * (count - 1) // 2
@@ -249,7 +255,7 @@ class NeighborSearch:
         if count < 2:  # jax-md does not handle no particles
             return 0, 0
         partition, geometry = _import_partition(), self.geometry
-        reach = self._grid.reach
+        reach = self._reach
         # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.
         margin = np.where(geometry.periodic, 0.0, 2.0 * reach)
         side = np.maximum(

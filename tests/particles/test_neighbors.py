@@ -8,10 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from benchmarks.cases.lists import listed_pairs
 from benchmarks.cases.worlds import constants, track, world
 from jaxdem.particles import loop
+from jaxdem.particles.cells import OWN_COLUMNS, CellGrid, neighbors_in_cells
 from jaxdem.particles.neighbors import Room, carry_history
 from jaxdem.particles.pairs import Pairs
 
@@ -54,6 +56,40 @@ def test_a_list_that_is_never_rebuilt_fails(trajectory, monkeypatch):
     end, seen = track(gas(True), 1e-5, 120, 5)
     assert int(end.neighbors.builds) == 1
     assert np.abs(seen.position - trajectory[1].position).max() > 1e-3
+
+
+@pytest.mark.parametrize("periodic", [(False, False, False), (True, False, True)])
+def test_a_list_whose_cells_share_columns_is_complete(periodic):
+    """10,000 spheres in a box of many more cells than the table has columns, in a clump and thinly all over: SciPy's pairs."""
+    generator = np.random.default_rng(4)
+    box, reach = (1.7, 1.5, 1.6), 0.024
+    position = generator.uniform(0.0, 1.0, (10_000, 3)) * np.array(box)
+    position[:2000] = position[:2000] * 0.12 + np.where(periodic, 0.94, 0.2) * np.array(box)
+    position = np.where(periodic, np.mod(position, box), position)
+    grid = CellGrid(box, periodic, reach, len(position))
+    assert grid.shares and grid.columns == OWN_COLUMNS
+    columns = tuple(jnp.asarray(x) for x in position.T)
+    room = grid.largest_occupancy(columns)
+    index, crowded = jax.jit(lambda x: neighbors_in_cells(grid, x, 60, room))(columns)
+    assert not crowded
+    found = {(i, int(j)) for row in np.asarray(index) for i, j in enumerate(row) if i != j}
+    # SciPy takes a period of zero for none.
+    expected = KDTree(position, boxsize=np.where(periodic, box, 0.0)).query_pairs(
+        reach, output_type="ndarray"
+    )
+    assert len(expected) > 10_000
+    assert found == {(int(i), int(j)) for a, b in expected for i, j in ((a, b), (b, a))}
+
+
+def test_near_cells_never_share_a_column():
+    """Every two of 7 x 7 x 7 cells, anywhere; a pair of cells around a particle that did would list its pairs twice."""
+    for most in (10, 100_000):
+        grid = CellGrid((3.0, 3.0, 3.0), (False,) * 3, 0.005, most)
+        block = np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), -1).reshape(-1, 3)
+        for corner in ((1, 1, 1), (500, 3, 77), (590, 590, 590)):
+            flat = np.asarray(grid.flat(tuple(jnp.asarray(c, jnp.int32) for c in (block + corner).T)))
+            assert len(set(flat.tolist())) == len(block)
+            assert flat.min() >= 0 and flat.max() < grid.columns
 
 
 # --- History ------------------------------------------------------------------------------------------------
