@@ -18,6 +18,7 @@ from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.koch_hill import KochHill
 from jaxdem.errors import InputError
+from jaxdem.products import PRECISION
 
 ROWS_AT_ONCE = 5000
 """Particles that a network treats at once on a CPU: what passes between its layers then stays in the cache."""
@@ -76,8 +77,8 @@ class Perceptron(linen.Module):
     def __call__(self, values: Array) -> Array:
         """(..., inputs) to (..., outputs)."""
         for width in self.hidden:
-            values = ACTIVATIONS[self.activation](linen.Dense(width)(values))
-        return linen.Dense(self.outputs)(values)
+            values = ACTIVATIONS[self.activation](linen.Dense(width, precision=PRECISION)(values))
+        return linen.Dense(self.outputs, precision=PRECISION)(values)
 
 
 def initial_weights(network: Perceptron, inputs: int, seed: int, zero_last: bool = False) -> dict[str, Any]:

@@ -26,6 +26,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.particles.integrate import ParticleProperties
+from jaxdem.products import PRECISION
 
 TAIL_TIMES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 40.0, 190.0, 1000.0, 6500.0, 50000.0])
 TAIL_FACTORS = np.array(
@@ -86,7 +87,7 @@ class Basset:
         far = 0.75 * scale * (np.expm1(-rate) / rate) ** 2 * np.exp(-(self.window - 1) * rate)
 
         def weighted(weights: np.ndarray, values: Array) -> Array:
-            return jnp.tensordot(jnp.asarray(weights, values.dtype), values, axes=1)
+            return jnp.tensordot(jnp.asarray(weights, values.dtype), values, axes=1, precision=PRECISION)
 
         return weighted(near, history.changes) + weighted(far, history.tail)
 

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, share_to_faces
+from jaxdem.products import PRECISION, along_axis
 
 
 class KernelWidth(NamedTuple):
@@ -99,7 +100,7 @@ def deposit(grid: Grid, weights: Weights, quantity: Array) -> Array:
 def interpolate(weights: Weights, cells: tuple[Array, ...]) -> Array:
     """Cell fields at the particles, sum_c w_pc f_c: (N, number of fields)."""
     table = jnp.stack([_smoothed(weights, c).reshape(-1) for c in cells], axis=1)
-    return jnp.einsum("ns,nsk->nk", weights.weight, table[weights.index])
+    return jnp.einsum("ns,nsk->nk", weights.weight, table[weights.index], precision=PRECISION)
 
 
 def deposit_on_faces(grid: Grid, weights: Weights, quantity: Array) -> FaceField:
@@ -118,7 +119,7 @@ def interpolate_faces(weights: Weights, faces: FaceField) -> Array:
 
 def _smoothed(weights: Weights, field: Array) -> Array:
     for axis, matrix in enumerate(weights.smoothing or ()):
-        field = jnp.moveaxis(jnp.tensordot(matrix, field, axes=(1, axis)), 0, axis)
+        field = along_axis(matrix, field, axis)
     return field
 
 

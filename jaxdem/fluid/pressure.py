@@ -18,6 +18,7 @@ from jax import Array, lax
 from jaxdem.fluid.boundary import Boundary, open_fraction
 from jaxdem.fluid.grid import FaceField, Grid, along, divergence
 from jaxdem.fluid.transforms import End, Row
+from jaxdem.products import PRECISION
 
 MAXIMUM_ITERATIONS = 200
 
@@ -126,10 +127,10 @@ def _conjugate_gradients(operator, inverse, b, tolerance, centred):  # type: ign
         x, r, p, rz, count = carry
         # The inverse costs most of an iteration, so it is taken at the start: none is left over at the end.
         z = inverse(r)
-        new = jnp.vdot(r, z)
+        new = jnp.vdot(r, z, precision=PRECISION)
         p = z + (new / rz) * p
         ap = operator(p)
-        alpha = new / jnp.vdot(p, ap)
+        alpha = new / jnp.vdot(p, ap, precision=PRECISION)
         return x + alpha * p, r - alpha * ap, p, new, count + 1
 
     zero = jnp.zeros_like(b)

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxdem.fluid.grid import Grid
+from jaxdem.products import along_axis
 
 Field = TypeVar("Field", np.ndarray, Array)
 
@@ -72,4 +72,4 @@ def _face_matrix(fine: int, coarse: int) -> np.ndarray:
 def _apply(matrix: np.ndarray, field: Field, axis: int) -> Field:
     if isinstance(field, np.ndarray):
         return np.moveaxis(np.tensordot(matrix, field, axes=(1, axis)), 0, axis)
-    return jnp.moveaxis(jnp.tensordot(jnp.asarray(matrix, field.dtype), field, axes=(1, axis)), 0, axis)
+    return along_axis(matrix, field, axis)

@@ -22,6 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.products import along_axis
+
 FAST_FROM = 128
 """Cells from which a fast transform takes less time than a product with the matrix of eigenvectors."""
 
@@ -66,7 +68,7 @@ class Row(NamedTuple):
     def to_modes(self, array: Array, axis: int) -> Array:
         """Coefficients along an axis of N cells: the transposed `eigenvectors` times the array."""
         if not self._fast:
-            return _product(self.eigenvectors.T, array, axis)
+            return along_axis(self.eigenvectors.T, array, axis)
         rows = jnp.moveaxis(array, axis, -1)
         if self.ends is None:
             rows = _hartley(rows)
@@ -81,7 +83,7 @@ class Row(NamedTuple):
     def to_cells(self, modes: Array, axis: int) -> Array:
         """The inverse of `to_modes`."""
         if not self._fast:
-            return _product(self.eigenvectors, modes, axis)
+            return along_axis(self.eigenvectors, modes, axis)
         rows = jnp.moveaxis(modes, axis, -1)
         if self.ends is None:
             rows = _hartley(rows)
@@ -103,13 +105,6 @@ class Row(NamedTuple):
     def _alternating(self, rows: Array) -> Array:
         signs = jnp.asarray((-1.0) ** np.arange(self.cells), rows.dtype)
         return signs.reshape((1,) * (rows.ndim - 1) + (-1,))
-
-
-def _product(matrix: np.ndarray, array: Array, axis: int) -> Array:
-    # HIGHEST: some accelerators would multiply float32 in 10 bits otherwise.
-    factor = jnp.asarray(matrix, array.dtype)
-    product = jnp.tensordot(factor, array, axes=(1, axis), precision=lax.Precision.HIGHEST)
-    return jnp.moveaxis(product, 0, axis)
 
 
 def _hartley(rows: Array) -> Array:

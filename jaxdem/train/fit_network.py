@@ -10,17 +10,19 @@ from __future__ import annotations
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax import Array
 from jax.lax import optimization_barrier
 
 from jaxdem.closures.network import ACTIVATIONS
+from jaxdem.products import PRECISION
 
 
 @jax.custom_vjp
 def _product(kernel: Array, columns: Array) -> Array:
     """(outputs, M) of a kernel (inputs, outputs) and columns (inputs, M)."""
     # Without the barrier XLA folds the transposition into the product, which is then the slow kind.
-    return optimization_barrier(kernel.T) @ columns
+    return jnp.matmul(optimization_barrier(kernel.T), columns, precision=PRECISION)
 
 
 def _product_forward(kernel: Array, columns: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -29,7 +31,7 @@ def _product_forward(kernel: Array, columns: Array) -> tuple[Array, tuple[Array,
 
 def _product_backward(kept: tuple[Array, Array], slope: Array) -> tuple[Array, Array]:
     kernel, columns = kept
-    return columns @ slope.T, kernel @ slope
+    return jnp.matmul(columns, slope.T, precision=PRECISION), jnp.matmul(kernel, slope, precision=PRECISION)
 
 
 _product.defvjp(_product_forward, _product_backward)
