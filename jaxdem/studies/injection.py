@@ -44,6 +44,9 @@ SOFT: dict[str, Any] = {"contact.young_modulus": 7e6, "contact.maximum_overlap":
 STIFF: dict[str, Any] = {"contact.young_modulus": 7e7, "contact.maximum_overlap": 0.2}
 """Contacts of the scenes' files: three times the contact steps. Where grains fall far they cannot be softer."""
 
+CONTACTS: dict[str, dict[str, Any]] = {SLAB: STIFF, DILUTE: {}}
+"""Of scenes that have others: soft grains of the slab that the water throws to the ceiling overlap by more than they may."""
+
 CELLS: dict[str, dict[int, list[int]]] = {
     INJECTION: {2: [150, 25], 3: [100, 17], 4: [75, 12], 8: [38, 6]},
     SLAB: {2: [150, 1, 25], 4: [75, 1, 12], 8: [38, 1, 6]},
@@ -119,7 +122,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
 
 def planned(name: str, scene: str, overrides: Mapping[str, Any] | None = None) -> RunSpec:
     """A run with the study's contacts, if its overrides do not say otherwise."""
-    contacts = {} if scene == DILUTE else SOFT
+    contacts = CONTACTS.get(scene, SOFT)
     return RunSpec(name, scene, {**contacts, **(overrides or {})})
 
 
