@@ -207,6 +207,29 @@ def test_errors_over_noise_are_ratios_of_time_integrals(evidence):
     )
 
 
+def test_times_are_for_one_machine(evidence):
+    """A run of another device has no run time, and is not drawn over it; its errors count."""
+    run = evidence.run("coarse_4_superbee")
+    assert evidence.wall_time(run) == run.summary["wall_time_s"]
+    elsewhere = dataclasses.replace(evidence, missing={}, _runs=dict(evidence._runs))
+    elsewhere._runs["coarse_4"] = Elsewhere(run)
+    assert elsewhere.wall_time(elsewhere.run("coarse_4")) is None
+    (table, *_) = PARTS["pareto"](elsewhere).tables
+    assert "coarse_4" not in [row[0] for row in table.rows]
+    assert elsewhere.missing["coarse_4"] == "was run on another machine"
+    assert "coarse_8" in [row[0] for row in table.rows]
+
+
+class Elsewhere:
+    """A run of another device."""
+
+    def __init__(self, run):
+        self.run, self.summary = run, {**run.summary, "device": "another"}
+
+    def __getattr__(self, name):
+        return getattr(self.run, name)
+
+
 @pytest.mark.parametrize("name", PARTS)
 def test_every_part_has_tables_and_names_what_is_missing(evidence, name):
     """With runs missing (the slab, all with closures) a part still gives what there is."""

@@ -63,6 +63,13 @@ class Evidence:
             self._runs[name] = run
         return self._runs[name]
 
+    def wall_time(self, run: Run) -> float | None:
+        """Wall time of a run [s]; None where the fine run had another device or another JAX: times are for one machine."""
+        fine = self.run("fine")
+        if fine is not None and _computed_by(run) != _computed_by(fine):
+            return None
+        return float(run.summary["wall_time_s"])
+
     def runs(self, names: Iterable[str]) -> list[Run]:
         """Those of the runs that are there."""
         return [run for name in names if (run := self.run(name)) is not None]
@@ -153,6 +160,11 @@ class Evidence:
             return read_replay(path)
         self.missing[path.stem] = self.problems.get(path.stem, "not made")
         return None
+
+
+def _computed_by(run: Run) -> tuple[str, str]:
+    """Device and version of JAX."""
+    return str(run.summary.get("device")), str(run.summary.get("versions", {}).get("jax"))
 
 
 def _but_for_the_pack(spec: RunSpec) -> tuple[Any, ...]:

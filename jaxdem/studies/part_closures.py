@@ -87,7 +87,7 @@ def _coarse_runs(evidence: Evidence) -> list[Table]:
                     given[0],
                     final[1],
                     given[1],
-                    float(run.summary["wall_time_s"]),
+                    evidence.wall_time(run),
                     outside,
                 ]
             )

@@ -181,14 +181,14 @@ def _costs(evidence: Evidence) -> Table:
                     f.stat().st_size for f in run.path.rglob("*") if f.is_file() and f.stem != "samples"
                 )
             row += [
-                None if run is None else float(run.summary["wall_time_s"]),
+                None if run is None else evidence.wall_time(run),
                 None if size is None else size / 1e9,
             ]
         rows.append(row)
     headings = ["mesh", "time [s], paper", "storage [GB], paper"]
     headings += [f"{what}, {setting}" for setting in SETTINGS for what in ("time [s]", "storage [GB]")]
     note = (
-        "The paper's on four cores, ours on one core each, or on all for one process at a time; training samples are not "
+        "The paper's on four cores, ours on one core each, or on all for one process at a time, and none from another machine; training samples are not "
         f"counted as storage. {evidence.sharing}"
     )
     return Table("Run time and storage", headings, rows, note)

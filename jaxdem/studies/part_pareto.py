@@ -33,7 +33,7 @@ def pareto_part(evidence: Evidence) -> Section:
         section.tables.append(table)
         if points:
             picture = evidence.out / f"pareto_{prefix or 'injection_'}"
-            reference = _time_per_second(evidence.runs([f"{prefix}fine"])[0])
+            reference = _time_per_second(evidence, evidence.runs([f"{prefix}fine"])[0])
             draw(points, reference, picture.with_name(picture.name.rstrip("_") + ".png"), words)
     section.missing = dict(evidence.missing)
     return section
@@ -43,9 +43,10 @@ Point = tuple[str, float, dict[str, float], float]
 """Name, run time over simulated time [-], error over noise by metric, training over the simulated time of a run [-]."""
 
 
-def _time_per_second(run: Run) -> float:
-    """Run time over simulated time [-]: runs that only errors are taken of end earlier than others."""
-    return float(run.summary["wall_time_s"]) / float(run.history["time"][-1])
+def _time_per_second(evidence: Evidence, run: Run) -> float:
+    """Run time over simulated time [-]: runs that only errors are taken of end earlier than others. NaN from another machine."""
+    seconds = evidence.wall_time(run)
+    return math.nan if seconds is None else seconds / float(run.history["time"][-1])
 
 
 def runs_of(evidence: Evidence, prefix: str) -> list[str]:
@@ -83,7 +84,10 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         run, error = evidence.run(name), evidence.errors(name, f"{prefix}fine")
         if run is None or error is None:
             continue
-        seconds, ratio = _time_per_second(run), over(error, floor)
+        seconds, ratio = _time_per_second(evidence, run), over(error, floor)
+        if math.isnan(seconds):
+            evidence.missing[name] = "was run on another machine"
+            continue
         training = evidence.training_of(name)
         cells = " x ".join(str(n) for n in run.cells or ())
         rows.append(
@@ -106,7 +110,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         [
             f"{prefix}fine, noise [%]",
             size,
-            _time_per_second(fine),
+            _time_per_second(evidence, fine),
             None,
             *noise,
             None,
