@@ -31,7 +31,7 @@ from jaxdem.coupling.virtual_mass import FluidMemory
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
-from jaxdem.fluid.advection import Central, Superbee, Upwind, VanLeer
+from jaxdem.fluid.advection import Central, CentralFourth, Superbee, Upwind, VanLeer
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile
@@ -64,7 +64,13 @@ ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": Elas
 LIFT_LAWS: dict[str, Any] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
 MOST_KERNEL_CELLS = 8000
 """A cube of 20: each takes some operations of the program, which would not be compiled within minutes."""
-ADVECTION: dict[str, Any] = {"limited": VanLeer, "superbee": Superbee, "central": Central, "upwind": Upwind}
+ADVECTION: dict[str, Any] = {
+    "limited": VanLeer,
+    "superbee": Superbee,
+    "central": Central,
+    "central_4": CentralFourth,
+    "upwind": Upwind,
+}
 
 
 def build(

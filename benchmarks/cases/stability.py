@@ -415,6 +415,8 @@ def limits() -> dict[str, Callable[[], Limit]]:
         "diagonal stream, superbee": ((1.0, 1.0), 1e-6, "superbee"),
         "stream along x, central": ((1.0, 0.0), 1e-6, "central"),
         "diagonal stream, central": ((1.0, 1.0), 1e-6, "central"),
+        "stream along x, central_4": ((1.0, 0.0), 1e-6, "central_4"),
+        "diagonal stream, central_4": ((1.0, 1.0), 1e-6, "central_4"),
         "eddies, viscous": ((0.0, 0.0), 1.0, "limited"),
     }
     for name, settings in streams.items():

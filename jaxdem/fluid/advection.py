@@ -21,6 +21,11 @@ class AdvectionScheme(Protocol):
         """Of the Runge-Kutta method that carries it."""
         ...
 
+    @property
+    def upstream(self) -> float:
+        """Weight of what the control volume upstream of a surface says; the other one has the rest [-]."""
+        ...
+
     def to_surfaces(self, behind: Array, ahead: Array) -> tuple[Array, Array]:
         """What a control volume's value loses down to its lower and gains up to its upper surface.
 
@@ -35,6 +40,7 @@ class Upwind:
     """First-order upwind: the value of the control volume that the flow comes from."""
 
     stages: Literal[2, 3] = dataclasses.field(default=2, init=False)
+    upstream: float = dataclasses.field(default=1.0, init=False)
 
     def to_surfaces(self, behind: Array, ahead: Array) -> tuple[Array, Array]:
         """Zero."""
@@ -47,6 +53,7 @@ class Limited(abc.ABC):
     """Second-order upwind with one slope in a control volume, so limited that there are no new extrema."""
 
     stages: Literal[2, 3] = dataclasses.field(default=2, init=False)
+    upstream: float = dataclasses.field(default=1.0, init=False)
 
     @abc.abstractmethod
     def slope(self, behind: Array, ahead: Array) -> Array:
@@ -106,10 +113,32 @@ class Central:
     """
 
     stages: Literal[2, 3] = dataclasses.field(default=3, init=False)
+    upstream: float = dataclasses.field(default=1.0, init=False)
 
     def to_surfaces(self, behind: Array, ahead: Array) -> tuple[Array, Array]:
         """Half of the difference to the neighbour there."""
         return 0.5 * behind, 0.5 * ahead
+
+
+@dataclasses.dataclass(frozen=True)
+class CentralFourth:
+    """The mean over a surface of the cubic that has the means of the two control volumes to either side of it.
+
+    (7 (u_0 + u_1) - (u_-1 + u_2)) / 12: the error of `Central`, which lets waves of four cells run at two thirds of their
+    speed, is of fourth order here, and they run at 0.85 of it. No numerical viscosity either, and the fastest waves
+    run 1.37 times as fast as on `Central`, so that the limit of the Courant number is so much lower. What it carries out of a
+    control volume is not what it carries into the next but for a constant stream, so that it does not keep the energy: two per
+    cent more weight upstream take from waves of two cells what they gain (with a half they grow by half in 2,400 steps).
+
+    Source: P. Colella, P. R. Woodward, J. Comput. Phys. 54 (1984) 174-201, eq. 1.9 on equal cells.
+    """
+
+    stages: Literal[2, 3] = dataclasses.field(default=3, init=False)
+    upstream: float = dataclasses.field(default=0.51, init=False)
+
+    def to_surfaces(self, behind: Array, ahead: Array) -> tuple[Array, Array]:
+        """A third of the difference to the neighbour there and a sixth of the other: the mean of both sides is the cubic's."""
+        return behind / 3.0 + ahead / 6.0, ahead / 3.0 + behind / 6.0
 
 
 def advection(
@@ -141,7 +170,7 @@ def advection(
         for axis in range(grid.dimension):
             padded = with_ghosts(grid, boundary, side_velocity, component, which, axis, time)
             carrier = _flux_through_control_surfaces(grid, flux, which, axis)
-            transported = carrier * _upwind_value(scheme, padded, carrier, axis)
+            transported = carrier * _surface_value(scheme, padded, carrier, axis)
             if which == axis:
                 transported = _with_inlet_momentum(grid, boundary, transported, flux[axis], component, axis)
             difference = along(transported, axis, 1, None) - along(transported, axis, None, -1)
@@ -150,14 +179,17 @@ def advection(
     return tuple(result)
 
 
-def _upwind_value(scheme: AdvectionScheme, padded: Array, carrier: Array, axis: int) -> Array:
+def _surface_value(scheme: AdvectionScheme, padded: Array, carrier: Array, axis: int) -> Array:
     """Values on the surfaces between the second and the last but one entry of an array padded by two."""
     difference = along(padded, axis, 1, None) - along(padded, axis, None, -1)
     down, up = scheme.to_surfaces(along(difference, axis, None, -1), along(difference, axis, 1, None))
     centre = along(padded, axis, 1, -1)
     from_below = along(centre + up, axis, None, -1)
     from_above = along(centre - down, axis, 1, None)
-    return jnp.where(carrier > 0, from_below, from_above)
+    value = jnp.where(carrier > 0, from_below, from_above)
+    if scheme.upstream == 1.0:
+        return value
+    return scheme.upstream * value + (1.0 - scheme.upstream) * jnp.where(carrier > 0, from_above, from_below)
 
 
 def _with_inlet_momentum(

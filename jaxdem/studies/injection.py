@@ -96,6 +96,9 @@ NARROW: dict[str, Any] = {"coupling.kernel_width": {"diameters": 1.5, "cells": 0
 SHARP: dict[str, Any] = {"fluid.advection": "central", **NARROW}
 """A coarse fluid that smears less: of its own momentum, and of what the particles do to it."""
 
+FOURTH: dict[str, Any] = {**SHARP, "fluid.advection": "central_4"}
+"""The same with eddies of a few cells that run at nearly their speed."""
+
 FLUID_VARIANTS: dict[str, dict[str, Any]] = {
     "upwind": {"fluid.advection": "upwind"},
     "smagorinsky": {"fluid.smagorinsky": 0.15},
@@ -294,13 +297,18 @@ def solver_runs() -> list[RunSpec]:
     for factor in FACTORS:
         sharp = varied(briefly(COARSE[factor]), "sharp", SHARP)
         found += [sharp, sharp.with_closure("filtered")]
+        fourth = varied(briefly(COARSE[factor]), "fourth", FOURTH)
+        found += [fourth, fourth.with_closure("filtered")]
         if factor == 4:
             # What is said of closures at 16 cm rests on three packs.
-            packs = jittered(sharp)
+            packs = [*jittered(sharp), *jittered(fourth)]
             found += [*packs, *(run.with_closure("filtered") for run in packs)]
             others = ("filtered_terms", ENSEMBLE.name, "filtered_narrow", "filtered_narrow_terms")
             found += [sharp.with_closure(name) for name in others]
-            found += [run.with_stress(GRADIENT_STRESS) for run in (sharp, sharp.with_closure("filtered"))]
+            found += [
+                run.with_stress(GRADIENT_STRESS)
+                for run in (sharp, *(one.with_closure("filtered") for one in (sharp, fourth)))
+            ]
             found += [sharp.with_tuned(one) for one in tuned()]
     return found
 

@@ -9,7 +9,7 @@ from jax import lax
 import jaxdem
 from benchmarks.cases.flows import PERIODIC, Flow, random_faces
 from benchmarks.cases.fluid import VISCOSITY, flow_rates, poiseuille
-from jaxdem.fluid.advection import Central, Superbee, Upwind, VanLeer, advection
+from jaxdem.fluid.advection import Central, CentralFourth, Superbee, Upwind, VanLeer, advection
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid, divergence, face_average
 from jaxdem.fluid.inlet import LinearTable
@@ -170,11 +170,13 @@ def energy_of(state):
 
 
 @pytest.mark.parametrize(
-    ("scheme", "low", "high"), [(Central(), 0.99, 1.0), (VanLeer(), 0.3, 0.9)], ids=["central", "limited"]
+    ("scheme", "low", "high"),
+    [(Central(), 0.99, 1.0), (CentralFourth(), 0.98, 1.0), (VanLeer(), 0.3, 0.9)],
+    ids=["central", "central_4", "limited"],
 )
 def test_eddies_of_few_cells_live_on_without_numerical_viscosity(scheme, low, high):
     """Taylor-Green eddies six cells wide, no viscosity: a steady flow of constant energy. In some turns van Leer's limiter
-    takes a good part of it, central advection what the time steps lose."""
+    takes a good part of it, central advection what the time steps lose, and of fourth order a hundredth more."""
     flow = Flow((12, 12), (1.0, 1.0), PERIODIC, scheme=scheme)
     x, y = (2 * np.pi * flow.faces(0)[:, None], 2 * np.pi * flow.centres(1)[None, :])
     start = flow.state(np.sin(x) * np.cos(y), -(np.sin(x) * np.cos(y)).T)
@@ -182,14 +184,36 @@ def test_eddies_of_few_cells_live_on_without_numerical_viscosity(scheme, low, hi
     assert bool(sound) and low < energy_of(state) / energy_of(start) < high
 
 
-def test_waves_of_two_cells_do_not_grow_on_central_advection():
+@pytest.mark.parametrize("scheme", [Central(), CentralFourth()], ids=["central", "central_4"])
+def test_waves_of_two_cells_do_not_grow_on_central_advection(scheme):
     """Random velocities without viscosity for 400 steps: with Heun's method they grow at any time step."""
-    flow = Flow((12, 12), (1.0, 1.0), PERIODIC, scheme=Central())
+    flow = Flow((12, 12), (1.0, 1.0), PERIODIC, scheme=scheme)
     start, _, _ = flow.march(flow.properties(0.0), flow.state(*random_faces(flow.grid)), 1, 1e-9)
     start = start._replace(pressure=jnp.zeros_like(start.pressure))
     fastest = max(float(jnp.max(jnp.abs(u))) for u in start.face_velocity)
     state, _, _ = flow.march(flow.properties(0.0), start, 400, 0.25 / (12 * fastest))
     assert 0.5 < energy_of(state) / energy_of(start) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("scheme", "order"), [(Central(), 2), (CentralFourth(), 4)], ids=["central", "central_4"]
+)
+def test_order_of_central_advection(scheme, order):
+    """The rate at which a uniform stream carries the means over cells of a sine, against the exact one: the error falls
+    by 2^order from 16 to 32 cells."""
+    errors = []
+    for cells in (16, 32):
+        grid = Grid((cells, 1), (1.0, 1.0), 1.0, (True, True))
+        boundary = Boundary(tuple(Side(n // 2, bool(n % 2), "periodic") for n in range(4)))
+        edges = 2 * np.pi * np.arange(cells + 1) / cells
+        mean = np.diff(-np.cos(edges)) * cells / (2 * np.pi)
+        exact = -np.diff(np.sin(edges)) * cells
+        carried = jnp.asarray(np.tile(mean[:, None], 2))
+        flux = (jnp.ones((cells + 1, 1)), jnp.zeros((cells, 2)))
+        velocity, still = (flux[0], carried), (jnp.zeros(2),) * 4
+        rate = advection(grid, boundary, scheme, still, flux, velocity, jnp.asarray(0.0))[1]
+        errors.append(float(np.abs(np.asarray(rate)[:, 0] - exact).max()))
+    assert errors[0] / errors[1] == pytest.approx(2.0**order, rel=0.05)
 
 
 def test_layer_and_rotation():
