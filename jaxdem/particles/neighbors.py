@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from scipy.spatial import KDTree
 
 from jaxdem.particles import compensated, vectors
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
@@ -235,7 +236,7 @@ class NeighborSearch:
             each = max(each, 0.5 * self._crowd(self._reach))
             widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
             crowd = max(crowd, self._crowd(0.6 * max(widths)))
-        found, slots = self._found_by_jax_md(present)
+        found, slots = (self._found_by_scipy if cells.shares else self._found_by_jax_md)(present)
         everyone = count * (count - 1) // 2
         pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
         return Room(max(slots, min(usual, count - 1)), pairs + 1, math.ceil(EXTRA_CAPACITY * crowd))
@@ -248,6 +249,16 @@ class NeighborSearch:
         dimension = len(self.geometry.box)
         mean = float(np.mean(np.asarray(self.radius) ** dimension))
         return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * reach**dimension / mean))
+
+    def _found_by_scipy(self, position: Vector) -> tuple[int, int]:
+        """The same as of jax-md, whose cells would be more than memory holds where columns are shared."""
+        geometry = self.geometry
+        stacked = np.stack([np.asarray(x, float) for x in position], axis=1)
+        inside = np.where(geometry.periodic, np.mod(stacked, np.asarray(geometry.box)), stacked)
+        # A period of zero is none.
+        tree = KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
+        others = tree.query_ball_point(inside, self._reach, return_length=True) - 1
+        return int(others.sum()) // 2, math.ceil(EXTRA_CAPACITY * int(others.max(initial=0)))
 
     def _found_by_jax_md(self, position: Vector) -> tuple[int, int]:
         """Number of pairs at these positions, and the slots that jax-md allocates for the neighbours of a particle."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from benchmarks.cases.lists import listed_pairs
+from benchmarks.cases.lists import listed_pairs, pairs_within
 from benchmarks.cases.worlds import constants, track, world
 from jaxdem.particles import loop
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid, neighbors_in_cells
@@ -79,6 +79,16 @@ def test_a_list_whose_cells_share_columns_is_complete(periodic):
     )
     assert len(expected) > 10_000
     assert found == {(int(i), int(j)) for a, b in expected for i, j in ((a, b), (b, a))}
+
+
+def test_a_few_grains_in_a_box_of_1e14_cells():
+    """Their pairs, by brute force, and the room for them: the cells of such a box would be more than any memory holds."""
+    generator = np.random.default_rng(5)
+    position = 30.0 + generator.uniform(0.0, 0.008, (60, 3))
+    listed = world(position, radius=0.0005, box=(60.0, 60.0, 60.0), walls=False).neighbors
+    pairs = pairs_within(position, 2 * 0.0005 * 1.2, (60.0,) * 3, (False,) * 3)
+    assert len(pairs) > 20 and not listed.overflow
+    assert set(listed_pairs(listed)) == pairs
 
 
 def test_near_cells_never_share_a_column():
