@@ -127,7 +127,7 @@ def _behaviour(mesh: str, runs: list[Run], end: float) -> list[Cell]:
     values = []
     for run in runs:
         history, top = run.history, float(run.scene["domain"]["size"][-1])
-        radius = float(np.max(run.particles(0)["radius"]))
+        radius = float(np.max(run.scene["particles"]["radius"]))
         time = np.asarray(history["time"])
         values.append(
             [
