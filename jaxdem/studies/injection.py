@@ -57,8 +57,9 @@ CELLS: dict[str, dict[int, list[int]]] = {
 }
 """Cells of the coarse meshes, by scene and factor."""
 
-WHOLE_INLET = {"boundary.left.to": 2.0}
-"""Water through all of the left side, as the source study's text may be read."""
+WHOLE_INLET = {"boundary.left.to": 2.0, "time.end": 2.5}
+"""Water through all of the left side, as the source study's text may be read: the front is at the screen after 1.9 s, and two
+seconds later the water presses the grains through it."""
 
 UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
     "speed_1_5": (INJECTION, {"boundary.left.velocity": 1.5}),
@@ -172,7 +173,8 @@ TRAINING = (
 def mesh_runs() -> list[RunSpec]:
     """All meshes, single layer and slab, three packs of the layer; stiff contacts; other drag laws at 8 cm."""
     laws = [varied(COARSE[2], law, {"coupling.drag": law}) for law in ("di_felice", "gidaspow")]
-    whole = [varied(run, "whole_inlet", WHOLE_INLET) for run in (BARE, *(COARSE[n] for n in FACTORS))]
+    whole = [planned("whole_fine", INJECTION, WHOLE_INLET)]
+    whole += [coarse("whole_", INJECTION, factor, WHOLE_INLET) for factor in FACTORS]
     layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
     slab = [SLAB_FINE, jittered(SLAB_FINE)[0], *SLAB_COARSE.values()]
     seeds = [*jittered(FINE), *(run for factor in FACTORS for run in jittered(briefly(COARSE[factor])))]
