@@ -107,7 +107,8 @@ class CellGrid(NamedTuple):
     def flat(self, cells: Vector) -> Array:
         """(N,) column of the table: the row-major index in the padded grid, or one shared with far cells."""
         if self.shares:
-            multipliers = _multipliers(len(self.box), self.columns)
+            periods = tuple(n if wraps else 0 for n, wraps in zip(self.shape, self.periodic, strict=True))
+            multipliers = _multipliers(periods, self.columns)
             terms = [
                 cell.astype(jnp.uint32) * jnp.uint32(m) for cell, m in zip(cells, multipliers, strict=True)
             ]
@@ -184,9 +185,21 @@ def _offsets(cells: int, periodic: bool) -> tuple[int, ...]:
 
 
 @functools.cache
-def _multipliers(dimension: int, columns: int) -> tuple[int, ...]:
-    """1, a, a^2 modulo the columns, of the first odd a from the golden section down that keeps near cells apart."""
-    steps = np.indices((2 * APART + 1,) * dimension).reshape(dimension, -1) - APART
+def _multipliers(periods: tuple[int, ...], columns: int) -> tuple[int, ...]:
+    """1, a, a^2 modulo the columns, of the first odd a from the golden section down that keeps near cells apart.
+
+    Args:
+        periods: cells along every periodic axis, 0 for the others. Cells around one at a side are a period apart, less the
+            steps between them.
+        columns: a power of two.
+    """
+    dimension = len(periods)
+    near = [range(-2, 3), range(-APART, APART + 1)]
+    across = [
+        {*near[0], *(sign * (n - k) for n in [period] if n for k in (1, 2) for sign in (-1, 1))}
+        for period in periods
+    ]
+    steps = np.array([*itertools.product(near[1], repeat=dimension), *itertools.product(*across)]).T
     steps = steps[:, np.any(steps != 0, axis=0)]
     for a in range(2 * round(columns * (math.sqrt(5.0) - 1.0) / 4.0) + 1, 1, -2):
         multipliers = tuple(pow(a, power, columns) for power in range(dimension))

@@ -91,6 +91,19 @@ def test_a_few_grains_in_a_box_of_1e14_cells():
     assert set(listed_pairs(listed)) == pairs
 
 
+def test_cells_around_one_at_a_periodic_side_never_share_a_column():
+    """Around the corners of periodic boxes of 40 shapes, one of which needs other multipliers than its cells alone: a particle in a shared
+    column would be found twice."""
+    generator = np.random.default_rng(6)
+    for shape in generator.integers(52, 400, (40, 3)):
+        grid = CellGrid(tuple(0.01 * shape + 1e-6), (True, True, bool(shape[2] % 2)), 0.01, 10)
+        assert grid.shape == tuple(shape) and grid.shares
+        low = [0 if wraps else 1 for wraps in grid.periodic]
+        corners = np.array([low, low + shape - 1, [low[0], *(low + shape - 1)[1:]]]).T
+        columns = np.asarray(grid.around(tuple(jnp.asarray(c, jnp.int32) for c in corners)))
+        assert all(len(set(column.tolist())) == 27 for column in columns.T)
+
+
 def test_near_cells_never_share_a_column():
     """Every two of 7 x 7 x 7 cells, anywhere; a pair of cells around a particle that did would list its pairs twice."""
     for most in (10, 100_000):
