@@ -176,9 +176,9 @@ class Fluid(Section):
         smagorinsky: coefficient of the subgrid viscosity, 0.1 to 0.2 usually; 0 leaves it out [-].
         subgrid: file of a learned subgrid stress, written by `jaxdem finetune --subgrid`.
         time_step: of the fluid; "auto" is a Courant number of 0.5 at the largest boundary speed, 0.01 s at most [s].
-        advection: "limited" (second order, van Leer), "superbee" (with less numerical viscosity) "central" or
-            "central_4" (second and fourth order, with none, but waves at fronts), these for meshes that hardly resolve the
-            flow, or "upwind" (first order).
+        advection: "limited" (second order, van Leer), "superbee" (with less numerical viscosity), "central" (second order,
+            none, but waves at fronts) or "central_4" (fourth order, hardly any, waves at fronts), these three for meshes that
+            hardly resolve the flow; or "upwind" (first order).
         courant_limit: a fluid step is halved, up to three times, until its Courant number is under this [-].
         velocity: initial interstitial velocity, one number per axis; at rest when not given [m/s].
     """

@@ -40,7 +40,7 @@ STRANGERS = 2
 """Room for particles of other cells where cells share columns."""
 
 APART = 12
-"""Two cells nearer than so many cells along every axis never share a column."""
+"""Two cells nearer than so many cells along every axis never share a column; across a periodic side two around one."""
 
 
 class CellGrid(NamedTuple):
@@ -68,7 +68,7 @@ class CellGrid(NamedTuple):
         """Number of columns of the table: that of the cells, or a power of two where cells share them."""
         cells = math.prod(self.padded_shape)
         most = max(OWN_COLUMNS, COLUMNS_PER_PARTICLE * self.particles)
-        return cells if cells <= most else 2 ** math.ceil(math.log2(most))
+        return cells if cells <= most else min(cells, 2 ** math.ceil(math.log2(most)))
 
     @property
     def shares(self) -> bool:

@@ -66,7 +66,7 @@ class Room(NamedTuple):
     Attributes:
         slots: K, neighbours of a particle; 0 for nothing to list.
         pairs: P, pairs and the empty one.
-        cell: particles in a cell of the search.
+        cell: particles in a column of the search's table.
     """
 
     slots: int
@@ -92,7 +92,7 @@ class Neighbors:
         reference_low: D arrays (N,), trailing part, or Nones in float64.
         overflow: () bool, there were more neighbours or pairs than room; the list is then incomplete.
         builds: () int32, number of builds so far.
-        cell_slots: room for particles in a cell of the search; static.
+        cell_slots: room for particles in a column of the search's table; static.
     """
 
     index: Array
@@ -239,7 +239,9 @@ class NeighborSearch:
         found, slots = (self._found_by_scipy if cells.shares else self._found_by_jax_md)(present)
         everyone = count * (count - 1) // 2
         pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
-        return Room(max(slots, min(usual, count - 1)), pairs + 1, math.ceil(EXTRA_CAPACITY * crowd))
+        # Far fewer grains than a dense pack has in a cell are all that a vast box's wide cells can hold.
+        held = min(math.ceil(EXTRA_CAPACITY * crowd), count)
+        return Room(max(slots, min(usual, count - 1)), pairs + 1, held)
 
     def _crowd(self, reach: float) -> int:
         """How many particles of the mean volume a dense pack has within `reach` [m], `USUAL_SLOTS` at least.
@@ -254,7 +256,9 @@ class NeighborSearch:
         """The same as of jax-md, whose cells would be more than memory holds where columns are shared."""
         geometry = self.geometry
         stacked = np.stack([np.asarray(x, float) for x in position], axis=1)
-        inside = np.where(geometry.periodic, np.mod(stacked, np.asarray(geometry.box)), stacked)
+        wrapped = np.mod(stacked, np.asarray(geometry.box))
+        wrapped = np.where(wrapped < np.asarray(geometry.box), wrapped, 0.0)  # of a hair below zero
+        inside = np.where(geometry.periodic, wrapped, stacked)
         # A period of zero is none.
         tree = KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
         others = tree.query_ball_point(inside, self._reach, return_length=True) - 1

@@ -63,9 +63,9 @@ class Evidence:
             self._runs[name] = run
         return self._runs[name]
 
-    def wall_time(self, run: Run) -> float | None:
-        """Wall time of a run [s]; None where the fine run had another device or another JAX: times are for one machine."""
-        fine = self.run("fine")
+    def wall_time(self, run: Run, reference: str = "fine") -> float | None:
+        """Wall time of a run [s]; None where the reference had another device or another JAX: times are for one machine."""
+        fine = self.run(reference)
         if fine is not None and _computed_by(run) != _computed_by(fine):
             return None
         return float(run.summary["wall_time_s"])

@@ -163,9 +163,7 @@ def _figures(evidence: Evidence) -> Table:
         ["training, recipe filtered [s]", None, evidence.training_seconds("filtered")],
     ]
     run = evidence.run("training_column")
-    rows.append(
-        ["training run [s]", paper.TRAINING_RUN, None if run is None else float(run.summary["wall_time_s"])]
-    )
+    rows.append(["training run [s]", paper.TRAINING_RUN, None if run is None else evidence.wall_time(run)])
     rows.append(
         [
             "drag of a particle, classical [s]",

@@ -33,7 +33,7 @@ def pareto_part(evidence: Evidence) -> Section:
         section.tables.append(table)
         if points:
             picture = evidence.out / f"pareto_{prefix or 'injection_'}"
-            reference = _time_per_second(evidence, evidence.runs([f"{prefix}fine"])[0])
+            reference = _time_per_second(evidence, evidence.runs([f"{prefix}fine"])[0], f"{prefix}fine")
             draw(points, reference, picture.with_name(picture.name.rstrip("_") + ".png"), words)
     section.missing = dict(evidence.missing)
     return section
@@ -43,9 +43,9 @@ Point = tuple[str, float, dict[str, float], float]
 """Name, run time over simulated time [-], error over noise by metric, training over the simulated time of a run [-]."""
 
 
-def _time_per_second(evidence: Evidence, run: Run) -> float:
-    """Run time over simulated time [-]: runs that only errors are taken of end earlier than others. NaN from another machine."""
-    seconds = evidence.wall_time(run)
+def _time_per_second(evidence: Evidence, run: Run, reference: str) -> float:
+    """Run time over simulated time [-]: runs that only errors are taken of end earlier than others. NaN with another device."""
+    seconds = evidence.wall_time(run, reference)
     return math.nan if seconds is None else seconds / float(run.history["time"][-1])
 
 
@@ -84,9 +84,9 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         run, error = evidence.run(name), evidence.errors(name, f"{prefix}fine")
         if run is None or error is None:
             continue
-        seconds, ratio = _time_per_second(evidence, run), over(error, floor)
+        seconds, ratio = _time_per_second(evidence, run, f"{prefix}fine"), over(error, floor)
         if math.isnan(seconds):
-            evidence.missing[name] = "was run on another machine"
+            evidence.missing[name] = "was run on another device than its fine run, or with another JAX"
             continue
         training = evidence.training_of(name)
         cells = " x ".join(str(n) for n in run.cells or ())
@@ -110,7 +110,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         [
             f"{prefix}fine, noise [%]",
             size,
-            _time_per_second(evidence, fine),
+            _time_per_second(evidence, fine, f"{prefix}fine"),
             None,
             *noise,
             None,

@@ -78,6 +78,9 @@ def test_a_list_whose_cells_share_columns_is_complete(periodic):
         reach, output_type="ndarray"
     )
     assert len(expected) > 10_000
+    assert np.count_nonzero(np.asarray(index) != np.arange(len(position))[None]) == 2 * len(
+        expected
+    )  # none twice
     assert found == {(int(i), int(j)) for a, b in expected for i, j in ((a, b), (b, a))}
 
 
@@ -102,6 +105,16 @@ def test_cells_around_one_at_a_periodic_side_never_share_a_column():
         corners = np.array([low, low + shape - 1, [low[0], *(low + shape - 1)[1:]]]).T
         columns = np.asarray(grid.around(tuple(jnp.asarray(c, jnp.int32) for c in corners)))
         assert all(len(set(column.tolist())) == 27 for column in columns.T)
+
+
+def test_a_grain_a_hair_below_a_periodic_side_is_in_a_list_of_shared_columns():
+    """Its image lies on the side itself, to round-off; and 20 grains have room for 20 in a column, however wide it is."""
+    position = np.array([[-1e-17, 1.0, 1.0], [2.9995, 1.0, 1.0], [1.0, 1.0, 1.0]])
+    listed = world(
+        position, radius=0.0005, box=(3.0, 3.0, 3.0), periodic=(True, False, False), walls=False
+    ).neighbors
+    assert set(listed_pairs(listed)) == {(0, 1), (1, 0)}
+    assert listed.room.cell <= 3
 
 
 def test_near_cells_never_share_a_column():

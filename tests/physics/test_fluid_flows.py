@@ -60,6 +60,23 @@ def test_advection_takes_no_momentum_whatever_the_flux(scheme):
         assert abs(inner.sum()) < 1e-13 * np.abs(inner).sum()
 
 
+@pytest.mark.parametrize("scheme", [Central(), CentralFourth()], ids=["central", "central_4"])
+def test_central_advection_between_inlet_outlet_and_walls(scheme):
+    """A plug flow between slippery walls is kept to round-off; a jet between rough ones stays as fast as its inlet allows."""
+    plug = Flow((12, 8), (1.2, 0.8), ("inlet", "outlet", "free_slip", "free_slip"), scheme=scheme)
+    state, _, _ = plug.march(plug.properties(1e-3, {0: [1.0, 0.0]}), plug.state(1.0, 0.0), 40, 0.02)
+    np.testing.assert_allclose(state.face_velocity[0], 1.0, atol=1e-12)
+    jet = Flow(
+        (24, 8), (2.4, 0.8), ("inlet", "outlet", "no_slip", "no_slip"), {0: ((0.2,), (0.5,))}, scheme=scheme
+    )
+    state, worst, sound = jet.march(jet.properties(1e-6, {0: [1.0, 0.0]}), jet.state(), 800, 0.02)
+    assert bool(sound) and float(worst) < 1e-9
+    fastest = max(float(np.abs(np.asarray(u)).max()) for u in state.face_velocity)
+    assert 1.0 <= fastest < 2.5
+    outflow = float(np.sum(np.asarray(state.face_velocity[0])[-1]) * 0.1)
+    assert outflow == pytest.approx(0.3, rel=1e-9)
+
+
 # --- walls ------------------------------------------------------------------------------------------------
 
 
