@@ -52,8 +52,12 @@ BELOW_BUILD = {
     "errors",
     "hdf5",
     "metrics",
+    "products",
 }
 """What `build` puts together: none of it may import `build` or anything above it."""
+
+LEAVES = {"errors", "products"}
+"""Of these, what all may import and what imports nothing of the package itself."""
 
 COMMANDS = {"cli", "cli_networks", "cli_options"}
 """The command line."""
@@ -117,7 +121,7 @@ def parts_imported(module, with_typing=True):
 
 @pytest.mark.parametrize("package", ["particles", "fluid", "closures"])
 def test_particles_fluid_and_closures_know_nothing_of_each_other(package):
-    allowed = {package, "errors"} | ({"hdf5"} if package == "closures" else set())  # its files
+    allowed = {package, *LEAVES} | ({"hdf5"} if package == "closures" else set())  # its files
     for module in MODULES:
         if part(module) == package:
             strange = parts_imported(module) - allowed
@@ -125,10 +129,15 @@ def test_particles_fluid_and_closures_know_nothing_of_each_other(package):
 
 
 def test_coupling_knows_these_three_and_nothing_else():
-    allowed = {"coupling", "particles", "fluid", "closures", "errors"}
+    allowed = {"coupling", "particles", "fluid", "closures", *LEAVES}
     for module in MODULES:
         if part(module) == "coupling":
             assert parts_imported(module) <= allowed, module
+
+
+def test_leaves_know_nothing_of_the_package():
+    for leaf in LEAVES:
+        assert not parts_imported(f"jaxdem.{leaf}")
 
 
 def test_nothing_below_build_imports_build_or_above():

@@ -13,8 +13,12 @@ from jaxdem.studies.plan import TuneSpec
 from jaxdem.studies.subgrid_stress import EDGE, hidden_stress
 from jaxdem.studies.tables import Cell, Section, Table
 
-SHARP = "central, kernels of half a cell"
-"""The coarse fluid of the runs that are called sharp."""
+FLUIDS = {
+    "": "",
+    "_sharp": ", central, kernels of half a cell",
+    "_fourth": ", central of fourth order, kernels of half a cell",
+}
+"""Coarse fluids, by what stands in the names of their runs."""
 
 
 def solver_part(evidence: Evidence) -> Section:
@@ -100,10 +104,10 @@ def _runs(evidence: Evidence, names: Sequence[str]) -> list[tuple[str, str, str]
     planned = evidence.plan.parts["solver"].runs
     drags = {"Koch-Hill": "", **{name: f"_{name}" for name in names}}
     drags["filtered and gradient_stress"] = "_filtered_gradient_stress"
-    drags |= {f"{what}, {SHARP}": f"_sharp{end}" for what, end in drags.items()}
     every = [
-        (mesh, what, f"coarse_{factor}{end}")
+        (mesh, f"{what}{words}", f"coarse_{factor}{fluid}{end}")
         for factor, mesh in list(paper.MESHES.items())[1:]
+        for fluid, words in FLUIDS.items()
         for what, end in drags.items()
     ]
     return [row for row in every if row[2] in planned]
