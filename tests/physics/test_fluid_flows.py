@@ -60,9 +60,9 @@ def test_advection_takes_no_momentum_whatever_the_flux(scheme):
         assert abs(inner.sum()) < 1e-13 * np.abs(inner).sum()
 
 
-@pytest.mark.parametrize("scheme", [Central(), CentralFourth()], ids=["central", "central_4"])
-def test_central_advection_between_inlet_outlet_and_walls(scheme):
+def test_central_advection_between_inlet_outlet_and_walls():
     """A plug flow between slippery walls is kept to round-off; a jet between rough ones stays as fast as its inlet allows."""
+    scheme = CentralFourth()
     plug = Flow((12, 8), (1.2, 0.8), ("inlet", "outlet", "free_slip", "free_slip"), scheme=scheme)
     state, _, _ = plug.march(plug.properties(1e-3, {0: [1.0, 0.0]}), plug.state(1.0, 0.0), 40, 0.02)
     np.testing.assert_allclose(state.face_velocity[0], 1.0, atol=1e-12)
@@ -226,9 +226,7 @@ def test_waves_of_two_cells_do_not_grow_on_central_advection(scheme):
     assert 0.5 < energy_of(state) / energy_of(start) <= 1.0
 
 
-@pytest.mark.parametrize(
-    "scheme", [Central(), CentralFourth(), Upwind()], ids=["central", "central_4", "upwind"]
-)
+@pytest.mark.parametrize("scheme", [CentralFourth(), Upwind()], ids=["central_4", "upwind"])
 def test_a_step_is_of_second_order_in_time(scheme):
     """Eddies that are carried along, on one mesh: halving the step takes the difference from a step 16 times as short to a
     quarter. The pressure of the step before makes it so, also where three stages carry the momentum to third order."""
