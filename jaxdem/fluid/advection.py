@@ -125,12 +125,13 @@ class CentralFourth:
     """The mean over a surface of the cubic that has the means of the two control volumes to either side of it.
 
     (7 (u_0 + u_1) - (u_-1 + u_2)) / 12: the error of `Central`, which lets waves of four cells run at two thirds of their
-    speed, is of fourth order here, and they run at 0.85 of it. Hardly a numerical viscosity either, and the fastest waves
-    run 1.37 times as fast as on `Central`, so that the limit of the Courant number is so much lower. What it carries out of a
-    control volume is not what it carries into the next but for a constant stream, so that it does not keep the energy, and waves of two cells would grow
-    by half in 2,400 steps. Two per cent more weight upstream, of the third-order upwind scheme that each side by itself is, damp them: by e in the
-    time in which the stream crosses 37 cells, waves of four cells in 150, of six in 600. Next to sides the ghost cells are
-    those of the second-order schemes, and the order with them.
+    speed, is of fourth order here, and they run at 0.85 of it. The fastest waves run 1.37 times as fast as on `Central`,
+    so that the limit of the Courant number is so much lower.
+
+    What it carries out of a control volume is not what it carries into the next but for a constant stream, so that it does
+    not keep the energy: waves of two cells would grow by half in 2,400 steps. Two per cent more weight upstream, where each
+    side by itself is the third-order upwind scheme, damp them: by e while the stream crosses 37 cells, waves of four
+    cells in 150, of six in 600. Next to sides the ghost cells are those of the second-order schemes, and the order with them.
 
     Source: P. Colella, P. R. Woodward, J. Comput. Phys. 54 (1984) 174-201, eq. 1.9 on equal cells.
     """

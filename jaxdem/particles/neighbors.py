@@ -239,7 +239,7 @@ class NeighborSearch:
         found, slots = (self._found_by_scipy if cells.shares else self._found_by_jax_md)(present)
         everyone = count * (count - 1) // 2
         pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
-        # Far fewer grains than a dense pack has in a cell are all that a vast box's wide cells can hold.
+        # The wide cells of a vast box have room for more than there are.
         held = min(math.ceil(EXTRA_CAPACITY * crowd), count)
         return Room(max(slots, min(usual, count - 1)), pairs + 1, held)
 
