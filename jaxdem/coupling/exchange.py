@@ -201,6 +201,8 @@ def exchange(
 ) -> tuple[FluidState, FluidForces, FluidDiagnostics]:
     """Fluid advanced by one interval among particles, and the mean forces on these.
 
+    The new state's pressure is the mean over the interval, as the forces are; velocity and void fraction are those at its end.
+
     Args:
         interval: static description.
         closure: drag law.
@@ -235,7 +237,7 @@ def exchange(
         unsteady = unsteady.per_step(count)
     zero = jnp.zeros_like(particles.velocity)
     carry = _Carry(
-        fluid, particles.velocity, zero, zero, zero,
+        fluid, jnp.zeros_like(fluid.pressure), particles.velocity, zero, zero, zero,
         jnp.zeros((2, grid.dimension), solids.dtype),
         jnp.zeros((), solids.dtype),
         None if unsteady is None else UnsteadySums(zero, zero, zero),
@@ -262,8 +264,10 @@ def exchange(
         )
 
     carry, reports = _substeps(interval, count, substep, carry)
-    # The last void fraction is the deposited one itself, without the rounding of the sum above.
-    fluid = carry.fluid._replace(void_fraction=1.0 - solids)
+    # The first fluid step takes the whole push of particles that stand elsewhere than in the last interval, so that the
+    # pressure of the others is none that anything feels. The last void fraction is the deposited one itself, without the
+    # rounding of the sum above.
+    fluid = carry.fluid._replace(pressure=carry.pressure / count, void_fraction=1.0 - solids)
     forces = FluidForces(
         carry.drag / interval.duration - (0.0 if lift is None else lift),
         carry.pressure_gradient / interval.duration,
@@ -293,6 +297,7 @@ def exchange(
 
 class _Carry(NamedTuple):
     fluid: FluidState
+    pressure: Array
     velocity: Array
     drag: Array
     pressure_gradient: Array
@@ -544,6 +549,7 @@ def _substep(
     balance = jnp.stack((jnp.sum(given, axis=0), jnp.stack(face_total(grid, lost))))
     new = _Carry(
         result.state,
+        carry.pressure + result.state.pressure,
         carry.velocity + (step * steady + felt + pressure + viscous) / mass,
         carry.drag + dragged,
         carry.pressure_gradient + pressure,

@@ -51,7 +51,8 @@ class FluidState(NamedTuple):
 
     Attributes:
         face_velocity: interstitial velocity, D face arrays [m/s].
-        pressure: reduced pressure on the cells [Pa].
+        pressure: reduced pressure on the cells, of the step that led to the velocity; among particles the mean over the
+            steps of the coupling interval [Pa].
         void_fraction: on the cells, at the time of the velocity; None without particles [-].
     """
 
