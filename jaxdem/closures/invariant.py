@@ -93,7 +93,7 @@ class InvariantClosure:
     Attributes:
         weights: of the `Perceptron`.
         feature_mean, feature_scale: (K,) normalisation of x [-].
-        feature_low, feature_high: (K,) smallest and largest features of the training data [-].
+        feature_low, feature_high: (K,) range of the training data, without the thousandth at either end [-].
         base: drag law that is corrected.
         hidden: widths of the hidden layers.
         activation: a name of `ACTIVATIONS`.

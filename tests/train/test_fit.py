@@ -1,5 +1,7 @@
 """Fits: known synthetic laws are recovered, held-out runs are held out, broken datasets are refused."""
 
+import dataclasses
+
 import h5py
 import jax
 import jax.numpy as jnp
@@ -10,7 +12,7 @@ from benchmarks.cases.drag_samples import DIAMETER, known_factor, make_dataset, 
 from jaxdem.closures import InvariantClosure, load_closure, save_closure
 from jaxdem.errors import InputError, RunError
 from jaxdem.train.dataset_file import SCALARS, VECTORS, read_dataset, write_dataset
-from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
+from jaxdem.train.fit import FitSettings, filtered_problem, fit_filtered, fit_paper
 from jaxdem.train.fit_evaluate import r_squared, split_by_run
 from jaxdem.train.fit_loop import LOSSES
 
@@ -54,6 +56,23 @@ def test_paper_recipe_learns_a_drag_law(tmp_path):
     assert calls[-1][:2] == (120, 120) and len(calls) == 120
     assert result.parity[1]["predicted"].shape == result.parity[1]["target"].shape
     assert "last 15 %" in result.split
+
+
+def test_a_stray_grain_does_not_stretch_the_range(tmp_path):
+    """One row of four thousand far from all others: without it the range is the same, and it is not in it."""
+    group = make_group(2, 4000, 0, known_factor)
+    stray = group.solid_fraction.copy()
+    stray[1234] = 0.5 * group.solid_fraction.min()
+    datasets = [
+        read_dataset(write(tmp_path / f"{name}.h5", name, [one]))
+        for name, one in (("even", group), ("stray", dataclasses.replace(group, solid_fraction=stray)))
+    ]
+    lowest = [float(filtered_problem([one], QUICK).closure.feature_low[0]) for one in datasets]
+    assert lowest[0] == pytest.approx(lowest[1], rel=0.01)
+    assert stray[1234] < group.solid_fraction.min() <= lowest[0]
+    assert (
+        np.mean(group.solid_fraction < lowest[0]) < 0.003
+    )  # a thousandth, of the rows that are not held out
 
 
 def test_filtered_recipe_recovers_a_known_factor(tmp_path):
