@@ -1,8 +1,9 @@
-"""The examples of the page on extending do what they say, and so does the page of the scene's keys."""
+"""The examples of the page on extending do what they say, and so does the page of the scene's keys; the study's tables are its numbers."""
 
 from __future__ import annotations
 
 import importlib.util
+import json
 from pathlib import Path
 
 import jax
@@ -82,3 +83,11 @@ def test_every_key_of_a_scene_is_described():
 
     with pytest.raises(ValueError, match="forgotten"):
         list(reference.rows(Undescribed))
+
+
+def test_tables_of_the_study_are_its_numbers():
+    tables = load(ROOT / "docs" / "tools" / "study_tables.py")
+    page = tables.PAGE.read_text(encoding="utf-8")
+    numbers = json.loads(tables.NUMBERS.read_text(encoding="utf-8"))["parts"]
+    assert len(tables.MARKED.findall(page)) > 10
+    assert page == tables.filled(page, numbers)

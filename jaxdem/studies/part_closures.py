@@ -95,9 +95,9 @@ def _coarse_runs(evidence: Evidence) -> list[Table]:
         "mesh",
         "drag",
         "run-off [m]",
-        "paper's",
+        "run-off [m], paper",
         "height [m]",
-        "paper's",
+        "height [m], paper",
         "run time [s]",
         "out of range [%]",
     ]

@@ -1,0 +1,70 @@
+"""The tables of docs/results/injection_study.md, from the study's numbers in benchmarks/results/injection_study.json.
+
+    python docs/tools/study_tables.py            # writes the page's tables anew
+    python docs/tools/study_tables.py --check    # says which are not those of the numbers; exit code 1
+
+A table stands behind a line `<!-- table: PART: TITLE -->`; with `: HEADING; HEADING` it has some columns only, and with a further
+`: CELL; CELL` the rows that begin with one of these.
+The numbers are `results.json` of `jaxdem study injection --scale paper`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from jaxdem.studies.tables import shown
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "results" / "injection_study.md"
+NUMBERS = ROOT / "benchmarks" / "results" / "injection_study.json"
+
+MARKED = re.compile(r"<!-- table: (?P<spec>[^\n]*?) -->\n\n(?:\|[^\n]*\n)*")
+
+SHORT = {
+    "mean drag force": "drag",
+    "mean particle speed": "grain speed",
+    "mean collision force": "collision force",
+    "mean fluid pressure": "pressure",
+    "mean fluid speed": "fluid speed",
+    "median fluid speed": "its median",
+}
+"""Headings that would make tables of nine metrics too wide."""
+
+
+def filled(page: str, parts: dict[str, Any]) -> str:
+    """The page with the tables of `parts`, the entry of that name in results.json."""
+    return MARKED.sub(lambda match: _marked(match["spec"], parts), page)
+
+
+def _marked(spec: str, parts: dict[str, Any]) -> str:
+    part, title, *chosen = spec.split(": ")
+    columns, first = (words.split("; ") for words in (*chosen, "", "")[:2])
+    table = next((one for one in parts[part]["tables"] if one["title"] == title), None)
+    if table is None:
+        raise SystemExit(f"{spec}: the part has {[one['title'] for one in parts[part]['tables']]}")
+    headings = table["headings"]
+    places = [headings.index(heading) for heading in columns] if columns != [""] else range(len(headings))
+    wanted = [headings[place] for place in places]
+    rows = [[SHORT.get(heading, heading) for heading in wanted], ["---"] * len(wanted)]
+    kept = [row for row in table["rows"] if first == [""] or row[0] in first]
+    rows += [[shown(row[place], 3) for place in places] for row in kept]
+    lines = "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    return f"<!-- table: {spec} -->\n\n{lines}\n"
+
+
+def main() -> None:
+    """Writes the page, or says what is stale."""
+    page = PAGE.read_text(encoding="utf-8")
+    right = filled(page, json.loads(NUMBERS.read_text(encoding="utf-8"))["parts"])
+    if "--check" not in sys.argv[1:]:
+        PAGE.write_text(right, encoding="utf-8")
+    elif page != right:
+        raise SystemExit(f"{PAGE}: tables are not those of {NUMBERS}; run {Path(__file__).name}")
+
+
+if __name__ == "__main__":
+    main()
