@@ -309,7 +309,10 @@ def solver_runs() -> list[RunSpec]:
             found += [sharp.with_closure(name) for name in others]
             found += [
                 run.with_stress(GRADIENT_STRESS)
-                for run in (sharp, *(one.with_closure("filtered") for one in (sharp, fourth)))
+                for run in (
+                    sharp,
+                    *(one.with_closure("filtered") for one in (sharp, fourth, *jittered(fourth))),
+                )
             ]
             found += [sharp.with_tuned(one) for one in tuned()]
     return found
