@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from jaxdem.studies.tables import shown
+from jaxdem.studies.tables import Table
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "results" / "injection_study.md"
@@ -48,12 +48,11 @@ def _marked(spec: str, parts: dict[str, Any]) -> str:
         raise SystemExit(f"{spec}: the part has {[one['title'] for one in parts[part]['tables']]}")
     headings = table["headings"]
     places = [headings.index(heading) for heading in columns] if columns != [""] else range(len(headings))
-    wanted = [headings[place] for place in places]
-    rows = [[SHORT.get(heading, heading) for heading in wanted], ["---"] * len(wanted)]
     kept = [row for row in table["rows"] if first == [""] or row[0] in first]
-    rows += [[shown(row[place], 3) for place in places] for row in kept]
-    lines = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    return f"<!-- table: {spec} -->\n\n{lines}\n"
+    chosen_rows = [[row[place] for place in places] for row in kept]
+    names = [SHORT.get(headings[place], headings[place]) for place in places]
+    lines = Table("", names, chosen_rows).markdown().split("\n\n", 1)[1]
+    return f"<!-- table: {spec} -->\n\n{lines}"
 
 
 def main() -> None:
