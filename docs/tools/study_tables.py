@@ -22,10 +22,10 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "results" / "injection_study.md"
 NUMBERS = ROOT / "benchmarks" / "results" / "injection_study.json"
 
-MARKED = re.compile(r"<!-- table: (?P<spec>[^\n]*?) -->\n\n(?:\|[^\n]*\n)*")
+MARKED = re.compile(r"<!-- table: (?P<spec>[^\n]*?) -->\n(?:\n(?:\|[^\n]*\n)+)?")
 
 SHORT = {
-    "mean drag force": "drag",
+    "mean drag force": "drag force",
     "mean particle speed": "grain speed",
     "mean collision force": "collision force",
     "mean fluid pressure": "pressure",
