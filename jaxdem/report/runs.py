@@ -70,7 +70,8 @@ def text(value: Any, fallback: str = "not recorded") -> str:
 def history_until(run: RunLike, until: float | None) -> dict[str, Array]:
     """The history up to and including the time `until` [s]; columns (T,), with `time` first.
 
-    Columns of another length than the time are left out (a history cut by a kill).
+    Columns of another length than the time are left out (a history cut by a kill), and so is the mean pressure of a box
+    without an outlet: it is zero by convention, and what is written is rounding.
     """
     history = run.history or {}
     times = np.asarray(history.get("time", run.times), dtype=np.float64)
@@ -78,9 +79,21 @@ def history_until(run: RunLike, until: float | None) -> dict[str, Array]:
     result = {"time": times[keep]}
     for metric in METRICS:
         values = history.get(metric.name)
+        if metric.name == "fluid_pressure_mean" and without_outlet(run):
+            continue
         if values is not None and len(values) == len(times):
             result[metric.name] = np.asarray(values, dtype=np.float64)[keep]
     return result
+
+
+def without_outlet(run: RunLike) -> bool:
+    """Whether the run's box is known to have no side that fixes the pressure."""
+    sides = lookup(run.scene, "boundary")
+    return (
+        isinstance(sides, dict)
+        and bool(sides)
+        and all(isinstance(side, dict) and side.get("kind") != "outlet" for side in sides.values())
+    )
 
 
 def cells(run: RunLike) -> tuple[int, ...] | None:

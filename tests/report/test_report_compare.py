@@ -188,6 +188,22 @@ def test_until_cuts_all_runs(make: Any, tmp_path: Path, no_page: None) -> None:
     assert result.rows[2].ranked and "after 1 s" in " ".join(result.warnings)
 
 
+def test_mean_pressure_of_a_box_without_outlet_is_not_compared(
+    make: Any, tmp_path: Path, no_page: None
+) -> None:
+    """It is zero by convention, and the rounding of one run is no reference for that of another."""
+    closed = {side: {"kind": "no_slip"} for side in ("left", "right", "bottom", "top")}
+    for boundary, counted in ((closed, 8), (closed | {"right": {"kind": "outlet"}}, 9)):
+        fine, run = make("fine"), make("run", factor=1.1)
+        for one in (fine, run):
+            one.scene["boundary"] = boundary
+            one.history["fluid_pressure_mean"] = 1e-7 * np.cos(np.arange(21) ** 2 * one.history["height"][0])
+        row = compare(fine, [run], tmp_path).rows[1]
+        assert row.metrics_counted == counted
+        assert math.isnan(row.errors["fluid_pressure_mean"]) == (counted == 8)
+        assert (row.mean_error == pytest.approx(0.1)) == (counted == 8)
+
+
 def test_names(make: Any, tmp_path: Path, no_page: None) -> None:
     def named(*paths: str, **options: Any) -> list[str]:
         first, *others = [make(path) for path in paths]
