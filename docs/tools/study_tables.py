@@ -1,7 +1,6 @@
 """The tables of docs/results/injection_study.md, from the study's numbers in benchmarks/results/injection_study.json.
 
-    python docs/tools/study_tables.py            # writes the page's tables anew
-    python docs/tools/study_tables.py --check    # says which are not those of the numbers; exit code 1
+    python docs/tools/study_tables.py
 
 A table stands behind a line `<!-- table: PART: TITLE -->`; with `: HEADING; HEADING` it has some columns only, and with a further
 `: CELL; CELL` the rows that begin with one of these.
@@ -12,7 +11,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +54,10 @@ def _marked(spec: str, parts: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Writes the page, or says what is stale."""
+    """Writes the page."""
     page = PAGE.read_text(encoding="utf-8")
-    right = filled(page, json.loads(NUMBERS.read_text(encoding="utf-8"))["parts"])
-    if "--check" not in sys.argv[1:]:
-        PAGE.write_text(right, encoding="utf-8")
-    elif page != right:
-        raise SystemExit(f"{PAGE}: tables are not those of {NUMBERS}; run {Path(__file__).name}")
+    numbers = json.loads(NUMBERS.read_text(encoding="utf-8"))["parts"]
+    PAGE.write_text(filled(page, numbers), encoding="utf-8")
 
 
 if __name__ == "__main__":

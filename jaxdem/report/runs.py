@@ -88,12 +88,8 @@ def history_until(run: RunLike, until: float | None) -> dict[str, Array]:
 
 def without_outlet(run: RunLike) -> bool:
     """Whether the run's box is known to have no side that fixes the pressure."""
-    sides = lookup(run.scene, "boundary")
-    return (
-        isinstance(sides, dict)
-        and bool(sides)
-        and all(isinstance(side, dict) and side.get("kind") != "outlet" for side in sides.values())
-    )
+    sides = lookup(run.scene, "boundary", {})
+    return bool(sides) and all(lookup(side, "kind") != "outlet" for side in sides.values())
 
 
 def cells(run: RunLike) -> tuple[int, ...] | None:
