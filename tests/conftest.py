@@ -1,5 +1,6 @@
 """Strict settings for all tests: float64 unless a test asks for less, no silent rank promotion; programs kept on disk."""
 
+import gc
 import os
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +19,8 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 import jax
 import pytest
 
+# Tracing makes objects by the million, nearly all of which are kept: looking through them is a third of the time that it takes.
+gc.set_threshold(100_000, 50, 50)
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
