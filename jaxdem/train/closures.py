@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxdem.closures import InvariantClosure, PaperNetwork, SubgridClosure
@@ -67,19 +68,21 @@ class Closures(NamedTuple):
 def few_parameters(closures: Closures) -> tuple[Array, Callable[[Array], Weights]]:
     """A handful of parameters for a search without gradients: (p, weights of p), p = 0 for the closures themselves.
 
-    For each closure the bias of the last layer moves by p_k for output k, and its kernel is multiplied by exp(p_last).
+    For each closure the bias of the last layer moves by p_k for output k, and its kernel is multiplied by exp(p_last):
+    not where it is zero, as in a closure that has not been trained, whose outputs stay the same for every input.
     """
-    sizes = {name: _last_layer(closures, name)[1]["bias"].shape[0] + 1 for name in closures.trained}
+    layers = {name: _last_layer(closures, name)[1] for name in closures.trained}
+    sizes = {n: layer["bias"].shape[0] + int(np.any(layer["kernel"])) for n, layer in layers.items()}
 
     def weights(p: Array) -> Weights:
         moved, start = {}, 0
         for name, size in sizes.items():
             own, (last, layer) = p[start : start + size], _last_layer(closures, name)
             start += size
-            changed = {
-                "kernel": layer["kernel"] * jnp.exp(own[-1]),
-                "bias": jnp.asarray(layer["bias"]) + own[:-1],
-            }
+            outputs = layer["bias"].shape[0]
+            changed = {"kernel": layer["kernel"], "bias": jnp.asarray(layer["bias"]) + own[:outputs]}
+            if size > outputs:
+                changed["kernel"] = layer["kernel"] * jnp.exp(own[-1])
             moved[name] = closures.weights[name] | {last: changed}
         return moved
 

@@ -42,6 +42,9 @@ from jaxdem.train.reference import Course, follow
 Progress = Callable[[int, int, float], None]
 """progress(updates done, updates in all, loss)."""
 
+ENLARGEMENTS = 4
+"""So often a run gets more room for its neighbour list, five times as much in the end; who still lacks it has blown up."""
+
 PATIENCE = 5
 """So many updates in a row without a finite gradient end the training."""
 
@@ -61,7 +64,8 @@ class FinetuneSettings:
         updates: of each stage; a gradient-free search has as many evaluations in all.
         starts: start times in a stage, evenly over the reference; an update takes one of them.
         method: "gradient" (Adam) or "gradient-free" (Nelder-Mead at the longest horizon).
-        parameters: "all" weights, or "few": a shift of every output and one factor on each network's last layer.
+        parameters: "all" weights, or "few": a shift of every output and one factor on each network's last layer,
+            where that is not zero.
             A gradient-free search always has few.
         learning_rate: of Adam, which falls to a twentieth along a cosine.
         largest_gradient: global norm that a gradient is clipped to.
@@ -233,23 +237,30 @@ class Unrolled:
         return jnp.mean(jnp.stack(terms)), result.failures
 
     def _evaluated(self, sloped: bool, weights: Any, index: int, outputs: int) -> Any:
-        """A compiled call; on overflow of the neighbour list again, with more room."""
+        """A compiled call; on overflow of the neighbour list again, with more room, `ENLARGEMENTS` times at most."""
         # Beyond the horizon any row will do; it does not count.
         rows = np.minimum(
             np.arange(index + 1, index + 1 + self.longest), self.course.run.number_of_frames - 1
         )
         targets = jax.tree.map(lambda m: m[rows], self.course.targets)
         program = self._slope if sloped else self._loss
-        while True:
+        self._start(index)  # gives the room that the others are judged by
+        before = self.room
+        for attempt in range(ENLARGEMENTS + 1):
             state, neighbors = self._start(index)
             self.forward_runs += 1
             result = program(weights, state, neighbors, targets, jnp.asarray(outputs, jnp.int32))
             (value, code), slopes = result if sloped else (result, None)
             if not int(code) & Failure.OVERFLOW:
-                return (float(value), int(code)), slopes
+                break
+            if attempt == ENLARGEMENTS:
+                # Grains in a heap or thrown at a wall: an update that failed, and no room of its size for all that follow.
+                self.room = before
+                break
             assert self.room is not None
             self.room = self.room.enlarged()
             self.resizes += 1
+        return (float(value), int(code)), slopes
 
     def _start(self, index: int) -> tuple[State, Neighbors]:
         """State and list of a frame; all lists have the same room, so that they share their programs."""

@@ -15,6 +15,7 @@ from jaxdem.build import build, initial_state
 from jaxdem.closures import PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
+from jaxdem.fluid.boundary import set_normal_velocity
 from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
@@ -90,7 +91,8 @@ class Course:
             contact_force=rows("contact_force"),
         )
         step = jnp.asarray(index * self.per_output, jnp.int32)
-        return State(particles, self._fluid(flow, particles.position), step)
+        time = jnp.asarray(self.run.times[index], dtype)
+        return State(particles, self._fluid(flow, particles.position, time), step)
 
     def with_list(self, state: State, room: Room | None = None) -> tuple[State, Neighbors]:
         """A state with its neighbour list, and springs of the list's size at rest; not jittable."""
@@ -103,10 +105,14 @@ class Course:
         springs = (jnp.zeros(neighbors.room.pairs, particles.position.dtype),) * kept
         return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
 
-    def _fluid(self, flow: dict[str, np.ndarray], position: Array) -> FluidState:
-        """The reference's fluid on the coarse mesh: flux by area, pressure by volume, void fraction deposited."""
-        assert self.simulation.fluid is not None
-        coarse, dtype = self.simulation.fluid.solver.grid, position.dtype
+    def _fluid(self, flow: dict[str, np.ndarray], position: Array, time: Array) -> FluidState:
+        """The reference's fluid on the coarse mesh: flux by area, pressure by volume, void fraction deposited.
+
+        Faces on the sides have what the coarse run's own conditions say: a frame's cells know nothing of them.
+        """
+        assert self.simulation.fluid is not None and self.parameters.fluid is not None
+        solver, dtype = self.simulation.fluid.solver, position.dtype
+        coarse, side_velocity = solver.grid, self.parameters.fluid.side_velocity
         fine = coarse._replace(cells=tuple(flow["pressure"].shape))
         given = (flow["void_fraction"].astype(dtype), flow["velocity"].astype(dtype))
         flux = tuple(np.asarray(f, float) for f in _flux_of_cells(fine, *given))
@@ -115,6 +121,7 @@ class Course:
             jnp.asarray(f / np.asarray(g, float), dtype)
             for f, g in zip(remap_flux(fine, coarse, flux), gaps, strict=True)
         )
+        faces = set_normal_velocity(coarse, solver.boundary, side_velocity, faces, gaps, time)
         pressure = remap_cells(fine, coarse, flow["pressure"].astype(float))
         return FluidState(faces, jnp.asarray(pressure, dtype), void_fraction)
 

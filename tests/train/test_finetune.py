@@ -31,7 +31,7 @@ from jaxdem.particles.neighbors import Room
 from jaxdem.rollout import measured_rollout
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
 from jaxdem.train.closures import Closures, few_parameters
-from jaxdem.train.finetune import PATIENCE, FinetuneSettings, Training, Unrolled
+from jaxdem.train.finetune import ENLARGEMENTS, PATIENCE, FinetuneSettings, Training, Unrolled
 from jaxdem.train.observables import Grains, Observables, observe_fluid, observe_particles
 from jaxdem.train.reference import follow
 
@@ -246,6 +246,20 @@ def test_a_full_list_gets_more_room_and_the_run_is_repeated(course, monkeypatch)
     assert short.loss(None, 1, 1) == (0.5, 0) and rooms[-1] == 6
 
 
+def test_a_run_that_blows_up_does_not_take_all_memory_for_its_list(course, monkeypatch):
+    """It is an update that failed, and the next run has the room of before."""
+    short, rooms = Unrolled(course, Closures(closure_with(0.0)), 2), []
+
+    def program(weights, state, neighbors, targets, outputs):
+        rooms.append(neighbors.room.slots)
+        return jnp.asarray(0.5), jnp.asarray(int(Failure.OVERFLOW | Failure.PARTICLE_LOST) if weights else 0)
+
+    monkeypatch.setattr(short, "_loss", program)
+    assert short.loss(True, 0, 1) == (0.5, int(Failure.OVERFLOW | Failure.PARTICLE_LOST))
+    assert len(rooms) == ENLARGEMENTS + 1 and rooms[-1] > 2
+    assert short.loss(False, 0, 1) == (0.5, 0) and rooms[-1] == 2
+
+
 def test_starts_leave_the_first_and_the_last_frame_to_the_validation(unrolled):
     made = training(unrolled, starts=3)
     assert made.held_out == [0, 4]
@@ -378,8 +392,8 @@ def test_a_subgrid_stress_is_trained_by_what_the_fluid_shows():
 def test_both_closures_have_their_own_few_parameters():
     both = Closures(closure_with(0.1), stress_with([0.2, 0.3]), ("drag", "subgrid"))
     start, weights_of = few_parameters(both)
-    assert start.shape == (5,)
-    moved = both.with_weights(weights_of(jnp.asarray([1.0, 0.0, 2.0, 3.0, 0.0])))
+    assert start.shape == (3,), "the kernels are zero: a factor would do nothing"
+    moved = both.with_weights(weights_of(jnp.asarray([1.0, 2.0, 3.0])))
     np.testing.assert_allclose(moved.drag.weights["Dense_0"]["bias"], [1.1])
     np.testing.assert_allclose(moved.subgrid.weights["Dense_0"]["bias"], [2.2, 3.3])
     parameters = moved.put_into(Parameters(None, None, None, FluidProperties(*[None] * 3), None, None))
@@ -446,8 +460,25 @@ def test_a_course_starts_from_the_frames_of_its_reference(reference):
     fraction = np.asarray(state.fluid.void_fraction)[:, 1:3].mean(axis=1)
     np.testing.assert_allclose(upright * fraction, (np.arange(6) + 0.5) * 0.04, rtol=1e-6)
     assert np.abs(cell_average(state.fluid.face_velocity)[0]).max() < 1e-12
+    # Nothing flows through walls, whatever the cells beside them have: here 0.22 m/s upwards on average.
+    for side in (0, -1):
+        np.testing.assert_array_equal(state.fluid.face_velocity[1][:, side], 0.0)
     listed, neighbors = course.with_list(state)
     assert listed.particles.contact_spring[0].shape == (neighbors.room.pairs,)
+
+
+def test_a_course_has_the_sides_of_its_scene(reference):
+    """An inlet of 0.3 m/s on the left: its face has that flux, not the mean of it and the first cell (which is at rest)."""
+    sides = {
+        "boundary": {
+            "left": {"kind": "inlet", "velocity": 0.3, "ramp_time": 0.0},
+            "right": {"kind": "outlet"},
+        }
+    }
+    course = follow(load_scene(SCENE | sides), load_run(reference), Closures(InvariantClosure.initial()))
+    fluid = course.start(3).fluid
+    np.testing.assert_allclose(fluid.face_velocity[0][0] * fluid.void_fraction[0], 0.3, rtol=1e-12)
+    np.testing.assert_allclose(fluid.face_velocity[0][1:-1], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
