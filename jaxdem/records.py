@@ -234,15 +234,18 @@ def wrapped_position(simulation: Simulation, state: State) -> np.ndarray:
     return np.where(simulation.periodic, np.mod(position, box), position)
 
 
-def sample_of(before: State, after: State, forces: FluidForces, volume: np.ndarray) -> dict[str, np.ndarray]:
+def sample_of(
+    simulation: Simulation, before: State, after: State, forces: FluidForces, volume: np.ndarray
+) -> dict[str, np.ndarray]:
     """What the drag law saw and gave at the start of the interval from `before` to `after`, with the fields.
 
     The law's force and the pressure gradient force belong to that moment; the viscous force is the mean over
-    the interval, which the solver has at hand.
+    the interval, which the solver has at hand. In model B the drag stands for both, and they are zero.
     """
+    assert simulation.fluid is not None
     assert before.particles is not None and before.fluid is not None and after.fluid is not None
     sample = {name: np.asarray(getattr(forces.inputs, name)) for name in SAMPLE_INPUTS}
-    volume = np.asarray(volume).reshape(-1, 1)
+    volume = np.asarray(volume).reshape(-1, 1) * float(simulation.fluid.solver.shares_stress)
     sample |= {
         "position": np.asarray(before.particles.position),
         "slip_velocity": np.asarray(forces.inputs.slip_velocity),

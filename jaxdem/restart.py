@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import tomllib
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 
 from jaxdem import __version__
 from jaxdem.errors import InputError
+from jaxdem.io import scene_text
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -70,16 +73,17 @@ def origin(scene_toml: str, parameters: Parameters) -> dict[str, str]:
     """What a checkpoint belongs to, as attributes of it.
 
     Args:
-        scene_toml: the scene, as it writes itself.
+        scene_toml: the scene, as it writes itself; in which folders its closures lie does not count.
         parameters: that go with it; they hold what the scene only names, the weights of a closure and the sizes
             in a file.
     """
     digest = hashlib.sha256()
     for name, array in sorted(_named("parameters", parameters).items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+    scene = json.dumps(scene_text.without_folders(tomllib.loads(scene_toml)), sort_keys=True)
     return {
         "jaxdem": __version__,
-        "scene": hashlib.sha256(scene_toml.encode()).hexdigest(),
+        "scene": hashlib.sha256(scene.encode()).hexdigest(),
         "parameters": digest.hexdigest(),
     }
 

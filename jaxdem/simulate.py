@@ -189,7 +189,7 @@ class TimeLoop:
             if self.sample_every and self.done % self.sample_every == 0 and diagnostics.forces is not None:
                 with self.totals.timed("output"):
                     volume = np.asarray(self.parameters.bodies.volume)  # type: ignore[union-attr]
-                    sample = sample_of(self._before, self.state, diagnostics.forces, volume)
+                    sample = sample_of(self.simulation, self._before, self.state, diagnostics.forces, volume)
                     start = self.time - self.simulation.interval
                     self.directory.write_sample(self.directory.samples, start, sample)
             if self.done % per_output == 0:

@@ -27,7 +27,8 @@ from jaxdem.studies.driver import FullStudy, default_jobs
 from jaxdem.studies.injection import SHARP, injection_plan
 from jaxdem.studies.plan import StudyPlan
 from jaxdem.studies.work import fit_to_files
-from jaxdem.train.dataset import SEEING, make_dataset
+from jaxdem.train.dataset import make_dataset
+from jaxdem.train.dataset_file import SEEING
 from jaxdem.train.fit_settings import FitSettings
 
 SCENES = Path(__file__).parent / "scenes"

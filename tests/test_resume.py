@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tomllib
 from pathlib import Path
 
 import h5py
@@ -12,8 +13,11 @@ import numpy as np
 import pytest
 
 from jaxdem import RunError, load_run, load_scene, simulate
+from jaxdem.io import scene_text
 from jaxdem.particles import neighbors as neighbor_module
+from jaxdem.restart import origin
 from jaxdem.simulate import Interrupted, TimeLoop
+from jaxdem.state import Parameters
 
 SCENE = {
     "domain": {"size": [0.2, 0.2], "depth": 0.04},
@@ -203,3 +207,16 @@ def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch
     assert run.number_of_frames == 3
     assert not run.summary["valid"]
     assert "left the box" in run.summary["reason"]
+
+
+def test_where_a_closure_lies_does_not_matter():
+    """A study's folder may be moved between two calls: the checkpoint knows the weights, the scene only names a file."""
+    parameters = Parameters(np.zeros(2), None, None, None, None, None)
+    texts = [
+        f'seed = 1\n[closure]\nfile = "{name}"\n' for name in ("/a/drag.h5", "/b/drag.h5", "/a/other.h5")
+    ]
+    here, moved, other = (origin(text, parameters)["scene"] for text in texts)
+    assert here == moved != other
+    scenes = [tomllib.loads(text) for text in texts]
+    assert scene_text.first_difference(*scenes[:2]) is None
+    assert scene_text.first_difference(scenes[0], scenes[2]) == ("closure.file", "drag.h5", "other.h5")

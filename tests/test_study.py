@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -135,6 +136,50 @@ def test_a_dataset_sees_through_the_coarse_runs_own_kernel(study, tmp_path):
     np.testing.assert_allclose(group.solid_fraction[: len(solids)], solids, rtol=1e-5)
     with pytest.raises(InputError, match=r"fluid\.advection.*coupling\.kernel_width"):
         make_dataset(done.out / "fine", out, (2,), overrides={"fluid.advection": "upwind"})
+
+
+def test_a_dataset_of_model_b_is_of_model_a(tmp_path):
+    """All of its fluid force is drag f_A / g: the law's part is f_A again, the target all force less what model A applies."""
+    tables = SCENE | {"fluid": SCENE["fluid"] | {"model": "B"}, "output": {"samples": 0.01}}
+    run = jaxdem.simulate(
+        jaxdem.load_scene(tables, {"time.end": 0.02, "time.output_interval": 0.02}), tmp_path / "b"
+    )
+    make_dataset(run.path, tmp_path / "b.h5", (1,))
+    group, sample = read_dataset(tmp_path / "b.h5").groups[1], run.samples.frame(1)
+    assert not np.any(sample["pressure_gradient_force"]) and not np.any(sample["viscous_force"])
+    rows = slice(12, 24)
+    law = KochHill()(group.select(np.arange(24)[rows]).drag_inputs())
+    force = np.asarray(law.coefficient)[:, None] * sample["slip_velocity"]
+    size = np.abs(force).max()
+    np.testing.assert_allclose(group.drag_force[rows], force, atol=1e-4 * size)
+    pressure = -4.0 / 3.0 * np.pi * 0.01**3 * group.pressure_gradient[rows]
+    assert np.abs(pressure).max() > 0.1 * size
+    # Viscosity 1e-6: its stress is nothing beside these.
+    np.testing.assert_allclose(group.target_force[rows], sample["drag_force"] - pressure, atol=1e-3 * size)
+
+
+def test_a_dataset_of_a_run_in_double_precision_is_single(study, tmp_path):
+    """Closures are trained in that; the command line need not know what the run had."""
+    done, _ = study
+    copied = shutil.copytree(done.out / "fine", tmp_path / "double")
+    text = (copied / "scene.toml").read_text()
+    (copied / "scene.toml").write_text(text.replace('precision = "float32"', 'precision = "float64"'))
+    assert jaxdem.load_run(copied).scene["precision"] == "float64"
+    for run, name in ((done.out / "fine", "one.h5"), (copied, "two.h5")):
+        make_dataset(run, tmp_path / name, (2,))
+    one, two = (read_dataset(tmp_path / name).groups[2] for name in ("one.h5", "two.h5"))
+    for name in ("fluid_velocity", "solid_fraction", "target_force"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_a_run_that_broke_off_teaches_nothing(study, tmp_path):
+    """It is refused with its reason."""
+    done, _ = study
+    broken = shutil.copytree(done.out / "fine", tmp_path / "broken")
+    summary = json.loads((broken / "summary.json").read_text()) | {"valid": False, "reason": "too fast"}
+    (broken / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(InputError, match=r"not a valid run \(too fast\)"):
+        make_dataset(broken, tmp_path / "d.h5", (2,))
 
 
 def test_dataset_needs_samples(study, tmp_path):

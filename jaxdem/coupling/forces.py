@@ -65,6 +65,16 @@ def drag_of_model_b(drag: Drag, solid_fraction: Array) -> Drag:
 
     Source: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II and III.
     """
-    share = jnp.maximum(1.0 - solid_fraction, MINIMUM_VOID_FRACTION)
+    share = _share_of_model_b(solid_fraction)
     remainder = None if drag.remainder is None else drag.remainder / share[:, None]
     return Drag(drag.coefficient / share, remainder, drag.out_of_range)
+
+
+def drag_of_model_a(force: Array, solid_fraction: Array) -> Array:
+    """Drag force of model B in the form of model A, (N, D) [N]; the inverse of `drag_of_model_b`."""
+    return force * _share_of_model_b(solid_fraction)[:, None]
+
+
+def _share_of_model_b(solid_fraction: Array) -> Array:
+    """(N,) f_A / f_B [-]."""
+    return jnp.maximum(1.0 - solid_fraction, MINIMUM_VOID_FRACTION)

@@ -85,8 +85,9 @@ class SelfDisturbance:
         second = law(undisturbed)
         hidden, beyond = self.share(second.coefficient, undisturbed, own, volume)
         void = 1.0 - inputs.solid_fraction
-        factor = void / ((void + own) * (1.0 - hidden))
-        return Drag(second.coefficient * factor, first.remainder, first.out_of_range | beyond)
+        share = void / (void + own)
+        remainder = None if second.remainder is None else share[:, None] * second.remainder
+        return Drag(second.coefficient * share / (1.0 - hidden), remainder, second.out_of_range | beyond)
 
     def share(self, coefficient: Array, inputs: DragInputs, own: Array, volume: Array) -> tuple[Array, Array]:
         """x, the part of the undisturbed slip that the wake hides (N,), and where it was too much (N,) bool.

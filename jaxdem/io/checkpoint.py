@@ -21,7 +21,7 @@ from jaxdem.io.durable import write_bytes
 from jaxdem.io.frames import UNREADABLE
 
 FORMAT_NAME = "jaxdem checkpoint"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 
 Attributes = dict[str, str | int | float]
 

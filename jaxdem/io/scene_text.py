@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from jaxdem.errors import InputError
@@ -22,12 +24,21 @@ def parse(text: str, source: str) -> dict[str, Any]:
         raise InputError("scene.toml", source, f"is not TOML ({error})", "Correct the file.") from error
 
 
+def without_folders(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene with closures by their files' names alone: a study may be moved, and a checkpoint knows their weights."""
+    found = dict(tables)
+    for table, key in (("closure", "file"), ("fluid", "subgrid")):
+        if tables.get(table, {}).get(key):
+            found[table] = {**tables[table], key: Path(tables[table][key]).name}
+    return found
+
+
 def first_difference(stored: dict[str, Any], given: dict[str, Any]) -> tuple[str, Any, Any] | None:
     """Dotted key, stored value and given value of the first key that differs; None if the scenes agree.
 
-    Comments, order and layout of the text do not count.
+    Comments, order and layout of the text do not count, nor in which folder a closure's file lies.
     """
-    old, new = _flat(stored), _flat(given)
+    old, new = _flat(without_folders(stored)), _flat(without_folders(given))
     for key in (*old, *(key for key in new if key not in old)):
         before, after = old.get(key, _ABSENT), new.get(key, _ABSENT)
         # 1 == 1.0 == True in Python, yet a changed type may change what is run.

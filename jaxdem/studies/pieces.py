@@ -11,6 +11,7 @@ from typing import Any
 from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory
 from jaxdem.io.run_directory import SCENE
+from jaxdem.io.scene_text import without_folders
 from jaxdem.scene import Scene, load_scene
 from jaxdem.studies.plan import (
     EnsembleSpec,
@@ -201,10 +202,7 @@ def require_same_scene(out: Path, scene: Scene) -> None:
 def _bare(scene: Scene) -> dict[str, Any]:
     tables = tables_of(scene)
     tables["output"].pop("checkpoint_interval", None)
-    for table, key in (("closure", "file"), ("fluid", "subgrid")):
-        if key in tables.get(table, {}):
-            tables[table][key] = Path(tables[table][key]).name
-    return tables
+    return without_folders(tables)
 
 
 def _flat(tables: dict[str, Any], prefix: str = "") -> dict[str, str]:

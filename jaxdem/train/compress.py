@@ -124,7 +124,9 @@ def prune(
     make = RECIPES[recipe_of(closure)]
     problem: Problem = make(datasets, settings, closure)
     seen = problem.data[0] if isinstance(closure, PaperNetwork) else problem.data[0].features
-    weights = prune_weights(closure.weights, closure.activation, seen[:IMPORTANCE_ROWS], neurons)
+    # Evenly over all rows: the filtered recipe has them mesh by mesh.
+    seen = seen[:: -(-len(seen) // IMPORTANCE_ROWS)]
+    weights = prune_weights(closure.weights, closure.activation, seen, neurons)
     hidden = tuple(weights[f"Dense_{layer}"]["bias"].shape[0] for layer in range(len(closure.hidden)))
     smaller = dataclasses.replace(closure, weights=weights, hidden=hidden)
     history: list[float] = []

@@ -7,8 +7,9 @@ the fine run less the pressure and viscous force that the coarse run applies its
 
     F_target = F_drag + (-V grad p + V div tau)_fine - (-V grad p + V div tau)_coarse
 
-That is a drag of model A. A run of model B has all its fluid force in F_drag; its target is of model A too, and
-the exchange converts what is learned from it as it converts the correlations.
+That is a drag of model A. A run of model B has all its fluid force in F_drag; its target is of model A too, and so is the
+dataset's `drag_force`, g F_drag there, which both recipes learn; the exchange converts what is learned from it as it converts
+the correlations.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from jax import Array
 
 from jaxdem.build import build
 from jaxdem.coupling.coarse_inputs import CoarseInputs
+from jaxdem.coupling.forces import drag_of_model_a
 from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.errors import InputError
 from jaxdem.fluid.diffusion import stress_divergence
@@ -35,7 +37,7 @@ from jaxdem.io.samples import Samples
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulation import Simulation
-from jaxdem.train.dataset_file import write_dataset
+from jaxdem.train.dataset_file import SEEING, write_dataset
 
 COLUMNS = (
     "particle_velocity",
@@ -44,10 +46,6 @@ COLUMNS = (
     "void_fraction_gradient",
     "pressure_gradient",
 )
-
-
-SEEING = ("coupling.kernel_width", "coupling.void_fraction")
-"""Keys of a scene that say how a mesh sees the particles, and its drag law the fluid."""
 
 
 def make_dataset(
@@ -69,14 +67,26 @@ def make_dataset(
         overrides: keys of `SEEING` in which the coarse runs differ from the fine one; without effect on a factor of 1.
 
     Raises:
-        InputError: the run has no samples, a factor is not usable, or another key is to differ.
+        InputError: the run is not valid, has no samples, or has `coupling.self_disturbance`; a factor is not usable, or
+            another key is to differ.
     """
     source = load_run(run)
     samples = _samples(source)
     for key, value in (overrides or {}).items():
         if not key.startswith(SEEING):
             raise InputError(key, value, f"a dataset has {' and '.join(SEEING)} to set", "leave it out")
-    scene, coarse_scene = load_scene(source.scene), load_scene(source.scene, overrides)
+    # Closures are trained in single precision, whatever the run had.
+    single = {"precision": "float32"}
+    scene, coarse_scene = (
+        load_scene(source.scene, single),
+        load_scene(source.scene, single | (overrides or {})),
+    )
+    assert scene.coupling is not None
+    if scene.coupling.self_disturbance:
+        limit = "its law had the slip without the particle's own wake, which no sample holds"
+        raise InputError(
+            "coupling.self_disturbance", True, limit, "Run the scene without it for training data."
+        )
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
         raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "for example 1,2,4,8")
     groups, done, numbers = {}, 0, range(0, len(samples.times), every)
@@ -96,8 +106,8 @@ def make_dataset(
         "fluid_density": scene.fluid.density,
         "dynamic_viscosity": scene.fluid.density * scene.fluid.viscosity,
         "dimension": scene.dimension,
-        "run": Path(run).name,
-        "scene_toml": coarse_scene.to_toml() if overrides else source.scene_toml,
+        "run": Path(run).resolve().name,
+        "scene_toml": load_scene(source.scene, overrides).to_toml() if overrides else source.scene_toml,
     }
     write_dataset(out, attributes, groups)
 
@@ -114,6 +124,7 @@ class CoarseView:
         coarse, _ = build(load_scene(scene.model_dump(by_alias=True, exclude_none=True), overrides))
         self.simulation: Simulation = coarse
         self.parameters = parameters
+        self.of_model_b = not simulation.fluid.solver.shares_stress
         self._see = jax.jit(self._seen)
 
     def rows(self, sample: dict[str, np.ndarray], time: float) -> dict[str, np.ndarray]:
@@ -123,10 +134,13 @@ class CoarseView:
         total = sample["drag_force"] + sample["pressure_gradient_force"] + sample["viscous_force"]
         count = len(sample["position"])
         assert self.parameters.bodies is not None
+        law = sample["drag_force"]
+        if self.of_model_b:
+            law = np.asarray(drag_of_model_a(jnp.asarray(law), jnp.asarray(sample["solid_fraction"])))
         return rows | {
             "time": np.full(count, time),
             "diameter": np.broadcast_to(2.0 * np.asarray(self.parameters.bodies.radius), count).copy(),
-            "drag_force": sample["drag_force"],
+            "drag_force": law,
             "target_force": total - np.asarray(seen["applied"]),
         }
 
@@ -136,15 +150,16 @@ class CoarseView:
 
     def _look(self, sample: dict[str, np.ndarray], time: float) -> tuple[dict[str, Array], FluidState]:
         """The sample's fields averaged, and looked at."""
+        dtype = self.parameters.gravity.dtype
         void_fraction = sample["void_fraction"].astype(float)
         faces = face_average(self.fine, jnp.asarray(void_fraction))
         flux = tuple(np.asarray(g) * sample[f"face_velocity_{a}"].astype(float) for a, g in enumerate(faces))
         seen: tuple[dict[str, Array], FluidState] = self._see(
             tuple(jnp.asarray(f) for f in remap_flux(self.fine, self.coarse, flux)),
             jnp.asarray(remap_cells(self.fine, self.coarse, sample["pressure"].astype(float))),
-            jnp.asarray(sample["position"]),
-            jnp.asarray(sample["particle_velocity"]),
-            jnp.asarray(time, sample["position"].dtype),
+            jnp.asarray(sample["position"], dtype),
+            jnp.asarray(sample["particle_velocity"], dtype),
+            jnp.asarray(time, dtype),
         )
         return seen
 
@@ -187,6 +202,9 @@ class CoarseView:
 
 
 def _samples(run: Run) -> Samples:
+    if run.summary.get("valid") is False:
+        limit = f"is not a valid run ({run.summary.get('reason', '')})"
+        raise InputError("RUN", str(run.path), limit, "Finish it, or run it again.")
     if run.samples is None or len(run.samples.times) == 0:
         raise InputError(
             "RUN",

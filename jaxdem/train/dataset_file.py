@@ -42,6 +42,9 @@ VECTORS = (
     "target_force",
 )
 
+SEEING = ("coupling.kernel_width", "coupling.void_fraction")
+"""Keys of a scene that say how a mesh sees the particles, and its drag law the fluid."""
+
 RANGES = {"diameter": (0.0, math.inf)}
 """What lies outside cannot be the sample of a run."""
 
@@ -65,7 +68,7 @@ class Group:
         void_fraction_gradient: (M, D) of the averaged field [1/m].
         pressure_gradient: (M, D) of the averaged reduced pressure [Pa/m].
         diameter: (M,) [m].
-        drag_force: (M, D) what the drag law of the fine run gave [N].
+        drag_force: (M, D) what the drag law of the fine run gave, in the form of model A [N].
         target_force: (M, D) fluid force of the fine run less the pressure and viscous force that a run on the
             coarse mesh applies itself [N].
     """

@@ -214,7 +214,8 @@ class Unrolled:
             if targets.fluid_velocity_mean is None:
                 return seen
             assert course.simulation.fluid is not None and state.fluid is not None
-            return observe_fluid(seen, course.simulation.fluid.solver.grid, state.fluid)
+            solver = course.simulation.fluid.solver
+            return observe_fluid(seen, solver.grid, solver.boundary, state.fluid)
 
         each, longest = course.per_output, len(targets.runoff)
         result = measured_rollout(

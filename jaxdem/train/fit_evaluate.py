@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.file import StoredClosure
 from jaxdem.errors import InputError
-from jaxdem.train.dataset_file import Dataset, Group
+from jaxdem.train.dataset_file import SEEING, Dataset, Group
 
 ROWS_AT_ONCE = 65536
 """Rows that are evaluated together, to bound the memory of hidden layers."""
@@ -48,8 +49,8 @@ def split_by_run(datasets: Sequence[Dataset], held_out: str | None, fraction: fl
         fraction: part of the time span held out where there is one run only.
 
     Raises:
-        InputError: no dataset, no run of that name, datasets of different dimension or drag law, or one run
-            without a time span.
+        InputError: no dataset, no run of that name, datasets of different dimension or drag law, different runs of
+            one name, or one run without a time span.
     """
     if not datasets:
         raise InputError("dataset", (), "at least one is needed", "Make one with `jaxdem dataset`.")
@@ -59,6 +60,11 @@ def split_by_run(datasets: Sequence[Dataset], held_out: str | None, fraction: fl
             remedy = "Train on datasets of one kind."
             raise InputError(f"dataset.{name}", sorted(values), "must be the same in all datasets", remedy)
     runs = list(dict.fromkeys(dataset.run for dataset in datasets))
+    for run in runs:
+        scenes = [_scene_of_run(dataset) for dataset in datasets if dataset.run == run]
+        if any(scene != scenes[0] for scene in scenes):
+            remedy = "Rename a run's folder and make its dataset again: data are split by the run's name."
+            raise InputError("dataset.run", run, "two runs of different scenes have this name", remedy)
     if held_out is not None and (held_out not in runs or len(runs) == 1):
         limit = f"must be one of several runs; there are {runs}"
         raise InputError("held_out", held_out, limit, "Name a run, or leave it out.")
@@ -69,6 +75,13 @@ def split_by_run(datasets: Sequence[Dataset], held_out: str | None, fraction: fl
         text = f"by run: {name} held out, trained on {others}"
         return Split(train, [dataset for dataset in datasets if dataset.run == name], text)
     return _split_by_time(datasets, fraction)
+
+
+def _scene_of_run(dataset: Dataset) -> dict[str, Any]:
+    """The scene that was run: without the keys in which the coarse mesh of a dataset may differ from it."""
+    scene = tomllib.loads(dataset.scene_toml)
+    coupling = scene.get("coupling", {})
+    return scene | {"coupling": {key: coupling[key] for key in coupling if f"coupling.{key}" not in SEEING}}
 
 
 def _split_by_time(datasets: Sequence[Dataset], fraction: float) -> Split:

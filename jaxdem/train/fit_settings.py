@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from jaxdem.closures.invariant import FEATURES
+from jaxdem.closures.invariant import FEATURES, check_features, check_terms
 from jaxdem.closures.network import ACTIVATIONS
 from jaxdem.errors import InputError
 from jaxdem.train.fit_loop import LOSSES
@@ -82,5 +82,13 @@ class FitSettings:
         for name in ("batch", "epochs", "samples", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise InputError(name, getattr(self, name), "must be positive", "Raise it.")
+        if not self.seed >= 0:
+            raise InputError("seed", self.seed, "must be 0 or more", "Raise it.")
+        if any(width < 1 for width in self.hidden):
+            raise InputError(
+                "hidden", self.hidden, "needs a neuron at least in every layer", "For example 170-70-30."
+            )
+        check_terms(self.terms)
+        check_features(self.features)
         if not 0 < self.held_out_fraction < 1:
             raise InputError("held_out_fraction", self.held_out_fraction, "must lie in (0, 1)", "Use 0.15.")

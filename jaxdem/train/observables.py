@@ -14,6 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import Grid, cell_average
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.metrics import PERCENTILE
@@ -30,7 +31,7 @@ class Observables(NamedTuple):
         solids_profile: (BINS,) volume of particles per length along x [m2].
         height_profile: (BINS,) volume of particles times the height of their centres, per length along x [m3].
         fluid_velocity_mean, fluid_pressure_mean: (), as in `jaxdem.metrics`; these and the following are None where
-            the fluid is not compared.
+            the fluid is not compared, the pressure also in a box without an outlet, where its mean is zero but for rounding.
         momentum_profile: (cells along x,) mean over each section of g u_x^2, the momentum that passes [m2/s2].
         flux_height_profile: (cells along x,) mean over each section of g u_x z, where the flow passes [m2/s].
     """
@@ -89,12 +90,12 @@ def observe_particles(
     )
 
 
-def observe_fluid(seen: Observables, grid: Grid, fluid: FluidState) -> Observables:
+def observe_fluid(seen: Observables, grid: Grid, boundary: Boundary, fluid: FluidState) -> Observables:
     """The observables with those of the fluid.
 
     Args:
         seen: those of the particles.
-        grid: the coarse grid.
+        grid, boundary: of the coarse mesh.
         fluid: on it, with a void fraction.
     """
     cells = jnp.stack(cell_average(fluid.face_velocity), axis=-1)
@@ -106,7 +107,7 @@ def observe_fluid(seen: Observables, grid: Grid, fluid: FluidState) -> Observabl
     flux = fluid.void_fraction * along
     return seen._replace(
         fluid_velocity_mean=jnp.mean(_length(cells.reshape(-1, grid.dimension))),
-        fluid_pressure_mean=jnp.mean(fluid.pressure),
+        fluid_pressure_mean=jnp.mean(fluid.pressure) if boundary.has_outlet else None,
         momentum_profile=jnp.mean(flux * along, axis=sections),
         flux_height_profile=jnp.mean(flux * height, axis=sections),
     )

@@ -174,7 +174,8 @@ def _targets(course: Course) -> Observables:
 
     fluid = course.simulation.fluid
     assert fluid is not None
-    fluid_observed = jax.jit(lambda seen, flow: observe_fluid(seen, fluid.solver.grid, flow))
+    solver = fluid.solver
+    fluid_observed = jax.jit(lambda seen, flow: observe_fluid(seen, solver.grid, solver.boundary, flow))
     rows = []
     for index in range(course.run.number_of_frames):
         frame = course.run.particles(index)

@@ -14,7 +14,7 @@ import jaxdem
 from benchmarks.cases import settling
 from jaxdem.check import check_scene
 from jaxdem.closures import SchillerNaumann
-from jaxdem.closures.base import DragInputs
+from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.coupling.self_disturbance import (
     SelfDisturbance,
     brinkman_factor,
@@ -125,6 +125,26 @@ def test_correction_of_a_law_is_consistent_and_has_its_gradient():
     slope = float((total(slip + step) - total(slip - step)) / 2e-5)
     assert float(gradient(slip)[0, 0]) == pytest.approx(slope, rel=1e-7)
     assert np.all(np.isfinite(gradient(jnp.zeros((1, 3)))))
+
+
+def test_a_force_beside_the_coefficient_is_of_the_undisturbed_slip_too():
+    """A law with all its drag in the remainder beside a coefficient that makes the wake, as learned ones have it."""
+    correction, one = SelfDisturbance(0.02), jnp.ones(1)
+    stokes = SchillerNaumann()
+
+    def law(inputs):
+        drag = stokes(inputs)
+        return Drag(
+            drag.coefficient, 0.5 * drag.coefficient[:, None] * inputs.slip_velocity, drag.out_of_range
+        )
+
+    slip = jnp.asarray([[2.0, -1.0, 0.5]])
+    inputs = DragInputs(-slip, 0.0 * slip, 0.1 * one, slip, slip, one[0], one[0], one[0], one[0])
+    volume = jnp.asarray(math.pi / 6.0)
+    drag = jax.jit(lambda i: correction(law, i, 0.02 * one, volume))(inputs)
+    np.testing.assert_allclose(
+        drag.remainder, 0.5 * drag.coefficient[:, None] * slip, rtol=1e-3
+    )  # of two evaluations
 
 
 def test_off_compiles_nothing_of_it():

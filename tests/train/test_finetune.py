@@ -317,10 +317,22 @@ GRID = Grid((8, 4), (0.8, 0.4), 1.0, (True, True))
 SIDES = Boundary(tuple(Side(axis, upper, "periodic") for axis in (0, 1) for upper in (False, True)))
 
 
+def test_the_mean_pressure_is_compared_where_it_is_not_zero_by_convention():
+    """In a box without an outlet it is rounding, which no weights should be chosen by."""
+    seen = Observables(*[jnp.zeros(())] * 5, jnp.zeros(24), jnp.zeros(24))
+    flow = FluidState((jnp.ones((9, 4)), jnp.zeros((8, 5))), jnp.full(GRID.cells, 3.0), jnp.ones(GRID.cells))
+    grid = GRID._replace(periodic=(False, True))
+    sides = (
+        tuple(Side(0, upper, "outlet" if upper else "no_slip") for upper in (False, True)) + SIDES.sides[2:]
+    )
+    assert observe_fluid(seen, GRID, SIDES, flow).fluid_pressure_mean is None
+    assert float(observe_fluid(seen, grid, Boundary(sides), flow).fluid_pressure_mean) == 3.0
+
+
 class StirredWorld(ToyWorld):
     """The toy world beside a fluid that nothing but the subgrid stress moves."""
 
-    fluid = SimpleNamespace(solver=SimpleNamespace(grid=GRID))
+    fluid = SimpleNamespace(solver=SimpleNamespace(grid=GRID, boundary=SIDES))
 
     def step(self, parameters, state, neighbors):
         moved, neighbors, report = super().step(parameters, state, neighbors)
@@ -365,7 +377,7 @@ class StirredCourse(ToyCourse):
                 0, PER_OUTPUT, lambda _, s: world.step(self.parameters, s, listed)[0], state
             )
 
-        observed = jax.jit(lambda seen, fluid: observe_fluid(seen, GRID, fluid))
+        observed = jax.jit(lambda seen, fluid: observe_fluid(seen, GRID, SIDES, fluid))
 
         for state in self.states[:-1]:
             flows.append(one(state._replace(fluid=flows[-1])).fluid)

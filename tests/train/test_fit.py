@@ -144,6 +144,13 @@ def test_split_by_time_and_by_run(tmp_path):
     assert last < min(group.time.min() for group in split.held_out[0].groups.values())
     same_run = make_dataset(tmp_path, "one", 5, rows=400)
     assert "by time" in split_by_run([dataset, same_run], None, 0.15).text
+    other_kernel = dataclasses.replace(
+        same_run, scene_toml="seed = 1\n[coupling.kernel_width]\ncells = 0.5\n"
+    )
+    assert "by time" in split_by_run([dataset, other_kernel], None, 0.15).text
+    namesake = dataclasses.replace(same_run, scene_toml="seed = 2\n")
+    with pytest.raises(InputError, match="dataset.run.*different scenes.*Rename"):
+        split_by_run([dataset, namesake], None, 0.15)
     with pytest.raises(InputError, match="held_out"):
         split_by_run([dataset], "other", 0.15)
     with pytest.raises(InputError, match="at least one"):
@@ -189,6 +196,10 @@ def test_settings_out_of_range():
         {"batch": 0},
         {"schedule": "x"},
         {"epochs": -1},
+        {"seed": -1},
+        {"hidden": (16, 0)},
+        {"terms": ("slip",)},
+        {"features": ("reynolds",)},
     ):
         with pytest.raises(InputError, match=next(iter(change))):
             FitSettings(**change)

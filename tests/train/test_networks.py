@@ -230,6 +230,21 @@ def test_a_pruned_closure_keeps_its_normalisation_and_can_go_on_learning(dataset
         prune(closure, [dataset], 1.0, settings, retrain=False)
 
 
+def test_what_matters_is_judged_on_rows_of_all_meshes(dataset, monkeypatch):
+    """Rows stand mesh by mesh: the first of them know nothing of the others' filter size."""
+    from jaxdem.train import compress
+
+    closure, seen = InvariantClosure.initial(hidden=(8,)), []
+    monkeypatch.setattr(compress, "IMPORTANCE_ROWS", 50)
+    monkeypatch.setattr(
+        compress, "prune_weights", lambda weights, _, rows, neurons: seen.append(rows) or weights
+    )
+    prune(closure, [dataset], 0.5, settings_for(closure, samples=300), retrain=False)
+    (rows,) = seen
+    sizes = np.unique(np.asarray(rows)[:, closure.features.index("log_filter_over_diameter")])
+    assert len(rows) <= 50 and len(sizes) == len(dataset.groups) > 1
+
+
 def test_known_factor_has_room_for_a_correction(dataset):
     """What the networks of this file learn is not the base law."""
     assert abs(known_factor(dataset.groups[2]) - 1).max() > 0.05
