@@ -56,6 +56,7 @@ from jaxdem.rows import rows_of
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene_walls import Wall
 from jaxdem.simulation import Simulation
+from jaxdem.stability import deconvolution_limit
 from jaxdem.state import Parameters, State
 from jaxdem.time_steps import inlet_profiles, time_steps
 
@@ -152,6 +153,7 @@ def build(
             Basset(scene.coupling.basset) if scene.coupling is not None and scene.coupling.basset else None,
             _self_disturbance(scene, grid, deposition, 2.0 * float(np.max(radius, initial=0.0))),
             _coarse_inputs(scene, grid, boundary, 2.0 * float(np.max(radius, initial=0.0))),
+            _deconvolution(scene, grid, deposition),
         )
     simulation = Simulation(
         steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law, population
@@ -349,7 +351,23 @@ def _coarse_inputs(scene: Scene, grid: Grid, boundary: Boundary, diameter: float
     if scene.coupling is None or scene.coupling.drag_inputs_coarsened == 1:
         return None
     coarse = coarsened(grid, scene.coupling.drag_inputs_coarsened)
-    return CoarseInputs(coarse, boundary, _deposition(scene, coarse, diameter))
+    deposition = _deposition(scene, coarse, diameter)
+    return CoarseInputs(coarse, boundary, deposition, _deconvolution(scene, coarse, deposition))
+
+
+def _deconvolution(scene: Scene, grid: Grid, deposition: Deposition | None) -> float:
+    if scene.coupling is None or deposition is None or scene.coupling.deconvolution == 0.0:
+        return 0.0
+    width = deposition.half_width if scene.coupling.void_fraction == "kernel" else (0.0,) * grid.dimension
+    limit = deconvolution_limit(width, grid.spacing)
+    if scene.coupling.deconvolution > limit:
+        raise InputError(
+            "coupling.deconvolution",
+            scene.coupling.deconvolution,
+            f"in a dense pack this grows from step to step: the limit with these cells and kernels is {limit:.3g}",
+            "lower it, or widen coupling.kernel_width",
+        )
+    return scene.coupling.deconvolution
 
 
 def _surfaces(scene: Scene, functions: Sequence[Callable[[Array], Array]], dtype: Any) -> tuple[Surface, ...]:

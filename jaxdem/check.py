@@ -287,7 +287,11 @@ def _unsteady_parts(fluid: FluidInterval) -> list[tuple[str, bool]]:
     view, averaged = fluid.coarse_inputs, "drag law's inputs averaged"
     if view is not None:
         averaged = f"{averaged} to {' x '.join(str(count) for count in view.grid.cells)} cells"
+    sharper = "deconvolved velocity"
+    if fluid.deconvolution > 0.0:
+        sharper = f"{sharper} (a = {fluid.deconvolution:g})"
     return [
+        (sharper, fluid.deconvolution > 0.0),
         (mass, coefficient > 0.0),
         (history, basset is not None),
         (wake, correction is not None),

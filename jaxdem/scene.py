@@ -279,6 +279,8 @@ class Coupling(Section):
         self_disturbance: whether the drag law is given the slip without the particle's own wake (3-D, "kernel").
         drag_inputs_coarsened: the drag law sees the fluid averaged to a mesh of so many times fewer cells per axis,
             through that mesh's kernel; 1 for the fluid's own mesh.
+        deconvolution: a of the velocity u - a h^2 lap(u) that the drag law is shown, which gives back what coarse cells and
+            kernels took from it; 0 for the velocity as it is seen.
     """
 
     drag: str = "koch_hill"
@@ -291,6 +293,7 @@ class Coupling(Section):
     basset: BassetWindow = 0
     self_disturbance: bool = Field(default=False, strict=True)
     drag_inputs_coarsened: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
+    deconvolution: NonNegative = 0.0
 
     @field_validator("lift")
     @classmethod

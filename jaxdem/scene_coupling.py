@@ -32,6 +32,13 @@ def check_self_disturbance(coupling: Any, dimension: int) -> None:
             "needs three dimensions: in a plane a steady wake grows with the box (Stokes' paradox)",
             "set it to false, or make the scene 3-D",
         )
+    if coupling.deconvolution > 0.0:
+        raise InputError(
+            "coupling.deconvolution",
+            coupling.deconvolution,
+            "would sharpen a particle's own wake, which coupling.self_disturbance takes away",
+            "set one of the two to 0 or false",
+        )
     if coupling.void_fraction != "kernel":
         raise InputError(
             "coupling.self_disturbance",

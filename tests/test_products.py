@@ -56,6 +56,7 @@ SCENES = {
     "smoothing": dict(void_fraction="diffusion"),
     "history": dict(basset=20, virtual_mass=0.5),
     "coarse inputs": dict(drag_inputs_coarsened=2),
+    "deconvolution": dict(deconvolution=0.1),
 }
 
 

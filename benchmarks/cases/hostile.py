@@ -97,6 +97,7 @@ COUPLED: Tables = {
         "basset": 0,
         "self_disturbance": False,
         "drag_inputs_coarsened": 1,
+        "deconvolution": 0.1,
     },
     "closure": {},
     "time": {"end": 0.02, "output_interval": 0.01},

@@ -12,7 +12,7 @@ from jax import Array
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.deposition import Deposition
-from jaxdem.coupling.forces import drag_inputs
+from jaxdem.coupling.forces import deconvolved, drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -32,11 +32,13 @@ class CoarseInputs:
         grid: the coarse one.
         boundary: sides of the box.
         deposition: of the particles on its cells.
+        deconvolution: see `deconvolved`, 0 for none [-].
     """
 
     grid: Grid
     boundary: Boundary
     deposition: Deposition
+    deconvolution: float = 0.0
 
     def __call__(
         self,
@@ -95,4 +97,6 @@ class CoarseInputs:
             properties.density,
             properties.viscosity,
         )
+        if self.deconvolution > 0.0:
+            inputs = deconvolved(self.grid, weights, inputs, velocity, self.deconvolution)
         return inputs, FluidState(velocity, pressure, 1.0 - solids), weights

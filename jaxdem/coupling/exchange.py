@@ -30,7 +30,7 @@ from jax import Array, lax
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.deposition import Deposition
-from jaxdem.coupling.forces import drag_inputs, drag_of_model_b
+from jaxdem.coupling.forces import deconvolved, drag_inputs, drag_of_model_b
 from jaxdem.coupling.history import Basset, SlipHistory
 from jaxdem.coupling.interpolation import (
     Weights,
@@ -104,7 +104,7 @@ class FluidForces(NamedTuple):
         viscous: (N, D) V_p div(tau); zero in model B [N].
         lift: (N, D) sum of the lift laws; None without any [N].
         torque: (N, A) of the rotational drag; None without it [N m].
-        inputs: of the drag law, at the start of the interval, with the slip as it is seen on the fluid's own mesh.
+        inputs: of the drag law, at the start of the interval, of the fluid's own mesh.
         law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].
         virtual_mass: of the virtual mass; None without it.
         basset: (N, D) Basset force; None without it [N].
@@ -146,6 +146,7 @@ class FluidInterval:
         basset: the Basset force, None for none.
         self_disturbance: correction that gives the drag law the undisturbed slip, None for none.
         coarse_inputs: coarser mesh through which the drag law sees the fluid, None for the fluid's own.
+        deconvolution: see `deconvolved`, 0 for none; without `coarse_inputs`, which have their own [-].
     """
 
     solver: FluidSolver
@@ -160,6 +161,7 @@ class FluidInterval:
     basset: Basset | None = None
     self_disturbance: SelfDisturbance | None = None
     coarse_inputs: CoarseInputs | None = None
+    deconvolution: float = 0.0
 
 
 def advance_fluid(
@@ -274,7 +276,7 @@ def exchange(
         carry.viscous / interval.duration,
         lift,
         torque,
-        inputs,
+        inputs if interval.coarse_inputs is not None else shown,
         drag.coefficient[:, None] * shown.slip_velocity + (0.0 if drag.remainder is None else drag.remainder),
         **_unsteady_means(interval, unsteady, carry),
     )
@@ -386,9 +388,11 @@ def _inputs(
         properties.density,
         properties.viscosity,
     )
-    if interval.coarse_inputs is None:
-        return inputs, inputs
-    return inputs, interval.coarse_inputs(solver.grid, fluid, solids, particles, bodies, properties)
+    if interval.coarse_inputs is not None:
+        return inputs, interval.coarse_inputs(solver.grid, fluid, solids, particles, bodies, properties)
+    if interval.deconvolution > 0.0:
+        return inputs, deconvolved(solver.grid, weights, inputs, fluid.face_velocity, interval.deconvolution)
+    return inputs, inputs
 
 
 def _law(
@@ -443,7 +447,7 @@ def _settling(
         lambda shifted: law(shifted).coefficient,
         shown, drag.coefficient, mass, others, duration,
     )  # fmt: skip
-    if interval.coarse_inputs is None:
+    if shown is inputs:
         return drag._replace(coefficient=coefficient)
     offset = coefficient[:, None] * (shown.fluid_velocity - inputs.fluid_velocity)
     return drag._replace(

@@ -113,6 +113,17 @@ def gradient(grid: Grid, cell: Array) -> FaceField:
     return tuple(result)
 
 
+def second_differences(grid: Grid, cell: Array) -> Array:
+    """Sum over the axes of h^2 d2/dx2 of a cell field, by second differences; at a side the last value is continued."""
+    parts = []
+    for axis, periodic in enumerate(grid.periodic):
+        first, last = along(cell, axis, 0, 1), along(cell, axis, -1, None)
+        before, after = (last, first) if periodic else (first, last)
+        wide = jnp.concatenate((before, cell, after), axis)
+        parts.append(along(wide, axis, 2, None) - 2.0 * cell + along(wide, axis, None, -2))
+    return sum_of(parts)
+
+
 def face_control_volume(grid: Grid, axis: int) -> Array:
     """Volume of the fluid that each face of an axis stands for: half a cell on a boundary face [m3].
 

@@ -181,7 +181,12 @@ class CoarseView:
         assert bodies is not None and fluid is not None
         solver = self.simulation.fluid.solver
         dtype = position.dtype
-        view = CoarseInputs(self.coarse, solver.boundary, self.simulation.fluid.deposition)
+        view = CoarseInputs(
+            self.coarse,
+            solver.boundary,
+            self.simulation.fluid.deposition,
+            self.simulation.fluid.deconvolution,
+        )
         particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
         averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
         inputs, state, weights = view.seen(*averaged, particles, bodies, fluid)

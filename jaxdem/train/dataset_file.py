@@ -42,7 +42,7 @@ VECTORS = (
     "target_force",
 )
 
-SEEING = ("coupling.kernel_width", "coupling.void_fraction")
+SEEING = ("coupling.kernel_width", "coupling.void_fraction", "coupling.deconvolution")
 """Keys of a scene that say how a mesh sees the particles, and its drag law the fluid."""
 
 RANGES = {"diameter": (0.0, math.inf)}
