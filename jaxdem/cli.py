@@ -181,7 +181,7 @@ def dataset(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Kernel of the coarse runs, if it is another: coupling.kernel_width or coupling.void_fraction.",
+            help="How the coarse runs see, if otherwise: coupling.kernel_width, coupling.void_fraction or coupling.deconvolution.",
         ),
     ] = None,
 ) -> None:
