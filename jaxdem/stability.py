@@ -250,33 +250,39 @@ def deconvolution_limit(half_width: Sequence[float], spacing: Sequence[float]) -
     wave k, with B the resistance of the pack over the fluid's inertia, L = sum_k (2 - 2 cos k_k h_k), and T the part of the
     wave that two faces and the kernel let through to a particle (and, of the force, back to the faces),
 
-        u' = u (1 - a B L T^2) / (1 + B),   T = cos(k_c h_c / 2) prod_k sum_j w_j cos(j k_k h_k)
+        u' = u (1 - a B L <T^2>) / (1 + B),   T = cos(k_c h_c / 2) prod_k |sum_j w_j exp(i j k_k h_k)|
 
-    for component c: no larger than u for every B where a L T^2 <= 1. w_j are the kernel's weights at the middle of a cell, where it
-    lets most through. Half of that is the limit: drag that varies from grain to grain makes it worse (measured: by a quarter).
+    for component c, the mean taken over the places of particles in a cell: no larger than u for every B where a L <T^2> <= 1. Taken
+    is half of that, for drag that varies from grain to grain is worse (measured: by a quarter), and no more than 1/(L T^2) with all particles in
+    the middle of cells, where a kernel lets most through.
 
     Args:
         half_width: (D,) of the kernel, 0 for none [m].
         spacing: (D,) [m].
     """
     wave = np.linspace(0.0, np.pi, 25)
-    curvature, kernel = np.zeros((1,) * len(spacing)), np.ones((1,) * len(spacing))
+    curvature, anywhere, middle = np.zeros(()), np.ones(()), np.ones(())
     faces = []
     for axis, (width, size) in enumerate(zip(half_width, spacing, strict=True)):
         along = [-1 if other == axis else 1 for other in range(len(spacing))]
-        weights = _triangle_in_cells(width / size)
-        offsets = np.arange(len(weights)) - len(weights) // 2
-        kernel = kernel * (np.cos(np.outer(wave, offsets)) @ weights).reshape(along)
+        passed = _passed_by_triangle(width / size, wave)
+        anywhere = anywhere * np.mean(passed, axis=0).reshape(along)
+        middle = middle * passed[len(passed) // 2].reshape(along)
         curvature = curvature + (2.0 - 2.0 * np.cos(wave)).reshape(along)
-        faces.append(np.cos(0.5 * wave).reshape(along))
-    return 0.5 / max(float(np.max(curvature * (face * kernel) ** 2)) for face in faces)
+        faces.append(np.cos(0.5 * wave).reshape(along) ** 2)
+    return min(
+        share / max(float(np.max(curvature * face * part)) for face in faces)
+        for share, part in ((0.5, anywhere), (1.0, middle))
+    )
 
 
-def _triangle_in_cells(half_width: float) -> NDArray[np.floating]:
-    """Shares of a triangle of this half-width in the cell of its middle and those beside it; both in cells."""
-    reach = math.ceil(half_width + 0.5)
-    edges = np.arange(-reach, reach + 2) - 0.5
+def _passed_by_triangle(half_width: float, wave: NDArray[np.floating]) -> NDArray[np.floating]:
+    """|sum_j w_j exp(i j k)|^2 of a triangle at places across a cell, (places, waves); its half-width in cells, 0 for none."""
     if half_width == 0.0:
-        return np.diff((edges > 0.0).astype(float))
-    x = np.clip(edges / half_width, -1.0, 1.0)
-    return np.diff(0.5 + x - 0.5 * x * np.abs(x))
+        return np.ones((1, len(wave)))
+    places = (np.arange(41) + 0.5) / 41 - 0.5
+    cells = np.arange(-math.ceil(half_width + 1.0), math.ceil(half_width + 1.0) + 1)
+    edges = np.append(cells - 0.5, cells[-1] + 0.5)
+    x = np.clip((edges[None] - places[:, None]) / half_width, -1.0, 1.0)
+    weights = np.diff(0.5 + x - 0.5 * x * np.abs(x), axis=1)
+    return np.abs(weights @ np.exp(1j * np.outer(cells, wave))) ** 2
