@@ -205,7 +205,7 @@ def test_a_checkpoint_belongs_to_one_scene_version_and_closure():
     for other, words in (
         ({}, "written by jaxdem None"),
         (here | {"jaxdem": "0.0.1"}, "0.0.1"),
-        (origin(scene.to_toml() + "# more", parameters), "another scene"),
+        (origin(scene.to_toml() + "\nmore = 1\n", parameters), "another scene"),
         (origin(scene.to_toml(), heavier), "another closure"),
     ):
         with pytest.raises(InputError, match=words):

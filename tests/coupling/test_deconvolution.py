@@ -125,19 +125,20 @@ def test_under_the_limit_nothing_grows_however_strong_the_drag(box, varies):
     def even(inputs):
         return law(inputs)._replace(coefficient=jnp.full(len(box.position), 0.2))
 
-    def after(strength, wave):
+    def after(strength, waves):
+        """Largest speed after a step, over waves of size one."""
         interval = dataclasses.replace(box.fluid, deconvolution=strength)
-        scale, now, (fluid, particles) = jnp.asarray(1e6), jnp.zeros(()), box.shear(wave)
+        scale, now, particles = jnp.asarray(1e6), jnp.zeros(()), box.shear(1)[1]
         run = jax.jit(
             lambda f: exchange(
                 interval, law if varies else even, scale, p.fluid, heavy, p.gravity, f, particles, now
             )
         )
-        return max(np.abs(u).max() for u in run(fluid)[0].face_velocity)
+        return max(np.abs(u).max() for wave in waves for u in run(box.shear(wave)[0])[0].face_velocity)
 
-    assert max(after(limit, wave) for wave in (3, 4, 5, 6)) < 1.0
+    assert after(limit, (3, 4, 5, 6)) < 1.0
     if not varies:
-        assert after(0.8, 4) < 1.0 < after(0.9, 4)
+        assert after(0.8, (4,)) < 1.0 < after(0.9, (4,))
 
 
 def test_limits_by_hand():
