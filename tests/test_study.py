@@ -182,6 +182,21 @@ def test_a_run_that_broke_off_teaches_nothing(study, tmp_path):
         make_dataset(broken, tmp_path / "d.h5", (2,))
 
 
+def test_a_run_whose_law_had_another_slip_teaches_nothing(study, tmp_path, monkeypatch):
+    """With the self-disturbance correction (3-D; here the scene only says so) the force is of a slip that no sample holds."""
+    done, _ = study
+
+    def corrected(*arguments):
+        scene = jaxdem.load_scene(*arguments)
+        return scene.model_copy(
+            update={"coupling": scene.coupling.model_copy(update={"self_disturbance": True})}
+        )
+
+    monkeypatch.setattr("jaxdem.train.dataset.load_scene", corrected)
+    with pytest.raises(InputError, match=r"coupling\.self_disturbance.*without it"):
+        make_dataset(done.out / "fine", tmp_path / "d.h5", (2,))
+
+
 def test_dataset_needs_samples(study, tmp_path):
     """A run without samples is refused with the key that asks for them."""
     done, _ = study

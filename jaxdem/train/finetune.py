@@ -245,22 +245,19 @@ class Unrolled:
         )
         targets = jax.tree.map(lambda m: m[rows], self.course.targets)
         program = self._slope if sloped else self._loss
-        self._start(index)  # gives the room that the others are judged by
+        self._start(index)
         before = self.room
-        for attempt in range(ENLARGEMENTS + 1):
+        for left in reversed(range(ENLARGEMENTS + 1)):
             state, neighbors = self._start(index)
             self.forward_runs += 1
             result = program(weights, state, neighbors, targets, jnp.asarray(outputs, jnp.int32))
             (value, code), slopes = result if sloped else (result, None)
             if not int(code) & Failure.OVERFLOW:
                 break
-            if attempt == ENLARGEMENTS:
-                # Grains in a heap or thrown at a wall: an update that failed, and no room of its size for all that follow.
-                self.room = before
-                break
             assert self.room is not None
-            self.room = self.room.enlarged()
-            self.resizes += 1
+            # In the end grains lie in a heap or fly at a wall: the update failed, and others need no room of that size.
+            self.room = self.room.enlarged() if left else before
+            self.resizes += left > 0
         return (float(value), int(code)), slopes
 
     def _start(self, index: int) -> tuple[State, Neighbors]:

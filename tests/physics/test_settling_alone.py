@@ -166,6 +166,8 @@ def test_what_cannot_be_is_refused():
     tables = settling.settling_scene(3.3, 0.01, True, (CELLS,) * 3)
     with pytest.raises(InputError, match=r"coupling\.self_disturbance.*centre"):
         jaxdem.load_scene(tables | dict(coupling=tables["coupling"] | dict(void_fraction="centre")))
+    with pytest.raises(InputError, match=r"coupling\.deconvolution.*own wake"):
+        jaxdem.load_scene(tables | dict(coupling=tables["coupling"] | dict(deconvolution=0.05)))
     tables = settling.settling_scene(0.5, 0.01, True, (CELLS,) * 3)
     narrow = tables | dict(coupling=tables["coupling"] | dict(kernel_width=dict(diameters=0.3, cells=0.1)))
     with pytest.raises(InputError, match=r"coupling\.kernel_width.*hides"):
