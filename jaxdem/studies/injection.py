@@ -24,6 +24,7 @@ from jaxdem.studies.plan import (
     TuneSpec,
     by_name,
 )
+from jaxdem.train.dataset_file import SEEING
 from jaxdem.train.finetune import FinetuneSettings
 from jaxdem.train.fit_settings import FitSettings
 
@@ -104,6 +105,12 @@ DECONVOLVED: dict[str, Any] = {**SHARP, "coupling.deconvolution": 0.17}
 """The sharp fluid, and a drag law that is shown what cells and kernels of 16 cm took from the velocity (0.17 is what the fine
 run's averages ask for there, and under the limit of stability, 0.23)."""
 
+WIDE: dict[str, Any] = {"fluid.advection": "central", "coupling.deconvolution": 0.35}
+"""Kernels of a whole cell, that take more of the velocity, and its deconvolution, that may give more back (limit 0.46)."""
+
+SMOOTH: dict[str, Any] = {**FOURTH, "coupling.deconvolution": 0.17}
+"""Fourth order with the velocity deconvolved."""
+
 FLUID_VARIANTS: dict[str, dict[str, Any]] = {
     "upwind": {"fluid.advection": "upwind"},
     "smagorinsky": {"fluid.smagorinsky": 0.15},
@@ -163,6 +170,7 @@ BARE = planned("fine", INJECTION)
 COARSE = {factor: coarse("", INJECTION, factor) for factor in (2, 3, 4, 8)}
 STIFF_FINE = planned("stiff_fine", INJECTION, STIFF)
 STIFF_COARSE = {factor: coarse("stiff_", INJECTION, factor, STIFF) for factor in FACTORS}
+STIFF_PACKS = jittered(briefly(STIFF_FINE))
 SLAB_FINE = planned("slab_fine", SLAB)
 SLAB_COARSE = {factor: coarse("slab_", SLAB, factor) for factor in FACTORS}
 DILUTE_FINE = planned("dilute_fine", DILUTE)
@@ -182,7 +190,7 @@ def mesh_runs() -> list[RunSpec]:
     layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
     slab = [SLAB_FINE, jittered(SLAB_FINE)[0], *SLAB_COARSE.values()]
     seeds = [*jittered(FINE), *(run for factor in FACTORS for run in jittered(briefly(COARSE[factor])))]
-    return [*layer, *laws, *seeds, *slab, *whole, STIFF_FINE, *STIFF_COARSE.values(), *jittered(STIFF_FINE)]
+    return [*layer, *laws, *seeds, *slab, *whole, STIFF_FINE, *STIFF_COARSE.values(), *STIFF_PACKS]
 
 
 def budget_runs() -> list[RunSpec]:
@@ -203,8 +211,11 @@ def budget_runs() -> list[RunSpec]:
 DATASETS = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
 """What closures are trained on, and the fine run, which is held out."""
 
-NARROW_DATASETS = tuple(f"{name}_narrow" for name in DATASETS)
-"""The same through the kernels of the sharp coarse fluid."""
+SEEN: dict[str, dict[str, Any]] = {
+    name: {key: value for key, value in fluid.items() if key in SEEING}
+    for name, fluid in (("narrow", SHARP), ("deconvolved", DECONVOLVED), ("wide_deconvolved", WIDE))
+}
+"""How other coarse fluids see the fine one, by what stands behind the names of the datasets."""
 
 ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{seed}" for seed in SEEDS)))
 
@@ -244,9 +255,14 @@ def fits() -> list[FitSpec]:
         result.append(FitSpec(f"filtered_seed_{seed}", "filtered", one, DATASETS))
     settings = dataclasses.replace(FILTERED, terms=TERMS)
     result.append(FitSpec("filtered_terms", "filtered", settings, DATASETS))
-    for name, one in (("filtered_narrow", FILTERED), ("filtered_narrow_terms", settings)):
-        result.append(FitSpec(name, "filtered", one, NARROW_DATASETS))
+    for seen in SEEN:
+        result.append(FitSpec(f"filtered_{seen}", "filtered", FILTERED, _datasets(seen)))
+    result.append(FitSpec("filtered_narrow_terms", "filtered", settings, _datasets("narrow")))
     return result
+
+
+def _datasets(seen: str) -> tuple[str, ...]:
+    return tuple(f"{name}_{seen}" for name in DATASETS)
 
 
 def tuned() -> list[TuneSpec]:
@@ -320,7 +336,15 @@ def solver_runs() -> list[RunSpec]:
             ]
             found += [sharp.with_tuned(one) for one in tuned()]
             shown = varied(briefly(COARSE[4]), "deconvolved", DECONVOLVED)
+            wide = varied(briefly(COARSE[4]), "wide_deconvolved", WIDE)
             found += [shown, *(run.with_closure("filtered") for run in (shown, *jittered(shown)))]
+            found += [run.with_closure("filtered_deconvolved") for run in (shown, *jittered(shown))]
+            found += [wide, wide.with_closure("filtered_wide_deconvolved")]
+            smooth = varied(briefly(COARSE[4]), "fourth_deconvolved", SMOOTH)
+            found += [
+                run.with_closure("filtered").with_stress(GRADIENT_STRESS)
+                for run in (smooth, *jittered(smooth))
+            ]
     return found
 
 
@@ -362,8 +386,10 @@ def injection_plan() -> StudyPlan:
     # Rows of a sample are grains: some hundred thousand in all are enough, and memory is not.
     training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=3) for run in TRAINING]
     tests = [DatasetSpec("dataset_fine", "fine", (1, 2, 3, 4, 8), every=10)]
-    narrow = [
-        dataclasses.replace(one, name=f"{one.name}_narrow", overrides=NARROW) for one in (*training, *tests)
+    seen = [
+        dataclasses.replace(one, name=f"{one.name}_{name}", overrides=overrides)
+        for name, overrides in SEEN.items()
+        for one in (*training, *tests)
     ]
     tests += [DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN]
     every = (mesh_runs, budget_runs, closure_runs, solver_runs, smaller_runs, unseen_runs, pareto_runs)
@@ -384,7 +410,7 @@ def injection_plan() -> StudyPlan:
                 "filtered",
                 "filtered_terms",
                 ENSEMBLE.name,
-                "filtered_narrow",
+                *(f"filtered_{seen}" for seen in SEEN),
                 "filtered_narrow_terms",
                 GRADIENT_STRESS.name,
                 *(one.name for one in tuned()),
@@ -396,6 +422,4 @@ def injection_plan() -> StudyPlan:
     ]
     runs = by_name([*TRAINING, *(run for runs in every for run in runs())])
     closures = by_name([*fits(), ENSEMBLE, GRADIENT_STRESS, *tuned(), *smaller()])
-    return StudyPlan(
-        runs, by_name([*training, *narrow, *tests]), closures, by_name(parts), by_name(searches())
-    )
+    return StudyPlan(runs, by_name([*training, *seen, *tests]), closures, by_name(parts), by_name(searches()))

@@ -18,6 +18,8 @@ FLUIDS = {
     "_sharp": ", central, kernels of half a cell",
     "_fourth": ", central of fourth order, kernels of half a cell",
     "_deconvolved": ", central, kernels of half a cell, deconvolved velocity",
+    "_wide_deconvolved": ", central, deconvolved velocity",
+    "_fourth_deconvolved": ", central of fourth order, kernels of half a cell, deconvolved velocity",
 }
 """Coarse fluids, by what stands in the names of their runs."""
 
