@@ -72,10 +72,12 @@ FEATURES = (
     Feature("learned subgrid stress", {"fluid.subgrid": str(SUBGRID)}),
     Feature("model B", {"fluid.model": "B"}, {"fluid.model": "A"}),
     Feature("upwind advection", {"fluid.advection": "upwind"}, {"fluid.advection": "limited"}),
+    Feature("central advection of fourth order", {"fluid.advection": "central_4"}),
     Feature(
         "void fraction by centre", {"coupling.void_fraction": "centre"}, {"coupling.void_fraction": "kernel"}
     ),
     Feature("void fraction by diffusion", {"coupling.void_fraction": "diffusion"}),
+    Feature("deconvolved velocity", {"coupling.deconvolution": 0.1}, {"coupling.deconvolution": 0.0}),
     Feature("drag by Gidaspow", {"coupling.drag": "gidaspow"}, {"coupling.drag": "koch_hill"}),
     Feature("Saffman-Mei lift", {"coupling.lift": ["saffman_mei"]}, {"coupling.lift": []}),
     Feature("Magnus lift", {"coupling.lift": ["magnus"]}),

@@ -356,9 +356,8 @@ def smaller_runs() -> list[RunSpec]:
 
 def unseen_runs() -> list[RunSpec]:
     """Fine, fine with another jitter, coarse 4x, and coarse 4x on the sharp fluid, each with the closure and without, of
-    every scene; and mesh ratio 3."""
-    sharp = varied(briefly(COARSE[4]), "sharp", SHARP)
-    result = [run for plain in (COARSE[4], sharp) for run in (plain, plain.with_closure("filtered"))]
+    every scene; the same with the velocity deconvolved and the closure of that; and mesh ratio 3."""
+    result = [COARSE[4], COARSE[4].with_closure("filtered"), *_with_and_without(briefly(COARSE[4]))[2:]]
     result += _with_and_without(briefly(COARSE[3]))
     for name, (scene, overrides) in UNSEEN.items():
         fine = planned(f"{name}_fine", scene, {**overrides, "output.samples": 0.1})
@@ -367,9 +366,9 @@ def unseen_runs() -> list[RunSpec]:
 
 
 def _with_and_without(plain: RunSpec) -> list[RunSpec]:
-    return [
-        one for run in (plain, varied(plain, "sharp", SHARP)) for one in (run, run.with_closure("filtered"))
-    ]
+    sharp, shown = (varied(plain, *what) for what in (("sharp", SHARP), ("deconvolved", DECONVOLVED)))
+    both = [one for run in (plain, sharp) for one in (run, run.with_closure("filtered"))]
+    return [*both, shown.with_closure("filtered_deconvolved")]
 
 
 def pareto_runs() -> list[RunSpec]:

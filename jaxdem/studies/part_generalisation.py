@@ -33,6 +33,7 @@ COARSE = {
     "filtered": "_filtered",
     "sharp": "_sharp",
     "sharp, filtered": "_sharp_filtered",
+    "deconvolved, filtered": "_deconvolved_filtered_deconvolved",
 }
 """Coarse runs by what stands behind their names."""
 
