@@ -17,6 +17,7 @@ from jax import Array
 
 from jaxdem.arrivals import population_of
 from jaxdem.bodies import Bodies, material_table, wall_materials
+from jaxdem.boundaries import check_flow, scene_boundary
 from jaxdem.closures import DRAG_LAWS, load_closure, load_subgrid
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.coarse_inputs import CoarseInputs
@@ -32,7 +33,7 @@ from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.advection import Central, CentralFourth, Superbee, Upwind, VanLeer
-from jaxdem.fluid.boundary import Boundary, Side
+from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
@@ -58,7 +59,7 @@ from jaxdem.scene_walls import Wall
 from jaxdem.simulation import Simulation
 from jaxdem.stability import deconvolution_limit
 from jaxdem.state import Parameters, State
-from jaxdem.time_steps import inlet_profiles, time_steps
+from jaxdem.time_steps import time_steps
 
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
@@ -108,7 +109,7 @@ def build(
     dtype = _dtype(scene)
     check_memory(scene)
     grid = _grid(scene)
-    boundary = _boundary(scene, inlet_profiles or {}, side_conditions or {})
+    boundary = scene_boundary(scene, inlet_profiles or {}, side_conditions or {})
     bodies = scene_bodies(scene)
     check_magnitudes(scene, bodies)
     radius = bodies.radius
@@ -135,6 +136,7 @@ def build(
         contact = ContactInterval(model, search, steps.contacts_per_interval, False)
     if scene.fluid is not None and grid is not None:
         viscous = scene.fluid.viscosity > 0.0 or scene.fluid.smagorinsky > 0.0
+        check_flow(scene, grid, boundary)
         solver = FluidSolver(grid, boundary, ADVECTION[scene.fluid.advection](), viscous, scene.fluid.model)
         deposition = None
         if scene.coupling is not None:
@@ -156,7 +158,7 @@ def build(
             _deconvolution(scene, grid, deposition),
         )
     simulation = Simulation(
-        steps.interval, steps, scene.domain.size, scene.periodic, contact, fluid, law, population
+        steps.interval, steps, scene.domain.size, scene.periodic, boundary, contact, fluid, law, population
     )
     return simulation, _parameters(scene, bodies, closure, subgrid, dtype)
 
@@ -250,51 +252,6 @@ def _grid(scene: Scene) -> Grid | None:
         return None
     depth = scene.domain.depth if scene.dimension == 2 else 1.0
     return Grid(scene.fluid.cells, scene.domain.size, float(depth or 1.0), scene.periodic)
-
-
-def _boundary(
-    scene: Scene, given: Mapping[str, Sequence[InletProfile | None]], own: Mapping[str, SideCondition]
-) -> Boundary:
-    _check_conditions(scene, own)
-    for name, profiles in given.items():
-        if name not in scene.sides or scene.boundary[name].kind != "inlet":
-            known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
-            raise InputError("inlet_profiles", name, "is no inlet", f"inlets: {', '.join(known) or 'none'}")
-        if len(profiles) != scene.dimension - 1:
-            raise InputError(
-                f"inlet_profiles.{name}",
-                len(profiles),
-                f"a side has {scene.dimension - 1} axes of its own",
-                "give a profile, or None, for each",
-            )
-    sides = []
-    for number, name in enumerate(scene.sides):
-        side = scene.boundary[name]
-        sides.append(
-            Side(
-                number // 2,
-                bool(number % 2),
-                side.kind,
-                side.from_,
-                side.to,
-                side.ramp_time or 0.0,
-                tuple(given[name]) if name in given else inlet_profiles(scene, name),
-                side.times,
-                own.get(name),
-            )
-        )
-    return Boundary(tuple(sides))
-
-
-def _check_conditions(scene: Scene, own: Mapping[str, SideCondition]) -> None:
-    ends = [side for number, side in enumerate(scene.sides) if not scene.periodic[number // 2]]
-    for name in own:
-        if name not in ends:
-            known = f"sides: {', '.join(ends) or 'none'}"
-            raise InputError("side_conditions", name, "is no side that the fluid ends at", known)
-        if scene.boundary[name].from_ is not None:
-            limit = "a condition of one's own holds on the whole side, and this one has a patch"
-            raise InputError(f"boundary.{name}.from", scene.boundary[name].from_, limit, "remove from and to")
 
 
 def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
@@ -428,11 +385,11 @@ def _parameters(
     if contact is not None and scene.particles is not None:
         bodies = ParticleProperties(jnp.asarray(sizes.radius, dtype), jnp.asarray(sizes.density, dtype))
         constants = _contact_constants(scene, number)
+    sides = [scene.boundary[name] for name in scene.sides]
+    velocity = tuple(
+        jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype) for side in sides
+    )
     if scene.fluid is not None:
-        velocity = tuple(
-            jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype)
-            for side in (scene.boundary[name] for name in scene.sides)
-        )
         coefficient = number(scene.fluid.smagorinsky) if scene.fluid.smagorinsky > 0.0 else None
         if subgrid is None and scene.fluid.subgrid is not None:
             subgrid = load_subgrid(scene.fluid.subgrid)[0]
@@ -445,6 +402,7 @@ def _parameters(
     return Parameters(
         jnp.asarray(scene.domain.gravity, dtype), bodies, constants, fluid, drag_scale, closure,
         tuple(jnp.asarray(inlet.velocity, dtype) for inlet in inlets),
+        velocity if fluid is None and any(side.kind == "moving_wall" for side in sides) else (),
     )  # fmt: skip
 
 

@@ -212,7 +212,7 @@ def export(
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
 ) -> None:
     """Write a learned drag closure, base law and fallback included, for use in another program."""
-    prepare_file(out)
+    prepare_file(out, closure)
     from jaxdem import __version__
     from jaxdem.closures import load_closure
     from jaxdem.closures.export import export_closure
@@ -228,11 +228,11 @@ def compare(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv, PNGs.")],
 ) -> None:
     """Compare runs with a reference: the nine metrics, and error against run time."""
-    prepare_folder(out)
     from jaxdem.io import load_run
     from jaxdem.report import compare as compare_runs
 
     loaded = [load_run(path) for path in (reference, *runs)]
+    prepare_folder(out)
     comparison = compare_runs(loaded[0], loaded[1:], out)
     terminal.print_comparison(comparison)
 

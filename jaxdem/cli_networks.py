@@ -93,7 +93,10 @@ def train(
     }  # fmt: skip
     if sweep and ensemble is not None:
         raise InputError("--ensemble", ensemble, "cannot be had with --sweep", "Give one of them.")
-    (prepare_folder if sweep else prepare_file)(out)
+    if sweep:
+        prepare_folder(out)
+    else:
+        prepare_file(out, *datasets)
     use_compilation_cache()
     from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
 
@@ -161,7 +164,7 @@ def distill(
         "seed": seed, "epochs": epochs, "samples": samples, "activation": activation,
         "hidden": _widths(hidden) or (32, 16),
     }  # fmt: skip
-    prepare_file(out)
+    prepare_file(out, closure, *datasets)
     use_compilation_cache()
     from jaxdem.closures import load_closure
     from jaxdem.train.compress import distill as teach
@@ -190,7 +193,7 @@ def prune(
     samples: Rows = None,
 ) -> None:
     """Remove the neurons of a closure that matter least for the inputs of datasets."""
-    prepare_file(out)
+    prepare_file(out, closure, *datasets)
     use_compilation_cache()
     from jaxdem.closures.file import load_single
     from jaxdem.train.compress import prune as make_smaller
@@ -240,7 +243,7 @@ def finetune(
     """Train closures through runs of a coarse scene, so that they have the statistics of a fine run."""
     description = load(scene, settings)
     chosen = None if horizons is None else whole_numbers("--horizons", horizons, ",")
-    prepare_file(out)
+    prepare_file(out, closure, None if subgrid is None else Path(subgrid))
     use_compilation_cache()
     from jaxdem.closures import save_closure
     from jaxdem.train.finetune import FinetuneSettings

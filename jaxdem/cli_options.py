@@ -20,8 +20,10 @@ Settings = Annotated[
 ]
 
 
-def prepare_file(path: Path) -> None:
-    """Refuse a place that cannot be written before hours of work, not after them."""
+def prepare_file(path: Path, *inputs: Path | None) -> None:
+    """Refuse a place that cannot be written, or that holds what is read, before hours of work, not after them."""
+    if any(one is not None and one.resolve() == path.resolve() for one in inputs):
+        raise InputError("--out", str(path), "is what is read, and would be lost", "Name another file.")
     if path.is_dir():
         raise InputError("--out", str(path), "is a folder", "Name a file in it.")
     prepare_folder(path.parent)

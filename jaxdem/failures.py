@@ -71,6 +71,9 @@ MEANING = {
 }
 """Reason and remedy of every flag."""
 
+OF_PARTICLES = Failure.OVERFLOW | Failure.PARTICLES_NOT_FINITE | Failure.PARTICLE_LOST | Failure.TOO_FAST
+"""Flags of the particles' part of a step."""
+
 MINIMUM_VOID_FRACTION = 0.05
 """Below this void fraction the volume-averaged equations mean nothing."""
 
@@ -105,12 +108,12 @@ def first_meaning(code: int) -> tuple[str, str]:
         Failure.COURANT,
         Failure.VISCOUS,
         Failure.VOID_FRACTION,
+        Failure.OVERFLOW,
         Failure.PARTICLE_LOST,
         Failure.TOO_FAST,
         Failure.SOLVER,
         Failure.FLUID_NOT_FINITE,
         Failure.PARTICLES_NOT_FINITE,
-        Failure.OVERFLOW,
     )
     flags = Failure(code)
     return MEANING[next(flag for flag in order if flag in flags)]

@@ -30,8 +30,8 @@ def initial_positions(scene: Scene) -> np.ndarray:
     """
     particles = scene.particles
     assert particles is not None
-    if particles.count == 0 or (particles.inlet and particles.pack is None and particles.position is None):
-        return np.zeros((0, scene.dimension))
+    if particles.position is None and (particles.count == 0 or particles.pack is None):
+        return np.zeros((0, scene.dimension))  # none at the start, by their number or for those of an inlet
     if particles.pack is not None and particles.pack.kind == "random":
         for name in ("start", "stop"):
             _check_corner(name, getattr(particles.pack, name), scene.dimension)
@@ -47,6 +47,13 @@ def initial_positions(scene: Scene) -> np.ndarray:
                 particles.count,
                 f"the pack holds {len(packed)} particles",
                 "enlarge the pack, lower particles.pack.spacing, or lower the count",
+            )
+        if len(packed) == 0:
+            raise InputError(
+                "particles.pack",
+                particles.pack.kind,
+                "holds no particle",
+                "enlarge it (all lengths are in m), or set particles.count = 0 for a scene that starts empty",
             )
         # Rows are filled from below, so a pack that is not full has a level top.
         return packed[: particles.count]

@@ -80,7 +80,7 @@ class Totals:
             self.collision += float(particles.collision_force)
             self.collision_intervals += 1
             self.builds = int(particles.builds)
-            self.fastest = max(self.fastest, float(particles.fastest))
+            self.fastest = _largest(self.fastest, particles.fastest)
             if particles.waiting is not None:
                 self.waiting = int(particles.waiting)
                 self.waiting_most = max(self.waiting_most, self.waiting)
@@ -88,10 +88,10 @@ class Totals:
         if fluid is not None:
             self.fluid_steps += int(fluid.substeps)
             self.iterations = max(self.iterations, int(fluid.iterations))
-            self.courant = max(self.courant, float(fluid.courant))
-            self.mass = max(self.mass, float(fluid.divergence))
-            self.momentum = max(self.momentum, float(fluid.momentum))
-            self.volume = max(self.volume, float(fluid.volume))
+            self.courant = _largest(self.courant, fluid.courant)
+            self.mass = _largest(self.mass, fluid.divergence)
+            self.momentum = _largest(self.momentum, fluid.momentum)
+            self.volume = _largest(self.volume, fluid.volume)
             self.out_of_range += float(fluid.out_of_range)
 
     def add_spread(self, closure: EnsembleClosure, forces: FluidForces) -> None:
@@ -122,6 +122,11 @@ class Totals:
             if field.name not in ("stages", "start"):
                 setattr(self, field.name, type(getattr(self, field.name))(values[field.name]))
         self.stages = {name: float(values[f"stage_{name}"]) for name in self.stages}
+
+
+def _largest(so_far: float, value: Array) -> float:
+    """The larger of the two; NaN where one of them is, so that a figure that was lost shows."""
+    return float(np.maximum(so_far, float(value)))
 
 
 @jax.jit

@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,6 +16,8 @@ import numpy as np
 from jaxdem import __version__
 from jaxdem.errors import InputError
 from jaxdem.io import scene_text
+from jaxdem.io.checkpoint import read_checkpoint
+from jaxdem.io.run_directory import CHECKPOINT
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -111,6 +114,31 @@ def require_same_origin(attributes: Mapping[str, Any], here: Mapping[str, str]) 
         if attributes.get(name) != here[name]:
             remedy = f"{remedy}, or start the run anew in another folder."
             raise InputError("checkpoint.h5", attributes.get(name), limit, remedy)
+
+
+def require_same_parameters(out: str | Path, here: Mapping[str, str]) -> None:
+    """Refuses a complete run whose closure, or a file that its scene names, has other content now.
+
+    Nothing is asked of a run of another version, or whose checkpoint is not there any more.
+
+    Args:
+        out: its folder.
+        here: `origin` of the run that would be taken for done.
+
+    Raises:
+        InputError: they differ, or the checkpoint is damaged.
+    """
+    path = Path(out) / CHECKPOINT
+    if not path.is_file():
+        return
+    attributes = read_checkpoint(path)[1]
+    if attributes.get("jaxdem") == here["jaxdem"] and attributes.get("parameters") != here["parameters"]:
+        raise InputError(
+            "RUN",
+            str(out),
+            "is complete, of another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files hold now",
+            "Run it anew in another folder, or put the files that the scene names back as they were.",
+        )
 
 
 def _named(prefix: str, tree: Any) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,6 +23,7 @@ from jaxdem.rows import read_whole
 from jaxdem.scene_base import Finite, Fraction, NonNegative, Positive, Rows, Section
 from jaxdem.scene_coupling import BassetWindow, check_coarse_inputs, check_self_disturbance
 from jaxdem.scene_materials import (
+    WALL,
     Material,
     MaterialPair,
     Species,
@@ -202,8 +204,8 @@ class BoundarySide(Section):
 
     Attributes:
         kind: what the side is to the fluid; periodic holds for both sides of an axis.
-        velocity: inlet: superficial velocity, the inward speed or one number per axis; moving_wall: the
-            wall's velocity, one number per axis [m/s].
+        velocity: inlet: superficial velocity, the inward speed or one number per axis, of which those along the side are
+            the fluid's own, whatever the void fraction; moving_wall: the wall's velocity, one number per axis [m/s].
         from_: corner of the patch in the other axes: a number in 2-D, two in 3-D (key `from`) [m].
         to: opposite corner [m].
         ramp_time: over which the velocity rises from zero; 0.05 s for an inlet without times [s].
@@ -342,7 +344,7 @@ class Output(Section):
 
     Attributes:
         samples: time between samples of what the drag law saw, or 0 for none [s].
-        checkpoint_interval: wall time between checkpoints [s].
+        checkpoint_interval: wall time after which the next output leaves a checkpoint [s].
     """
 
     samples: NonNegative = 0.0
@@ -498,8 +500,9 @@ def _completed(scene: Scene) -> Scene:
         raise InputError("walls", f"{len(scene.walls)} walls", "need [particles]", "remove [[walls]]")
     elif scene.contact is not None:
         raise InputError("contact", "...", "needs [particles]", "add [particles] or remove [contact]")
-    elif scene.materials:
-        raise InputError("materials", "...", "need [particles]", "remove [[materials]]")
+    elif scene.materials or scene.material_pairs:
+        name = "materials" if scene.materials else "material_pairs"
+        raise InputError(name, "...", "need [particles]", f"remove [[{name}]]")
     if scene.fluid is not None:
         _entries("fluid.cells", scene.fluid.cells, dimension)
         velocity = scene.fluid.velocity or (0.0,) * dimension
@@ -524,6 +527,11 @@ def _completed(scene: Scene) -> Scene:
         raise InputError(
             "particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]"
         )
+    for name in scene.sides:
+        if scene.fluid is None and boundary[name].kind == "inlet":
+            raise InputError(
+                f"boundary.{name}.kind", "inlet", "lets a fluid in, and the scene has none", 'add [fluid], or set it to "no_slip"'
+            )  # fmt: skip
     _check_times(scene)
     check_exits(scene)
     check_history(scene)
@@ -557,6 +565,9 @@ def _completed_contact(contact: Contact) -> Contact:
             "contact.normal_stiffness", None, "is needed by linear_spring_dashpot", "set it [N/m]"
         )
     update: dict[str, Any] = {}
+    if contact.wall_material == WALL:
+        # The name of walls without a material.
+        contact = contact.model_copy(update={"wall_material": None})
     for name in ("young_modulus", "poisson_ratio", "friction"):
         if contact.wall_material is not None:
             if getattr(contact, f"wall_{name}") is not None:
@@ -614,6 +625,10 @@ def _completed_side(scene: Scene, name: str) -> BoundarySide:
             raise InputError(f"{key}.from", side.from_, f"must be below to = {side.to}", "swap them")
         if side.kind == "periodic":
             raise InputError(f"{key}.from", side.from_, "a periodic side has no patch", "remove from and to")
+    if side.kind == "moving_wall" and side.from_ is not None and scene.particles is not None:
+        raise InputError(
+            f"{key}.from", side.from_, "a patch that moves would drag the fluid, but no particles", "move the whole side: remove from and to"
+        )  # fmt: skip
     _check_side_velocity(key, side)
     update: dict[str, Any] = {"ramp_time": side.ramp_time}
     if side.velocity is not None:
@@ -736,6 +751,13 @@ def _check_particles(scene: Scene) -> None:
         if isinstance(getattr(particles, name), str):
             column(f"particles.{name}", getattr(particles, name))
     ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
+    if particles.count and not ways and particles.inlet:
+        raise InputError(
+            "particles.count",
+            particles.count,
+            "is the number at the start, and neither particles.pack nor particles.position says where they are",
+            "add one of these, or remove particles.count: the inlets have numbers of their own",
+        )
     if len(ways) != 1 and particles.count != 0 and (ways or not particles.inlet):
         raise InputError(
             "particles.pack",
@@ -830,14 +852,12 @@ def _in_plain_words(message: str) -> str:
         ("Value error, ", ""),
         ("Input should be a valid tuple", "must be a list"),
         ("Input should be a valid dictionary", "must be a table"),
-        (" or instance of BoundarySide", ""),
-        (" or instance of Width", ""),
         ("Input should be", "must be"),
         ("Tuple should have", "must have"),
         (" after validation", ""),
     ):
         message = message.replace(theirs, ours)
-    return message
+    return re.sub(r" or instance of \w+", "", message)
 
 
 def _is_branch_label(part: Any) -> bool:

@@ -20,7 +20,7 @@ from jaxdem.build import build, initial_state
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.errors import InputError, RunError
-from jaxdem.failures import Failure, failures, first_meaning
+from jaxdem.failures import OF_PARTICLES, Failure, failures, first_meaning
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
@@ -29,7 +29,13 @@ from jaxdem.io.run_directory import CHECKPOINT, SCENE
 from jaxdem.particles.contact import ContactLaw
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
-from jaxdem.restart import from_arrays, origin, require_same_origin, to_arrays
+from jaxdem.restart import (
+    from_arrays,
+    origin,
+    require_same_origin,
+    require_same_parameters,
+    to_arrays,
+)
 from jaxdem.scene import Scene
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
@@ -87,12 +93,15 @@ def simulate(
         RunError: the run could not go on; what was done is kept, with `valid: false` in the summary.
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
-    if resume and RunDirectory.is_complete(out):
+    complete = resume and RunDirectory.is_complete(out)
+    if complete:
         RunDirectory.require_same_scene(out, scene.to_toml())
-        return load_run(out)
     simulation, parameters = build(
         scene, closure, walls, contact_law, inlet_profiles, subgrid, side_conditions
     )
+    if complete:
+        require_same_parameters(out, origin(scene.to_toml(), parameters))
+        return load_run(out)
     every = samples_every(scene, simulation)
     state, neighbors = initial_state(scene, simulation, parameters)
     attributes = sample_attributes(scene, simulation) if every else None
@@ -118,6 +127,7 @@ def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run
         InputError, RunError, Interrupted: see `simulate`.
     """
     if RunDirectory.is_complete(out):
+        require_same_parameters(out, origin(scene.to_toml(), build(scene)[1]))
         return load_run(out)
     resume = (out / CHECKPOINT).is_file()
     if not resume and (out / SCENE).is_file():
@@ -219,7 +229,8 @@ class TimeLoop:
                 )
             diagnostics = Diagnostics(particle_report, fluid_report, forces)
             code = int(failures(self.simulation, diagnostics))
-            if code != Failure.OVERFLOW or self.neighbors is None:
+            # What else is wrong with particles that missed some of their contacts may come of it.
+            if not code & Failure.OVERFLOW or code & ~OF_PARTICLES or self.neighbors is None:
                 break
             self._enlarge()
         if code:
@@ -300,6 +311,13 @@ def samples_every(scene: Scene, simulation: Simulation) -> int:
         raise InputError(
             "output.samples", wanted, "training samples of particles that come and go are not built", "set it to 0"
         )  # fmt: skip
+    if wanted > scene.time.end * (1.0 + 1e-9):
+        raise InputError(
+            "output.samples",
+            wanted,
+            f"the scene ends at {scene.time.end:g} s: there would be none",
+            "lower it",
+        )
     ratio = wanted / simulation.interval
     every = max(1, round(ratio))
     if abs(every - ratio) > 1e-6 * every:

@@ -10,7 +10,7 @@ from jax import Array
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.exchange import FluidInterval
-from jaxdem.fluid.boundary import ramp
+from jaxdem.fluid.boundary import Boundary, ramp
 from jaxdem.particles import vectors
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval
@@ -31,6 +31,7 @@ class Simulation:
         steps: time steps and limits.
         box: side lengths [m].
         periodic: whether each axis is periodic.
+        boundary: the sides of the box.
         contact: contact model and steps, None without particles.
         fluid: solver and exchange, None without a fluid.
         drag_law: correlation, None without coupling or with a learned closure.
@@ -41,6 +42,7 @@ class Simulation:
     steps: TimeSteps
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
+    boundary: Boundary
     contact: ContactInterval | None
     fluid: FluidInterval | None
     drag_law: DragClosure | None
@@ -68,14 +70,12 @@ class Simulation:
         if self.contact is None:
             return ()
         model = self.contact.model
-        if self.fluid is None or parameters.fluid is None:
-            return (still,) * model.walls
+        given = parameters.side_velocity if parameters.fluid is None else parameters.fluid.side_velocity
         velocities = []
         for wall in model.sides:
             number = 2 * wall.axis + (wall.inward < 0)
-            side = self.fluid.solver.boundary.sides[number]
-            moves = side.kind == "moving_wall" and side.start is None
-            velocities.append(ramp(side, time) * parameters.fluid.side_velocity[number] if moves else still)
+            side = self.boundary.sides[number]
+            velocities.append(ramp(side, time) * given[number] if side.kind == "moving_wall" else still)
         return (*velocities, *(still,) * len(model.surfaces))
 
     def renewed(

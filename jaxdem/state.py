@@ -37,6 +37,8 @@ class Parameters(NamedTuple):
         drag_scale: () factor on the drag, 1 for the law as it is [-].
         closure: a learned drag closure with its weights; None for a correlation, which has none.
         inlet_velocity: (D,) with which particles come in, of each inlet [m/s].
+        side_velocity: (D,) of every side of the box in a scene without fluid where one moves, else (); a fluid has its
+            own [m/s].
     """
 
     gravity: Array
@@ -46,6 +48,7 @@ class Parameters(NamedTuple):
     drag_scale: Array | None
     closure: Any
     inlet_velocity: tuple[Array, ...] = ()
+    side_velocity: tuple[Array, ...] = ()
 
 
 class ParticleDiagnostics(NamedTuple):

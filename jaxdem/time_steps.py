@@ -278,7 +278,13 @@ def _contact_bodies(scene: Scene) -> list[_ContactBody]:
         for r, rho in sorted(extremes):
             found.append(_ContactBody(r, rho, 4.0 / 3.0 * math.pi * r**3 * rho, young, poisson, key))
     if table is None:
-        return found  # walls have always been left to the margin of the automatic step
+        # Walls as hard as the particles, or harder, are left to the margins of step and overlap (15 % more than of a pair).
+        soft, ratio = contact.wall_young_modulus, contact.wall_poisson_ratio
+        if found and isinstance(soft, float) and ratio is not None:
+            wall = _ContactBody(math.inf, math.inf, math.inf, soft, ratio, "contact.wall_young_modulus")
+            if wall.modulus < found[0].modulus:
+                found.append(wall)
+        return found
     model_walls = wall_materials(scene, table, 1, 1 + 2 * len(scene.walls))
     for number in np.unique(model_walls):
         young, poisson = float(table.young_modulus[number]), float(table.poisson_ratio[number])

@@ -299,6 +299,7 @@ def test_compare_says_where_the_report_is(done, tmp_path):
     refused(
         invoke("compare", done[0], tmp_path / "absent", "--out", tmp_path / "other"), "not a run directory"
     )
+    assert not (tmp_path / "other").exists()
 
 
 def test_plot_and_animate_a_run(done, tmp_path):
@@ -313,6 +314,14 @@ def test_plot_and_animate_a_run(done, tmp_path):
     assert (tmp_path / "films" / "run.gif").read_bytes()[:6] == b"GIF89a"
 
 
+def test_a_run_may_have_any_name(done, tmp_path):
+    """Between dollars matplotlib would read mathematics."""
+    named = tmp_path / "r$^$_1"
+    shutil.copytree(done[0], named)
+    assert invoke("plot", named, "--out", tmp_path / "a.png").exit_code == 0
+    assert invoke("compare", done[0], named, "--out", tmp_path / "both").exit_code == 0
+
+
 def test_plot_and_animate_refuse_what_they_cannot_draw(done, tmp_path):
     broken = tmp_path / "broken"
     broken.mkdir()
@@ -324,6 +333,7 @@ def test_plot_and_animate_refuse_what_they_cannot_draw(done, tmp_path):
         assert invoke(command, done[0], *out, "--color", "red").exit_code == 2
     refused(invoke("plot", done[0], "--time", 99.0), "--time", "99.0", "outputs of")
     refused(invoke("animate", done[0], "--out", tmp_path / "a.avi"), "--out", ".gif or .mp4")
+    refused(invoke("animate", done[0], "--out", tmp_path / "a.gif", "--fps", "0.001"), "--fps", "0.01 ... 50")
     refused(invoke("animate", done[0], "--out", tmp_path / "a.gif", "--color", "drag"), "--color", "fluid")
     assert not (tmp_path / "a.gif").exists()
 
@@ -524,6 +534,11 @@ def test_export_writes_what_was_asked_for(tmp_path):
     refused(invoke("export", tmp_path / "absent.h5", "--format", "c", "--out", tmp_path / "x.h"), "absent.h5")
     refused(invoke("export", path, "--format", "c", "--out", tmp_path), "--out", "is a folder")
     assert invoke("export", path, "--format", "fortran", "--out", tmp_path / "x").exit_code == 2
+    kept = path.read_bytes()
+    refused(invoke("export", path, "--format", "c", "--out", path), "--out", "would be lost")
+    for command in ("distill", "prune"):
+        refused(invoke(command, path, tmp_path / "data.h5", "--out", path), "--out", "would be lost")
+    assert path.read_bytes() == kept
 
 
 def test_an_unknown_study_is_refused(tmp_path):

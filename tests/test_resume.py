@@ -5,18 +5,22 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import tomllib
 from pathlib import Path
 
 import h5py
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem import RunError, load_run, load_scene, simulate
+from jaxdem import InputError, RunError, load_run, load_scene, simulate
+from jaxdem.failures import OF_PARTICLES, failures, first_meaning
 from jaxdem.io import scene_text
 from jaxdem.particles import neighbors as neighbor_module
+from jaxdem.records import _largest
 from jaxdem.restart import origin
-from jaxdem.simulate import Interrupted, TimeLoop
+from jaxdem.simulate import Interrupted, TimeLoop, simulate_once
 from jaxdem.state import Parameters
 
 SCENE = {
@@ -189,6 +193,49 @@ def test_too_few_neighbour_slots_change_nothing(scene, whole, tmp_path, monkeypa
         # Measured: 1.5e-8 m and 2.3e-6 m/s at the end, after 0.2 s of collisions.
         np.testing.assert_allclose(ours["position"], theirs["position"], rtol=0, atol=1e-7)
         np.testing.assert_allclose(ours["velocity"], theirs["velocity"], rtol=0, atol=2e-5)
+
+
+def test_what_else_is_wrong_after_an_overflow_does_not_count(scene, whole, tmp_path, monkeypatch):
+    """Particles that missed their contacts may be lost or too fast: the interval is done again all the same."""
+    monkeypatch.setattr(neighbor_module, "USUAL_SLOTS", {2: 1, 3: 1})
+    monkeypatch.setattr(neighbor_module, "EXTRA_CAPACITY", 1.0)
+
+    def worse(simulation, diagnostics):
+        code = failures(simulation, diagnostics)
+        return code | jnp.where(diagnostics.particles.overflow, int(OF_PARTICLES), 0)
+
+    monkeypatch.setattr(sys.modules[TimeLoop.__module__], "failures", worse)
+    tight = simulate(scene, tmp_path / "run")
+    assert tight.summary["valid"] and tight.summary["counts"]["neighbor_resizes"] > 0
+    assert first_meaning(int(OF_PARTICLES))[0] == "the neighbour list ran out of room"
+
+
+def test_a_complete_run_of_other_sizes_is_not_taken_for_done(tmp_path):
+    """The scene names a file; what is in it has changed since the run."""
+    np.savetxt(tmp_path / "radius.txt", [0.01, 0.02])
+    tables = dict(
+        domain=dict(size=[0.2, 0.2], depth=0.04),
+        particles=dict(radius=str(tmp_path / "radius.txt"), density=2500.0, position=[[0.05, 0.1], [0.15, 0.1]]),
+        time=dict(end=0.001, output_interval=0.001),
+    )  # fmt: skip
+    run = simulate(load_scene(tables), tmp_path / "run")
+    assert simulate(load_scene(tables), tmp_path / "run", resume=True).summary == run.summary
+    assert simulate_once(load_scene(tables), tmp_path / "run", pytest.fail).summary == run.summary
+    np.savetxt(tmp_path / "radius.txt", [0.01, 0.015])
+    for again in (
+        lambda scene: simulate(scene, tmp_path / "run", resume=True),
+        lambda scene: simulate_once(scene, tmp_path / "run", pytest.fail),
+    ):
+        with pytest.raises(InputError, match="is complete, of another closure"):
+            again(load_scene(tables))
+    (tmp_path / "run" / "checkpoint.h5").unlink()  # then nothing is known of it
+    assert simulate(load_scene(tables), tmp_path / "run", resume=True).summary == run.summary
+
+
+def test_a_figure_that_was_lost_shows():
+    """NaN is larger than all numbers, before and after."""
+    assert _largest(1.0, jnp.asarray(2.0)) == 2.0 == _largest(2.0, jnp.asarray(1.0))
+    assert np.isnan([_largest(1.0, jnp.asarray(np.nan)), _largest(np.nan, jnp.asarray(1.0))]).all()
 
 
 def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch):

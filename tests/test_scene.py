@@ -6,6 +6,7 @@ import copy
 import math
 import re
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from jaxdem import InputError, build, initial_state, load_scene
 from jaxdem.initial import check_initial_positions, initial_positions
 from jaxdem.scene import parse_override
+from jaxdem.simulate import samples_every
 from jaxdem.time_steps import time_steps
 
 VALID = {
@@ -181,6 +183,114 @@ def test_what_cannot_work_is_refused_naming_the_key(key, value):
     section = key.split(".")[0]
     owners = {"particles": ("particles", "contact"), "fluid": ("fluid", "coupling")}
     assert error.key.startswith(owners.get(section, (section,)))
+
+
+CLOSED = {"left": {"kind": "no_slip"}}
+DROPS = [{"side": "top", "rate": 10.0, "velocity": 0.1}]
+
+
+@pytest.mark.parametrize(
+    ("section", "tables", "key", "words"),
+    [
+        ("boundary", {"left": VALID["boundary"]["left"]}, "boundary.left.velocity", "0.0002 m3/s more comes in than goes out at t = 0.025 s"),
+        (
+            "boundary",
+            VALID["boundary"] | {"right": {"kind": "inlet", "velocity": [0.0999, 0.0], "from": 0.1, "to": 0.2}},
+            "boundary.left.velocity",
+            "without an outlet",
+        ),
+        (
+            "boundary",
+            VALID["boundary"] | {"right": {"kind": "outlet", "from": 0.0, "to": 0.02}},
+            "boundary.right.from",
+            "less than half of every face",
+        ),
+        (
+            "boundary",
+            VALID["boundary"] | {"top": {"kind": "moving_wall", "velocity": [1.0, 0.0], "from": 0.0, "to": 0.2}},
+            "boundary.top.from",
+            "no particles",
+        ),
+        ("particles", VALID["particles"] | {"inlet": DROPS}, "particles.inlet", "no way out"),
+        ("particles", {"radius": 0.01, "density": 1e3, "count": 5, "inlet": DROPS}, "particles.count", "pack"),
+        (
+            "particles",
+            {"radius": 0.01, "density": 1e3, "count": 0, "position": [[0.1, 0.1]]},
+            "particles.count",
+            "1 positions",
+        ),
+        (
+            "particles",
+            {"radius": 0.01, "density": 1e3, "pack": {"kind": "lattice", "start": [0.1] * 2, "stop": [0.11] * 2}},
+            "particles.pack",
+            "holds no particle",
+        ),
+        ("output", {"samples": 0.2}, "output.samples", "ends at 0.1 s"),
+    ],
+)  # fmt: skip
+def test_nothing_that_comes_in_or_is_given_is_lost(section, tables, key, words):
+    """Refused before work: flows that no incompressible fluid has, and what would be left out in silence."""
+    scene = changed(section, tables)
+    if key == "particles.inlet":
+        scene["boundary"] = CLOSED
+    with pytest.raises(InputError, match=re.escape(words)) as caught:
+        loaded = load_scene(scene)
+        samples_every(loaded, build(loaded)[0])
+    assert caught.value.key == key and caught.value.remedy
+
+
+def test_what_one_inlet_lets_in_another_may_draw_off():
+    """Left in and right out, of the same flow rate on patches of other widths, all through ramp and table."""
+    times = {"times": [0.0, 0.03, 0.1], "from": 0.0, "to": 0.1}
+    tables = changed("boundary.left", {"kind": "inlet", "velocities": [0.0, 0.2, 0.1], **times})
+    drawn = {"kind": "inlet", "times": times["times"], "velocities": [[0.0, 0.0], [0.1, 0.0], [0.05, 0.0]]}
+    tables["boundary"]["right"] = {**drawn, "from": 0.1, "to": 0.3}
+    build(load_scene(tables))
+    tables["boundary"]["right"]["velocities"][1] = [0.11, 0.0]
+    with pytest.raises(InputError, match="at t = 0.015 s"):
+        build(load_scene(tables))
+
+
+def test_an_inlet_needs_a_fluid_and_pairs_need_materials():
+    dry = changed("fluid", ...)
+    del dry["coupling"]
+    assert refusal(dry).key == "boundary.left.kind"
+    alone = {key: VALID[key] for key in ("domain", "fluid", "boundary", "time")}
+    pair = [{"materials": ["glass", "wall"], "friction": 0.1}]
+    assert refusal(alone | {"material_pairs": pair}).key == "material_pairs"
+
+
+def test_walls_of_the_material_called_wall_are_those_without_one():
+    scene = load_scene(changed("contact.wall_material", "wall"))
+    assert scene == load_scene(VALID)
+
+
+def test_an_impact_on_soft_walls_counts_for_the_overlap():
+    """Hertz on a wall: (15 m v^2 / (16 E* sqrt(R)))^(2/5), E* of grain and wall."""
+    contact = {"young_modulus": 7e7, "wall_young_modulus": 2e5, "speed": 1.0, "poisson_ratio": 0.3}
+    assert refusal_of_steps(contact | {"maximum_overlap": 0.1}).key == "contact.wall_young_modulus"
+    mass, effective = 2650.0 * 4 / 3 * math.pi * 0.01**3, 1.0 / (0.91 / 7e7 + 0.91 / 2e5)
+    overlap = (15 * mass / (16 * effective * math.sqrt(0.01))) ** 0.4 / 0.02
+    steps = time_steps(load_scene(changed("contact", contact | {"maximum_overlap": 0.2})))
+    assert 0.1 < overlap < 0.2 and steps.expected_overlap == pytest.approx(overlap, rel=1e-12)
+    equal, hard = (
+        time_steps(load_scene(changed("contact", contact | {"wall_young_modulus": modulus}))).expected_overlap
+        for modulus in (7e7, 7e9)
+    )
+    assert equal == hard < 0.2 * overlap
+
+
+def refusal_of_steps(contact):
+    with pytest.raises(InputError) as caught:
+        time_steps(load_scene(changed("contact", contact)))
+    return caught.value
+
+
+def test_a_hair_below_zero_is_on_the_other_side_of_a_periodic_box():
+    tables = placed([-1e-18, 0.1], [0.2, 0.1])
+    tables["boundary"] = {name: {"kind": "periodic"} for name in ("left", "right")}
+    build(load_scene(tables))
+    check_initial_positions(load_scene(tables), np.array([[-1e-18, 0.1], [0.2, 0.1]]))
 
 
 def test_a_parabola_needs_ends_that_hold_the_fluid():

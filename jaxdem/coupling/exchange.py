@@ -52,7 +52,7 @@ from jaxdem.coupling.unsteady import (
 from jaxdem.coupling.virtual_mass import FluidMemory, VirtualMassForce, added_mass, settle_up
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import largest_inflow
-from jaxdem.fluid.grid import face_total, sum_of
+from jaxdem.fluid.grid import along, face_total, sum_of
 from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.particles import vectors
@@ -290,7 +290,7 @@ def exchange(
         *reports,
         _finite(fluid),
         jnp.max(jnp.abs(given - lost)) / size,
-        volume_error(jnp.sum(solids) * grid.cell_volume, volume, particles.active),
+        volume_error(jnp.sum(solids) * grid.cell_volume, volume),
         jnp.min(fluid.void_fraction),
         jnp.sum(drag.out_of_range.astype(jnp.int32)),
     )
@@ -596,10 +596,13 @@ def _choose_substeps(
     grid, dtype = interval.solver.grid, state.pressure.dtype
     speeds = [jnp.max(jnp.abs(u)) / h for u, h in zip(state.face_velocity, grid.spacing, strict=True)]
     for side in interval.solver.boundary.sides:
-        # A jet that is switched on inside the interval counts too.
-        if side.kind == "inlet" and state.void_fraction is None:
+        # A jet that is switched on inside the interval counts too, as fast as it has to be between the particles.
+        if side.kind == "inlet":
             velocity = properties.side_velocity[2 * side.axis + side.upper]
             inflow = largest_inflow(side, velocity, time, time + interval.duration)
+            if state.void_fraction is not None:
+                ends = (-1, None) if side.upper else (0, 1)
+                inflow = inflow / jnp.min(along(state.void_fraction, side.axis, *ends))
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
     courant = interval.duration * jnp.sum(jnp.stack(speeds))
     viscous = jnp.zeros((), dtype)

@@ -34,7 +34,7 @@ class KernelWidth(NamedTuple):
     cells: float
 
     def half_widths(self, grid: Grid, diameter: float) -> tuple[float, ...]:
-        """Half-width along every axis [m]; at most half a periodic side."""
+        """Half-width along every axis [m]."""
         return tuple(max(self.diameters * diameter, self.cells * h) for h in grid.spacing)
 
 

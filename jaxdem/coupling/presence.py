@@ -39,13 +39,11 @@ def present_volume(volume: Array, count: int, active: Array | None) -> Array:
     return jnp.sum(each if active is None else jnp.where(active, each, 0.0))
 
 
-def volume_error(deposited: Array, total: Array, active: Array | None) -> Array:
+def volume_error(deposited: Array, total: Array) -> Array:
     """() |deposited - total| / total; zero where nothing is present and nothing deposited [-].
 
     Args:
         deposited: () volume of the solids in all cells [m3].
         total: () volume of the particles present [m3].
-        active: (N,) bool; None where all are present, so that there is something to divide by.
     """
-    size = total if active is None else jnp.maximum(total, jnp.finfo(total.dtype).tiny)
-    return jnp.abs(deposited - total) / size
+    return jnp.abs(deposited - total) / jnp.maximum(total, jnp.finfo(total.dtype).tiny)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -121,6 +122,30 @@ def open_fraction(grid: Grid, side: Side) -> np.ndarray:
     """1 on the faces of a side through which the pressure drives the flow (outlet), else 0."""
     covered = coverage(grid, side)
     return np.where((covered >= 0.5) & side.condition.sets_pressure, 1.0, 0.0)
+
+
+def net_inflow(
+    grid: Grid, boundary: Boundary, side_velocity: Sequence[np.ndarray], time: float
+) -> tuple[float, float]:
+    """What comes in through all sides at a time, what inlets draw off taken away, and the same added up [m3/s].
+
+    Args:
+        grid: the grid.
+        boundary: the sides.
+        side_velocity: (D,) of every side, or (T, D) at its T times [m/s].
+        time: [s].
+    """
+    net = gross = 0.0
+    for side, velocity in zip(boundary.sides, side_velocity, strict=True):
+        if not isinstance(side.condition, Inlet):
+            continue
+        speed = float(velocity_at(side, jnp.asarray(velocity), jnp.asarray(time))[side.axis])
+        faces = [1 if axis == side.axis else cells for axis, cells in enumerate(grid.cells)]
+        area = float(np.sum(np.broadcast_to(coverage(grid, side), faces)))
+        area *= grid.cell_volume / grid.spacing[side.axis]
+        flow = (-speed if side.upper else speed) * area
+        net, gross = net + flow, gross + abs(flow)
+    return net, gross
 
 
 def ramp(side: Side, time: Array) -> Array:

@@ -170,8 +170,11 @@ def _with_coulomb_limit(
     slides = size > limit
     ratio = jnp.where(slides, limit / jnp.where(slides, size, 1.0), 1.0)
     tangential = vectors.scale(ratio, trial)
+    # Without a stiffness (contact.tangential_stiffness = 0) no spring gives this force: it stays as it is, and gives none.
+    follows = slides & (stiffness > 0.0)
+    divisor = jnp.where(follows, stiffness, 1.0)
     spring = tuple(
-        jnp.where(slides, -(force + damping * slip) / stiffness, xi)
+        jnp.where(follows, -(force + damping * slip) / divisor, xi)
         for force, slip, xi in zip(tangential, contact.slip, contact.spring, strict=True)
     )
     return ContactForce(normal, elastic, tangential, spring)

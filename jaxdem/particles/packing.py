@@ -257,7 +257,9 @@ def deepest_overlap(
     shifted, size = position.copy(), np.zeros(len(box))
     for axis, wraps in enumerate(periodic):
         if wraps:
-            shifted[:, axis] = np.mod(shifted[:, axis], box[axis])
+            wrapped = np.mod(shifted[:, axis], box[axis])
+            # A hair below zero gives the box itself, which the tree refuses.
+            shifted[:, axis] = np.where(wrapped < box[axis], wrapped, 0.0)
             size[axis] = box[axis]
     pairs = cKDTree(shifted, boxsize=size).query_pairs(2.0 * radius.max(), output_type="ndarray")
     if len(pairs) == 0:

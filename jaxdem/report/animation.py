@@ -27,6 +27,9 @@ DPI = 100
 FASTEST = {".gif": 50.0, ".mp4": 240.0}
 """Most pictures a second: a GIF counts in hundredths of a second, and viewers slow down what is under two."""
 
+SLOWEST = 0.01
+"""Least: a GIF holds a picture for eleven minutes at most."""
+
 
 def animate(
     run: RunLike,
@@ -95,8 +98,8 @@ def _writer(out: Path, fps: float) -> AbstractMovieWriter:
     ending = out.suffix.lower()
     if ending not in FASTEST:
         raise InputError("--out", str(out), "must end in .gif or .mp4", "Name such a file.")
-    if not 0.0 < fps <= FASTEST[ending]:
-        limit = f"above 0 and up to {FASTEST[ending]:g} for {ending}"
+    if not SLOWEST <= fps <= FASTEST[ending]:
+        limit = f"must be {SLOWEST:g} ... {FASTEST[ending]:g} for {ending}"
         raise InputError("--fps", fps, limit, "For example --fps 10.")
     if ending == ".gif":
         return PillowWriter(fps=fps)  # type: ignore[arg-type, unused-ignore]

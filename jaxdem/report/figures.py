@@ -287,4 +287,4 @@ def _parity_panel(axis: Axes, name: str, column: str, arrays: Mapping[str, Any])
     axis.set_ylabel("base law's force [N]" if column == "base" else "closure's force [N]")
     word = "base law" if column == "base" else "closure"
     note = f"\n{100 * outside:.1f} % outside the panel" if outside > 0.005 else ""
-    axis.set_title(f"{name}, {word}: R$^2$ = {r_squared(target, estimate):.3f}{note}")
+    axis.set_title(f"{name}, {word}: R² = {r_squared(target, estimate):.3f}{note}")

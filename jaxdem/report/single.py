@@ -99,11 +99,10 @@ def frame_at(run: RunLike, time: float | None) -> int:
 
 
 def _recorded(run: RunLike) -> list[Metric]:
-    """The metrics that the run has: those of the fluid or of the particles may be missing."""
+    """The metrics that the run has: those of the fluid or of the particles may be missing, the pressure of a closed box is."""
+    history = read.history_until(run, None)
     return [
-        metric
-        for metric in METRICS
-        if metric.name in run.history and np.isfinite(run.history[metric.name]).any()
+        metric for metric in METRICS if metric.name in history and np.isfinite(history[metric.name]).any()
     ]
 
 

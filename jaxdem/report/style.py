@@ -23,6 +23,8 @@ MARKERS = (("o", "circle"), ("s", "square"), ("^", "triangle-up"), ("D", "diamon
 
 RC: dict[str, Any] = {
     "font.size": 10,
+    # Names of runs are text, whatever is in them.
+    "text.parse_math": False,
     "axes.titlesize": 10,
     "axes.labelsize": 10,
     "axes.spines.top": False,

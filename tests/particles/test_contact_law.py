@@ -117,3 +117,18 @@ def test_gradients_are_finite_and_right(law, overlap, restitution):
     assert all(np.isfinite(np.asarray(g)).all() for g in gradients)
     expected = 2 * E * np.sqrt(RADIUS * overlap) if isinstance(law, HertzMindlin) else 1e4
     np.testing.assert_allclose(gradients[0][0], expected, rtol=ROUND)
+
+
+def test_without_a_tangential_stiffness_the_dashpot_is_left():
+    """contact.tangential_stiffness = 0: F_t = -c_t v_t up to the Coulomb limit, the spring stays zero, gradients are finite."""
+    law, d, b = LinearSpringDashpot(), 2e-4, -np.log(0.5) / np.hypot(np.log(0.5), np.pi)
+    damping = b * np.sqrt(1e4 * MASS)
+    for slip, expected in ((1e-3, -damping * 1e-3), (10.0, -0.5 * 1e4 * d)):
+
+        def tangential(speed):
+            force = law(contact(d, slip=(speed, 0.0)), material(0.5, kt=0.0))
+            return force.tangential[0][0], force.spring[0][0]
+
+        force, spring = tangential(slip)
+        assert force == pytest.approx(expected, rel=1e-12) and spring == 0.0
+        assert np.isfinite(jax.grad(lambda speed: tangential(speed)[0])(slip))

@@ -288,7 +288,8 @@ def test_the_error_of_the_volume_counts_those_present():
         (0.0, 2.0, nobody, 0.0), (5.0, 2.0, None, 1.0 / 6.0),
     ):  # fmt: skip
         total = present_volume(jnp.asarray(volume), 3, mask)
-        assert volume_error(jnp.asarray(deposited), total, mask) == pytest.approx(error)
+        assert volume_error(jnp.asarray(deposited), total) == pytest.approx(error)
+    assert volume_error(jnp.zeros(()), present_volume(jnp.asarray(2.0), 0, None)) == 0.0
 
 
 def test_with_a_fluid_counts_volume_and_momentum_hold(streams):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxdem
 from benchmarks.cases.worlds import batch, constants, track, world
 from jaxdem.particles import tangent
 from jaxdem.particles.rolling import ConstantDirectionalTorque
@@ -75,6 +77,46 @@ def test_rolling_comes_to_rest_without_chatter(rolling):
     assert np.abs(speed[1][rest]).max() < 1e-2 * SPEED
     assert np.abs(speed[1][-5:]).max() < 1e-3 * SPEED
     assert np.abs(spin[1][-5:]).max() < 1e-3 * SPEED / RADIUS
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_sphere_in_a_corner_comes_to_rest(dimension, friction):
+    """Two or three walls press on it, each with a torque that would stop it; together they must not turn it the other way."""
+    depth = static_overlap(MASS * GRAVITY)
+    scene = world(
+        [[RADIUS - depth] * dimension], None, [[1e-6] * (1 if dimension == 2 else 3)], radius=RADIUS, density=DENSITY,
+        gravity=(-GRAVITY,) * dimension, rolling=ConstantDirectionalTorque(),
+        material=constants(
+            young_modulus=MODULUS, restitution=0.5, friction=friction, rolling_friction=0.1, wall_young_modulus=np.inf,
+        ),
+    )  # fmt: skip
+    _, seen = track(scene, TIME_STEP, 20, 100)
+    assert np.abs(seen.spin).max() < 1e-6 and np.abs(seen.spin[-1]).max() < 1e-9
+
+
+def test_a_floor_that_moves_takes_a_sphere_along():
+    """It slides under mu g up to 2/7 of the floor's speed, where it rolls: mu g t = U - 7/2 v; with a scene of no fluid."""
+    scene = jaxdem.load_scene(
+        dict(
+            precision="float64",
+            domain=dict(size=[1.0, 0.2]),
+            particles=dict(radius=0.01, density=2500.0, position=[[0.2, 0.01]]),
+            contact=dict(young_modulus=1e7, friction=0.5, restitution=0.5),
+            boundary=dict(bottom=dict(kind="moving_wall", velocity=[1.0, 0.0])),
+            time=dict(end=0.1, output_interval=0.01),
+        )
+    )
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    step = jax.jit(lambda s, n: simulation.step(parameters, s, n)[:2])
+    speeds = []
+    for _ in range(10):
+        state, neighbors = step(state, neighbors)
+        speeds.append(float(state.particles.velocity[0, 0]))
+    # Slides for 58 ms; the floor is not hard: it sinks in by 1e-4 m.
+    assert speeds[2] == pytest.approx(0.5 * 9.81 * 0.03, rel=0.02)
+    assert speeds[9] == pytest.approx(2.0 / 7.0, rel=0.01)
 
 
 def test_without_rolling_friction_it_rolls_on():
