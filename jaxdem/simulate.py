@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import shutil
 import signal
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,7 +24,7 @@ from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.io import Run, RunDirectory, load_run
-from jaxdem.io.run_directory import CHECKPOINT, SCENE
+from jaxdem.io.run_directory import SCENE
 from jaxdem.particles.contact import ContactLaw
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.records import Totals, frame_of, history_of, run_summary, sample_attributes, sample_of
@@ -129,10 +128,7 @@ def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run
     if RunDirectory.is_complete(out):
         require_same_parameters(out, origin(scene.to_toml(), build(scene)[1]))
         return load_run(out)
-    resume = (out / CHECKPOINT).is_file()
-    if not resume and (out / SCENE).is_file():
-        shutil.rmtree(out)
-    return simulate(scene, out, resume=resume, progress=begin())
+    return simulate(scene, out, resume=(out / SCENE).is_file(), progress=begin())
 
 
 @dataclasses.dataclass

@@ -4,6 +4,7 @@ but for rounding."""
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import tomllib
@@ -228,8 +229,16 @@ def test_a_complete_run_of_other_sizes_is_not_taken_for_done(tmp_path):
     ):
         with pytest.raises(InputError, match="is complete, of another closure"):
             again(load_scene(tables))
+    np.savetxt(tmp_path / "radius.txt", [0.01, 0.02])
     (tmp_path / "run" / "checkpoint.h5").unlink()  # then nothing is known of it
     assert simulate(load_scene(tables), tmp_path / "run", resume=True).summary == run.summary
+    (tmp_path / "run" / "summary.json").unlink()  # broken off, with outputs: they are not thrown away
+    with pytest.raises(InputError, match=r"needs checkpoint\.h5"):
+        simulate_once(load_scene(tables), tmp_path / "run", lambda: lambda *_: None)
+    begun = tmp_path / "begun"
+    begun.mkdir()
+    shutil.copy(tmp_path / "run" / "scene.toml", begun)  # stopped before its first checkpoint
+    assert simulate_once(load_scene(tables), begun, lambda: lambda *_: None).summary["valid"]
 
 
 def test_a_figure_that_was_lost_shows():

@@ -75,7 +75,10 @@ class Evidence:
         return [run for name in names if (run := self.run(name)) is not None]
 
     def jittered(self, name: str) -> list[Run]:
-        """Runs of the plan that differ from this one in the jitter of the pack alone, as far as they have been begun."""
+        """Runs of the plan that differ from this one in the jitter of the pack alone, as far as they have been begun; none of
+        a run that is not in the plan."""
+        if name not in self.plan.runs:
+            return []
         wanted = _but_for_the_pack(self.plan.runs[name])
         return self.runs(
             other
