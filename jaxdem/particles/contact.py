@@ -64,6 +64,7 @@ class Contact(NamedTuple):
         effective_radius: R*, 1/R* = 1/R1 + 1/R2 [m].
         effective_mass: m*, 1/m* = 1/m1 + 1/m2 [kg].
         rolling_inertia: of the bodies about their point of contact, 1/I = 1/(7/5 m1 r1^2) + 1/(7/5 m2 r2^2) [kg m2].
+        sharing: number of walls that touch the particle; 1 between particles.
     """
 
     overlap: Array
@@ -73,6 +74,7 @@ class Contact(NamedTuple):
     effective_radius: Array
     effective_mass: Array
     rolling_inertia: Array
+    sharing: Array | float = 1.0
 
 
 class ContactForce(NamedTuple):

@@ -111,7 +111,7 @@ class _Meeting(NamedTuple):
         other_spin: of the other; None for a body that cannot turn.
         radius: of the one [m].
         other_radius: of the other [m].
-        effective_radius, effective_mass, rolling_inertia: of both, see `Contact`.
+        effective_radius, effective_mass, rolling_inertia, sharing: of both, see `Contact`.
     """
 
     overlap: Array
@@ -125,6 +125,7 @@ class _Meeting(NamedTuple):
     effective_radius: Array
     effective_mass: Array
     rolling_inertia: Array
+    sharing: Array | float = 1.0
 
 
 class _Load(NamedTuple):
@@ -253,6 +254,7 @@ class _Loop(NamedTuple):
             spin=_rows(motion.angular_velocity), other_spin=None,
             radius=radius, other_radius=jnp.zeros((), overlap.dtype),
             effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
+            sharing=jnp.maximum(jnp.sum(overlap > 0, axis=0, dtype=overlap.dtype), 1.0)[None],
         )  # fmt: skip
         material = self.surroundings.wall
         if self.model.materials is not None:
@@ -315,6 +317,7 @@ class _Loop(NamedTuple):
             effective_radius=meeting.effective_radius,
             effective_mass=meeting.effective_mass,
             rolling_inertia=meeting.rolling_inertia,
+            sharing=meeting.sharing,
         )
         result = self.model.law(contact, material)
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.

@@ -50,12 +50,11 @@ class ConstantDirectionalTorque:
     """Torque of constant size against the relative rotation (CDT, model A of Ai et al.).
 
     T = -mu_r F_e R* w / |w| with the elastic normal force F_e and the relative angular velocity w. Where
-    this would take more than half of w within the step it is reduced to that, -I* w / (2 dt) with I* = 2/5 m* R*^2, the
-    smallest reduced inertia that the pair can have: otherwise a particle at rest would be kicked back and forth by the full
-    torque. Half, for every contact of a particle takes its part: a grain in the corner of three walls, whose I* are its own
-    inertia each, would be turned the other way, twice as fast, by all that stop it. With half of it rotation dies out
-    with less than four walls, and among spheres of any size (that which fits between eight larger ones has 1.9 of its
-    inertia in them, between six 2.8).
+    this would reverse w within the step it is reduced to what stops it, -I* w / dt with I* = 2/5 m* R*^2:
+    otherwise a particle at rest would be kicked back and forth by the full torque. I* is the smallest
+    reduced inertia the pair can have, so the reduced torque never overshoots in a single contact. Walls, whose I* are the
+    particle's own inertia, share it among those that touch: in a corner each would stop it, and all three turn it the other
+    way, twice as fast. Equal spheres have an eighth of the inertia in each of at most twelve contacts.
 
     Source: J. Ai et al., Powder Technol. 206 (2011) 269-282, eq. 8.
     """
@@ -74,7 +73,7 @@ class ConstantDirectionalTorque:
     ) -> tuple[Vector, Vector]:
         """See `RollingFriction`."""
         rate = vectors.length(spin)
-        stopping = 0.2 * contact.effective_mass * contact.effective_radius**2 / time_step
+        stopping = 0.4 * contact.effective_mass * contact.effective_radius**2 / (contact.sharing * time_step)
         full = material.rolling_friction * force.elastic * contact.effective_radius
         turning = rate > 0
         coefficient = jnp.minimum(stopping, full / jnp.where(turning, rate, 1.0))

@@ -169,9 +169,8 @@ BARE = planned("fine", INJECTION)
 """The fine run, to vary."""
 COARSE = {factor: coarse("", INJECTION, factor) for factor in (2, 3, 4, 8)}
 STIFF_FINE = planned("stiff_fine", INJECTION, STIFF)
-STIFF_PACK = jittered(briefly(STIFF_FINE))[0]
-STIFF_COARSE = coarse("stiff_", INJECTION, 4, STIFF)
-"""Each costs as much as four runs of soft contacts: one mesh and one more pack show whether the mesh does the same there."""
+STIFF_COARSE = {factor: coarse("stiff_", INJECTION, factor, STIFF) for factor in FACTORS}
+STIFF_PACKS = jittered(briefly(STIFF_FINE))
 SLAB_FINE = planned("slab_fine", SLAB)
 SLAB_COARSE = {factor: coarse("slab_", SLAB, factor) for factor in FACTORS}
 DILUTE_FINE = planned("dilute_fine", DILUTE)
@@ -191,7 +190,7 @@ def mesh_runs() -> list[RunSpec]:
     layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
     slab = [SLAB_FINE, jittered(SLAB_FINE)[0], *SLAB_COARSE.values()]
     seeds = [*jittered(FINE), *(run for factor in FACTORS for run in jittered(briefly(COARSE[factor])))]
-    return [*layer, *laws, *seeds, *slab, *whole, STIFF_FINE, STIFF_PACK, STIFF_COARSE]
+    return [*layer, *laws, *seeds, *slab, *whole, STIFF_FINE, *STIFF_COARSE.values(), *STIFF_PACKS]
 
 
 def budget_runs() -> list[RunSpec]:
@@ -377,15 +376,8 @@ def pareto_runs() -> list[RunSpec]:
     plain = (briefly(run) for run in (BARE, COARSE[4]))
     settings = [varied(run, what, keys) for run in plain for what, keys in SETTINGS.items()]
     closed = [run.with_closure("filtered") for run in DILUTE_COARSE.values()]
-    return [
-        *settings,
-        STIFF_FINE,
-        STIFF_COARSE,
-        DILUTE_FINE,
-        *jittered(DILUTE_FINE)[:1],
-        *DILUTE_COARSE.values(),
-        *closed,
-    ]
+    stiff = [STIFF_FINE, *STIFF_COARSE.values()]
+    return [*settings, *stiff, DILUTE_FINE, *jittered(DILUTE_FINE)[:1], *DILUTE_COARSE.values(), *closed]
 
 
 def injection_plan() -> StudyPlan:
