@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import difflib
+from typing import Annotated, Any, NoReturn
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from jaxdem.errors import InputError
 
 
 def _sensible(value: float) -> float:
@@ -26,3 +29,16 @@ class Section(BaseModel):
     """A table of the scene file: immutable, unknown keys refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def check_entries(key: str, value: tuple[Any, ...], count: int) -> None:
+    """Refuses a list that has not `count` numbers."""
+    if len(value) != count:
+        raise InputError(key, value, f"needs {count} number(s), got {len(value)}", f"give {count}")
+
+
+def refuse_unknown(key: str, name: str, allowed: tuple[str, ...]) -> NoReturn:
+    """Refuses a name that is none of those allowed, with the one that is most like it."""
+    near = difflib.get_close_matches(name, allowed, n=1)
+    remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(sorted(allowed))}"
+    raise InputError(key, name, "unknown key", remedy)

@@ -16,7 +16,8 @@ from jaxdem.errors import InputError
 from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
 from jaxdem.initial import initial_count, scene_bodies
 from jaxdem.rows import rows_of
-from jaxdem.scene import Contact, Scene, parabolic_axes
+from jaxdem.scene import Contact, Scene
+from jaxdem.scene_boundary import parabolic_axes
 from jaxdem.scene_population import inlet_speed
 
 MOST_CONTACT_STEPS = 1_000_000

@@ -19,6 +19,7 @@ HOST = {
     "build",
     "arrivals",
     "bodies",
+    "boundaries",
     "initial",
     "magnitudes",
     "time_steps",
