@@ -261,7 +261,7 @@ def deepest_overlap(
             # A hair below zero gives the box itself, which the tree refuses.
             shifted[:, axis] = np.where(wrapped < box[axis], wrapped, 0.0)
             size[axis] = box[axis]
-    pairs = cKDTree(shifted, boxsize=size).query_pairs(2.0 * radius.max(), output_type="ndarray")
+    pairs = _near(shifted, radius, size)
     if len(pairs) == 0:
         return 0.0, -1, -1
     separation = shifted[pairs[:, 0]] - shifted[pairs[:, 1]]
@@ -274,3 +274,28 @@ def deepest_overlap(
     if overlap[worst] <= 0.0:
         return 0.0, -1, -1
     return float(overlap[worst]), int(pairs[worst, 0]), int(pairs[worst, 1])
+
+
+def _near(position: np.ndarray, radius: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """(P, 2) all pairs that may overlap; spheres within a factor of two in size are looked for together.
+
+    With one reach for all, a few large spheres would put every small one beside hundreds of others.
+
+    Args:
+        position: (N, D), within the box along axes that are periodic [m].
+        radius: (N,) [m].
+        box: (D,) side lengths, zero along axes that are not periodic [m].
+    """
+    classes = np.floor(np.log2(radius / radius.min())).astype(int)
+    members = [np.flatnonzero(classes == one) for one in np.unique(classes)]
+    trees = [cKDTree(position[rows], boxsize=box) for rows in members]
+    found = []
+    for a, b in itertools.combinations_with_replacement(range(len(members)), 2):
+        reach = radius[members[a]].max() + radius[members[b]].max()
+        if a == b:
+            near = trees[a].query_pairs(reach, output_type="ndarray")
+            found.append(members[a][near])
+        else:
+            across = trees[a].sparse_distance_matrix(trees[b], reach, output_type="ndarray")
+            found.append(np.stack((members[a][across["i"]], members[b][across["j"]]), axis=1))
+    return np.concatenate(found)

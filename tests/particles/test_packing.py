@@ -95,13 +95,15 @@ def test_packs_that_hold_nothing_are_empty():
 
 
 @pytest.mark.parametrize("periodic", [(False, False), (True, False), (True, True)])
-@pytest.mark.parametrize("sizes", ["one", "several"])
+@pytest.mark.parametrize("sizes", ["one", "several", "ratio 20"])
 def test_deepest_overlap_against_brute_force(periodic, sizes):
     """The largest (r_i + r_j - distance) / (2 min r) over all pairs and images."""
     generator, box = np.random.default_rng(8), (1.0, 0.7)
     for count in (2, 30, 80):
         position = generator.uniform(0, 1, (count, 2)) * np.array(box)
         radius = np.full(count, 0.03) if sizes == "one" else generator.uniform(0.01, 0.05, count)
+        if sizes == "ratio 20":
+            radius = 0.1 * 20.0 ** -generator.uniform(0, 1, count)
         expected, pair = 0.0, (-1, -1)
         for i in range(count):
             for j in range(i + 1, count):
