@@ -322,6 +322,8 @@ def solver_runs() -> list[RunSpec]:
         found += [sharp, sharp.with_closure("filtered")]
         fourth = varied(briefly(COARSE[factor]), "fourth", FOURTH)
         found += [fourth, fourth.with_closure("filtered")]
+        shown = varied(briefly(COARSE[factor]), "deconvolved", DECONVOLVED)
+        found.append(shown.with_closure("filtered_deconvolved"))
         if factor == 4:
             # What is said of closures at 16 cm rests on three packs.
             packs = [*jittered(sharp), *jittered(fourth)]
@@ -336,10 +338,9 @@ def solver_runs() -> list[RunSpec]:
                 )
             ]
             found += [sharp.with_tuned(one) for one in tuned()]
-            shown = varied(briefly(COARSE[4]), "deconvolved", DECONVOLVED)
             wide = varied(briefly(COARSE[4]), "wide_deconvolved", WIDE)
             found += [shown, *(run.with_closure("filtered") for run in (shown, *jittered(shown)))]
-            found += [run.with_closure("filtered_deconvolved") for run in (shown, *jittered(shown))]
+            found += [run.with_closure("filtered_deconvolved") for run in jittered(shown)]
             found += [wide, wide.with_closure("filtered_wide_deconvolved")]
             smooth = varied(briefly(COARSE[4]), "fourth_deconvolved", SMOOTH)
             found += [
