@@ -170,8 +170,8 @@ BARE = planned("fine", INJECTION)
 COARSE = {factor: coarse("", INJECTION, factor) for factor in (2, 3, 4, 8)}
 STIFF_FINE = planned("stiff_fine", INJECTION, STIFF)
 STIFF_COARSE = {factor: coarse("stiff_", INJECTION, factor, STIFF) for factor in FACTORS}
-STIFF_PACKS = jittered(briefly(STIFF_FINE, 3.6))
-"""Their fine run's grains come to the screen at 3.5 s."""
+STIFF_PACK = jittered(briefly(STIFF_FINE, 3.6))[0]
+"""The stiff fine run's grains come to the screen at 3.5 s."""
 SLAB_FINE = planned("slab_fine", SLAB)
 SLAB_COARSE = {factor: coarse("slab_", SLAB, factor) for factor in FACTORS}
 DILUTE_FINE = planned("dilute_fine", DILUTE)
@@ -191,7 +191,7 @@ def mesh_runs() -> list[RunSpec]:
     layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
     slab = [SLAB_FINE, jittered(SLAB_FINE)[0], *SLAB_COARSE.values()]
     seeds = [*jittered(FINE), *(run for factor in FACTORS for run in jittered(briefly(COARSE[factor])))]
-    return [*layer, *laws, *seeds, *slab, *whole, STIFF_FINE, *STIFF_COARSE.values(), *STIFF_PACKS]
+    return [*layer, *laws, *seeds, *slab, *whole, STIFF_FINE, STIFF_PACK, *STIFF_COARSE.values()]
 
 
 def budget_runs() -> list[RunSpec]:
