@@ -22,6 +22,11 @@ from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
+OTHER_INPUTS = (
+    "another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files "
+    "hold now"
+)
+
 
 def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) -> dict[str, np.ndarray]:
     """Named arrays of everything that a run goes on from.
@@ -107,7 +112,7 @@ def require_same_origin(attributes: Mapping[str, Any], here: Mapping[str, str]) 
         ("scene", "was written by a run of another scene", "Put this run's own checkpoint back"),
         (
             "parameters",
-            "was written with another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files hold now",
+            f"was written with {OTHER_INPUTS}",
             "Put the files that the scene names back as they were",
         ),
     ):
@@ -136,7 +141,7 @@ def require_same_parameters(out: str | Path, here: Mapping[str, str]) -> None:
         raise InputError(
             "RUN",
             str(out),
-            "is complete, of another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files hold now",
+            f"is complete, of {OTHER_INPUTS}",
             "Run it anew in another folder, or put the files that the scene names back as they were.",
         )
 

@@ -51,7 +51,7 @@ from jaxdem.coupling.unsteady import (
 )
 from jaxdem.coupling.virtual_mass import FluidMemory, VirtualMassForce, added_mass, settle_up
 from jaxdem.coupling.void_fraction import solid_fraction
-from jaxdem.fluid.boundary import largest_inflow
+from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.grid import along, face_total, sum_of
 from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
@@ -601,8 +601,8 @@ def _choose_substeps(
             velocity = properties.side_velocity[2 * side.axis + side.upper]
             inflow = largest_inflow(side, velocity, time, time + interval.duration)
             if state.void_fraction is not None:
-                ends = (-1, None) if side.upper else (0, 1)
-                inflow = inflow / jnp.min(along(state.void_fraction, side.axis, *ends))
+                beside = along(state.void_fraction, side.axis, *((-1, None) if side.upper else (0, 1)))
+                inflow = inflow / jnp.min(jnp.where(coverage(grid, side) > 0.0, beside, 1.0))
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
     courant = interval.duration * jnp.sum(jnp.stack(speeds))
     viscous = jnp.zeros((), dtype)

@@ -111,7 +111,7 @@ class _Meeting(NamedTuple):
         other_spin: of the other; None for a body that cannot turn.
         radius: of the one [m].
         other_radius: of the other [m].
-        effective_radius, effective_mass, rolling_inertia, sharing: of both, see `Contact`.
+        effective_radius, effective_mass, rolling_inertia: of both, see `Contact`.
     """
 
     overlap: Array
@@ -125,7 +125,6 @@ class _Meeting(NamedTuple):
     effective_radius: Array
     effective_mass: Array
     rolling_inertia: Array
-    sharing: Array | float = 1.0
 
 
 class _Load(NamedTuple):
@@ -254,7 +253,6 @@ class _Loop(NamedTuple):
             spin=_rows(motion.angular_velocity), other_spin=None,
             radius=radius, other_radius=jnp.zeros((), overlap.dtype),
             effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
-            sharing=jnp.maximum(jnp.sum(overlap > 0, axis=0, dtype=overlap.dtype), 1.0)[None],
         )  # fmt: skip
         material = self.surroundings.wall
         if self.model.materials is not None:
@@ -297,7 +295,10 @@ class _Loop(NamedTuple):
         # the same from either side, for a dashpot may act already.
         overlap = jnp.where(touching, overlap, 1e-12 * meeting.effective_radius)
         spin, relative_spin = vectors.scale(meeting.radius - 0.5 * overlap, meeting.spin), meeting.spin
-        if meeting.other_spin is not None:
+        sharing: Array | float = 1.0
+        if meeting.other_spin is None:
+            sharing = jnp.maximum(jnp.sum(touching, axis=0, dtype=overlap.dtype), 1.0)[None]
+        else:
             other = vectors.scale(meeting.other_radius - 0.5 * overlap, meeting.other_spin)
             spin, relative_spin = (
                 vectors.add(spin, other),
@@ -317,7 +318,7 @@ class _Loop(NamedTuple):
             effective_radius=meeting.effective_radius,
             effective_mass=meeting.effective_mass,
             rolling_inertia=meeting.rolling_inertia,
-            sharing=meeting.sharing,
+            sharing=sharing,
         )
         result = self.model.law(contact, material)
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.

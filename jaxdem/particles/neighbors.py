@@ -25,6 +25,7 @@ from scipy.spatial import KDTree
 from jaxdem.particles import compensated, vectors
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.compensated import Low
+from jaxdem.particles.packing import into_period
 from jaxdem.particles.pairs import Pairs, at, pairs_of
 from jaxdem.particles.vectors import Vector
 
@@ -256,9 +257,7 @@ class NeighborSearch:
         """The same as of jax-md, whose cells would be more than memory holds where columns are shared."""
         geometry = self.geometry
         stacked = np.stack([np.asarray(x, float) for x in position], axis=1)
-        wrapped = np.mod(stacked, np.asarray(geometry.box))
-        wrapped = np.where(wrapped < np.asarray(geometry.box), wrapped, 0.0)  # of a hair below zero
-        inside = np.where(geometry.periodic, wrapped, stacked)
+        inside = np.where(geometry.periodic, into_period(stacked, np.asarray(geometry.box)), stacked)
         # A period of zero is none.
         tree = KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
         others = tree.query_ball_point(inside, self._reach, return_length=True) - 1

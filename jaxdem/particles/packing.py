@@ -241,6 +241,12 @@ def jittered(points: np.ndarray, size: float, seed: int) -> np.ndarray:
     return points + generator.uniform(-size, size, points.shape) / np.sqrt(points.shape[1])
 
 
+def into_period(x: np.ndarray, side: float | np.ndarray) -> np.ndarray:
+    """Coordinates within 0 <= x < side [m]: of a hair below zero the remainder alone is the side itself, which a tree refuses."""
+    wrapped = np.mod(x, side)
+    return np.where(wrapped < side, wrapped, 0.0)
+
+
 def deepest_overlap(
     position: np.ndarray, radius: np.ndarray, box: tuple[float, ...], periodic: tuple[bool, ...]
 ) -> tuple[float, int, int]:
@@ -257,9 +263,7 @@ def deepest_overlap(
     shifted, size = position.copy(), np.zeros(len(box))
     for axis, wraps in enumerate(periodic):
         if wraps:
-            wrapped = np.mod(shifted[:, axis], box[axis])
-            # A hair below zero gives the box itself, which the tree refuses.
-            shifted[:, axis] = np.where(wrapped < box[axis], wrapped, 0.0)
+            shifted[:, axis] = into_period(shifted[:, axis], box[axis])
             size[axis] = box[axis]
     pairs = _near(shifted, radius, size)
     if len(pairs) == 0:

@@ -105,10 +105,10 @@ DECONVOLVED: dict[str, Any] = {**SHARP, "coupling.deconvolution": 0.17}
 """The sharp fluid, and a drag law that is shown what cells and kernels of 16 cm took from the velocity (0.17 is what the fine
 run's averages ask for there, and under the limit of stability, 0.23)."""
 
-WIDE: dict[str, Any] = {"fluid.advection": "central", "coupling.deconvolution": 0.35}
+WIDE_DECONVOLVED: dict[str, Any] = {"fluid.advection": "central", "coupling.deconvolution": 0.35}
 """Kernels of a whole cell, that take more of the velocity, and its deconvolution, that may give more back (limit 0.46)."""
 
-SMOOTH: dict[str, Any] = {**FOURTH, "coupling.deconvolution": 0.17}
+FOURTH_DECONVOLVED: dict[str, Any] = {**FOURTH, "coupling.deconvolution": 0.17}
 """Fourth order with the velocity deconvolved."""
 
 FLUID_VARIANTS: dict[str, dict[str, Any]] = {
@@ -214,7 +214,11 @@ DATASETS = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
 
 SEEN: dict[str, dict[str, Any]] = {
     name: {key: value for key, value in fluid.items() if key in SEEING}
-    for name, fluid in (("narrow", SHARP), ("deconvolved", DECONVOLVED), ("wide_deconvolved", WIDE))
+    for name, fluid in (
+        ("narrow", SHARP),
+        ("deconvolved", DECONVOLVED),
+        ("wide_deconvolved", WIDE_DECONVOLVED),
+    )
 }
 """How other coarse fluids see the fine one, by what stands behind the names of the datasets."""
 
@@ -338,14 +342,13 @@ def solver_runs() -> list[RunSpec]:
                 )
             ]
             found += [sharp.with_tuned(one) for one in tuned()]
-            wide = varied(briefly(COARSE[4]), "wide_deconvolved", WIDE)
+            wide = varied(briefly(COARSE[4]), "wide_deconvolved", WIDE_DECONVOLVED)
             found += [shown, *(run.with_closure("filtered") for run in (shown, *jittered(shown)))]
             found += [run.with_closure("filtered_deconvolved") for run in jittered(shown)]
             found += [wide, wide.with_closure("filtered_wide_deconvolved")]
-            smooth = varied(briefly(COARSE[4]), "fourth_deconvolved", SMOOTH)
+            both = varied(briefly(COARSE[4]), "fourth_deconvolved", FOURTH_DECONVOLVED)
             found += [
-                run.with_closure("filtered").with_stress(GRADIENT_STRESS)
-                for run in (smooth, *jittered(smooth))
+                run.with_closure("filtered").with_stress(GRADIENT_STRESS) for run in (both, *jittered(both))
             ]
     return found
 
