@@ -10,6 +10,9 @@ from pathlib import Path
 # jaxlib 0.11 has no older emitters, and ends a process that asks for them.
 if tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11):
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+# LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it again. A
+# module with longer runs says `pytestmark = pytest.mark.long_runs`.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # What one test has compiled others, other processes and later runs take from here: set
 # before JAX is imported, and in the environment, for the tests that start the command line.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / "build" / "xla"))
@@ -36,3 +39,13 @@ def own_programs(request):
     runner.cache_clear()
     yield
     runner.cache_clear()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def optimized_where_runs_are_long(request):
+    """Programs of a module that is marked `long_runs` are optimized as users have them."""
+    before = jax.config.read("jax_disable_most_optimizations")
+    if request.node.get_closest_marker("long_runs"):
+        jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)

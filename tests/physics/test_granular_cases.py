@@ -4,6 +4,8 @@ import pytest
 
 from benchmarks.cases import checked, names
 
+pytestmark = pytest.mark.long_runs
+
 
 @pytest.mark.parametrize("name", names("granular"))
 def test_case(name):
