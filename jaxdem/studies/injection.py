@@ -184,12 +184,12 @@ TRAINING = (
 
 
 def mesh_runs() -> list[RunSpec]:
-    """All meshes, single layer and slab, three packs of the layer; stiff contacts; other drag laws at 8 cm."""
+    """All meshes, single layer and slab, three packs of the layer and of the fine slab; stiff contacts; other drag laws at 8 cm."""
     laws = [varied(COARSE[2], law, {"coupling.drag": law}) for law in ("di_felice", "gidaspow")]
     whole = [planned("whole_fine", INJECTION, WHOLE_INLET)]
     whole += [coarse("whole_", INJECTION, factor, WHOLE_INLET) for factor in FACTORS]
     layer = [FINE, *(COARSE[factor] for factor in FACTORS)]
-    slab = [SLAB_FINE, jittered(SLAB_FINE)[0], *SLAB_COARSE.values()]
+    slab = [SLAB_FINE, *jittered(SLAB_FINE), *SLAB_COARSE.values()]
     seeds = [*jittered(FINE), *(run for factor in FACTORS for run in jittered(briefly(COARSE[factor])))]
     return [*layer, *laws, *seeds, *slab, *whole, STIFF_FINE, STIFF_PACK, *STIFF_COARSE.values()]
 
