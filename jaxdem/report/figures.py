@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -133,6 +133,11 @@ def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: P
         axis.set_yscale("log")
         points = drawable(comparison)
         floor = 0.5 * min((row.mean_error for row in points if row.mean_error > 0), default=1e-3)
+        noise = [comparison.noise_mean] if 0 < comparison.noise_mean < math.inf else []
+        times = [row.wall_time_s for row in (comparison.reference, *points) if row.wall_time_s > 0]
+        totals = [row.wall_time_s + row.training_cost_s for row in points if row.training_cost_s > 0]
+        _room_for_one_number([*times, *totals], axis.set_xlim)
+        _room_for_one_number([*noise, *(max(row.mean_error, floor) for row in points)], axis.set_ylim)
         for row in points:
             _point(axis, row, styles[row.name], floor)
         front = sorted((row for row in points if row.pareto), key=lambda row: row.wall_time_s)
@@ -146,10 +151,8 @@ def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: P
                 zorder=1,
                 label="Pareto front (run time)",
             )
-        if math.isfinite(comparison.noise_mean) and comparison.noise_mean > 0:
-            axis.axhline(
-                comparison.noise_mean, color=style.NOISE, linewidth=1.6, zorder=1, label="noise floor"
-            )
+        for level in noise:
+            axis.axhline(level, color=style.NOISE, linewidth=1.6, zorder=1, label="noise floor")
         if comparison.reference.wall_time_s > 0:
             axis.axvline(comparison.reference.wall_time_s, color=style.REFERENCE, linewidth=1.2, zorder=1)
             axis.plot([], [], color=style.REFERENCE, label="reference (error 0)")
@@ -194,6 +197,12 @@ def _point(axis: Axes, row: Row, look: RunStyle, floor: float) -> None:
             total, y, marker, markerfacecolor="white", markeredgecolor=look.color, markeredgewidth=1.8, markersize=9,
             zorder=2.5, linestyle="", label=f"{row.name}, with training",
         )  # fmt: skip
+
+
+def _room_for_one_number(values: Sequence[float], set_limits: Callable[[float, float], Any]) -> None:
+    """Runs of one run time, or of one error: matplotlib's own limits may be one number too, apart by rounding."""
+    if values and max(values) < 1.01 * min(values):
+        set_limits(0.5 * min(values), 2.0 * max(values))
 
 
 def _plain_log_ticks(axis: Axes) -> None:

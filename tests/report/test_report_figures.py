@@ -114,6 +114,20 @@ def test_sound_runs_choose_the_axis(make: Any) -> None:
     assert figures.sound_limits(entries, "height", rows) is None
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_copy_of_the_reference_is_drawn(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One run time on a logarithmic axis: at this one matplotlib's limits, apart by rounding, have no width."""
+    kept: list[Any] = []
+    monkeypatch.setattr(style, "save", lambda figure, path, **_: kept.append(figure))
+    wall = 0.14141701702890233
+    entries = entries_of(make("fine", wall=wall), make("copy", wall=wall))
+    result = build(entries[0], entries[1:], [], {}, None)
+    figures.error_figure(result, style.styles(["fine", "copy"]), Path("x.png"))
+    kept[0].canvas.draw()
+    low, high = kept[0].axes[0].get_xlim()
+    assert 0.01 < low < 0.9 * wall and 1.1 * wall < high < 2.0
+
+
 def test_r_squared() -> None:
     target = np.array([[0.0, 10.0], [2.0, 12.0]])
     assert figures.r_squared(target, target) == 1.0
