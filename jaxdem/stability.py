@@ -140,18 +140,19 @@ def contact_stability_limit(
     """Largest stable contact step, 2/omega_max with what dashpots take from it [s].
 
     The integrator (`jaxdem.particles.loop`) is a leapfrog: springs act at the position in the middle of a step,
-    normal dashpots on v + a dt/2 with the acceleration of the step before, tangential ones on the velocity at the
-    start of the step. With x(n) = (-1)^n x, where it loses stability first, these velocities times dt are 4 x and
-    2 x, and the equation of motion becomes
+    dashpots on v + a dt/2 with the acceleration of the step before, and on the spin at the start of the step. With
+    x(n) = (-1)^n x, where it loses stability first, these times dt are 4 and 2 times the displacement and the rotation
+    x = (u, w), and the equation of motion becomes
 
-        x.(dt^2 K + 4 dt C_n + 2 dt C_t) x = 4 x.M x.
+        x.(dt^2 K + dt C D) x = 4 x.M x,   D = 4 for u and 2 for w.
 
-    All matrices are sums over contacts, and |a - b|^2 <= (1 + q) |a|^2 + (1 + 1/q) |b|^2: so the largest eigenvalue is
-    at most that of one particle's own contacts, times 2 between equal particles (q = 1), 1 at a wall. With
-    k_n = dt^2 S_n + 4 dt c_n and k_t = dt^2 S_t + 2 dt c_t, Z contacts of which at most n_Z act along one line and t_Z
+    C D may be replaced by its symmetric part, in which a dashpot counts 4 for u u, 2 for w w and 3 for u w; with 9/4 in
+    place of 2 that is the square of 2 u + 3/2 w. All matrices are then sums of squares over contacts, and
+    |a - b|^2 <= (1 + q) |a|^2 + (1 + 1/q) |b|^2: so the largest eigenvalue is at most that of one particle's own contacts, times 2 between equal particles (q = 1), 1 at a wall. With
+    k_n = dt^2 S_n + 4 dt c_n and k_t(D) = dt^2 S_t + D dt c_t, Z contacts of which at most n_Z act along one line and t_Z
     on one axis of rotation (inertia 2/5 m r^2), and s_Z = |sum of their normals|,
 
-        T = k_n n_Z + k_t (Z - n_Z),   R = 5/2 k_t t_Z,   X = sqrt(5/2) k_t s_Z,
+        T = k_n n_Z + k_t(4) (Z - n_Z),   R = 5/2 k_t(9/4) t_Z,   X = sqrt(5/2) k_t(3) s_Z,
         dt at which  (T + R)/2 + sqrt((T - R)^2/4 + X^2) = 4 m.
 
     Without dashpots that is 2/omega_max: omega_max^2 is 2 S_n/m for a smooth pair, 6 and 8 S_n/m for a smooth
@@ -203,11 +204,11 @@ def _limit_of(
         translation = rotation = cross = 0.0
         for weight, contact, line, number, spin, lopsided in kinds:
             normal = weight * (step**2 * contact.normal + 4.0 * step * contact.normal_damping)
-            tangential = weight * (step**2 * contact.tangential + 2.0 * step * contact.tangential_damping)
+            spring, dashpot = step**2 * contact.tangential, step * contact.tangential_damping
             rolling = weight * (step**2 * contact.rolling + 2.0 * step * contact.rolling_damping)
-            translation += normal * line + tangential * (number - line)
-            rotation += 2.5 * (tangential * spin + rolling * number)
-            cross += math.sqrt(2.5) * tangential * lopsided
+            translation += normal * line + weight * (spring + 4.0 * dashpot) * (number - line)
+            rotation += 2.5 * (weight * (spring + 2.25 * dashpot) * spin + rolling * number)
+            cross += math.sqrt(2.5) * weight * (spring + 3.0 * dashpot) * lopsided
         return 0.5 * (translation + rotation) + math.hypot(0.5 * (translation - rotation), cross)
 
     stiffness = sum(w * c.normal * line for w, c, line, *_ in kinds)

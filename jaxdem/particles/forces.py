@@ -105,8 +105,8 @@ class _Meeting(NamedTuple):
     Attributes:
         overlap: negative for a gap [m].
         normal: unit vector from the other to the one.
-        approach: velocity of the one relative to the other, expected in the middle of the step [m/s].
-        velocity: the same at the start of the step [m/s].
+        approach: velocity of the one relative to the other, expected in the middle of the step: of the dashpots [m/s].
+        velocity: the same at the start of the step, in the middle between two forces: of the springs [m/s].
         spin: angular velocity of the one [rad/s].
         other_spin: of the other; None for a body that cannot turn.
         radius: of the one [m].
@@ -163,8 +163,9 @@ def contact_forces(
         neighbors: list in date.
         time_step: over which the springs grow [s].
         mid_velocity: D arrays (N,), velocity expected in the middle of the step, where `motion` has the
-            positions: the normal dashpots act on it. The velocity in `motion`, at the step's start, if not
-            given; the springs grow by that one, which is in the middle between two forces [m/s].
+            positions: the dashpots act on it, the tangential ones with the spin at the step's start. The velocity in
+            `motion`, at the step's start, if not given; the springs grow by that one, which is in the middle between
+            two forces [m/s].
         active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
     """
     loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step, active)
@@ -304,17 +305,18 @@ class _Loop(NamedTuple):
                 vectors.add(spin, other),
                 vectors.subtract(relative_spin, meeting.other_spin),
             )
-        slip = vectors.subtract(
-            tangent.part_in_plane(meeting.velocity, normal), tangent.surface_velocity(spin, normal)
-        )
+        turning = tangent.surface_velocity(spin, normal)
+        slip = vectors.subtract(tangent.part_in_plane(meeting.velocity, normal), turning)
+        expected_slip = vectors.subtract(tangent.part_in_plane(meeting.approach, normal), turning)
+        growth = _time_of_growth(overlap, -vectors.dot(meeting.velocity, normal), self.time_step)
         in_plane = vectors.angular_size(len(normal))
         spring, rolling_spring = spring[:in_plane], spring[in_plane:]
         turned = tangent.turned_into_plane(spring, normal)
         contact = Contact(
             overlap=overlap,
             approach_speed=share * approach_speed,
-            slip=slip,
-            spring=vectors.add(turned, vectors.scale(self.time_step, slip)),
+            slip=expected_slip,
+            spring=vectors.add(turned, vectors.scale(growth, slip)),
             effective_radius=meeting.effective_radius,
             effective_mass=meeting.effective_mass,
             rolling_inertia=meeting.rolling_inertia,
@@ -386,6 +388,19 @@ def _share_of_step(overlap: Array, reach: Array) -> Array:
     changes = jnp.abs(overlap) < reach
     within = 0.5 + 0.5 * overlap / jnp.where(changes, reach, 1.0)
     return jnp.where(changes, within, (overlap > 0).astype(overlap.dtype))
+
+
+def _time_of_growth(overlap: Array, closing_speed: Array, time_step: Array) -> Array:
+    """Time for which a spring has grown since the step before: a step, or less where the bodies did not touch then [s].
+
+    From the middle of the step before to that of this one all velocities are those at this step's start. A spring that
+    takes the whole step's slip when the contact begins gives an elastic impact up to 7 % more energy than it had, at
+    twenty steps per contact.
+
+    Source: MFIX has the same, `calc_tangential_displacement` in its `calc_force_dem.f`.
+    """
+    begins = overlap < time_step * closing_speed
+    return jnp.where(begins, overlap / jnp.where(begins, closing_speed, 1.0), time_step)
 
 
 def _pair_geometry(neighbors: Neighbors, change: Vector, radius_sum: Array) -> tuple[Array, Vector]:

@@ -49,7 +49,8 @@ class RollingFriction(Protocol):
 class ConstantDirectionalTorque:
     """Torque of constant size against the relative rotation (CDT, model A of Ai et al.).
 
-    T = -mu_r F_e R* w / |w| with the elastic normal force F_e and the relative angular velocity w. Where
+    T = -mu_r F_e R* w / |w| with the elastic normal force F_e and the relative angular velocity w; in 3-D its part in
+    the contact plane, the rotation that rolls: a twist about the normal is free, and takes nothing of the torque. Where
     this would reverse w within the step it is reduced to what stops it, -I* w / dt with I* = 2/5 m* R*^2:
     otherwise a particle at rest would be kicked back and forth by the full torque. I* is the smallest
     reduced inertia the pair can have, so the reduced torque never overshoots in a single contact. Walls, whose I* are the
@@ -72,12 +73,13 @@ class ConstantDirectionalTorque:
         time_step: Array,
     ) -> tuple[Vector, Vector]:
         """See `RollingFriction`."""
-        rate = vectors.length(spin)
+        rolling = tangent.rolling_part(spin, normal)
+        rate = vectors.length(rolling)
         stopping = 0.4 * contact.effective_mass * contact.effective_radius**2 / (contact.sharing * time_step)
         full = material.rolling_friction * force.elastic * contact.effective_radius
         turning = rate > 0
         coefficient = jnp.minimum(stopping, full / jnp.where(turning, rate, 1.0))
-        return vectors.scale(-jnp.where(turning, coefficient, stopping), spin), ()
+        return vectors.scale(-jnp.where(turning, coefficient, stopping), rolling), ()
 
 
 @dataclasses.dataclass(frozen=True)

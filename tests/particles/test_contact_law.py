@@ -13,6 +13,7 @@ from jaxdem.particles.contact import (
     HertzMindlin,
     LinearSpringDashpot,
     damping_ratio,
+    pull_share,
 )
 
 E, G, RADIUS, MASS = 3.8e7, 6.9e6, 0.005, 0.0131  # effective constants of a pair
@@ -67,7 +68,7 @@ def test_hertz_mindlin_dashpots_and_spring(restitution):
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_linear_spring_dashpot(restitution):
     """F_n = k_n d + 2 |b| sqrt(k_n m*) d', F_t = -k_t xi - c_n / 2 v_t (Cundall & Strack 1979, MFIX)."""
-    d, rate, slip, xi = 1e-4, -0.2, np.array([0.03, 0.01]), np.array([1e-5, -2e-5])
+    d, rate, slip, xi = 1e-4, 0.2, np.array([0.03, 0.01]), np.array([1e-5, -2e-5])
     b = 1.0 if restitution == 0 else -np.log(restitution) / np.hypot(np.log(restitution), np.pi)
     c = 2 * b * np.sqrt(1e4 * MASS)
     force = LinearSpringDashpot()(contact(d, rate, slip, xi), material(restitution, friction=10.0))
@@ -75,21 +76,58 @@ def test_linear_spring_dashpot(restitution):
     np.testing.assert_allclose([f[0] for f in force.tangential], -3e3 * xi - 0.5 * c * slip, rtol=ROUND)
 
 
+def pull_over_push(b):
+    """Impulse of the pull at a contact's end over that of the dashpot until then, of x'' + 2 b x' + x = 0, by its closed form."""
+    s = np.sqrt(1 - b * b)
+    vanishes = np.arctan2(-2 * b * s, 1 - 2 * b * b) % np.pi
+    speed = -np.exp(-b / s * vanishes) * (np.cos(vanishes) - b / s * np.sin(vanishes))
+    return (speed - np.exp(-np.pi * b / s)) / (2 * b * np.exp(-b / s * np.arccos(b)))
+
+
+def test_share_of_the_pull():
+    """The cubic against the closed form; at b = 1, where x = t exp(-t), it is exp(-2) over 2 exp(-1)."""
+    b = np.linspace(1e-3, 0.999, 200)
+    np.testing.assert_allclose(pull_share(jnp.asarray(b)), pull_over_push(b), atol=0.005)
+    np.testing.assert_allclose(pull_share(jnp.asarray(1.0)), 0.5 * np.exp(-1), atol=0.005)
+    assert pull_share(jnp.asarray(0.0)) == 0.0
+
+
 @pytest.mark.parametrize("law", [HertzMindlin(), LinearSpringDashpot()])
 @pytest.mark.parametrize("restitution", [0.4, 1.0])
-def test_coulomb_limit_cuts_the_spring_back(law, restitution):
-    """Sliding: |F_t| = mu |F_n| against the trial force; the cut spring gives that force again, no more."""
-    slip, xi = (0.05, -0.02), (3e-3, 4e-3)
-    force = law(contact(1e-4, 0.1, slip, xi), material(restitution, friction=0.4))
+@pytest.mark.parametrize("approach", [0.1, 0.0, -0.02])
+def test_coulomb_limit_cuts_the_spring_back(law, restitution, approach):
+    """Sliding: |F_t| = mu F_n but for the part of a push that a pull will take back; the spring keeps its direction, and
+    alone it gives that force, no more."""
+    slip, xi, mu = (0.05, -0.02), (3e-3, 4e-3), 0.4
+    force = law(contact(1e-4, approach, slip, xi), material(restitution, friction=mu))
     size = np.hypot(*(f[0] for f in force.tangential))
-    np.testing.assert_allclose(size, 0.4 * abs(force.normal[0]), rtol=ROUND)
-    again = law(
-        contact(1e-4, 0.1, slip, tuple(s[0] for s in force.spring)), material(restitution, friction=0.4)
-    )
-    # The spring comes from a division by the stiffness: a few more operations.
-    np.testing.assert_allclose(again.tangential, force.tangential, rtol=1e-11)
-    np.testing.assert_allclose(again.spring, force.spring, rtol=1e-11)
-    assert np.hypot(*(s[0] for s in force.spring)) < np.hypot(*xi)
+    elastic, b = force.elastic[0], float(damping_ratio(jnp.asarray(restitution)))
+    share = pull_over_push(b) if b else 0.0
+    expected = mu * (force.normal[0] - share * max(force.normal[0] - elastic, 0.0))
+    np.testing.assert_allclose(size, expected, rtol=2e-3)  # the cubic for the share
+    assert size <= mu * force.normal[0] * (1 + ROUND)
+    spring = np.array([s[0] for s in force.spring])
+    np.testing.assert_allclose(spring / np.hypot(*spring), np.array(xi) / np.hypot(*xi), rtol=ROUND)
+    alone = law(contact(1e-4, approach, (0.0, 0.0), tuple(spring)), material(restitution, friction=mu))
+    np.testing.assert_allclose(np.hypot(*(f[0] for f in alone.tangential)), size, rtol=1e-11)
+    np.testing.assert_allclose(alone.spring, force.spring, rtol=1e-11)
+
+
+@pytest.mark.parametrize("law", [HertzMindlin(), LinearSpringDashpot()])
+def test_a_dashpot_above_the_limit_does_not_turn_the_spring(law):
+    """At e = 0.1 the dashpot alone exceeds the limit: the force is the limit, and the spring, far under it, stays as it is."""
+    slip, xi = (0.5, 0.0), (1e-7, 0.0)
+    force = law(contact(1e-4, 0.0, slip, xi), material(0.1, friction=0.1))
+    np.testing.assert_allclose(force.tangential[0][0], -0.1 * force.normal[0], rtol=ROUND)
+    np.testing.assert_array_equal([s[0] for s in force.spring], xi)
+
+
+@pytest.mark.parametrize("law", [HertzMindlin(), LinearSpringDashpot()])
+def test_a_contact_that_pulls_has_no_friction(law):
+    """The dashpot pulls harder than the spring pushes: no tangential force, and the spring is let go."""
+    force = law(contact(1e-5, -1.0, (0.05, -0.02), (3e-6, 4e-6)), material(0.2, friction=0.4))
+    assert force.normal[0] < 0.0
+    np.testing.assert_array_equal(np.asarray([force.tangential, force.spring]), 0.0)
 
 
 @pytest.mark.parametrize("law", [HertzMindlin(), LinearSpringDashpot()])
