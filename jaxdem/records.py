@@ -22,6 +22,7 @@ from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.grid import cell_average
 from jaxdem.initial import scene_bodies
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.packing import into_period
 from jaxdem.profile import estimate_stages
 from jaxdem.scene import Scene
 from jaxdem.simulation import Simulation
@@ -235,8 +236,11 @@ def wrapped_position(simulation: Simulation, state: State) -> np.ndarray:
     position = np.asarray(state.particles.position)
     if not any(simulation.periodic):
         return position
-    box = np.asarray(simulation.box, position.dtype)
-    return np.where(simulation.periodic, np.mod(position, box), position)
+    # In float64: far from the box the leading part alone is off by more than what grains overlap.
+    low = state.particles.position_low
+    centre = position.astype(np.float64) + (0.0 if low is None else np.asarray(low, np.float64))
+    inside = into_period(centre, np.asarray(simulation.box)).astype(position.dtype)
+    return np.where(simulation.periodic, inside, position)
 
 
 def sample_of(
@@ -252,7 +256,7 @@ def sample_of(
     sample = {name: np.asarray(getattr(forces.inputs, name)) for name in SAMPLE_INPUTS}
     volume = np.asarray(volume).reshape(-1, 1) * float(simulation.fluid.solver.shares_stress)
     sample |= {
-        "position": np.asarray(before.particles.position),
+        "position": wrapped_position(simulation, before),
         "slip_velocity": np.asarray(forces.inputs.slip_velocity),
         "reynolds": np.asarray(forces.inputs.reynolds),
         "drag_force": np.asarray(forces.law),

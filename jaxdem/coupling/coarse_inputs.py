@@ -21,7 +21,7 @@ from jaxdem.fluid.grid import FaceField, Grid, face_average
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.fluid.remap import remap_cells, remap_flux
-from jaxdem.particles.integrate import ParticleProperties, ParticleState
+from jaxdem.particles.integrate import ParticleProperties, ParticleState, centres_in_box
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +81,8 @@ class CoarseInputs:
             bodies: radius [m] and volume [m3].
             properties: density and viscosity.
         """
-        weights = self.deposition.weights(self.grid, particles.position, bodies.radius)
+        centres = centres_in_box(particles, self.grid.size, self.grid.periodic)
+        weights = self.deposition.weights(self.grid, centres, bodies.radius)
         weights = present_weights(weights, particles.active)
         solids = solid_fraction(self.grid, weights, bodies.volume)
         fractions = face_average(self.grid, 1.0 - solids)

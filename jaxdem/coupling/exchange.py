@@ -57,7 +57,7 @@ from jaxdem.fluid.momentum import FaceExchange, FluidProperties, FluidSolver, Fl
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.particles import vectors
 from jaxdem.particles.batches import cond_in_batch
-from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column
+from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box
 
 SUBSTEPS = (1, 2, 4, 8)
 """Numbers of fluid steps that a coupling interval may be cut into."""
@@ -218,7 +218,8 @@ def exchange(
     """
     grid = interval.solver.grid
     assert interval.deposition is not None
-    weights = interval.deposition.weights(grid, particles.position, bodies.radius)
+    centres = centres_in_box(particles, grid.size, grid.periodic)
+    weights = interval.deposition.weights(grid, centres, bodies.radius)
     weights = present_weights(weights, particles.active)
     solids = solid_fraction(grid, weights, bodies.volume)
     inputs, shown = _inputs(interval, properties, bodies, fluid, particles, weights, solids)

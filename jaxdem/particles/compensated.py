@@ -93,6 +93,25 @@ def affine(x: Array, factors: Sequence[float], constant: float, addend: Array | 
     return two_sum(total, error)
 
 
+def whole_periods(number: Array, length: float) -> Pair:
+    """number * length as a pair, for whole numbers and a length known in float64: a thousand periods of 0.3 m are off by
+    2e-5 m in one float32, more than grains overlap."""
+    return affine(number[None], (length,), 0.0)
+
+
+def into_box(
+    high: Sequence[Array], low: Sequence[Low], box: Sequence[float], periodic: Sequence[bool]
+) -> tuple[Array, ...]:
+    """Leading parts (N,) of positions moved by whole periods into the box; the same bits where they are there already.
+
+    The leading part alone is off by 1e-4 m a thousand periods of 2 m away.
+    """
+    return tuple(
+        difference(x, trailing, *whole_periods(jnp.floor(x / length), length))[0] if wraps else x
+        for x, trailing, length, wraps in zip(high, low, box, periodic, strict=True)
+    )
+
+
 def advance(high: Array, low: Low, increment: Array) -> tuple[Array, Low]:
     """(high, low) + increment, renormalised; plain addition when there is no low part."""
     if low is None:

@@ -129,6 +129,14 @@ class ParticleProperties(NamedTuple):
         return 0.4 * self.density * self.volume * self.radius**2
 
 
+def centres_in_box(state: ParticleState, box: tuple[float, ...], periodic: tuple[bool, ...]) -> Array:
+    """(N, D) centres moved by whole periods into the box, to one float [m]; see `compensated.into_box`."""
+    if not any(periodic):
+        return state.position
+    low = split_low(state.position_low, len(box))
+    return vectors.stack(compensated.into_box(vectors.components(state.position), low, box, periodic))
+
+
 def drift(motion: Motion, time_step: Array) -> Motion:
     """Positions moved by velocity times `time_step` [s]."""
     moved = [

@@ -192,9 +192,8 @@ class NeighborSearch:
             pairs, blank = Pairs(none, none, index), jnp.zeros(0, position[0].dtype)
             separation, overlap = (blank,) * len(position), blank
         else:
-            index, crowded = neighbors_in_cells(
-                self._cells(position), position, room.slots, room.cell, active
-            )
+            inside = compensated.into_box(position, low, self.geometry.box, self.geometry.periodic)
+            index, crowded = neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active)
             pairs, too_many = pairs_of(index, room.pairs)
             overflow = overflow | crowded | too_many
             separation, overlap = self._pair_geometry(pairs, position, low)
@@ -208,9 +207,8 @@ class NeighborSearch:
             other_low = None if trailing is None else trailing[pairs.second]
             separation = compensated.difference(high[pairs.first], one_low, high[pairs.second], other_low)
             if self.geometry.periodic[k]:
-                # So many periods as a pair: in one float32 a thousand of 0.3 m are off by a contact's overlap.
                 number = jnp.round(separation[0] / self.geometry.box[k])
-                image = compensated.affine(number[None], (self.geometry.box[k],), 0.0)
+                image = compensated.whole_periods(number, self.geometry.box[k])
                 separation = compensated.difference(*separation, *image)
             apart.append(separation)
         radius_sum = 2.0 * self.radius

@@ -21,7 +21,7 @@ from jax import Array, lax
 
 from jaxdem.particles import vectors
 from jaxdem.particles.batches import cond_in_batch
-from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch, carry_history
 from jaxdem.particles.surfaces import Surface, surface_contacts
 
@@ -171,7 +171,7 @@ def _with_those_due(
     before, inserted = particles.active, particles.inserted
     assert before is not None and inserted is not None
     due = _due(inlet, step)
-    start = lax.stop_gradient(particles.position)
+    start = lax.stop_gradient(centres_in_box(particles, population.box, population.periodic))
     position, active, count = cond_in_batch(
         due > inserted[number],
         lambda now: _placed(population, number, radius, surfaces, *now, due, step),
