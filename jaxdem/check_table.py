@@ -108,6 +108,8 @@ def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
         yield "overlap at that speed", text
     if report.restitution_error is not None:
         yield "error of the restitution", f"about {report.restitution_error:.2g}"
+    if report.slip_error is not None:
+        yield "error of the slip after an impact", f"up to about {report.slip_error:.2g} of that before"
     if report.resting_overlap is not None:
         yield "overlap under own weight", f"{100 * report.resting_overlap:.2g} % of a diameter"
     if report.overlap_resolution is not None:

@@ -183,6 +183,56 @@ def size_ratio() -> list[Figure]:
     return figures
 
 
+# --- Oblique impacts on a floor ---------------------------------------------------------------------------
+
+PHASES = np.arange(8) / 8
+OBLIQUE = {"radius": 0.01, "density": 2500.0}
+OBLIQUE_MASS = 2500.0 * 4 / 3 * np.pi * 0.01**3
+
+
+def oblique_step(law):
+    """The step of twenty in an impact at 1 m/s, for Hertz-Mindlin the automatic one of a scene with this ball."""
+    if law is not None:
+        return np.pi * np.sqrt(OBLIQUE_MASS / 1e4) / 20
+    return 2.868 * ((OBLIQUE_MASS / 2) ** 2 / (0.005 * (7e7 / (2 * (1 - 0.3**2))) ** 2 * 2.0)) ** 0.2 / 20
+
+
+def thrown(angle, phase, step, law=None, spin=0.0, **material):
+    """A ball at 1 m/s that meets a floor of its own material, `angle` degrees off the normal, after 2 + `phase` steps."""
+    velocity = np.array([np.sin(np.radians(angle)), -np.cos(np.radians(angle))])
+    return world(
+        [[0.5, 0.01 - velocity[1] * step * (2 + phase)]], [velocity], [[spin]], **OBLIQUE, periodic=(True, False),
+        law=law, material=constants(young_modulus=7e7, **material),
+    )  # fmt: skip
+
+
+def after_impact(scenes, step, steps=80):
+    """Velocity (B, 2) and spin (B,) once the balls have left."""
+    _, seen = track(batch(scenes), np.full(len(scenes), step), 1, steps)
+    assert (seen.position[:, 0, 0, 1] > 0.01).all()
+    return seen.velocity[:, 0, 0], seen.spin[:, 0, 0, 0]
+
+
+@case("friction of a sliding impact", "contact", "impulse of rigid bodies, mu (1 + e) m v")
+def sliding_impact() -> list[Figure]:
+    """At 80 degrees off the normal the ball slides throughout: impulse of friction over mu times that of the normal force.
+
+    Eight phases of the first step, twenty steps per contact; both laws; nearly plastic to nearly elastic [1 %].
+    """
+    figures, sine, cosine = [], np.sin(np.radians(80)), np.cos(np.radians(80))
+    for law, name in ((None, "Hertz-Mindlin"), (LinearSpringDashpot(), "linear")):
+        step, values = oblique_step(law), (0.9, 0.7, 0.5, 0.3, 0.1)
+        scenes = [
+            thrown(80, phase, step, law, restitution=e, friction=0.5) for e in values for phase in PHASES
+        ]
+        velocity, _ = after_impact(scenes, step)
+        ratio = (sine - velocity[:, 0]) / (0.5 * (velocity[:, 1] + cosine))
+        for e, ratios in zip(values, ratio.reshape(len(values), -1), strict=True):
+            worst = ratios[np.argmax(np.abs(ratios - 1.0))]
+            figures.append(relative(f"{name}, e = {e}, worst of 8 phases", 1.0, worst, 0.01))
+    return figures
+
+
 # --- MFIX DEM01 and DEM02: a sphere dropped on a floor, linear law -------------------------------------
 
 DROP_RADIUS, DROP_HEIGHT, DROP_DENSITY = 0.1, 0.5, 2600.0

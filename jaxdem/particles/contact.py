@@ -60,7 +60,7 @@ class Contact(NamedTuple):
         approach_speed: rate of the overlap, positive while approaching, times the part of the step for which
             the bodies touch [m/s].
         slip: velocity of the particle's surface relative to the other's, in the contact plane, that the tangential
-            dashpot acts on [m/s].
+            dashpot acts on, times the part of the step for which they touch [m/s].
         spring: elastic tangential displacement in the contact plane, with what slipped since the step before, or
             since the bodies touch [m].
         effective_radius: R*, 1/R* = 1/R1 + 1/R2 [m].

@@ -315,7 +315,7 @@ class _Loop(NamedTuple):
         contact = Contact(
             overlap=overlap,
             approach_speed=share * approach_speed,
-            slip=expected_slip,
+            slip=vectors.scale(share, expected_slip),
             spring=vectors.add(turned, vectors.scale(growth, slip)),
             effective_radius=meeting.effective_radius,
             effective_mass=meeting.effective_mass,
@@ -325,7 +325,7 @@ class _Loop(NamedTuple):
         result = self.model.law(contact, material)
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
         along = jnp.where(touching, result.normal, result.normal - result.elastic)
-        across = vectors.where(touching, result.tangential, 0.0)
+        across = vectors.where(share > 0, result.tangential, 0.0)
         resistance: Vector = ()
         kept: Vector = ()
         if self.model.rolling is not None:
