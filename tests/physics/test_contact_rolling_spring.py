@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -103,3 +104,22 @@ def test_rocks_at_the_frequency_of_its_springs():
     crossings = time[down] + (time[1] - time[0]) * speed[down] / (speed[down] - speed[down + 1])
     assert len(crossings) > 5
     np.testing.assert_allclose(np.diff(crossings).mean(), period, rtol=3e-3)
+
+
+def test_a_ball_set_spinning_loses_more_than_the_constant_torque_takes():
+    """On a floor without sliding friction: w = w0 - mu_r R F t / I, less what the dashpot takes until the spring yields.
+
+    The spring yields at the angle limit / k_r; the impulse of the dashpot until then is C_r times that,
+    4/3 eta sqrt(7/5 m r^2 F d) whatever w0, 1.5 rad/s here, and the spring's own torque is on average half of its limit.
+    """
+    start, steps, time_step = 20.0, 2000, 5e-6
+    scene = on_slope(0.0, friction=0.0, rolling_damping=0.3)
+    scene = scene._replace(state=scene.state._replace(angular_velocity=jnp.full((1, 1), start)))
+    _, seen = track(scene, time_step, 1, steps)
+    weight, inertia = MASS * GRAVITY, 0.4 * MASS * RADIUS**2
+    limit, (_, spring, _) = ROLLING * RADIUS * weight, stiffness(0.0)
+    taken = 4 / 3 * 0.3 * np.sqrt(1.4 * MASS * RADIUS**2 * weight * static_overlap(weight)) / inertia
+    not_yet = 0.5 * limit * (limit / spring / start) / inertia
+    constant = start - limit * steps * time_step / inertia
+    assert 0.07 * start < taken < 0.08 * start
+    np.testing.assert_allclose(seen.spin[-1, 0, 0], constant - taken + not_yet, atol=0.02 * taken)
