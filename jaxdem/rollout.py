@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
+from jaxdem.drive import check_drive
 from jaxdem.failures import failures
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.simulation import Simulation
@@ -60,7 +62,13 @@ def rollout(
         observe: function of the state, evaluated after each step.
         reversible: False for a rollout that is not differentiated in reverse mode: the numbers are the same to
             rounding, in about half the time.
+
+    Raises:
+        InputError: gravity has a component along a periodic axis in a scene with a fluid, see `jaxdem.drive`. That is
+            seen where gravity is a number; traced (as an argument under jit, grad or vmap) it has no value to look at.
     """
+    if simulation.fluid is not None and not isinstance(parameters.gravity, jax.core.Tracer):
+        check_drive("parameters.gravity", np.asarray(parameters.gravity).tolist(), simulation.periodic)
     if reversible:
         simulation = simulation.reversible()
     measure = None if observe is None else (lambda state, _: observe(state))

@@ -18,6 +18,7 @@ import tomli_w
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from jaxdem.bodies import column, largest_radius
+from jaxdem.drive import check_drive
 from jaxdem.errors import InputError
 from jaxdem.rows import read_whole
 from jaxdem.scene_base import (
@@ -60,7 +61,8 @@ class Domain(Section):
         size: side lengths, two or three; the last axis is up [m].
         depth: extent of the third direction, in 2-D only; one (largest) diameter when not given, 1 m without
             particles [m].
-        gravity: acceleration, one number per axis; 9.81 downwards when not given [m/s2].
+        gravity: acceleration, one number per axis; 9.81 downwards when not given. With a fluid it is zero along periodic
+            axes [m/s2].
     """
 
     size: tuple[Positive, ...] = Field(min_length=2, max_length=3)
@@ -435,6 +437,8 @@ def _completed(scene: Scene) -> Scene:
         depth = 2.0 * largest_radius(scene.particles) if scene.particles else 1.0
     boundary = completed_boundary(scene)
     scene = scene.model_copy(update={"boundary": boundary})
+    if scene.fluid is not None:
+        check_drive("domain.gravity", gravity, scene.periodic)
     update: dict[str, Any] = {"domain": domain.model_copy(update={"gravity": gravity, "depth": depth})}
     if scene.particles is not None:
         contact = _completed_contact(scene.contact or Contact())

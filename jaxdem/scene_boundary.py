@@ -26,7 +26,7 @@ class BoundarySide(Section):
     """One side of the box, or a patch of it; the rest of a patched side is a no-slip wall.
 
     Attributes:
-        kind: what the side is to the fluid; periodic holds for both sides of an axis.
+        kind: what the side is to the fluid; periodic holds for both sides of an axis, and giving it for one is enough.
         velocity: inlet: superficial velocity, the inward speed or one number per axis, of which those along the side are
             the fluid's own, whatever the void fraction; moving_wall: the wall's velocity, one number per axis [m/s].
         from_: corner of the patch in the other axes: a number in 2-D, two in 3-D (key `from`) [m].
@@ -75,7 +75,10 @@ def completed_boundary(scene: Any) -> dict[str, BoundarySide]:
     Raises:
         InputError: an unknown side, a key that is missing, means nothing there or does not fit another.
     """
-    _check_pairs(scene)
+    for name in scene.boundary:
+        if name not in scene.sides:
+            refuse_unknown(f"boundary.{name}", name, scene.sides)
+    scene = scene.model_copy(update={"boundary": _paired(scene)})
     return {name: _completed_side(scene, name) for name in scene.sides}
 
 
@@ -91,22 +94,25 @@ def check_inlets(scene: Any) -> None:
             )
 
 
-def _check_pairs(scene: Any) -> None:
-    """Refuses sides that there are not, and axes that are periodic at one end."""
-    for name in scene.boundary:
-        if name not in scene.sides:
-            refuse_unknown(f"boundary.{name}", name, scene.sides)
+def _paired(scene: Any) -> dict[str, BoundarySide]:
+    """The sides as given, both of an axis periodic where one is; refuses two that contradict each other."""
+    sides = dict(scene.boundary)
     for axis in range(scene.dimension):
         pair = scene.sides[2 * axis : 2 * axis + 2]
-        kinds = [scene.boundary.get(name, BoundarySide()).kind for name in pair]
-        if kinds.count("periodic") == 1:
-            lacking = pair[kinds[0] == "periodic"]
+        given = [sides.get(name, BoundarySide()) for name in pair]
+        if [side.kind for side in given].count("periodic") != 1:
+            continue
+        name, other = pair if given[0].kind == "periodic" else pair[::-1]
+        opposite = sides.get(other, BoundarySide())
+        if "kind" in opposite.model_fields_set:
             raise InputError(
-                f"boundary.{lacking}.kind",
-                scene.boundary.get(lacking, BoundarySide()).kind,
-                f"{pair[0]} and {pair[1]} must both be periodic or neither",
-                f'set boundary.{lacking}.kind = "periodic"',
+                f"boundary.{other}.kind",
+                opposite.kind,
+                f'boundary.{name}.kind = "periodic" holds for both sides of the axis',
+                f"remove boundary.{other}, or give boundary.{name} another kind",
             )
+        sides[other] = opposite.model_copy(update={"kind": "periodic"})
+    return sides
 
 
 def _completed_side(scene: Any, name: str) -> BoundarySide:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import copy
 import math
 import re
+import tomllib
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jaxdem import InputError, build, initial_state, load_scene
+from jaxdem import InputError, build, initial_state, load_scene, rollout
 from jaxdem.initial import check_initial_positions, initial_positions
 from jaxdem.scene import parse_override
 from jaxdem.simulate import samples_every
@@ -314,10 +317,84 @@ def test_a_missing_key_is_named(key):
     assert "missing" in str(error)
 
 
-def test_one_periodic_side_is_refused_naming_the_other():
-    error = refusal(changed("boundary.bottom", {"kind": "periodic"}))
+@pytest.mark.parametrize("side", ["left", "right", "bottom", "top"])
+def test_one_periodic_side_is_enough(side):
+    """The axis is periodic whichever of its sides says so, the scene as run has both, and reads as the same scene."""
+    tables = changed("domain.gravity", [0.0, 0.0])
+    del tables["boundary"]
+    pair = ("left", "right") if side in ("left", "right") else ("bottom", "top")
+    one = load_scene(tables | {"boundary": {side: {"kind": "periodic"}}})
+    both = load_scene(tables | {"boundary": {name: {"kind": "periodic"} for name in pair}})
+    assert one == both
+    assert one.periodic == (pair[0] == "left", pair[0] == "bottom")
+    written = tomllib.loads(one.to_toml())
+    assert [written["boundary"][name]["kind"] for name in pair] == ["periodic", "periodic"]
+    assert load_scene(written) == one
+
+
+def test_a_parabola_knows_that_the_axis_is_periodic():
+    """As with both sides given: between periodic sides it does not fall to zero."""
+    tables = changed("boundary.left", {"kind": "inlet", "velocity": 0.1, "profile": "parabolic"})
+    tables["domain"]["gravity"] = [0.0, 0.0]
+    tables["boundary"]["top"] = {"kind": "periodic"}
+    assert refusal(tables).key == "boundary.left.profile"
+
+
+@pytest.mark.parametrize("kind", ["outlet", "no_slip", "wall"])
+def test_a_periodic_side_against_another_kind_is_refused_naming_both(kind):
+    error = refusal(changed("boundary", {"bottom": {"kind": "periodic"}, "top": {"kind": kind}}))
     assert error.key == "boundary.top.kind"
-    assert "both be periodic" in str(error)
+    assert "boundary.bottom.kind" in str(error)
+
+
+SLOPE = {
+    "domain": {"size": [0.4, 0.4], "depth": 0.04, "gravity": [0.1, -9.81]},
+    "fluid": {"cells": [4, 4]},
+    "boundary": {"left": {"kind": "periodic"}},
+    "time": {"end": 0.1, "output_interval": 0.05},
+}
+"""Water in a box that is periodic along x, with gravity along it: a slope, as people mean it."""
+
+
+@pytest.mark.parametrize("with_grains", [False, True])
+@pytest.mark.parametrize(
+    ("boundary", "gravity", "axis"),
+    [
+        ("left", [0.1, -9.81], "x"),
+        ("bottom", [0.0, -9.81], "z"),
+        ("bottom", None, "z"),  # 9.81 downwards unless given
+    ],
+)
+def test_gravity_along_a_periodic_axis_of_a_fluid_is_refused(with_grains, boundary, gravity, axis):
+    tables = SLOPE | {"boundary": {boundary: {"kind": "periodic"}}}
+    tables["domain"] = tables["domain"] | {"gravity": gravity}
+    if gravity is None:
+        del tables["domain"]["gravity"]
+    if with_grains:
+        tables["particles"] = VALID["particles"]
+    error = refusal(tables)
+    assert error.key == "domain.gravity"
+    assert f"along {axis}" in error.limit
+    assert "fluid.pressure_gradient" in error.remedy and "not there yet" in error.remedy
+
+
+def test_dry_scenes_keep_gravity_along_a_periodic_axis_and_fluids_that_across_it():
+    dry = {key: value for key, value in SLOPE.items() if key != "fluid"} | {"particles": VALID["particles"]}
+    assert load_scene(dry).domain.gravity == (0.1, -9.81)
+    assert load_scene(SLOPE, {"domain.gravity": [0.0, -9.81]}).periodic == (True, False)
+    with pytest.raises(InputError, match=r"domain\.gravity"):
+        load_scene(SLOPE, {"domain.gravity": [-1e-6, 0.0]})
+
+
+def test_gravity_that_is_set_from_python_is_refused_where_it_is_a_number():
+    """`rollout` looks at it before anything is compiled; traced, it has no value and passes, as its docstring says."""
+    scene = load_scene(SLOPE, {"domain.gravity": [0.0, -9.81], "precision": "float64"})
+    simulation, parameters = build(scene)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    tilted = parameters._replace(gravity=jnp.asarray([0.1, -9.81]))
+    with pytest.raises(InputError, match="fluid.pressure_gradient"):
+        rollout(simulation, tilted, state, neighbors, 1)
+    assert jax.eval_shape(lambda p: rollout(simulation, p, state, neighbors, 1).failures, tilted).shape == ()
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ def fall():
     scene = jaxdem.load_scene(tables)
     simulation, parameters = jaxdem.build(scene)
     start, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    parameters = settling.falling(parameters, 0.01)
 
     @jax.jit
     def run(parameters):
@@ -173,7 +174,7 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(InputError, match=r"coupling\.kernel_width.*hides"):
         jaxdem.build(jaxdem.load_scene(narrow))
     flat = tables | dict(
-        domain=dict(size=[39.6, 39.6], depth=1.0),
+        domain=dict(size=[39.6, 39.6], depth=1.0, gravity=[0.0, 0.0]),
         fluid=tables["fluid"] | dict(cells=[CELLS, CELLS]),
         particles=tables["particles"] | dict(position=[[20.0, 20.0]]),
         boundary={s: dict(kind="periodic") for s in ("left", "right", "bottom", "top")},
