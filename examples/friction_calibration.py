@@ -45,9 +45,8 @@ packs = [jaxdem.initial_state(jaxdem.load_scene(SCENE, {"seed": n}), simulation,
 
 
 def with_friction(friction: jax.Array):
-    """The parameters with that friction between grains and at walls."""
-    contact = parameters.contact._replace(friction=friction, wall_friction=friction)
-    return parameters._replace(contact=contact)
+    """The parameters with that friction; at walls it is the same, for the scene gives them none of their own."""
+    return parameters._replace(contact=parameters.contact._replace(friction=friction))
 
 
 def smooth_runoff(position: jax.Array) -> jax.Array:

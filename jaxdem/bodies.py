@@ -7,11 +7,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
 from jaxdem.rows import rows_of
 from jaxdem.scene_materials import WALL, Species
 
 if TYPE_CHECKING:
     from jaxdem.scene import Particles, Scene
+
+
+OF_PAIRS = ("restitution", "friction", "rolling_friction")
+"""Constants that a pair of materials may have of its own."""
 
 
 class Bodies(NamedTuple):
@@ -37,6 +42,7 @@ class MaterialTable(NamedTuple):
         poisson_ratio: (M,) [-].
         restitution, friction, rolling_friction: (P,) [-].
         pair: (M, M) number of the pair that two materials make.
+        given: by constant, the (G,) numbers that the scene gives, and how these are made of them.
     """
 
     names: tuple[str, ...]
@@ -46,6 +52,7 @@ class MaterialTable(NamedTuple):
     friction: np.ndarray
     rolling_friction: np.ndarray
     pair: np.ndarray
+    given: dict[str, tuple[np.ndarray, Mixing]]
 
     def number(self, name: str | None) -> int:
         """Number of a material; that of walls for None."""
@@ -61,34 +68,46 @@ def material_table(scene: Scene) -> MaterialTable | None:
     contact = scene.contact
     if not scene.materials or contact is None:
         return None
-    wall_modulus = contact.wall_young_modulus
-    young = [m.young_modulus for m in scene.materials]
-    young.append(np.inf if wall_modulus == "rigid" else wall_modulus or contact.young_modulus)
-    poisson = [m.poisson_ratio for m in scene.materials]
-    poisson.append(
-        contact.poisson_ratio if contact.wall_poisson_ratio is None else contact.wall_poisson_ratio
-    )
     names = (*(m.name for m in scene.materials), WALL)
-    wall_friction = contact.friction if contact.wall_friction is None else contact.wall_friction
-    own = {
-        "restitution": [*(m.restitution for m in scene.materials), contact.restitution],
-        "friction": [*(m.friction for m in scene.materials), wall_friction],
-        "rolling_friction": [*(m.rolling_friction for m in scene.materials), contact.rolling_friction],
-    }
     count = len(names)
     first, second = np.triu_indices(count)
     pair = np.zeros((count, count), np.int32)
     pair[first, second] = pair[second, first] = np.arange(len(first))
-    constants = {}
-    for name, values in own.items():
-        mixed = np.sqrt(np.multiply.outer(np.asarray(values, float), np.asarray(values, float)))
-        np.fill_diagonal(mixed, values)  # not through a square and its root
-        for given in scene.material_pairs:
-            a, b = (names.index(material) for material in given.materials)
-            if getattr(given, name) is not None:
-                mixed[a, b] = mixed[b, a] = getattr(given, name)
-        constants[name] = mixed[first, second]
-    return MaterialTable(names, np.asarray(young, float), np.asarray(poisson, float), **constants, pair=pair)
+    given = {
+        name: _given_numbers(scene, name, names, pair)
+        for name in ("young_modulus", "poisson_ratio", *OF_PAIRS)
+    }
+    own = {name: of_materials(*given[name]) for name in ("young_modulus", "poisson_ratio")}
+    mixed = {name: of_pairs(*given[name], np) for name in OF_PAIRS}
+    return MaterialTable(names, **own, **mixed, pair=pair, given=given)
+
+
+def _given_numbers(
+    scene: Scene, name: str, names: tuple[str, ...], pair: np.ndarray
+) -> tuple[np.ndarray, Mixing]:
+    """What a scene gives of a constant: that of `[contact]`, which the others follow, then those of materials and pairs."""
+    contact = scene.contact
+    tables = [
+        (f"materials.{k}.{name}", getattr(material, name)) for k, material in enumerate(scene.materials)
+    ]
+    tables.append((f"contact.wall_{name}", getattr(contact, f"wall_{name}", None)))
+    keys, values, own = [f"contact.{name}"], [getattr(contact, name)], []
+
+    def number(key: str, value: Any, without: int) -> int:
+        if value is None:
+            return without
+        keys.append(key)
+        values.append(np.inf if value == "rigid" else value)
+        return len(keys) - 1
+
+    for key, value in tables:
+        own.append(number(key, value, 0))
+    of_pair = np.full(len(names) * (len(names) + 1) // 2 if name in OF_PAIRS else 0, -1)
+    if name in OF_PAIRS:
+        for k, one in enumerate(scene.material_pairs):
+            place = pair[tuple(names.index(material) for material in one.materials)]
+            of_pair[place] = number(f"material_pairs.{k}.{name}", getattr(one, name), -1)
+    return np.asarray(values, float), Mixing(tuple(keys), tuple(own), tuple(of_pair.tolist()))
 
 
 def wall_materials(scene: Scene, table: MaterialTable, sides: int, surfaces: int) -> np.ndarray:

@@ -47,7 +47,7 @@ from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashp
 from jaxdem.particles.forces import ContactModel, MaterialIndex
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval
-from jaxdem.particles.materials import ContactParameters, SeveralMaterials
+from jaxdem.particles.materials import ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
 from jaxdem.particles.population import Population
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
@@ -64,6 +64,8 @@ from jaxdem.time_steps import time_steps
 CONTACT_LAWS: dict[str, Any] = {"hertz_mindlin": HertzMindlin, "linear_spring_dashpot": LinearSpringDashpot}
 ROLLING_MODELS: dict[str, Any] = {"cdt": ConstantDirectionalTorque, "epsd": ElasticPlasticSpringDashpot}
 LIFT_LAWS: dict[str, Any] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
+FOLLOWING = ("wall_young_modulus", "wall_poisson_ratio", "wall_friction", "tangential_stiffness")
+"""Constants of contacts that follow another one where the scene gives none of their own."""
 MOST_KERNEL_CELLS = 8000
 """A cube of 20: each takes some operations of the program, which would not be compiled within minutes."""
 ADVECTION: dict[str, Any] = {
@@ -363,14 +365,18 @@ def _check_walls(surfaces: tuple[Surface, ...], particles: ParticleState, radius
 
 def _contact_constants(scene: Scene, number: Callable[[Any], Array]) -> ContactParameters | SeveralMaterials:
     contact, table = scene.contact, material_table(scene)
+    assert contact is not None
+
+    def given(name: str) -> Array | None:
+        value = getattr(contact, name)
+        return None if value is None and name in FOLLOWING else number(value)
+
     if table is None:
-        return ContactParameters(*(number(getattr(contact, name)) for name in ContactParameters._fields))
-    return SeveralMaterials(
-        *(
-            number(getattr(table if hasattr(table, name) else contact, name))
-            for name in SeveralMaterials._fields
-        )
-    )
+        return ContactParameters(*(given(name) for name in ContactParameters._fields))
+    columns = {name: number(values) for name, (values, _) in table.given.items()}
+    numbers = MaterialNumbers(**{name: mixing for name, (_, mixing) in table.given.items()})
+    rest = {name: given(name) for name in ("rolling_damping", "normal_stiffness", "tangential_stiffness")}
+    return SeveralMaterials(**columns, **rest, numbers=numbers)
 
 
 def _parameters(

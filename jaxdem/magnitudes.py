@@ -96,8 +96,10 @@ def _of_particles(scene: Scene, bodies: Bodies) -> Iterator[_Product]:
         yield _Product("particles.radius", "a moment of inertia", "kg m2", 0.4 * mass * radius**2)
         yield _Product("domain.gravity", "a weight", "N", mass * gravity)
         if contact.law == "hertz_mindlin":
-            moduli = [m.young_modulus for m in scene.materials] or [contact.young_modulus]
-            for modulus in (min(filter(None, moduli)), max(filter(None, moduli))):
+            moduli = [m.young_modulus or contact.young_modulus for m in scene.materials] or [
+                contact.young_modulus
+            ]
+            for modulus in (min(moduli), max(moduli)):
                 force = modulus * radius**2
                 yield _Product("contact.young_modulus", "contact forces", "N", force)
                 yield _Product("contact.young_modulus", "accelerations", "m/s2", force / mass)

@@ -38,8 +38,8 @@ from jaxdem.scene_materials import (
     Material,
     MaterialPair,
     Species,
+    check_materials,
     check_particle_materials,
-    completed_materials,
 )
 from jaxdem.scene_population import ParticleInlet, check_exits, check_history, completed_inlets
 from jaxdem.scene_walls import Wall, completed_walls
@@ -165,6 +165,11 @@ class Contact(Section):
     speed: Positive | Literal["auto"] = "auto"
     maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
     skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
+
+    def of_walls(self, name: str) -> Any:
+        """A constant of the walls; the particles' where none is given."""
+        own = getattr(self, f"wall_{name}")
+        return getattr(self, name) if own is None else own
 
 
 class Fluid(Section):
@@ -443,7 +448,7 @@ def _completed(scene: Scene) -> Scene:
     if scene.particles is not None:
         contact = _completed_contact(scene.contact or Contact())
         update["contact"] = contact
-        update["materials"] = completed_materials(scene.materials, scene.material_pairs, contact)
+        check_materials(scene.materials, scene.material_pairs)
         names = tuple(material.name for material in scene.materials)
         check_particle_materials(scene.particles, scene.walls, contact, names)
         inlets = completed_inlets(
@@ -510,29 +515,27 @@ def _check_subgrid(fluid: Fluid) -> None:
 
 
 def _completed_contact(contact: Contact) -> Contact:
-    """The walls take the particles' constants where they have none of their own."""
+    """The contact with the walls' material by one name, checked.
+
+    What follows another key where it is not given (constants of the walls, the tangential stiffness) is not written in: it
+    would be a number of its own, to be changed and differentiated by apart from the one that it follows.
+    """
     if contact.law == "linear_spring_dashpot" and contact.normal_stiffness is None:
         raise InputError(
             "contact.normal_stiffness", None, "is needed by linear_spring_dashpot", "set it [N/m]"
         )
-    update: dict[str, Any] = {}
     if contact.wall_material == WALL:
         # The name of walls without a material.
         contact = contact.model_copy(update={"wall_material": None})
     for name in ("young_modulus", "poisson_ratio", "friction"):
-        if contact.wall_material is not None:
-            if getattr(contact, f"wall_{name}") is not None:
-                raise InputError(
-                    f"contact.wall_{name}",
-                    getattr(contact, f"wall_{name}"),
-                    f"the walls have that of contact.wall_material = {contact.wall_material!r}",
-                    "remove one of the two",
-                )
-        elif getattr(contact, f"wall_{name}") is None:
-            update[f"wall_{name}"] = getattr(contact, name)
-    if contact.normal_stiffness is not None and contact.tangential_stiffness is None:
-        update["tangential_stiffness"] = 2.0 / 7.0 * contact.normal_stiffness
-    return contact.model_copy(update=update)
+        if contact.wall_material is not None and getattr(contact, f"wall_{name}") is not None:
+            raise InputError(
+                f"contact.wall_{name}",
+                getattr(contact, f"wall_{name}"),
+                f"the walls have that of contact.wall_material = {contact.wall_material!r}",
+                "remove one of the two",
+            )
+    return contact
 
 
 def _check_particles(scene: Scene) -> None:

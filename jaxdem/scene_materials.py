@@ -19,7 +19,7 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 class Material(Section):
-    """A material; what is not given is that of `[contact]`.
+    """A material; what is not given follows `[contact]`.
 
     Attributes:
         name: that particles, walls and pairs refer to.
@@ -70,14 +70,8 @@ class Species(Section):
     material: Name | None = None
 
 
-def completed_materials(
-    materials: tuple[Material, ...], pairs: tuple[MaterialPair, ...], contact: Any
-) -> tuple[Material, ...]:
-    """The materials with the constants of `[contact]` where they have none of their own, checked with the pairs.
-
-    Raises:
-        InputError: a name is taken twice or unknown, or a pair says nothing.
-    """
+def check_materials(materials: tuple[Material, ...], pairs: tuple[MaterialPair, ...]) -> None:
+    """Refuses names that are taken twice or unknown, and pairs that say nothing."""
     names: list[str] = []
     for k, material in enumerate(materials):
         if material.name == WALL or material.name in names:
@@ -99,13 +93,6 @@ def completed_materials(
         seen.add(frozenset(pair.materials))
         if (pair.restitution, pair.friction, pair.rolling_friction) == (None, None, None):
             raise InputError(key, pair.materials, "says nothing", "set restitution, friction or both")
-    fields = [name for name in Material.model_fields if name != "name"]
-    return tuple(
-        material.model_copy(
-            update={name: getattr(contact, name) for name in fields if getattr(material, name) is None}
-        )
-        for material in materials
-    )
 
 
 def check_material(key: str, name: str | None, known: tuple[str, ...]) -> None:

@@ -29,6 +29,8 @@ class State(NamedTuple):
 class Parameters(NamedTuple):
     """Everything one may differentiate by; a part that the scene has not is None.
 
+    A number of the scene stands here once; what the scene does not give follows another number.
+
     Attributes:
         gravity: (D,) [m/s2].
         bodies: radius and density of the particles.

@@ -15,6 +15,7 @@ from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT
 from jaxdem.errors import InputError
 from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
 from jaxdem.initial import initial_count, scene_bodies
+from jaxdem.particles.materials import TANGENTIAL_SHARE
 from jaxdem.rows import rows_of
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene_boundary import parabolic_axes
@@ -280,8 +281,8 @@ def _contact_bodies(scene: Scene) -> list[_ContactBody]:
             found.append(_ContactBody(r, rho, 4.0 / 3.0 * math.pi * r**3 * rho, young, poisson, key))
     if table is None:
         # Walls as hard as the particles, or harder, are left to the margins of step and overlap (15 % more than of a pair).
-        soft, ratio = contact.wall_young_modulus, contact.wall_poisson_ratio
-        if found and isinstance(soft, float) and ratio is not None:
+        soft, ratio = contact.of_walls("young_modulus"), contact.of_walls("poisson_ratio")
+        if found and isinstance(soft, float):
             wall = _ContactBody(math.inf, math.inf, math.inf, soft, ratio, "contact.wall_young_modulus")
             if wall.modulus < found[0].modulus:
                 found.append(wall)
@@ -343,7 +344,8 @@ def contact_stability(scene: Scene, speed: float, overlap: float | None = None) 
     def linearised(mass: float, radius: float, wall: bool) -> stability.LinearContact:
         constants = worst[wall]
         if contact.law == "linear_spring_dashpot":
-            spring, across = contact.normal_stiffness or 0.0, contact.tangential_stiffness or 0.0
+            spring, across = contact.normal_stiffness or 0.0, contact.tangential_stiffness
+            across = TANGENTIAL_SHARE * spring if across is None else across
             result = stability.linear_contact(mass, spring, across, constants.restitution, constants.rough)
         else:
             result = stability.hertz_mindlin_contact(
@@ -413,11 +415,9 @@ def _worst_constants(scene: Scene, wall: bool) -> _Constants:
         own = compliances(contact.young_modulus, contact.poisson_ratio)
         other = own
         if wall:
-            young = contact.wall_young_modulus
-            poisson = contact.wall_poisson_ratio
-            poisson = contact.poisson_ratio if poisson is None else poisson
+            young, poisson = contact.of_walls("young_modulus"), contact.of_walls("poisson_ratio")
             other = compliances(young, poisson) if isinstance(young, float) else (0.0, 0.0)
-        friction = (contact.wall_friction or 0.0) if wall else contact.friction
+        friction = contact.of_walls("friction") if wall else contact.friction
         return _Constants(
             1.0 / (own[0] + other[0]),
             1.0 / (own[1] + other[1]),

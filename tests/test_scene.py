@@ -76,7 +76,9 @@ def test_the_valid_scene_is_accepted():
     scene = load_scene(VALID)
     assert scene.boundary["left"].velocity == (0.1, 0.0)
     assert scene.boundary["top"].kind == "no_slip"
-    assert scene.contact.wall_friction == scene.contact.friction
+    assert (
+        scene.contact.wall_friction is None and scene.contact.of_walls("friction") == scene.contact.friction
+    )
 
 
 @pytest.mark.parametrize(

@@ -72,10 +72,7 @@ class Channel:
                 viscosity=p.fluid.viscosity * factor[1],
                 side_velocity=tuple(v * factor[2] for v in p.fluid.side_velocity),
             ),
-            contact=p.contact._replace(
-                young_modulus=p.contact.young_modulus * factor[3],
-                wall_young_modulus=p.contact.wall_young_modulus * factor[3],
-            ),
+            contact=p.contact._replace(young_modulus=p.contact.young_modulus * factor[3]),
             closure=type(c)(
                 **{f: weights if f == "weights" else getattr(c, f) for f in c.__dataclass_fields__}
             ),

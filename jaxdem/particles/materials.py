@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.forces import Surroundings
+from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
+
+TANGENTIAL_SHARE = 2.0 / 7.0
+"""Tangential over normal stiffness of the linear law where the scene gives only the normal one [-]."""
 
 
 class ContactParameters(NamedTuple):
     """Constants of the particles and of the walls; each () and traced.
+
+    Every number that a scene gives is one of them; None follows the particles' constant, so that a derivative by that one
+    counts everywhere that it acts.
 
     Attributes:
         young_modulus: of the particles [Pa].
@@ -21,11 +31,11 @@ class ContactParameters(NamedTuple):
         friction: between particles [-].
         rolling_friction: [-].
         rolling_damping: of the rolling spring over critical [-].
-        wall_young_modulus: infinite for a rigid wall [Pa].
-        wall_poisson_ratio: [-].
-        wall_friction: between particles and walls [-].
+        wall_young_modulus: infinite for a rigid wall; None: `young_modulus` [Pa].
+        wall_poisson_ratio: None: `poisson_ratio` [-].
+        wall_friction: between particles and walls; None: `friction` [-].
         normal_stiffness: of the linear law [N/m].
-        tangential_stiffness: of the linear law [N/m].
+        tangential_stiffness: of the linear law; None: 2/7 of `normal_stiffness` [N/m].
     """
 
     young_modulus: Array
@@ -34,27 +44,42 @@ class ContactParameters(NamedTuple):
     friction: Array
     rolling_friction: Array
     rolling_damping: Array
-    wall_young_modulus: Array
-    wall_poisson_ratio: Array
-    wall_friction: Array
+    wall_young_modulus: Array | None
+    wall_poisson_ratio: Array | None
+    wall_friction: Array | None
     normal_stiffness: Array
-    tangential_stiffness: Array
+    tangential_stiffness: Array | None
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class MaterialNumbers:
+    """Which numbers of `SeveralMaterials` the constants of materials and pairs are made of; static."""
+
+    young_modulus: Mixing
+    poisson_ratio: Mixing
+    restitution: Mixing
+    friction: Mixing
+    rolling_friction: Mixing
 
 
 class SeveralMaterials(NamedTuple):
-    """Constants of M materials and of their P pairs; traced. Which contact is of which pair: `MaterialIndex`.
+    """Constants of several materials and of their pairs, as the scene gives them; traced.
 
-    A pair stands once for either order, so that action and reaction are equal whatever a derivative is taken by.
+    A column has the G numbers that the scene gives of it, in the order of `numbers.<name>.keys`, such as
+    ("contact.friction", "materials.1.friction", "material_pairs.0.friction"). What is not given follows what is, so that
+    each number stands once. Which contact is of which pair: `MaterialIndex`.
 
     Attributes:
-        young_modulus: (M,) infinite for a rigid wall [Pa].
-        poisson_ratio: (M,) [-].
-        restitution: (P,) [-].
-        friction: (P,) [-].
-        rolling_friction: (P,) [-].
+        young_modulus: (G,) infinite for a rigid wall [Pa].
+        poisson_ratio: (G,) [-].
+        restitution: (G,) [-].
+        friction: (G,) [-].
+        rolling_friction: (G,) [-].
         rolling_damping: () of the rolling spring over critical [-].
         normal_stiffness: () of the linear law [N/m].
-        tangential_stiffness: () of the linear law [N/m].
+        tangential_stiffness: () of the linear law; None: 2/7 of `normal_stiffness` [N/m].
+        numbers: static, which of them is whose.
     """
 
     young_modulus: Array
@@ -64,7 +89,8 @@ class SeveralMaterials(NamedTuple):
     rolling_friction: Array
     rolling_damping: Array
     normal_stiffness: Array
-    tangential_stiffness: Array
+    tangential_stiffness: Array | None
+    numbers: MaterialNumbers
 
 
 def surroundings(
@@ -79,23 +105,21 @@ def surroundings(
 
     Source: K. L. Johnson, Contact Mechanics (1985), eqs 3.41 and 7.42.
     """
-    normal, shear = _compliances(parameters.young_modulus, parameters.poisson_ratio)
-    if isinstance(parameters, SeveralMaterials):
-        first, second = np.triu_indices(parameters.young_modulus.shape[0])  # the order of the pairs
-        table = ContactMaterial(
-            effective_young_modulus=1.0 / (normal[first] + normal[second]),
-            effective_shear_modulus=1.0 / (shear[first] + shear[second]),
-            **{name: getattr(parameters, name) for name in ContactMaterial._fields[2:]},
-        )
-        return Surroundings(table, table, wall_velocity)
-    wall_normal, wall_shear = _compliances(parameters.wall_young_modulus, parameters.wall_poisson_ratio)
+    across = parameters.tangential_stiffness
     shared = {
-        "restitution": parameters.restitution,
-        "rolling_friction": parameters.rolling_friction,
         "rolling_damping": parameters.rolling_damping,
         "normal_stiffness": parameters.normal_stiffness,
-        "tangential_stiffness": parameters.tangential_stiffness,
+        "tangential_stiffness": TANGENTIAL_SHARE * parameters.normal_stiffness if across is None else across,
     }
+    if isinstance(parameters, SeveralMaterials):
+        table = _pair_table(parameters, shared)
+        return Surroundings(table, table, wall_velocity)
+    shared |= {"restitution": parameters.restitution, "rolling_friction": parameters.rolling_friction}
+    normal, shear = _compliances(parameters.young_modulus, parameters.poisson_ratio)
+    wall_normal, wall_shear = _compliances(
+        _or(parameters.wall_young_modulus, parameters.young_modulus),
+        _or(parameters.wall_poisson_ratio, parameters.poisson_ratio),
+    )
     pair = ContactMaterial(
         effective_young_modulus=0.5 / normal,
         effective_shear_modulus=0.5 / shear,
@@ -105,10 +129,34 @@ def surroundings(
     wall = ContactMaterial(
         effective_young_modulus=1.0 / (normal + wall_normal),
         effective_shear_modulus=1.0 / (shear + wall_shear),
-        friction=parameters.wall_friction,
+        friction=_or(parameters.wall_friction, parameters.friction),
         **shared,
     )
     return Surroundings(pair, wall, wall_velocity)
+
+
+def _or(own: Array | None, followed: Array) -> Array:
+    return followed if own is None else own
+
+
+def _pair_table(parameters: SeveralMaterials, shared: dict[str, Array]) -> ContactMaterial:
+    """Constants (P,) of the pairs of materials, in the order of `numpy.triu_indices`."""
+    numbers = parameters.numbers
+    normal, shear = _compliances(
+        of_materials(parameters.young_modulus, numbers.young_modulus),
+        of_materials(parameters.poisson_ratio, numbers.poisson_ratio),
+    )
+    first, second = np.triu_indices(normal.shape[0])
+    mixed = {
+        name: of_pairs(getattr(parameters, name), getattr(numbers, name), jnp)
+        for name in ("restitution", "friction", "rolling_friction")
+    }
+    return ContactMaterial(
+        effective_young_modulus=1.0 / (normal[first] + normal[second]),
+        effective_shear_modulus=1.0 / (shear[first] + shear[second]),
+        **mixed,
+        **shared,
+    )
 
 
 def _compliances(young_modulus: Array, poisson_ratio: Array) -> tuple[Array, Array]:

@@ -169,7 +169,7 @@ def test_total_momentum_is_conserved():
     line = (np.arange(cells) + 0.5) * side / cells
     lattice = np.stack([a.ravel() for a in np.meshgrid(line, line, indexing="ij")], axis=1)
     given = tables(virtual_mass=0.5, basset=3) | dict(
-        domain=dict(size=[side, side], depth=0.04, gravity=[0.0, -1.0]),
+        domain=dict(size=[side, side], depth=0.04, gravity=[0.0, 0.0]),
         particles=dict(
             radius=0.01,
             density=100.0,
@@ -182,6 +182,7 @@ def test_total_momentum_is_conserved():
     scene = jaxdem.load_scene(given)
     simulation, light = jaxdem.build(scene)
     first, neighbors = jaxdem.initial_state(scene, simulation, light)
+    light = light._replace(gravity=jnp.asarray([0.0, -1.0]))  # a periodic scene may not have it
     grid, step = simulation.fluid.solver.grid, jax.jit(simulation.step)
 
     def momentum(state, density):

@@ -16,7 +16,7 @@ from jaxdem.bodies import material_table
 from jaxdem.errors import InputError
 from jaxdem.initial import initial_positions, scene_bodies
 from jaxdem.particles.forces import MaterialIndex
-from jaxdem.particles.materials import SeveralMaterials
+from jaxdem.particles.materials import SeveralMaterials, surroundings
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.surfaces import Plane
 from jaxdem.stability import hertz_duration
@@ -49,9 +49,33 @@ def scene_of(material="soft", radius=0.01, **changes):
     return jaxdem.load_scene(tables)
 
 
-def tables_of(scene, **given):
-    """The constants that a scene has, with some of them changed."""
-    return jaxdem.build(scene)[1].contact._replace(**{name: jnp.asarray(v) for name, v in given.items()})
+def table_of(constants):
+    """The constants of all pairs, as the program has them."""
+    return surroundings(constants, ()).pair
+
+
+def tables_of(**pairs):
+    """Constants of a scene in which all pairs have their own, as the geometric means are: one structure for a batch.
+
+    Args:
+        **pairs: name -> number of a pair -> value, in place of the mean.
+    """
+    mixed = table_of(jaxdem.build(scene_of())[1].contact)
+    names = (("soft", "hard"), ("soft", "wall"), ("hard", "wall"))
+    rows = {
+        number: {"materials": two}
+        for number, two in zip((SOFT_HARD, SOFT_WALL, HARD_WALL), names, strict=True)
+    }
+    materials = [dict(material) for material in TABLES["materials"]]
+    for name in ("restitution", "friction", "rolling_friction"):
+        values = np.asarray(getattr(mixed, name)).copy()
+        for number, value in pairs.get(name, {}).items():
+            values[number] = value
+        for number, row in rows.items():
+            row[name] = float(values[number])
+        for material, number in zip(materials, (SOFT_SOFT, HARD_HARD), strict=True):
+            material[name] = float(values[number])
+    return jaxdem.build(scene_of(materials=materials, material_pairs=list(rows.values())))[1].contact
 
 
 def with_materials(scene, constants, walls=()):
@@ -78,11 +102,8 @@ def pair_of(constants, radius=(RADIUS, RADIUS), gap=1e-9, across=0.0, speed=SPEE
 @pytest.fixture(scope="module")
 def impacts():
     """All impacts of a soft and a hard ball, in one program."""
-    scene = scene_of()
-    mixed = tables_of(scene)
-    rows = mixed.restitution.at[SOFT_HARD].set(0.25)
-    said = mixed._replace(restitution=rows)
-    rubbing = mixed._replace(friction=mixed.friction.at[SOFT_HARD].set(0.05))
+    mixed, said = tables_of(), tables_of(restitution={SOFT_HARD: 0.25})
+    rubbing = tables_of(friction={SOFT_HARD: 0.05})
     cases = {
         "mixed": pair_of(mixed),
         "said": pair_of(said),
@@ -149,11 +170,9 @@ def test_walls_have_materials():
     base = base._replace(
         state=base.state._replace(position=base.state.position.at[0, 1].set(0.5 + RADIUS - 1e-6))
     )
-    mixed = tables_of(scene_of())
-    friction = mixed._replace(friction=jnp.asarray([0.0, 0.11, 0.0, 0.0, 0.0, 0.0]).at[SOFT_SOFT].set(0.13))
-    rolling = mixed._replace(
-        friction=jnp.zeros(6), rolling_friction=jnp.zeros(6).at[SOFT_SOFT].set(0.3).at[SOFT_HARD].set(0.2)
-    )
+    nothing = dict.fromkeys(range(6), 0.0)
+    friction = tables_of(friction=nothing | {SOFT_SOFT: 0.13, SOFT_HARD: 0.11})
+    rolling = tables_of(friction=nothing, rolling_friction=nothing | {SOFT_SOFT: 0.3, SOFT_HARD: 0.2})
     walls = [2, 2, 2, 2, 0]
     scenes = [with_materials(base, constants, walls) for constants in (friction, rolling)]
     step = 1e-7
@@ -165,8 +184,10 @@ def test_walls_have_materials():
 
 
 def test_gradients_by_the_constants_of_a_pair():
-    """Of a damped, sliding contact's force, by restitution, friction and a modulus: central differences."""
-    scene, _ = pair_of(tables_of(scene_of()), gap=-1e-6, across=2.0)
+    """Of a damped, sliding contact's force, by the restitution and friction of a material that its pair is mixed from,
+    and by a modulus: central differences."""
+    scene, _ = pair_of(jaxdem.build(scene_of())[1].contact, gap=-1e-6, across=2.0)
+    numbers = scene.constants.numbers
 
     def force(constants):
         return jnp.sum(forces(scene._replace(constants=constants), 1e-6)[0][0] * jnp.asarray([1.0, 2.0]))
@@ -174,8 +195,11 @@ def test_gradients_by_the_constants_of_a_pair():
     compiled = jax.jit(jax.value_and_grad(force))
     slopes = compiled(scene.constants)[1]
     assert isinstance(slopes, SeveralMaterials)
-    for name, index in (("restitution", SOFT_HARD), ("friction", SOFT_HARD), ("young_modulus", 0)):
-        values = getattr(scene.constants, name)
+    for name in ("restitution", "friction", "young_modulus"):
+        values, index = (
+            getattr(scene.constants, name),
+            getattr(numbers, name).keys.index(f"materials.0.{name}"),
+        )
         step = 1e-5 * values[index]
         ahead, behind = (
             compiled(scene.constants._replace(**{name: values.at[index].add(sign * step)}))[0]
@@ -183,12 +207,25 @@ def test_gradients_by_the_constants_of_a_pair():
         )
         assert ahead != behind
         np.testing.assert_allclose(getattr(slopes, name)[index], (ahead - behind) / (2.0 * step), rtol=1e-5)
-    assert slopes.restitution[SOFT_SOFT] == 0.0  # does not occur
+    assert (
+        slopes.restitution[numbers.restitution.keys.index("contact.restitution")] == 0.0
+    )  # of walls, which there are none
+
+
+def test_a_constant_of_zero_has_finite_derivatives_in_its_pairs():
+    """The geometric mean with 0 is 0, and so is the derivative that is used; nothing becomes NaN for the others."""
+    materials = [dict(TABLES["materials"][0], friction=0.0), TABLES["materials"][1]]
+    constants = jaxdem.build(scene_of(materials=materials))[1].contact
+    assert table_of(constants).friction[SOFT_HARD] == 0.0
+    slopes = jax.jacobian(lambda c: table_of(c).friction)(constants).friction
+    assert np.isfinite(slopes).all()
+    index = constants.numbers.friction.keys.index("materials.0.friction")
+    assert slopes[SOFT_SOFT, index] == 1.0
 
 
 def test_one_material_compiles_no_table():
     """Six pairs of two materials and the wall; without [[materials]] the program knows of none."""
-    several, _ = pair_of(tables_of(scene_of()))
+    several, _ = pair_of(tables_of())
     model = several.interval.model._replace(materials=None)
     plain = {name: value for name, value in TABLES.items() if name != "materials"}
     particles = {"position": [[0.2, 0.2, 0.2]], "radius": 0.01, "density": 2500.0}
@@ -214,8 +251,15 @@ def test_the_build_hands_materials_on():
     index = simulation.contact.model.materials
     assert index.particle.tolist() == [0, 1]
     assert index.wall.tolist() == [0] * 6 + [1, 0, 0]
-    assert float(parameters.contact.friction[SOFT_HARD]) == pytest.approx(0.2)
-    assert parameters.contact.young_modulus.tolist() == [1e9, 1e10, 7e7]
+    table, given = material_table(scene_of()), parameters.contact
+    assert float(table_of(given).friction[SOFT_HARD]) == pytest.approx(0.2)  # of 0.4 and 0.1
+    assert float(table_of(given).restitution[SOFT_HARD]) == pytest.approx(0.6)  # of 0.9 and 0.4
+    for name in ("restitution", "friction", "rolling_friction"):  # host and program have the same
+        np.testing.assert_allclose(getattr(table_of(given), name), getattr(table, name), rtol=1e-15)
+    keys = ("contact.young_modulus", "materials.0.young_modulus", "materials.1.young_modulus")
+    assert given.numbers.young_modulus.keys == keys
+    assert given.young_modulus.tolist() == [7e7, 1e9, 1e10]
+    assert table.young_modulus.tolist() == [1e9, 1e10, 7e7]
     scene = scene_of(["soft", "hard"], walls=walls, contact=contact)
     assert "materials by pair: soft, hard" in check._parts(scene, simulation, parameters)[0]
     assert float(jaxdem.build(scene_of())[0].contact.model.materials.particle) == 0
