@@ -1,6 +1,7 @@
 """A held bed of spheres in a column: pressure drop, forces of an accelerating flow, one sphere settling in it."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
