@@ -40,7 +40,14 @@ from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
 from jaxdem.fluid.remap import coarsened
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
-from jaxdem.initial import check_initial_positions, check_walls, initial_positions, scene_bodies
+from jaxdem.initial import (
+    Overlap,
+    allowed_overlap,
+    check_initial_positions,
+    check_walls,
+    initial_positions,
+    scene_bodies,
+)
 from jaxdem.magnitudes import check_magnitudes, check_memory
 from jaxdem.particles import vectors
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
@@ -176,10 +183,11 @@ def initial_state(
     dtype = parameters.gravity.dtype
     particles, neighbors = None, None
     if scene.particles is not None:
-        bare = _initial_particles(scene, simulation.population, dtype)
+        allowed = allowed_overlap(simulation.steps.expected_speed, simulation.steps.expected_overlap)
+        bare = _initial_particles(scene, simulation.population, allowed, dtype)
         surfaces = simulation.contact.model.surfaces
         if surfaces:
-            _check_walls(surfaces, bare, parameters.bodies.radius)
+            _check_walls(surfaces, bare, parameters.bodies.radius, allowed)
         neighbors = simulation.allocate(bare)
         count, walls = bare.position.shape[0], simulation.contact.model.walls
         kept = simulation.contact.model.history_size(scene.dimension)
@@ -353,14 +361,16 @@ def _of_wall(wall: Wall) -> tuple[Surface, ...]:
     return wedge(wall.apex, wall.directions)
 
 
-def _check_walls(surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array) -> None:
+def _check_walls(
+    surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array, allowed: Overlap
+) -> None:
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
     # As one program: operation by operation it takes seconds to compile.
     overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
     if particles.active is not None:  # those still to come are looked at when they come
         overlap = jnp.where(particles.active[None], overlap, -1.0)
-    check_walls(np.asarray(particles.position), np.asarray(radius), surfaces, np.asarray(overlap))
+    check_walls(np.asarray(particles.position), np.asarray(radius), surfaces, np.asarray(overlap), allowed)
 
 
 def _contact_constants(scene: Scene, number: Callable[[Any], Array]) -> ContactParameters | SeveralMaterials:
@@ -412,11 +422,13 @@ def _parameters(
     )  # fmt: skip
 
 
-def _initial_particles(scene: Scene, population: Population | None, dtype: Any) -> ParticleState:
+def _initial_particles(
+    scene: Scene, population: Population | None, allowed: Overlap, dtype: Any
+) -> ParticleState:
     """Particles at their starting positions, without contact history; those still to come wait in their inlets."""
     assert scene.particles is not None
     position = initial_positions(scene)
-    check_initial_positions(scene, position)
+    check_initial_positions(scene, position, allowed)
     present, dimension = position.shape
     inlets = () if population is None else population.inlets
     places = [np.tile(0.5 * (inlet.lower + inlet.upper), (len(inlet.due), 1)) for inlet in inlets]
@@ -425,8 +437,10 @@ def _initial_particles(scene: Scene, population: Population | None, dtype: Any) 
     leading = position.astype(dtype)
     low = None if dtype == jnp.float64 else jnp.asarray((position - leading).astype(dtype))
     turning = vectors.angular_size(dimension)
-    velocity = rows_of("particles.velocity", scene.particles.velocity, dimension, present)
-    spin = rows_of("particles.angular_velocity", scene.particles.angular_velocity, turning, present)
+    velocity = rows_of("particles.velocity", scene.particles.velocity, dimension, present, of_frame=True)
+    spin = rows_of(
+        "particles.angular_velocity", scene.particles.angular_velocity, turning, present, of_frame=True
+    )
     zero = jnp.zeros((count, dimension), dtype)
 
     def rows(given: np.ndarray | None, width: int) -> Array:

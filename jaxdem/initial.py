@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,47 @@ from jaxdem.rows import rows_of
 from jaxdem.scene import Pack, Particles, Scene
 
 INSERTION_OVERLAP = 0.01
-"""Two particles may overlap by this part of the smaller diameter at the start; more would throw them apart."""
+"""Two particles may overlap by this part of the smaller diameter at the start, whatever the contact; see `Overlap`."""
+
+DEEPER = "or raise contact.speed: overlaps as deep as an impact at that speed are allowed"
+"""Remedy for overlaps that are meant."""
 
 MOST_PLACES = 20_000_000
 """Places that a pack may have; more would fill the memory before the first particle stands."""
+
+
+class Overlap(NamedTuple):
+    """How deep particles may overlap at the start.
+
+    As deep as an impact at the largest speed expected, for a bed that runs has such overlaps too, the contact step is made
+    for them, and two particles that are let go from one part no faster than that speed.
+
+    Attributes:
+        part: of the smaller diameter [-].
+        reason: that says where it is from, for messages.
+    """
+
+    part: float = INSERTION_OVERLAP
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return f"the limit is {100 * self.part:.3g} %{self.reason}"
+
+
+LEAST_OVERLAP = Overlap()
+"""What any scene allows."""
+
+
+def allowed_overlap(speed: float | None, overlap: float | None) -> Overlap:
+    """The overlap that is accepted at the start.
+
+    Args:
+        speed: largest expected of the particles [m/s].
+        overlap: of an impact at that speed, over the diameter [-].
+    """
+    if speed is None or overlap is None or overlap <= INSERTION_OVERLAP:
+        return LEAST_OVERLAP
+    return Overlap(overlap, f", the overlap expected at contact.speed = {speed:.3g} m/s")
 
 
 def initial_positions(scene: Scene) -> np.ndarray:
@@ -57,7 +94,7 @@ def initial_positions(scene: Scene) -> np.ndarray:
             )
         # Rows are filled from below, so a pack that is not full has a level top.
         return packed[: particles.count]
-    position = rows_of("particles.position", particles.position, scene.dimension)
+    position = rows_of("particles.position", particles.position, scene.dimension, of_frame=True)
     assert position is not None
     if particles.count is not None and len(position) != particles.count:
         raise InputError(
@@ -86,8 +123,8 @@ def initial_count(scene: Scene) -> int:
     return len(initial_positions(scene)) if count is None else count
 
 
-def check_initial_positions(scene: Scene, position: np.ndarray) -> None:
-    """Refuses particles that overlap each other or a wall, or lie outside the box."""
+def check_initial_positions(scene: Scene, position: np.ndarray, allowed: Overlap = LEAST_OVERLAP) -> None:
+    """Refuses particles that overlap each other or a wall by more than is allowed, or lie outside the box."""
     particles = scene.particles
     assert particles is not None
     radius = np.broadcast_to(particle_bodies(scene, len(position)).radius, len(position))
@@ -95,28 +132,31 @@ def check_initial_positions(scene: Scene, position: np.ndarray) -> None:
     walls = ~np.asarray(scene.periodic)
     depth = np.maximum(radius[:, None] - position, position + radius[:, None] - box)
     depth = np.where(walls, depth, -np.inf) / (2.0 * radius[:, None])
-    if len(position) and depth.max() > INSERTION_OVERLAP:
+    if len(position) and depth.max() > allowed.part:
         index, axis = np.unravel_index(np.argmax(depth), depth.shape)
         raise InputError(
             "particles.position",
             f"particle {index} at {_point(position[index])} m",
             f"it reaches {100 * depth[index, axis]:.2g} % of its diameter into the "
-            f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, the limit is "
-            f"{100 * INSERTION_OVERLAP:g} %",
-            "move it into the box",
+            f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, {allowed}",
+            f"move it into the box, {DEEPER}",
         )
     worst, first, second = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic)
-    if worst > INSERTION_OVERLAP:
+    if worst > allowed.part:
         raise InputError(
             "particles.position",
             f"particles {first} and {second} at {_point(position[first])} and {_point(position[second])} m",
-            f"they overlap by {100 * worst:.3g} % of a diameter, the limit is {100 * INSERTION_OVERLAP:g} %",
-            "move them apart, or raise particles.pack.spacing",
+            f"they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
+            f"move them apart, {DEEPER}",
         )
 
 
 def check_walls(
-    position: np.ndarray, radius: np.ndarray, surfaces: tuple[Any, ...], overlap: np.ndarray
+    position: np.ndarray,
+    radius: np.ndarray,
+    surfaces: tuple[Any, ...],
+    overlap: np.ndarray,
+    allowed: Overlap,
 ) -> None:
     """Refuses particles that overlap a wall beside the sides of the box, or lie behind it.
 
@@ -125,17 +165,17 @@ def check_walls(
         radius: () or (N,) [m].
         surfaces: S walls, for the message.
         overlap: (S, N) depth in them [m].
+        allowed: overlap at the start.
     """
     depth = overlap / (2.0 * radius)
-    inside = ~(depth <= INSERTION_OVERLAP)  # an overlap that is not a number too
+    inside = ~(depth <= allowed.part)  # an overlap that is not a number too
     if inside.any():
         wall, index = np.unravel_index(np.argmax(np.where(inside, depth, -np.inf)), depth.shape)
         raise InputError(
             "particles.position",
             f"particle {index} at {_point(position[index])} m",
-            f"it reaches {100 * depth[wall, index]:.3g} % of its diameter into the wall {surfaces[wall]}, "
-            f"the limit is {100 * INSERTION_OVERLAP:g} %",
-            "move it off the wall, or the wall off it",
+            f"it reaches {100 * depth[wall, index]:.3g} % of its diameter into the wall {surfaces[wall]}, {allowed}",
+            f"move it off the wall, or the wall off it, {DEEPER}",
         )
 
 

@@ -20,7 +20,9 @@ _UNREADABLE = (
 """What a text, or numpy's reader with an altered header, raises."""
 
 
-def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.ndarray | None:
+def rows_of(
+    key: str, source: Any, width: int, count: int | None = None, of_frame: bool = False
+) -> np.ndarray | None:
     """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file; None stays None.
 
     Args:
@@ -28,12 +30,16 @@ def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.n
         source: rows, list, or name of a .npy file or of a text file of comma or blank separated rows.
         width: numbers per row.
         count: rows expected, if known.
+        of_frame: vectors may have the three components of a run's frames in 2-D too: (x, z, 0), and (0, 0, scalar) of
+            an angular velocity.
     """
     if source is None:
         return None
     rows = _read_rows(key, source) if isinstance(source, str) else _as_array(key, source)
     if rows.ndim == 1 and (width == 1 or rows.size == 0):
         rows = rows.reshape(-1, width)
+    if of_frame and width < 3 and rows.ndim == 2 and rows.shape[1] == 3:
+        rows = _of_plane(key, rows, width)
     if rows.ndim != 2 or rows.shape[1] != width:
         raise InputError(
             key, f"an array of shape {rows.shape}", f"needs rows of {width} number(s)", "correct it"
@@ -47,6 +53,19 @@ def rows_of(key: str, source: Any, width: int, count: int | None = None) -> np.n
             key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle"
         )
     return rows
+
+
+def _of_plane(key: str, rows: np.ndarray, width: int) -> np.ndarray:
+    """The components in the plane of rows of three, or the one across it of an angular velocity."""
+    kept = slice(2, 3) if width == 1 else slice(0, 2)
+    across = np.delete(rows, kept, axis=1).any(axis=1)
+    if across.any():
+        row = int(np.argmax(across))
+        form = "(0, 0, scalar)" if width == 1 else "(x, z, 0)"
+        raise InputError(
+            key, f"row {row}: {rows[row].tolist()}", f"three components are {form} in 2-D", "correct it"
+        )
+    return rows[:, kept]
 
 
 def read_whole(path: Path) -> bytes:

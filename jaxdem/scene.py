@@ -14,6 +14,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
@@ -103,10 +104,11 @@ class Particles(Section):
         material: name of one of `[[materials]]`, or one per particle; only in a scene with these.
         species: parts of the particles with a radius, density or material of their own, mixed by the seed.
         pack: where they start; or `position`.
-        position: their centres instead of a pack, as rows or the name of a file (.npy, or text) of rows [m].
-        velocity: of each at the start, as rows or the name of a file of rows; at rest when not given [m/s].
-        angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file;
-            at rest when not given [rad/s].
+        position: their centres instead of a pack, as rows or the name of a file (.npy, or text) of rows; in 2-D also in the
+            form of a run's frames, (x, z, 0) [m].
+        velocity: of each at the start, as rows or the name of a file of rows, in the same forms; at rest when not given [m/s].
+        angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file; in 2-D
+            also in the form of a run's frames, (0, 0, scalar); at rest when not given [rad/s].
         inlet: where more come in while the scene runs.
     """
 
@@ -720,6 +722,8 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _copy(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _copy(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
     return [_copy(v) for v in value] if isinstance(value, list | tuple) else value
 
 

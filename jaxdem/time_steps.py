@@ -454,7 +454,7 @@ def expected_speed(scene: Scene) -> float:
         return contact.speed
     gravity = scene.domain.gravity or ()
     fall = math.sqrt(2.0 * sum(abs(g) * length for g, length in zip(gravity, scene.domain.size, strict=True)))
-    given = rows_of("particles.velocity", particles.velocity, scene.dimension)
+    given = rows_of("particles.velocity", particles.velocity, scene.dimension, of_frame=True)
     fastest = 0.0 if given is None or len(given) == 0 else float(np.linalg.norm(given, axis=1).max())
     fastest = max(fastest, inlet_speed(particles))
     return max(boundary_speed(scene), fall, 2.0 * fastest, 1e-3)
