@@ -41,6 +41,7 @@ from jaxdem.fluid.remap import coarsened
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.initial import (
+    LEAST_OVERLAP,
     Overlap,
     allowed_overlap,
     check_initial_positions,
@@ -183,7 +184,9 @@ def initial_state(
     dtype = parameters.gravity.dtype
     particles, neighbors = None, None
     if scene.particles is not None:
-        allowed = allowed_overlap(simulation.steps.expected_speed, simulation.steps.expected_overlap)
+        allowed = LEAST_OVERLAP
+        if scene.particles.position is not None:  # a pack is laid out, not a state that a run was in
+            allowed = allowed_overlap(simulation.steps.expected_speed, simulation.steps.expected_overlap)
         bare = _initial_particles(scene, simulation.population, allowed, dtype)
         surfaces = simulation.contact.model.surfaces
         if surfaces:
@@ -412,7 +415,7 @@ def _parameters(
         fluid = FluidProperties(
             number(scene.fluid.density), number(scene.fluid.viscosity), velocity, coefficient, subgrid
         )
-    if scene.coupling is not None:
+    if scene.fluid is not None and scene.coupling is not None:
         drag_scale = number(1.0)
     inlets = () if scene.particles is None else scene.particles.inlet
     return Parameters(

@@ -89,7 +89,8 @@ def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
         ratio = report.relaxation_time / steps["fluid"]
         text = f"{report.relaxation_time:.4g} s, {ratio:.3g} fluid steps (drag is implicit: no limit of stability)"
         yield "Stokes relaxation time", text
-    yield "coupling interval", f"{steps['interval']:.4g} s"
+    renewed = "; particles come and go at its end" if report.population else ""
+    yield "coupling interval", f"{steps['interval']:.4g} s{renewed}"
     total = f"{steps['intervals']:.0f} intervals, {steps['outputs']:.0f} outputs after the first"
     if "contacts_per_interval" in steps:
         total += f", {steps['intervals'] * steps['contacts_per_interval']:.3g} contact steps"

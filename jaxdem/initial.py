@@ -147,7 +147,9 @@ def check_initial_positions(scene: Scene, position: np.ndarray, allowed: Overlap
             "particles.position",
             f"particles {first} and {second} at {_point(position[first])} and {_point(position[second])} m",
             f"they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
-            f"move them apart, {DEEPER}",
+            f"move them apart, {DEEPER}"
+            if particles.pack is None
+            else "raise particles.pack.spacing, or lower particles.pack.jitter",
         )
 
 

@@ -360,7 +360,7 @@ def run_summary(
 
 def _law_name(scene: Scene, simulation: Simulation) -> str | None:
     """The scene's name of the drag law, or the class of one that was given in its place."""
-    if scene.coupling is None:
+    if scene.coupling is None or scene.fluid is None:
         return None
     law, name = simulation.drag_law, scene.coupling.drag
     return name if law is None or type(law) is DRAG_LAWS.get(name) else type(law).__name__

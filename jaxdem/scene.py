@@ -234,7 +234,9 @@ class Coupling(Section):
             or "diffusion" (divided, then smoothed).
         kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples; of
             diffusion, of the triangle with the variance of its Gaussian.
-        interval: time between exchanges; "auto" is the fluid step [s].
+        interval: time between exchanges, at whose end particles come and go; "auto" is the fluid step. It divides
+            `time.output_interval`. The one key of this table in a scene without [fluid]; there "auto" is
+            `time.output_interval`, cut into equal parts of 0.01 s at most [s].
         lift: lift laws, of "saffman_mei" (shear) and "magnus" (rotation).
         rotational_drag: whether the fluid turns the particles.
         virtual_mass: coefficient of the virtual mass, 0 for none, 0.5 for a sphere.
@@ -365,7 +367,10 @@ class Scene(Section):
 
     def to_toml(self) -> str:
         """The scene as TOML, every default written out."""
-        return tomli_w.dumps(_without_none(self.model_dump(by_alias=True)))
+        tables = self.model_dump(by_alias=True)
+        if self.coupling is not None and self.fluid is None:
+            tables["coupling"] = {"interval": self.coupling.interval}  # the one key that it takes
+        return tomli_w.dumps(_without_none(tables))
 
 
 def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | None = None) -> Scene:
@@ -479,12 +484,8 @@ def _completed(scene: Scene) -> Scene:
             raise InputError(
                 "fluid.viscosity", 0.0, "drag needs a positive viscosity", "set fluid.viscosity > 0"
             )
-    elif scene.coupling is not None:
-        raise InputError("coupling", "...", "needs both [fluid] and [particles]", "remove [coupling]")
-    elif scene.closure.file is not None:
-        raise InputError(
-            "closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]"
-        )
+    else:
+        update["coupling"] = _coupling_of_one(scene)
     if scene.fluid is None and scene.particles is None:
         raise InputError(
             "particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]"
@@ -494,6 +495,25 @@ def _completed(scene: Scene) -> Scene:
     check_exits(scene)
     check_history(scene)
     return scene.model_copy(update=update)
+
+
+def _coupling_of_one(scene: Scene) -> Coupling | None:
+    """What is left of the coupling in a scene of particles or of a fluid alone: of particles, the interval."""
+    if scene.closure.file is not None:
+        raise InputError(
+            "closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]"
+        )
+    if scene.particles is None:
+        if scene.coupling is not None:
+            raise InputError("coupling", "...", "needs [particles]", "remove [coupling]")
+        return None
+    coupling = scene.coupling or Coupling()
+    for name in sorted(coupling.model_fields_set - {"interval"}):
+        raise InputError(
+            f"coupling.{name}", getattr(coupling, name), "needs [fluid]; without, only coupling.interval means something",
+            "remove it",
+        )  # fmt: skip
+    return coupling
 
 
 def _check_subgrid(fluid: Fluid) -> None:

@@ -301,7 +301,7 @@ def samples_every(scene: Scene, simulation: Simulation) -> int:
     wanted = scene.output.samples
     if wanted == 0.0:
         return 0
-    if scene.coupling is None:
+    if scene.fluid is None or scene.coupling is None:
         raise InputError("output.samples", wanted, "needs both [fluid] and [particles]", "set it to 0")
     if simulation.population is not None:
         raise InputError(

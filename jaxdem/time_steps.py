@@ -27,6 +27,9 @@ MOST_CONTACT_STEPS = 1_000_000
 MOST_INTERVALS = 2**31 - 1
 """Coupling intervals of a run, which an integer of 32 bits counts."""
 
+LONGEST_INTERVAL = 0.01
+"""Longest automatic fluid step, and interval without a fluid [s]."""
+
 AUTO_COURANT = 0.5
 """Courant number of the automatic fluid step at the largest boundary speed."""
 
@@ -75,10 +78,9 @@ def time_steps(scene: Scene) -> TimeSteps:
         substeps = _substeps_for(interval, fluid_step, limits)
         _check_courant(scene, interval)
     else:
-        interval = min(output, 0.01)
+        interval = _given_interval(scene) or min(output, LONGEST_INTERVAL)
     per_output = _whole(output / interval)
-    given = scene.coupling is not None and scene.coupling.interval != "auto"
-    if given and abs(per_output * interval - output) > 1e-9 * output:
+    if _given_interval(scene) is not None and abs(per_output * interval - output) > 1e-9 * output:
         raise InputError(
             "coupling.interval",
             interval,
@@ -106,8 +108,7 @@ def time_steps(scene: Scene) -> TimeSteps:
                 scene.contact.time_step,
                 f"makes contact steps of {contact_step:.3g} s, more than {MOST_CONTACT_STEPS} in a coupling interval "
                 f"of {interval:.3g} s",
-                "soften the contact, use larger particles, lower contact.speed, or shorten coupling.interval "
-                "(time.output_interval without a fluid)",
+                "soften the contact, use larger particles, lower contact.speed, or shorten coupling.interval",
             )
         count = _whole(interval / contact_step)
         contact_step = interval / count
@@ -151,13 +152,28 @@ def _fluid_steps(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
     if fluid.time_step != "auto":
         step = fluid.time_step
     else:
-        step = min(stability.courant_time(speed, spacing, AUTO_COURANT), limits["viscous"], output, 0.01)
-    given = scene.coupling.interval if scene.coupling is not None else "auto"
-    interval = step if given == "auto" else given
-    if interval > output * (1.0 + 1e-9):
-        key = "fluid.time_step" if given == "auto" else "coupling.interval"
-        raise InputError(key, interval, f"must not exceed time.output_interval = {output} s", "lower it")
-    return output / _whole(output / interval) if given == "auto" else interval, step
+        step = min(
+            stability.courant_time(speed, spacing, AUTO_COURANT), limits["viscous"], output, LONGEST_INTERVAL
+        )
+    given = _given_interval(scene)
+    if given is not None:
+        return given, step
+    if step > output * (1.0 + 1e-9):
+        raise InputError(
+            "fluid.time_step", step, f"must not exceed time.output_interval = {output} s", "lower it"
+        )
+    return output / _whole(output / step), step
+
+
+def _given_interval(scene: Scene) -> float | None:
+    """`coupling.interval` [s], None where it is automatic; refuses one that is longer than the time between outputs."""
+    interval = "auto" if scene.coupling is None else scene.coupling.interval
+    if interval == "auto":
+        return None
+    if interval > scene.time.output_interval * (1.0 + 1e-9):
+        limit = f"must not exceed time.output_interval = {scene.time.output_interval} s"
+        raise InputError("coupling.interval", interval, limit, "lower it")
+    return interval
 
 
 def _substeps_for(interval: float, fluid_step: float, limits: dict[str, float]) -> int:
@@ -195,9 +211,8 @@ def _check_courant(scene: Scene, interval: float) -> None:
             rates.append(abs(side.velocity[axis]) / spacing[axis])  # type: ignore[index]
     allowed = SUBSTEPS[-1] * fluid.courant_limit / max(*rates, 1e-300)
     if interval > allowed * (1.0 + 5e-4):
-        given = scene.coupling is not None and scene.coupling.interval != "auto"
         raise InputError(
-            "coupling.interval" if given else "fluid.time_step",
+            "coupling.interval" if _given_interval(scene) is not None else "fluid.time_step",
             interval,
             f"the fluid passes {interval * max(rates):.3g} cells in it, {SUBSTEPS[-1]} fluid steps of a Courant number "
             f"of {fluid.courant_limit} pass {SUBSTEPS[-1] * fluid.courant_limit:.3g}",

@@ -401,3 +401,57 @@ def test_the_depth_is_that_of_the_largest_that_comes():
     with pytest.raises(InputError, match="come and go"):
         tables = {**STREAM, "output": {"samples": 0.02}}
         jaxdem.simulate(jaxdem.load_scene(tables), "unused")
+
+
+FALLING = {
+    "precision": "float64",
+    "domain": {"size": [0.1, 1.0], "gravity": [0.0, 0.0]},
+    "particles": {
+        "radius": 0.01, "density": 2500.0, "position": [[0.05, 0.05]], "velocity": [[0.0, -1.0]],
+        "inlet": [{"start": [0.0, 0.9], "stop": [0.1, 1.0], "rate": 100.0, "velocity": [0.0, -1.0], "total": 3}],
+    },
+    "contact": {"speed": 2.0, "time_step": 2e-5, "young_modulus": 1e7},
+    "boundary": {"bottom": {"particles": "remove"}},
+    "coupling": {"interval": 0.002},
+    "time": {"end": 0.12, "output_interval": 0.06},
+}  # fmt: skip
+
+
+def test_a_dry_scene_has_an_interval_of_its_own(tmp_path):
+    """A grain at 1 m/s leaves 5 cm below in the interval in which it gets there, with two outputs in the whole run, and
+    three come in, due every 10 ms."""
+    scene = jaxdem.load_scene(FALLING)
+    simulation, parameters = jaxdem.build(scene)
+    assert (simulation.interval, simulation.steps.intervals_per_output) == (0.002, 30)
+    run = jaxdem.load_run(jaxdem.simulate(scene, tmp_path / "run").path)
+    # By 0.06 s it has passed the bottom by 1 cm at most 2 mm below it: removed ones stay where they left.
+    first = run.particles(1)
+    assert first["active"].tolist() == [0, 1, 1, 1]
+    assert -0.002 - 1e-9 <= first["position"][0, 1] <= 0.0
+    # Come in at 10, 20 and 30 ms within 0.92 ... 0.98 m, and have fallen since at 1 m/s.
+    height = first["position"][1:, 1] + np.array([0.05, 0.04, 0.03])
+    assert ((height >= 0.91 - 1e-9) & (height <= 0.99 + 1e-9)).all()
+    assert run.scene["coupling"] == {"interval": 0.002}
+    assert jaxdem.load_scene(run.scene) == scene
+    assert run.summary["inlets"]["delay_mean_s"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("coupling", "key", "words"),
+    [
+        ({"interval": 0.0021}, "coupling.interval", "must divide time.output_interval"),
+        ({"interval": 0.07}, "coupling.interval", "must not exceed time.output_interval"),
+        ({"drag": "koch_hill"}, "coupling.drag", "only coupling.interval"),
+        ({"interval": 0.002, "basset": 20}, "coupling.basset", "only coupling.interval"),
+    ],
+)
+def test_what_a_dry_scene_cannot_couple_is_refused(coupling, key, words):
+    with pytest.raises(InputError, match=words) as caught:
+        jaxdem.build(jaxdem.load_scene(FALLING | {"coupling": coupling}))
+    assert caught.value.key == key
+
+
+def test_the_automatic_interval_of_a_dry_scene_is_written_out():
+    scene = jaxdem.load_scene({key: value for key, value in FALLING.items() if key != "coupling"})
+    assert jaxdem.build(scene)[0].interval == pytest.approx(0.01)
+    assert '[coupling]\ninterval = "auto"' in scene.to_toml()
