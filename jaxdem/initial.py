@@ -205,8 +205,7 @@ def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tupl
             "particles.count",
             count,
             f"with their spacing they fill {100 * fraction:.3g} % of the random pack's box; the limit is "
-            f"{100 * limit:g} %, for random addition finds no more room at "
-            f"{100 * packing.SATURATION[dimension]:g} %",
+            f"{100 * limit:g} %",
             f"{remedy}, enlarge the box, or lower particles.pack.spacing",
         )
     position, placed = packing.random_pack(start, stop, radius, pack.spacing, seed)
@@ -214,7 +213,8 @@ def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tupl
         raise InputError(
             "particles.count",
             count,
-            f"only {int(placed.sum())} of them found room in {packing.TRIES_PER_PARTICLE} tries each",
+            f"only {int(placed.sum())} of them have room in the random pack's box, {100 * fraction:.3g} % solid with their "
+            "spacing: a narrow one holds less",
             f"{remedy}, or enlarge the box",
         )
     return position

@@ -76,7 +76,7 @@ class Pack(Section):
 
     Attributes:
         kind: "polygon" fills a polygon of the x-vertical plane in rows from below, "lattice" a box; "random"
-            puts particles anywhere in a box, one after the other where there is room.
+            puts particles anywhere in a box, one after the other where there is room, and pushes them apart where it lacks.
         vertices: corners (x, vertical) of the polygon, in 3-D extruded over the whole second axis [m].
         start: lower corner of the lattice's or the random pack's box [m].
         stop: upper corner [m].

@@ -12,7 +12,7 @@ import pytest
 from jaxdem import InputError, build, initial_state, load_scene, simulate
 from jaxdem.check import check_scene
 from jaxdem.initial import initial_positions
-from jaxdem.particles.packing import REACHABLE, SATURATION
+from jaxdem.particles.packing import REACHABLE
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane
 from jaxdem.time_steps import time_steps
 
@@ -206,7 +206,7 @@ def test_a_random_pack_has_its_count_and_its_seed(dimension, count):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_a_pack_near_saturation_is_refused_naming_the_limit(dimension):
+def test_a_pack_that_is_too_dense_is_refused_naming_the_limit(dimension):
     """The number of particles at which the limit lies, by hand: accepted or tried below, refused above."""
     unit = math.pi if dimension == 2 else 4 / 3 * math.pi
     most = REACHABLE[dimension] * 0.3**dimension / (unit * 0.01**dimension)
@@ -214,16 +214,16 @@ def test_a_pack_near_saturation_is_refused_naming_the_limit(dimension):
         random(math.ceil(most), dimension, spacing=1.0), lambda t: initial_positions(load_scene(t))
     )
     assert error.key == "particles.count"
-    assert f"{100 * SATURATION[dimension]:g} %" in str(error) and "use a lattice" in error.remedy
-    assert REACHABLE[dimension] < SATURATION[dimension]
+    assert f"the limit is {100 * REACHABLE[dimension]:g} %" in str(error) and "use a lattice" in error.remedy
 
 
 def test_a_box_too_small_for_its_share_ends_with_a_message():
-    """One disc of 2 cm fills 49 % of a box of 2.53 cm by itself; two of 1.4 cm cannot both stand in it."""
-    given = random(2, stop=[0.0753, 0.0753], spacing=1.0)
-    given["particles"]["radius"] = 0.007
+    """Three discs of 1.3 cm, 62 % of a box of 2.53 cm: their centres, in a square of 1.23 cm, are (sqrt 6 - sqrt 2) 1.23
+    = 1.27 cm apart at most."""
+    given = random(3, stop=[0.0753, 0.0753], spacing=1.0)
+    given["particles"]["radius"] = 0.0065
     error = refusal(given, lambda t: initial_positions(load_scene(t)))
-    assert error.key == "particles.count" and "found room" in str(error) and "use a lattice" in error.remedy
+    assert error.key == "particles.count" and "have room" in str(error) and "use a lattice" in error.remedy
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from jaxdem.particles import packing
 
@@ -164,14 +165,57 @@ def test_random_pack_fills_the_box_evenly():
     assert np.abs(counts - 250).max() < 4 * np.sqrt(250)
 
 
-def test_random_pack_gives_up_beyond_saturation(monkeypatch):
-    """Twice the saturation of discs, asked of the function itself: it ends, short of 0.6, and none overlap."""
-    monkeypatch.setattr(packing, "TRIES_PER_PARTICLE", 200)
-    count = 200
-    side = np.sqrt(count * np.pi * RADIUS**2 / (2 * packing.SATURATION[2]))
-    radius = np.full(count, RADIUS)
-    position, placed = packing.random_pack(np.zeros(2), np.full(2, side), radius, 1.0, 1)
-    assert 0.4 < placed.sum() * np.pi * RADIUS**2 / side**2 < 0.6
-    assert closest(position[placed], radius[placed]) >= 1.0
+def dense(count, fraction, *width, spacing=1.01):
+    """A box of this width in diameters that so many spheres or discs fill to a fraction, spacing included."""
+    unit = np.pi if len(width) == 1 else 4 / 3 * np.pi
+    across = 2 * RADIUS * np.asarray(width)
+    height = count * unit * (spacing * RADIUS) ** (len(width) + 1) / fraction / np.prod(across)
+    return np.zeros(len(width) + 1), np.array([*across, height]), np.full(count, RADIUS), spacing
+
+
+def nearest_by_tree(position):
+    return cKDTree(position).query(position, k=2)[0][:, 1].min()
+
+
+@pytest.mark.parametrize("width", [3, 13, 20])
+@pytest.mark.parametrize("fraction", [0.3, 0.33, packing.REACHABLE[3]])
+def test_what_the_limit_promises_fits_into_boxes_of_few_diameters(width, fraction):
+    """5,000 spheres 13 and 20 diameters wide, 500 in 3 (up to 0.33): apart by the spacing, inside, the same by seed."""
+    count = 5000 if width > 3 else 500
+    if width == 3 and fraction > 0.33:
+        pytest.skip("narrower than five diameters")
+    start, stop, radius, spacing = dense(count, fraction, width, width)
+    position, placed = packing.random_pack(start, stop, radius, spacing, 0)
+    assert placed.all()
+    assert nearest_by_tree(position) >= 2 * RADIUS * spacing * (1 - 1e-12)
+    assert (position - RADIUS >= start - 1e-15).all() and (position + RADIUS <= stop + 1e-15).all()
+    np.testing.assert_array_equal(packing.random_pack(start, stop, radius, spacing, 0)[0], position)
+
+
+@pytest.mark.parametrize("width", [5, 13])
+def test_discs_reach_their_limit(width):
+    start, stop, radius, spacing = dense(400, packing.REACHABLE[2], width)
+    position, placed = packing.random_pack(start, stop, radius, spacing, 0)
+    assert placed.all() and nearest_by_tree(position) >= 2 * RADIUS * spacing * (1 - 1e-12)
+
+
+def test_a_pushed_pack_of_two_sizes_is_even_and_has_no_overlaps():
+    """Ratio 3 at 0.5, by brute force; eight parts of the box hold the same solid to a tenth."""
+    start, stop, _, spacing = dense(1000, 0.5, 10, 10)
+    radius = np.where(np.arange(1000) % 2, RADIUS, RADIUS / 3)
+    stop[2] *= (radius**3).sum() / (1000 * RADIUS**3)
+    position, placed = packing.random_pack(start, stop, radius, spacing, 5)
+    assert placed.all() and closest(position, radius) >= spacing * (1 - 1e-12)
+    parts, _ = np.histogramdd(position, bins=2, range=np.stack([start, stop], 1), weights=radius**3)
+    np.testing.assert_allclose(parts / parts.mean(), 1.0, atol=0.1)
+
+
+def test_random_pack_gives_up_beyond_jamming(monkeypatch):
+    """Discs at 1.1 of their box, asked of the function itself: it ends, not all have room, and those that have do not overlap."""
+    monkeypatch.setattr(packing, "MOST_PUSHES", 100)
+    start, stop, radius, _ = dense(200, 1.1, 12, spacing=1.0)
+    position, placed = packing.random_pack(start, stop, radius, 1.0, 1)
+    assert placed.sum() < 200
+    assert placed.sum() < 2 or closest(position[placed], radius[placed]) >= 1.0
     # A particle larger than the box finds no room either.
     assert not packing.random_pack(np.zeros(2), np.full(2, 0.01), radius[:1], 1.0, 1)[1].any()
