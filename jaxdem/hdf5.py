@@ -4,7 +4,7 @@ Files are written in the format of HDF5 1.10, whose tables (headers, names, indi
 numbers either inside such a table or in chunks with a Fletcher-32 checksum, and with text of fixed length, since the
 heap of HDF5's variable-length text has none. In the older format, and it is the default of most programs, a single
 altered bit can send the library round in circles or out of its memory: a file in it is first read by a process of its
-own, which may take so long and no longer.
+own, which may take so long and no longer. `hdf5_contents` says what every file must be like.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from typing import Any
 
 import h5py
 import numpy as np
+
+from jaxdem import hdf5_contents
+from jaxdem.files import open_regular
 
 LIBVER = ("v110", "v110")
 """The first format in which the indices of chunks have checksums; VTK and ParaView read it."""
@@ -36,21 +39,8 @@ ONE_CHUNK_BYTES = 1 << 28
 TRIAL_SECONDS, TRIAL_RATE = 30.0, 10e6
 """What a trial may take at least, and the bytes in a second beyond that; a disk reads ten times faster."""
 
-TRIAL = """
-import sys, h5py, numpy
-def visit(name, found):
-    list(found.attrs.items())
-    if isinstance(found, h5py.Dataset) and found.shape:
-        rows = max(1, int(2**24 // max(1, found.dtype.itemsize * numpy.prod(found.shape[1:], dtype=float))))
-        for start in range(0, found.shape[0], rows):
-            found[start : start + rows]
-    elif isinstance(found, h5py.Dataset):
-        found[()]
-with h5py.File(sys.argv[1], "r", locking=False) as file:
-    visit("/", file)
-    file.visititems(visit)
-"""
-"""Reads all there is; what it meets beside a hang or a crash is for the reader proper to say."""
+TRIAL = ("-P", hdf5_contents.__file__)
+"""Arguments of Python for a process that reads all there is; what it meets beside a hang or a crash is for the reader proper to say."""
 
 
 def create(target: Any, **options: Any) -> h5py.File:
@@ -114,25 +104,37 @@ def open_for_reading(path: str | os.PathLike[str]) -> h5py.File:
     """Open without HDF5's own lock: our files are never changed in place, and the disk may be read-only.
 
     Raises:
-        OSError: it is not HDF5, is damaged, or holds up the library.
+        OSError: it is not a regular file, not HDF5, is damaged, holds up the library, names other files, or claims more data
+            than it has.
     """
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         head = file.read(len(SIGNATURE) + 1)
         status = os.fstat(file.fileno())
-    if len(head) > len(SIGNATURE) and head.startswith(SIGNATURE) and head[-1] < CHECKED:
-        reason = _trial(str(Path(path).resolve()), status.st_size, status.st_mtime_ns)
+    if len(head) <= len(SIGNATURE) or not head.startswith(SIGNATURE):
+        raise OSError("file signature not found: it is not HDF5")
+    identity = str(Path(path).resolve()), status.st_ino, status.st_size, status.st_mtime_ns
+    if head[-1] < CHECKED:
+        reason = _trial(*identity)
         if reason:
             raise OSError(reason)
+    _look(*identity)
     return h5py.File(path, "r", locking=False)
 
 
+@lru_cache(maxsize=4096)
+def _look(path: str, inode: int, size: int, modified: int) -> None:
+    """Raises OSError for contents that may not be read; looks once at the same file."""
+    with h5py.File(path, "r", locking=False) as file:
+        hdf5_contents.contents(file, size)
+
+
 @lru_cache(maxsize=256)
-def _trial(path: str, size: int, modified: int) -> str:
+def _trial(path: str, inode: int, size: int, modified: int) -> str:
     """What is wrong with a file without checksums as a process of its own finds it; empty where nothing is."""
     seconds = TRIAL_SECONDS + size / TRIAL_RATE
     try:
         done = subprocess.run(
-            [sys.executable, "-c", TRIAL, path],
+            [sys.executable, *TRIAL, path],
             stdin=subprocess.DEVNULL, capture_output=True, check=False, timeout=seconds,
         )  # fmt: skip
     except subprocess.TimeoutExpired:

@@ -22,6 +22,9 @@ from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
+COLUMN_MARGIN = 8
+"""A column of the search's table has room for all particles at most when it is made; it grows with the list's other capacities."""
+
 OTHER_INPUTS = (
     "another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files "
     "hold now"
@@ -58,7 +61,7 @@ def from_arrays(
     """
     neighbors = None
     if template.particles is not None:
-        room = Room(*map(int, _get(arrays, "room")))
+        room = _room(arrays)
         particles = template.particles
         blank = jnp.zeros(room.pairs, particles.position.dtype)
         springs = (blank,) * len(particles.contact_spring)
@@ -144,6 +147,17 @@ def require_same_parameters(out: str | Path, here: Mapping[str, str]) -> None:
             f"is complete, of {OTHER_INPUTS}",
             "Run it anew in another folder, or put the files that the scene names back as they were.",
         )
+
+
+def _room(arrays: dict[str, np.ndarray]) -> Room:
+    """The room of the neighbour list, which is made anew: not more than the stored list has."""
+    room = Room(*map(int, _get(arrays, "room")))
+    slots, count = _get(arrays, "neighbors.index").shape
+    pairs = len(_get(arrays, "neighbors.overlap"))
+    if (room.slots, room.pairs) != (slots, pairs) or not 0 < room.cell <= COLUMN_MARGIN * (count + 1):
+        stored = f"the list in it has {slots} slots and {pairs} pairs of {count} particles"
+        raise InputError("checkpoint.h5", tuple(room), stored, "Start the run anew in another folder.")
+    return room
 
 
 def _named(prefix: str, tree: Any) -> dict[str, np.ndarray]:

@@ -21,7 +21,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator, model_v
 from jaxdem.bodies import column, largest_radius
 from jaxdem.drive import check_drive
 from jaxdem.errors import InputError
-from jaxdem.rows import read_whole
+from jaxdem.files import parse_toml, read_text
 from jaxdem.scene_base import (
     Finite,
     Fraction,
@@ -418,7 +418,7 @@ def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(read_whole(path).decode("utf-8"))
+        return parse_toml(read_text(path))
     except FileNotFoundError:
         raise InputError("SCENE", str(path), "no such file", "give the path of a scene file") from None
     except OSError as error:
@@ -427,11 +427,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError("SCENE", str(path), "is not UTF-8 text", "save the scene as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError("SCENE", str(path), f"is not valid TOML: {error}", "mend that line") from None
-    except (RecursionError, ValueError) as error:
-        limit = (
-            "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
-        )
-        raise InputError("SCENE", str(path), limit, "mend the scene") from None
+    except ValueError as error:
+        raise InputError("SCENE", str(path), str(error), "mend the scene") from None
 
 
 def _completed(scene: Scene) -> Scene:

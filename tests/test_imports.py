@@ -51,13 +51,15 @@ BELOW_BUILD = {
     "state",
     "stability",
     "errors",
+    "files",
     "hdf5",
+    "hdf5_contents",
     "metrics",
     "products",
 }
 """What `build` puts together: none of it may import `build` or anything above it."""
 
-LEAVES = {"errors", "products"}
+LEAVES = {"errors", "files", "hdf5_contents", "products"}
 """Of these, what all may import and what imports nothing of the package itself."""
 
 COMMANDS = {"cli", "cli_networks", "cli_options"}

@@ -70,8 +70,8 @@ def test_files_without_checksums_are_read_by_a_process_of_its_own_first(tmp_path
     assert read()
     read()
     assert len(trials) == 1, "once for the same content"
-    endless = ("while True: pass", 0.2, "did not come to an end")
-    for trial, seconds, words in (endless, ("import os; os.abort()", 60.0, "crashes")):
+    endless = (("-c", "while True: pass"), 0.2, "did not come to an end")
+    for trial, seconds, words in (endless, (("-c", "import os; os.abort()"), 60.0, "crashes")):
         monkeypatch.setattr(hdf5, "TRIAL", trial)
         monkeypatch.setattr(hdf5, "TRIAL_SECONDS", seconds)
         hdf5._trial.cache_clear()
@@ -177,7 +177,7 @@ def test_an_array_file_with_a_header_that_does_not_end_is_refused(tmp_path):
 
 
 def test_a_device_is_no_scene():
-    with pytest.raises(InputError, match="device"):
+    with pytest.raises(InputError, match="not a regular file"):
         load_scene("/dev/zero")
 
 

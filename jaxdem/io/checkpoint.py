@@ -16,6 +16,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.files import parse_json
 from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 from jaxdem.io.durable import write_bytes
 from jaxdem.io.frames import UNREADABLE
@@ -71,6 +72,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], Attributes
                 remedy = "Resume with the version of jaxdem that wrote it, or start the run anew."
                 raise _refused(path, f"has format {version}, this version reads {FORMAT_VERSION}", remedy)
             text = file["attributes"][...].tobytes().decode()
+            attributes = parse_json(text)
             arrays = {unquote(name): dataset[()] for name, dataset in file["arrays"].items()}
             expected = own["sha256"]
     except UNREADABLE as error:
@@ -79,7 +81,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], Attributes
     arrays = {name: np.asarray(array) for name, array in arrays.items()}
     if _checksum(arrays, text) != expected:
         raise _damaged(path, "does not match its checksum")
-    return arrays, json.loads(text)
+    return arrays, attributes
 
 
 def _checksum(arrays: Mapping[str, np.ndarray], attributes: str) -> str:

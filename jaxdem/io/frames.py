@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,11 +21,14 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.hdf5 import create, image_of, in_memory, open_for_reading, store
+from jaxdem.io.access import reason_of
 from jaxdem.io.durable import PatientFile, aside, sync_directory, write_bytes
 
 PARTS_FOLDER = ".frames"
 
-UNREADABLE = (OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError)
+UNREADABLE = (
+    OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError, AttributeError, OverflowError, MemoryError,
+)  # fmt: skip
 """What h5py raises on a file that is truncated, is not HDF5, or lacks what we look for."""
 
 
@@ -129,11 +133,8 @@ class FrameSeries:
         """
         if not self.joined.exists():
             return 0
-        try:
-            with open_for_reading(self.joined) as file:
-                return self.format.count(file)
-        except UNREADABLE as error:
-            raise self._unreadable(self.joined, error) from error
+        with self._opened(self.joined) as file:
+            return self.format.count(file)
 
     def count(self) -> int:
         """Number of leading frames that can be read; a damaged or missing part ends the series."""
@@ -148,10 +149,10 @@ class FrameSeries:
         number = self.count() if limit is None else limit
         times: list[float] = []
         if self.joined.exists():
-            with open_for_reading(self.joined) as file:
+            with self._opened(self.joined) as file:
                 times = list(self.format.times(file)[:number])
         for index in range(len(times), number):
-            with open_for_reading(self.part(index)) as file:
+            with self._opened(self.part(index)) as file:
                 times.append(float(self.format.times(file)[0]))
         return np.asarray(times, np.float64)
 
@@ -177,23 +178,18 @@ class FrameSeries:
         Raises:
             InputError: the file that holds the frame is missing or damaged.
         """
-        path = self.joined
-        try:
-            if path.exists():
-                with open_for_reading(path) as file:
-                    if index < self.format.count(file):
-                        return self.format.read(file, index)
-            path = self.part(index)
-            with open_for_reading(path) as file:
-                return self.format.read(file, 0)
-        except UNREADABLE as error:
-            raise self._unreadable(path, error) from error
+        if self.joined.exists():
+            with self._opened(self.joined) as file:
+                if index < self.format.count(file):
+                    return self.format.read(file, index)
+        with self._opened(self.part(index)) as file:
+            return self.format.read(file, 0)
 
     def frames(self, limit: int) -> Iterator[Frame]:
         """The leading `limit` frames, one at a time; the joined file is opened once."""
         from_joined = min(self.joined_count(), limit)
         if from_joined:
-            with open_for_reading(self.joined) as file:
+            with self._opened(self.joined) as file:
                 for index in range(from_joined):
                     yield self.format.read(file, index)
         for index in range(from_joined, limit):
@@ -238,9 +234,15 @@ class FrameSeries:
         except UNREADABLE:
             return False
 
-    def _unreadable(self, path: Path, error: BaseException) -> InputError:
-        reason = f"cannot be read ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
-        remedy = (
-            "The file is missing, damaged or not of jaxdem; take it from a backup or run the scene again."
-        )
-        return InputError(path.name, str(path), reason, remedy)
+    @contextmanager
+    def _opened(self, path: Path) -> Iterator[h5py.File]:
+        """The file open for reading; what is wrong with it, or with what is read from it, is an InputError."""
+        try:
+            with open_for_reading(path) as file:
+                yield file
+        except UNREADABLE as error:
+            reason = f"cannot be read ({reason_of(error)})"
+            remedy = (
+                "The file is missing, damaged or not of jaxdem; take it from a backup or run the scene again."
+            )
+            raise InputError(path.name, str(path), reason, remedy) from error

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.files import TABLE_BYTES, read_bytes
 from jaxdem.io.durable import write_bytes
 
 COLUMNS = (
@@ -119,7 +120,8 @@ def _complete_lines(path: Path) -> tuple[str, list[str]]:
     """The header, and the data lines that are whole; only the last may be damaged."""
     remedy = "Give a folder that `jaxdem run` wrote, with its files as they were."
     try:
-        lines = path.read_text("utf-8", errors="replace").splitlines(keepends=True)
+        text = read_bytes(path, TABLE_BYTES).decode(errors="replace")
+        lines = text.replace("\r\n", "\n").splitlines(keepends=True)
     except OSError as error:
         raise InputError(path.name, str(path), f"cannot be read ({error.strerror})", remedy) from error
     if not lines or lines[0] not in _HEADERS:

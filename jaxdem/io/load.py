@@ -37,9 +37,10 @@ class Run:
             limit = f"is not a run directory: it lacks {SCENE} or {HISTORY}"
             raise InputError("run", str(self.path), limit, _REMEDY)
         try:
-            self.scene_toml = (self.path / SCENE).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError("run", str(self.path), f"its {SCENE} cannot be read", _REMEDY) from error
+            self.scene_toml = scene_text.read(self.path / SCENE)
+        except OSError as error:
+            limit = f"its {SCENE} cannot be read ({error.strerror})"
+            raise InputError("run", str(self.path), limit, _REMEDY) from error
         self.scene: dict[str, Any] = scene_text.parse(self.scene_toml, str(self.path / SCENE))
         self.summary = read_summary(self.path)
         self._particles = FrameSeries(self.path, ParticleFormat())

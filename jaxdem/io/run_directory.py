@@ -284,7 +284,7 @@ class RunDirectory:
 
 def _require_same_scene(path: Path, scene_toml: str) -> None:
     try:
-        stored = (path / SCENE).read_text("utf-8")
+        stored = scene_text.read(path / SCENE)
     except OSError as error:
         remedy = "Start the run anew in another folder."
         raise InputError(

@@ -2,26 +2,56 @@
 
 from __future__ import annotations
 
-import tomllib
+import errno
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from jaxdem.errors import InputError
+from jaxdem.files import parse_toml, read_text
 
 _ABSENT = "(not set)"
+
+TABLES = ("domain", "particles", "contact", "fluid", "boundary", "coupling", "closure", "time", "output")
+"""Of a scene, those that are one table each."""
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
     """The TOML `text` as nested dicts.
 
     Raises:
-        InputError: it is not TOML; `source` names where it came from.
+        InputError: it is not TOML, or not a scene's; `source` names where it came from.
     """
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        tables = parse_toml(text)
+    except ValueError as error:
         raise InputError("scene.toml", source, f"is not TOML ({error})", "Correct the file.") from error
+    for name in TABLES:
+        if not isinstance(tables.get(name, {}), dict):
+            raise InputError("scene.toml", source, f"{name} is not a table", "Correct the file.")
+    for name, key in (("domain", "size"), ("fluid", "cells")):
+        given = tables.get(name, {}).get(key, [1, 1])
+        if not isinstance(given, list) or not all(_positive(number) for number in given):
+            limit = f"{name}.{key} is not a list of positive numbers"
+            raise InputError("scene.toml", source, limit, "Correct the file.")
+    return tables
+
+
+def read(path: Path) -> str:
+    """The text of a stored scene.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    try:
+        return read_text(path)
+    except UnicodeDecodeError:
+        raise OSError(errno.EILSEQ, "is not UTF-8 text", str(path)) from None
+
+
+def _positive(number: Any) -> bool:
+    return isinstance(number, int | float) and 0 < number < math.inf
 
 
 def without_folders(tables: Mapping[str, Any]) -> dict[str, Any]:

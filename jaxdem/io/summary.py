@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.files import parse_json, read_text
 from jaxdem.io.durable import write_bytes
 
 SUMMARY = "summary.json"
@@ -31,7 +32,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY
     remedy = "Take the file from a backup, or run the scene again."
     try:
-        summary = json.loads(path.read_text("utf-8"))
+        summary = parse_json(read_text(path))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:

@@ -38,6 +38,9 @@ UNITS = {
 }
 """Stored beside each array as its HDF5 attribute `units`, which VTK passes over."""
 
+NUMBERS = "biuf"
+"""Kinds of arrays that a frame holds: whole numbers and floats."""
+
 UNCHANGING = ("id", "radius")
 """Point data stored once while it stays the same; later steps point at the same rows."""
 
@@ -134,7 +137,12 @@ class _StepFormat:
 
     def count(self, file: h5py.File) -> int:
         root = file[ROOT]
-        return int(root["Steps"].attrs["NSteps"]) if "Steps" in root else 1
+        if "Steps" not in root:
+            return 1
+        number = int(root["Steps"].attrs["NSteps"])
+        if root["Steps/Values"].shape != (number,):
+            raise ValueError(f"{number} steps with times of shape {root['Steps/Values'].shape}")
+        return number
 
     def times(self, file: h5py.File) -> np.ndarray:
         root = file[ROOT]
@@ -211,7 +219,10 @@ class ParticleFormat(_StepFormat):
         for name, dataset in root["PointData"].items():
             start = self.entry(file, f"PointDataOffsets/{name}", index)
             arrays[name] = dataset[start : start + number]
-        return Frame(float(self.times(file)[index]), arrays, {"dimension": int(file.attrs["dimension"])})
+        for name, array in arrays.items():
+            if len(array) != number or array.dtype.kind not in NUMBERS:
+                raise ValueError(f"{name} holds {array.dtype} of shape {array.shape} for {number} particles")
+        return Frame(float(self.times(file)[index]), arrays, {"dimension": _dimension(file)})
 
 
 class FluidFormat(_StepFormat):
@@ -249,13 +260,23 @@ class FluidFormat(_StepFormat):
 
     def read(self, file: h5py.File, index: int) -> Frame:
         root = file[ROOT]
-        dimension = int(file.attrs["dimension"])
-        arrays = {}
+        dimension, arrays = _dimension(file), {}
         for name, dataset in root["CellData"].items():
             row = self.entry(file, f"CellDataOffsets/{name}", index)
             arrays[name] = _x_first(dataset[row] if "Steps" in root else dataset[...], dimension)
+        cells = arrays["pressure"].shape
+        for name, array in arrays.items():
+            if len(cells) != dimension or array.shape[:dimension] != cells or array.dtype.kind not in NUMBERS:
+                raise ValueError(f"{name} holds {array.dtype} of shape {array.shape} for cells {cells}")
         geometry = {"dimension": dimension, "origin": root.attrs["Origin"], "spacing": root.attrs["Spacing"]}
         return Frame(float(self.times(file)[index]), arrays, geometry)
+
+
+def _dimension(file: h5py.File) -> int:
+    dimension = int(file.attrs["dimension"])
+    if dimension not in (2, 3):
+        raise ValueError(f"{dimension} dimensions")
+    return dimension
 
 
 def _name_unit(dataset: h5py.Dataset, name: str) -> None:
