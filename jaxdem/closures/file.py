@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import os
 from collections.abc import Iterator
@@ -20,7 +21,8 @@ from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.closures.subgrid import SubgridClosure
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, cut
+from jaxdem.files import parse_json
 from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 
 FORMAT = "jaxdem-closure"
@@ -34,6 +36,9 @@ UNREADABLE = (
     OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, OverflowError, MemoryError,
 )  # fmt: skip
 """What h5py, and what reads from it, raise on a file that is truncated, altered or another program's."""
+
+SMALLEST_FLOAT = 2
+"""Bytes of the shortest number that a file may hold weights in."""
 
 LearnedClosure = PaperNetwork | InvariantClosure
 """A closure with one network."""
@@ -142,7 +147,8 @@ def _read(file: h5py.File, path: str, key: str) -> tuple[Any, dict[str, Any]]:
     if found != key:
         what = "subgrid stress" if found == SUBGRID_KEY else "drag closure"
         raise InputError(key, path, f"holds a {what}", f"Give it as {found}.")
-    template = jax.eval_shape(lambda: _template(own, path))
+    _check_sizes(own, file.id.get_filesize(), path, key)
+    template = _template(own, path)
     leaves = []
     for name, leaf in _named_leaves(template).items():
         stored = file.get(f"arrays/{name}")
@@ -153,13 +159,35 @@ def _read(file: h5py.File, path: str, key: str) -> tuple[Any, dict[str, Any]]:
             limit = f"the array {name} has shape {found}, its structure asks for {leaf.shape} floats"
             raise InputError(key, path, limit, "Train or copy it again.")
         values = stored[()]
-        unbounded = name.endswith(("_low", "_high"))  # the range of a closure that has not been trained
-        if np.isnan(values).any() or (np.isinf(values).any() and not unbounded):
-            limit = f"the array {name} holds values that are not finite numbers"
-            raise InputError(key, path, limit, "Train or copy it again.")
+        _check_values(name, values, path, key)
         leaves.append(jnp.asarray(values))
     closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
-    return closure, json.loads(_bytes(file["metadata"][()]))
+    return closure, parse_json(_bytes(file["metadata"][()]).decode())
+
+
+def _check_sizes(own: dict[str, Any], size: int, path: str, key: str) -> None:
+    """Refuse a structure whose weights a file of `size` bytes cannot hold, before anything of it is made."""
+    hidden, _ = _network(own)
+    members = int(own["members"]) if own["kind"] == "ensemble" else 1
+    weights = members * (sum(hidden) + sum(one * other for one, other in itertools.pairwise(hidden)))
+    least = weights * SMALLEST_FLOAT
+    if min(members, *hidden, 1) < 1 or least > size:
+        limit = f"claims {members} network(s) with hidden layers {list(hidden)}, {least} bytes at least; the file has {size}"
+        raise InputError(key, path, cut(limit), "Train or copy it again.")
+
+
+def _check_values(name: str, values: np.ndarray, path: str, key: str) -> None:
+    """Refuse numbers that are not finite in single precision, in which runs compute with them, and scales of zero."""
+    with np.errstate(over="ignore"):
+        single = values.astype(np.float32)
+    unbounded = name.endswith(("_low", "_high"))  # the range of a closure that has not been trained
+    limit = ""
+    if np.isnan(single).any() or (np.isinf(single).any() and not unbounded):
+        limit = f"the array {name} holds values that are not finite numbers in single precision"
+    elif name.endswith("_scale") and not (single > 0.0).all():
+        limit = f"the array {name} holds values that are not positive"
+    if limit:
+        raise InputError(key, path, limit, "Train or copy it again.")
 
 
 def _bytes(stored: Any) -> bytes:
@@ -183,13 +211,17 @@ def _structure(closure: StoredClosure | SubgridClosure) -> dict[str, Any]:
 
 
 def _template(attributes: Any, path: str) -> StoredClosure | SubgridClosure:
-    """An untrained closure of the stored structure; traced for its shapes only."""
+    """The shapes of a closure of the stored structure."""
     if attributes["kind"] == "subgrid":
-        return SubgridClosure.initial(*_network(attributes))
-    if attributes["kind"] != "ensemble":
-        return _single(attributes, str(attributes["kind"]), path)
-    return EnsembleClosure.of(
-        [_single(attributes, str(attributes["member_kind"]), path)] * int(attributes["members"])
+        return jax.eval_shape(lambda: SubgridClosure.initial(*_network(attributes)))
+    ensemble = attributes["kind"] == "ensemble"
+    kind = str(attributes["member_kind" if ensemble else "kind"])
+    single = jax.eval_shape(lambda: _single(attributes, kind, path))
+    if not ensemble:
+        return single
+    count = int(attributes["members"])
+    return EnsembleClosure(
+        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((count, *leaf.shape), leaf.dtype), single)
     )
 
 
@@ -197,7 +229,10 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
     base = drag_law(str(attributes["base"]), KEY)
     hidden, activation = _network(attributes)
     if kind == "paper":
-        return PaperNetwork.initial(int(attributes["dimension"]), base, hidden, activation)
+        dimension = int(attributes["dimension"])
+        if dimension not in (2, 3):
+            raise InputError(KEY, path, f"is of {dimension} dimensions", "Train or copy it again.")
+        return PaperNetwork.initial(dimension, base, hidden, activation)
     if kind == "invariant":
         terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
         # Files of the first versions do not name their features.
