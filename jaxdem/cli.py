@@ -188,7 +188,7 @@ def dataset(
     """Make training data from a run: what the drag law would see on coarser meshes, and should give."""
     factors = whole_numbers("--coarsen", coarsen, ",")
     changed = overrides(settings)
-    prepare_file(out)
+    prepare_file(out, run)
     use_compilation_cache()
     from jaxdem.train.dataset import make_dataset
 
@@ -212,10 +212,12 @@ def export(
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
 ) -> None:
     """Write a learned drag closure, base law and fallback included, for use in another program."""
-    prepare_file(out, closure)
     from jaxdem import __version__
     from jaxdem.closures import load_closure
-    from jaxdem.closures.export import export_closure
+    from jaxdem.closures.export import export_closure, files_written
+
+    for file in files_written(form.value, out):
+        prepare_file(file, closure)
 
     for path in export_closure(*load_closure(closure), form.value, out, __version__):
         terminal.output().print(f"Wrote {path}", markup=False, highlight=False, soft_wrap=True)
@@ -257,7 +259,10 @@ def plot(
     from jaxdem.report.single import is_file, plot_run
 
     loaded = _load_run(run)
-    (prepare_file if is_file(place) else prepare_folder)(place)
+    if is_file(place):
+        prepare_file(place, run)
+    else:
+        prepare_folder(place)
     files = plot_run(loaded, place, time=time, color=color.value)
     for file in files:
         terminal.output().print(f"Wrote {file}", markup=False, highlight=False, soft_wrap=True)
@@ -272,7 +277,7 @@ def animate(
 ) -> None:
     """Draw a run as a film: particles over the fluid's speed."""
     loaded = _load_run(run)
-    prepare_file(out)
+    prepare_file(out, run)
     from jaxdem.report.animation import animate as make_film
 
     with terminal.counted("picture") as progress:
@@ -294,12 +299,15 @@ def sweep(
     subgrid: SubgridFile = None,
 ) -> None:
     """Run a scene with all combinations of some keys; goes on where it was stopped."""
-    from jaxdem.sweep import parse_variation, run_sweep
+    from jaxdem.io.outputs import refuse_what_is_read
+    from jaxdem.scene import named_files
+    from jaxdem.sweep import TABLE, parse_variation, run_sweep
 
     variations = [parse_variation(text) for text in vary]
-    load(
+    description = load(
         scene, settings, closure, subgrid
     )  # sets the precision; what is wrong without variations is said here
+    refuse_what_is_read("--out", out / TABLE, (scene, *named_files(description.model_dump())))
     use_compilation_cache()
     from jaxdem.simulate import Interrupted
 

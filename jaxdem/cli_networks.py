@@ -241,9 +241,20 @@ def finetune(
     settings: Settings = None,
 ) -> None:
     """Train closures through runs of a coarse scene, so that they have the statistics of a fine run."""
+    from jaxdem.scene import named_files
+
     description = load(scene, settings)
     chosen = None if horizons is None else whole_numbers("--horizons", horizons, ",")
-    prepare_file(out, closure, None if subgrid is None else Path(subgrid))
+    read = (
+        scene,
+        reference,
+        *named_files(description.model_dump()),
+        closure,
+        None if subgrid == NEW else subgrid,
+    )
+    prepare_file(out, *read)
+    if subgrid_out is not None:
+        prepare_file(subgrid_out, *read, option="--subgrid-out")
     use_compilation_cache()
     from jaxdem.closures import save_closure
     from jaxdem.train.finetune import FinetuneSettings
@@ -307,7 +318,6 @@ def _files(trained: tuple[str, ...], out: Path, subgrid_out: Path | None) -> dic
         raise InputError(
             "--subgrid-out", str(subgrid_out or ""), limit, "Name a file for the subgrid stress."
         )
-    prepare_file(subgrid_out)
     return {"drag": out, "subgrid": subgrid_out}
 
 

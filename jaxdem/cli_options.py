@@ -20,12 +20,13 @@ Settings = Annotated[
 ]
 
 
-def prepare_file(path: Path, *inputs: Path | None) -> None:
+def prepare_file(path: Path, *inputs: str | Path | None, option: str = "--out") -> None:
     """Refuse a place that cannot be written, or that holds what is read, before hours of work, not after them."""
-    if any(one is not None and one.resolve() == path.resolve() for one in inputs):
-        raise InputError("--out", str(path), "is what is read, and would be lost", "Name another file.")
+    from jaxdem.io.outputs import refuse_what_is_read
+
+    refuse_what_is_read(option, path, inputs)
     if path.is_dir():
-        raise InputError("--out", str(path), "is a folder", "Name a file in it.")
+        raise InputError(option, str(path), "is a folder", "Name a file in it.")
     prepare_folder(path.parent)
 
 

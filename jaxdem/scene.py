@@ -373,6 +373,18 @@ class Scene(Section):
         return tomli_w.dumps(_without_none(tables))
 
 
+FILE_KEYS = (
+    ("particles", "radius"),
+    ("particles", "density"),
+    ("particles", "position"),
+    ("particles", "velocity"),
+    ("particles", "angular_velocity"),
+    ("closure", "file"),
+    ("fluid", "subgrid"),
+)
+"""Tables and keys that may name a file."""
+
+
 def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | None = None) -> Scene:
     """A scene from a TOML file, or from the tables as a dict.
 
@@ -396,6 +408,12 @@ def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | 
     except ValidationError as error:
         raise _as_input_error(error, tables) from None
     return _completed(scene)
+
+
+def named_files(tables: dict[str, Any]) -> list[str]:
+    """Files that the tables of a scene name."""
+    values = [tables[table].get(key) for table, key in FILE_KEYS if tables.get(table)]
+    return [value for value in values if isinstance(value, str)]
 
 
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
@@ -713,15 +731,7 @@ def _set(tables: dict[str, Any], key: str, value: Any) -> None:
 def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
     """File names in a scene are relative to it; the scene as run holds absolute ones."""
     tables = _copy(tables)
-    for table, key in (
-        ("particles", "radius"),
-        ("particles", "density"),
-        ("particles", "position"),
-        ("particles", "velocity"),
-        ("particles", "angular_velocity"),
-        ("closure", "file"),
-        ("fluid", "subgrid"),
-    ):
+    for table, key in FILE_KEYS:
         holder = tables.get(table)
         if isinstance(holder, dict) and isinstance(holder.get(key), str):
             try:

@@ -18,11 +18,13 @@ import numpy as np
 
 from jaxdem.closures import load_closure
 from jaxdem.errors import InputError
+from jaxdem.files import parse_json, read_text
 from jaxdem.io import Run
 from jaxdem.io.durable import write_bytes
 from jaxdem.report import Comparison, compare
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulate import Progress, simulate_once
+from jaxdem.studies.arrays import read_stored
 from jaxdem.studies.driver import FullStudy, default_jobs
 from jaxdem.studies.injection import SHARP, injection_plan
 from jaxdem.studies.plan import StudyPlan
@@ -180,9 +182,7 @@ class Study:
             advance = self.listener.stage(f"train {recipe}", settings.epochs)
             fit_to_files(recipe, [dataset], settings, path, beside, advance)
         metadata = load_closure(path)[1]
-        with np.load(beside, allow_pickle=False) as stored:
-            parity = {name: stored[name] for name in stored.files}
-        return StudyFit(recipe, path, metadata, parity)
+        return StudyFit(recipe, path, metadata, read_stored(beside))
 
     def _coarse_run(self, factor: int, sharp: str = "", fit: StudyFit | None = None) -> Run:
         """A run on a coarse mesh; `sharp` is what says so in its name."""
@@ -304,7 +304,7 @@ def _claim(out: Path, identity: dict[str, Any], known: Collection[str] = ()) -> 
     marker = out / "study.json"
     if marker.is_file():
         try:
-            found = json.loads(marker.read_text(encoding="utf-8"))
+            found = parse_json(read_text(marker))
         except (OSError, ValueError):
             raise InputError(
                 "--out", str(out), "has a study.json that is none", "choose another folder"

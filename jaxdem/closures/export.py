@@ -57,15 +57,19 @@ def export_closure(
         contents = {target: onnx_model(law, dimension, about, version)}
     else:
         artifact, text = stablehlo_module(law, dimension)
-        is_text = target.suffix == ".mlir"
-        contents = {
-            target.with_suffix(".bin") if is_text else target: artifact,
-            target if is_text else target.with_suffix(".mlir"): text.encode(),
-        }
+        contents = dict(zip(files_written(form, target), (artifact, text.encode()), strict=True))
     for file, content in contents.items():
         with write_aside(file, "--out") as aside:
             aside.write_bytes(content)
     return tuple(contents)
+
+
+def files_written(form: str, path: Path) -> tuple[Path, ...]:
+    """The files that `export_closure` writes: of StableHLO the artifact and the text."""
+    if form != "stablehlo":
+        return (path,)
+    is_text = path.suffix == ".mlir"
+    return (path.with_suffix(".bin"), path) if is_text else (path, path.with_suffix(".mlir"))
 
 
 def describe(closure: StoredClosure, metadata: dict[str, Any], dimension: int) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxdem.closures import load_closure, load_subgrid
 from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
+from jaxdem.studies.arrays import read_stored
 from jaxdem.studies.measure import errors, mean_errors, noise_floor
 from jaxdem.studies.oracle import Replay, read_replay
 from jaxdem.studies.plan import RunSpec, StudyPlan, files_of, made_of
@@ -141,11 +142,10 @@ class Evidence:
         """Arrays for the parity plot, by the mesh that the inputs are averaged to; {} without."""
         path, figures = self.out / f"{name}.parity.npz", {}  # type: tuple[Path, dict[str, dict[str, np.ndarray]]]
         if path.is_file():
-            with np.load(path, allow_pickle=False) as stored:
-                for key in stored.files:
-                    factor, kind = key.split("/")
-                    inputs = "fine inputs" if factor == "1" else f"inputs averaged {factor}x"
-                    figures.setdefault(f"{name}, {inputs}", {})[kind] = stored[key]
+            for key, array in read_stored(path).items():
+                factor, kind = key.split("/")
+                inputs = "fine inputs" if factor == "1" else f"inputs averaged {factor}x"
+                figures.setdefault(f"{name}, {inputs}", {})[kind] = array
         return figures
 
     def dataset(self, name: str) -> Path | None:

@@ -33,6 +33,7 @@ from jaxdem.io import Run
 from jaxdem.metrics import history_row
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
+from jaxdem.studies.arrays import read_stored
 from jaxdem.train.dataset import CoarseView
 
 FLUID_METRICS = ("fluid_pressure_mean", "fluid_velocity_mean", "fluid_velocity_median")
@@ -230,6 +231,5 @@ def replay_to_file(run: Run, factor: int, out: Path, report: Callable[[float], N
 
 def read_replay(path: Path) -> Replay:
     """What `replay_to_file` wrote."""
-    with np.load(path, allow_pickle=False) as stored:
-        arrays = {name: stored[name] for name in stored.files}
+    arrays: dict[str, Any] = read_stored(path)
     return Replay(**{**arrays, "momentum": float(arrays["momentum"])})

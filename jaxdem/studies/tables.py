@@ -9,6 +9,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from jaxdem.errors import InputError
+from jaxdem.files import parse_json, read_text
+from jaxdem.io.access import reason_of
 from jaxdem.io.durable import write_bytes
 from jaxdem.report.page import PageSection, PageTable
 
@@ -109,7 +112,11 @@ def write_results(
     """
     file, found = out / "results.json", {}
     if file.is_file():
-        found = json.loads(file.read_text(encoding="utf-8"))["parts"]
+        try:
+            found = parse_json(read_text(file))["parts"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            limit = f"cannot be read ({reason_of(error)})"
+            raise InputError(file.name, str(file), limit, "Remove it; it is written anew.") from error
     found |= {
         section.name: _plain(dataclasses.asdict(section) | {"about": dict(about)}) for section in sections
     }

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxdem.errors import InputError
+from jaxdem.files import read_text
 from jaxdem.io.durable import write_bytes
 from jaxdem.train.fit_settings import FitSettings
 
@@ -184,8 +186,10 @@ def read_search(folder: Path) -> list[dict[str, str]]:
     path = folder / TABLE
     if not path.is_file():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+    try:
+        return list(csv.DictReader(io.StringIO(read_text(path), newline="")))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(TABLE, str(path), f"cannot be read ({error})", "Take it from a backup.") from error
 
 
 def as_text(value: Any) -> str:

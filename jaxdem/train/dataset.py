@@ -33,9 +33,10 @@ from jaxdem.fluid.grid import face_average
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import coarsened, remap_cells, remap_flux
 from jaxdem.io import Run, load_run
+from jaxdem.io.outputs import refuse_what_is_read
 from jaxdem.io.samples import Samples
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.scene import Scene, load_scene
+from jaxdem.scene import Scene, load_scene, named_files
 from jaxdem.simulation import Simulation
 from jaxdem.train.dataset_file import SEEING, write_dataset
 
@@ -67,10 +68,11 @@ def make_dataset(
         overrides: keys of `SEEING` in which the coarse runs differ from the fine one; without effect on a factor of 1.
 
     Raises:
-        InputError: the run is not valid, has no samples, or has `coupling.self_disturbance`; a factor is not usable, or
+        InputError: `out` is a file of a run or is read, the run is not valid, has no samples, or has `coupling.self_disturbance`; a factor is not usable, or
             another key is to differ.
     """
     source = load_run(run)
+    refuse_what_is_read("--out", Path(out), (run, *named_files(source.scene)))
     samples = _samples(source)
     for key, value in (overrides or {}).items():
         if not key.startswith(SEEING):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,6 +16,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.file import StoredClosure
 from jaxdem.errors import InputError
+from jaxdem.io import scene_text
 from jaxdem.train.dataset_file import SEEING, Dataset, Group
 
 ROWS_AT_ONCE = 65536
@@ -79,7 +79,7 @@ def split_by_run(datasets: Sequence[Dataset], held_out: str | None, fraction: fl
 
 def _scene_of_run(dataset: Dataset) -> dict[str, Any]:
     """The scene that was run: without the keys in which the coarse mesh of a dataset may differ from it."""
-    scene = tomllib.loads(dataset.scene_toml)
+    scene = scene_text.parse(dataset.scene_toml, f"the dataset of {dataset.run}")
     coupling = scene.get("coupling", {})
     return scene | {"coupling": {key: coupling[key] for key in coupling if f"coupling.{key}" not in SEEING}}
 

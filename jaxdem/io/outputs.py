@@ -1,0 +1,56 @@
+"""What a command may not write to: what it reads, and the files of a run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from jaxdem.errors import InputError
+from jaxdem.io.access import LOCK
+from jaxdem.io.frames import PARTS_FOLDER
+from jaxdem.io.run_directory import CHECKPOINT, HISTORY, SCENE
+from jaxdem.io.samples import SampleFormat
+from jaxdem.io.summary import SUMMARY
+from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat
+
+SERIES = (ParticleFormat, FluidFormat, SampleFormat)
+OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK} | {f"{kind.stem}{kind.suffix}" for kind in SERIES}
+"""Names in a run directory that are the run's."""
+
+
+def refuse_what_is_read(option: str, out: Path, inputs: Iterable[str | Path | None]) -> None:
+    """Refuse an output that would replace an input or a file of a run.
+
+    Args:
+        option: what names the output.
+        out: file to write.
+        inputs: files that are read, and run directories; None is left out.
+
+    Raises:
+        InputError: `out` is one of them, is another name of one of them, or is a file of a run.
+    """
+    place = Path(os.path.realpath(out))
+    if PARTS_FOLDER in place.parts or (place.name in OWN_FILES and (place.parent / SCENE).is_file()):
+        raise InputError(option, str(out), "is a file of a run, and would be lost", "Name another file.")
+    for one in inputs:
+        if one is not None and any(_same(found, out) for found in _files(Path(one))):
+            raise InputError(option, str(out), "is what is read, and would be lost", "Name another file.")
+
+
+def _files(place: Path) -> Iterator[Path]:
+    """The file itself; of a run directory its files."""
+    if not place.is_dir():
+        yield place
+        return
+    for folder in (place, place / PARTS_FOLDER):
+        if folder.is_dir():
+            yield from folder.iterdir()
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two names are of one file, be it by a link of either kind."""
+    try:
+        return os.path.samefile(one, other)
+    except OSError:
+        return os.path.realpath(one) == os.path.realpath(other)
