@@ -104,8 +104,8 @@ class Particles(Section):
         material: name of one of `[[materials]]`, or one per particle; only in a scene with these.
         species: parts of the particles with a radius, density or material of their own, mixed by the seed.
         pack: where they start; or `position`.
-        position: their centres instead of a pack, as rows or the name of a file (.npy, or text) of rows; in 2-D also in the
-            form of a run's frames, (x, z, 0) [m].
+        position: their centres instead of a pack, as rows or the name of a file (.npy, or text, whose first row may name the
+            columns) of rows; in 2-D also in the form of a run's frames, (x, z, 0) [m].
         velocity: of each at the start, as rows or the name of a file of rows, in the same forms; at rest when not given [m/s].
         angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file; in 2-D
             also in the form of a run's frames, (0, 0, scalar); at rest when not given [rad/s].
