@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.particles.pairs import WRITTEN_OUT, at, last_up_to
 from jaxdem.particles.vectors import Vector
 
 WORD = 32
@@ -155,19 +156,23 @@ def neighbors_in_cells(
     around = grid.around(cells)
     words = _words(grid, position, own, table, around)
     counts = lax.population_count(words).astype(jnp.int32)
-    before, total = [], jnp.zeros_like(own)
-    for count in counts:
-        before.append(total)
-        total = total + count
+
+    upto = jnp.cumsum(counts, axis=0, dtype=jnp.int32)
+    before, total = upto - counts, upto[-1]
 
     slot = jnp.arange(slots, dtype=jnp.int32)[:, None]
-    word = jnp.zeros((slots, own.shape[0]), jnp.uint32)
-    number = jnp.zeros(word.shape, jnp.int32)
-    rank = jnp.zeros(word.shape, jnp.int32)
-    for k, (bits, first, count) in enumerate(zip(words, before, counts, strict=True)):
-        here = (slot >= first[None]) & (slot < (first + count)[None])
-        word, number = jnp.where(here, bits[None], word), jnp.where(here, k, number)
-        rank = jnp.where(here, slot - first[None], rank)
+    if len(words) > WRITTEN_OUT:
+        wanted = jnp.broadcast_to(slot, (slots, len(own)))
+        number = last_up_to(before, own[None], wanted)
+        bits, first = at((words.reshape(-1), before.reshape(-1)), number * len(own) + own[None])
+        word, rank = bits, wanted - first
+    else:
+        word = jnp.zeros((slots, len(own)), jnp.uint32)
+        number, rank = jnp.zeros(word.shape, jnp.int32), jnp.zeros(word.shape, jnp.int32)
+        for k, (bits, first, count) in enumerate(zip(words, before, counts, strict=True)):
+            here = (slot >= first[None]) & (slot < (first + count)[None])
+            word, number = jnp.where(here, bits[None], word), jnp.where(here, k, number)
+            rank = jnp.where(here, slot - first[None], rank)
     for k in range(min(cell_slots, WORD) - 1):
         word = jnp.where(rank > k, word & (word - 1), word)  # takes the lowest bit away
     bit = lax.population_count((word & -word) - 1).astype(jnp.int32)
@@ -212,31 +217,40 @@ def _table(grid: CellGrid, home: Array, cell_slots: int) -> tuple[Array, Array]:
     """(cell_slots, columns) the particles of every column, in order, N where there is none; and whether all fit."""
     count = home.shape[0]
     own, columns = jnp.arange(count, dtype=jnp.int32), grid.columns
-    left, rows = home, []  # those without a place yet; the others are sent to a column beyond the last
-    for _ in range(cell_slots):
+
+    # `left` are those without a place yet; the others are sent to a column beyond the last.
+    def fill_row(left: Array, _: None) -> tuple[Array, Array]:
         row = jnp.full((columns + 1,), count, jnp.int32).at[left].min(own)
-        left = jnp.where(row[left] == own, columns, left)
-        rows.append(row[:columns])
-    return jnp.stack(rows), jnp.any(left < columns)
+        return jnp.where(row[left] == own, columns, left), row[:columns]
+
+    left, rows = lax.scan(fill_row, home, None, length=cell_slots, unroll=min(cell_slots, WRITTEN_OUT))
+    return rows, jnp.any(left < columns)
 
 
 def _words(grid: CellGrid, position: Vector, own: Array, table: Array, around: Array) -> Array:
     """(words, N) uint32, bit by bit which particles of the cells around are in reach; the cells first."""
     far = jnp.full((1,), jnp.nan, position[0].dtype)  # in reach of nothing
-    columns = [jnp.concatenate((x, far))[table] for x in position]
-    words = []
-    for start in range(0, table.shape[0], WORD):
+
+    def of_rows(rows: Array) -> Array:
+        """(M, N) the words of up to `WORD` rows of the table."""
+        columns = [jnp.concatenate((x, far))[rows] for x in position]
         word = jnp.zeros(around.shape, jnp.uint32)
         itself = jnp.zeros(own.shape, jnp.uint32)
-        for bit, row in enumerate(range(start, min(start + WORD, table.shape[0]))):
+        for bit, row in enumerate(rows):
             squared = jnp.zeros(around.shape, position[0].dtype)
             for x, column, length, wraps in zip(position, columns, grid.box, grid.periodic, strict=True):
-                apart = x[None] - column[row][around]
+                apart = x[None] - column[bit][around]
                 if wraps:
                     apart = apart - length * jnp.round(apart / length)
                 squared = squared + apart * apart
             mark = jnp.uint32(1 << bit)
             word = word | jnp.where(squared < grid.reach**2, mark, jnp.uint32(0))
-            itself = itself | jnp.where(table[row][around[0]] == own, mark, jnp.uint32(0))
-        words.append(word.at[0].set(word[0] & ~itself))
-    return jnp.concatenate(words)
+            itself = itself | jnp.where(row[around[0]] == own, mark, jnp.uint32(0))
+        return word.at[0].set(word[0] & ~itself)
+
+    if len(table) <= WORD:
+        return of_rows(table)
+    # One word after the other by one piece of program; rows that fill the last one are empty.
+    full = jnp.pad(table, ((0, -len(table) % WORD), (0, 0)), constant_values=len(own))
+    blocks = lax.map(of_rows, full.reshape(-1, WORD, full.shape[1]))
+    return blocks.reshape(-1, *own.shape)

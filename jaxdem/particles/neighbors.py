@@ -26,7 +26,7 @@ from jaxdem.particles import compensated, vectors
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.compensated import Low
 from jaxdem.particles.packing import into_period
-from jaxdem.particles.pairs import Pairs, at, pairs_of
+from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, pairs_of, place_of
 from jaxdem.particles.vectors import Vector
 
 EXTRA_CAPACITY = 1.25
@@ -235,7 +235,8 @@ class NeighborSearch:
             each = max(each, 0.5 * self._crowd(self._reach))
             widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
             crowd = max(crowd, self._crowd(0.6 * max(widths)))
-        found, slots = (self._found_by_scipy if cells.shares else self._found_by_jax_md)(present)
+        crowded = cells.shares or crowd > WRITTEN_OUT
+        found, slots = (self._found_by_scipy if crowded else self._found_by_jax_md)(present)
         everyone = count * (count - 1) // 2
         pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
         # The wide cells of a vast box have room for more than there are.
@@ -252,7 +253,7 @@ class NeighborSearch:
         return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * reach**dimension / mean))
 
     def _found_by_scipy(self, position: Vector) -> tuple[int, int]:
-        """The same as of jax-md, whose cells would be more than memory holds where columns are shared."""
+        """The same as of jax-md, whose table would be more than memory holds of very many or very full cells."""
         geometry = self.geometry
         stacked = np.stack([np.asarray(x, float) for x in position], axis=1)
         inside = np.where(geometry.periodic, into_period(stacked, np.asarray(geometry.box)), stacked)
@@ -304,6 +305,9 @@ def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:
         Components (P',); zero for pairs that were not listed before.
     """
     first, second = new.pairs.first, new.pairs.second
+    if len(old.index) > WRITTEN_OUT:
+        place, found = place_of(old.pairs, first, second)
+        return tuple(jnp.where(found, component, 0.0) for component in at(history, place))
     # Of its first particle a pair is an entry below P; a pair stands once in a list, so the sum has one term.
     place, found = jnp.zeros_like(first), jnp.zeros(first.shape, bool)
     for others, entries in zip(old.index, old.pairs.entry, strict=True):

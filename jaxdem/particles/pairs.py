@@ -6,7 +6,8 @@ are sums over its pairs: nothing is scattered, and nothing is computed for slots
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -15,6 +16,12 @@ from jaxdem.particles.vectors import Vector
 
 UNROLL = 4
 """Slots that loops over the slots treat at once: half the time of one by one, and the program stays short."""
+
+WRITTEN_OUT = 32
+"""Up to so many slots are gone through one by one, which is fastest. One large particle among many small ones has
+thousands of neighbours, and what is sought in so many is sought by halving."""
+
+Value = TypeVar("Value")
 
 
 class Pairs(NamedTuple):
@@ -32,9 +39,37 @@ class Pairs(NamedTuple):
     entry: Array
 
 
+def repeated(count: int, body: Callable[[int | Array, Value], Value], value: Value) -> Value:
+    """The value after value = body(k, value) for k = 0 ... count - 1.
+
+    Written out where it is short, a loop of the program where that would compile for minutes.
+    """
+    if count > WRITTEN_OUT:
+        return lax.fori_loop(0, count, body, value, unroll=UNROLL)
+    for k in range(count):
+        value = body(k, value)
+    return value
+
+
 def at(vector: Vector, index: Array) -> Vector:
     """Values (P,) of the components (N,) at indices (P,) that are known to be in range: without the checks of others."""
     return tuple(x.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False) for x in vector)
+
+
+def last_up_to(table: Array, column: Array, value: Array) -> Array:
+    """Row of the last entry of a column that is no larger than the value; 0 where there is none.
+
+    Args:
+        table: (R, N) whose columns ascend.
+        column: of each value; broadcast against it.
+        value: any shape.
+    """
+    row = jnp.zeros(jnp.broadcast_shapes(value.shape, column.shape), jnp.int32)
+    for power in reversed(range((len(table) - 1).bit_length())):
+        further = jnp.minimum(row + (1 << power), len(table) - 1)
+        entry = at((table.reshape(-1),), further * table.shape[1] + column)[0]
+        row = jnp.where(entry <= value, further, row)
+    return row
 
 
 def pairs_of(index: Array, room: int) -> tuple[Pairs, Array]:
@@ -54,11 +89,16 @@ def pairs_of(index: Array, room: int) -> tuple[Pairs, Array]:
     number, before = upto[-1], upto - later
     start = jnp.cumsum(number, dtype=jnp.int32) - number
 
-    def place_slot(k: int, table: Array) -> Array:
-        return jnp.where(later[k][None] & (before[k][None] == ranks), index[k][None], table)
-
     # Column i has the others of the pairs that i is the first of, from the top; 0 is never one of them.
-    table = lax.fori_loop(0, slots, place_slot, jnp.zeros_like(index), unroll=UNROLL).reshape(-1)
+    if slots > WRITTEN_OUT:
+        others = jnp.sort(jnp.where(later, index, count), axis=0)
+    else:
+
+        def place_slot(k: int, table: Array) -> Array:
+            return jnp.where(later[k][None] & (before[k][None] == ranks), index[k][None], table)
+
+        others = lax.fori_loop(0, slots, place_slot, jnp.zeros_like(index), unroll=UNROLL)
+    table = others.reshape(-1)
 
     # Who owns a stretch of the list is written at its start; of several that start there all but the last own none.
     marks = jnp.zeros(room, jnp.int32).at[start].max(own, mode="drop")
@@ -69,14 +109,41 @@ def pairs_of(index: Array, room: int) -> tuple[Pairs, Array]:
     first = jnp.where(filled, first, 0)
     second = jnp.where(filled, table[(place - start[first]) * count + first], 0)
 
-    def find_rank(rank: int, found: Array) -> Array:
-        return jnp.where(at((table,), rank * count + index)[0] == own[None], rank, found)
+    if slots > WRITTEN_OUT:
+        low, high = jnp.minimum(index, own[None]), jnp.maximum(index, own[None])
+        as_first = start[low] + last_up_to(others, low, high)
+        as_second = room + as_first
+    else:
 
-    # Where the particle is the second: its rank among the pairs of the other.
-    rank = lax.fori_loop(1, slots, find_rank, jnp.zeros_like(index), unroll=UNROLL)
-    as_second = jnp.where(index == own[None], room - 1, room + start[index] + rank)
-    entry = jnp.where(later, start[None] + before, as_second)
+        def find_rank(rank: int, found: Array) -> Array:
+            return jnp.where(at((table,), rank * count + index)[0] == own[None], rank, found)
+
+        # Where the particle is the second: its rank among the pairs of the other.
+        rank = lax.fori_loop(1, slots, find_rank, jnp.zeros_like(index), unroll=UNROLL)
+        as_first, as_second = start[None] + before, room + start[index] + rank
+    entry = jnp.where(later, as_first, jnp.where(index == own[None], room - 1, as_second))
     return Pairs(first, second, jnp.minimum(entry, 2 * room - 1)), total > room - 1
+
+
+def place_of(pairs: Pairs, first: Array, second: Array) -> tuple[Array, Array]:
+    """Where pairs stand in a list of many slots, whose pairs ascend by both particles; and whether they are in it.
+
+    Args:
+        pairs: P of them, over N particles with more than `WRITTEN_OUT` slots.
+        first, second: (P',) the particles of the pairs that are sought; the same one twice is no pair.
+
+    Returns:
+        (P',) int32 place, anything where there is none; (P',) bool.
+    """
+    slots, count = pairs.entry.shape
+    owner = jnp.where(pairs.first != pairs.second, pairs.first, count)
+    start = jnp.searchsorted(owner, jnp.arange(count + 1, dtype=jnp.int32)).astype(jnp.int32)
+    place, last = start[first], jnp.maximum(start[first + 1] - 1, 0)
+    for power in reversed(range(slots.bit_length())):
+        further = jnp.minimum(place + (1 << power), last)
+        place = jnp.where((further > place) & (pairs.second[further] <= second), further, place)
+    same = (pairs.first[place] == first) & (pairs.second[place] == second)
+    return place, same & (first != second)
 
 
 def sum_over_pairs(on_first: Array, on_second: Array, pairs: Pairs) -> Array:
@@ -86,7 +153,8 @@ def sum_over_pairs(on_first: Array, on_second: Array, pairs: Pairs) -> Array:
     """
     # Joined, because XLA then writes the values to memory; it would compute them anew for every slot otherwise.
     both = jnp.concatenate((on_first, on_second))
-    total = at((both,), pairs.entry[0])[0]
-    for slot in pairs.entry[1:]:
-        total = total + at((both,), slot)[0]
-    return total
+
+    def add(k: int | Array, total: Array) -> Array:
+        return total + at((both,), pairs.entry[k + 1])[0]
+
+    return repeated(len(pairs.entry) - 1, add, at((both,), pairs.entry[0])[0])
