@@ -20,6 +20,7 @@ from jaxdem.bodies import Bodies, material_table, wall_materials
 from jaxdem.boundaries import check_flow, scene_boundary
 from jaxdem.closures import DRAG_LAWS, load_closure, load_subgrid
 from jaxdem.closures.base import DragClosure
+from jaxdem.coincident_walls import check_coincident
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.exchange import FluidInterval
@@ -60,7 +61,7 @@ from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSear
 from jaxdem.particles.population import Population
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, Surface, surface_contacts, wedge
-from jaxdem.particles.walls import box_sides
+from jaxdem.particles.walls import BoxSide, box_sides
 from jaxdem.rows import rows_of
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene_walls import Wall
@@ -134,6 +135,7 @@ def build(
         without = tuple((side.axis, -1 if side.upper else 1) for side in exits)
         sides = box_sides(scene.domain.size, scene.periodic, without)
         surfaces = _surfaces(scene, walls, dtype)
+        _check_coincident(scene, sides, surfaces, 2.0 * float(np.min(radius, initial=np.inf)))
         table = material_table(scene)
         resists = scene.contact.rolling_friction if table is None else table.rolling_friction.max()
         rolling = ROLLING_MODELS[scene.contact.rolling_model]() if resists > 0.0 else None
@@ -354,6 +356,17 @@ def _surfaces(scene: Scene, functions: Sequence[Callable[[Array], Array]], dtype
             )
         surfaces.append(DistanceFunction(function))
     return tuple(surfaces)
+
+
+def _check_coincident(
+    scene: Scene, sides: tuple[BoxSide, ...], surfaces: tuple[Surface, ...], diameter: float
+) -> None:
+    names = [f"walls.{k}" for k, wall in enumerate(scene.walls) for _ in _of_wall(wall)]
+    names += [f"the function {k} of walls" for k in range(len(surfaces) - len(names))]
+    of_box = [
+        (f"the {scene.sides[2 * side.axis + (side.inward < 0)]} side of the box", side) for side in sides
+    ]
+    check_coincident(of_box, list(zip(names, surfaces, strict=True)), scene.domain.size, diameter)
 
 
 def _of_wall(wall: Wall) -> tuple[Surface, ...]:

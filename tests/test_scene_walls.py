@@ -124,6 +124,36 @@ def test_a_wall_must_be_the_same_along_a_periodic_axis():
 
 
 @pytest.mark.parametrize(
+    ("walls", "second", "first"),
+    [
+        ((PLANE, PLANE | {"point": [0.3, 0.1], "normal": [0.0, 5.0]}), "walls.1", "walls.0"),
+        ((PLANE | {"point": [0.1, 0.0]},), "walls.0", "the bottom side of the box"),
+        ((PLANE, PLANE | {"point": [0.4, 0.3], "normal": [-1.0, 0.0]}), "walls.1", "the right side"),
+        ((PLANE | {"point": [0.0, 1e-4], "normal": [1e-4, 1.0]},), "walls.0", "the bottom side"),
+        ((CIRCLE, CIRCLE), "walls.1", "walls.0"),
+        ((WEDGE, {"kind": "plane", "point": [0.2, 0.02], "normal": [1.0, 1.0]}), "walls.1", "walls.0"),
+    ],
+)
+def test_a_wall_on_another_is_refused_naming_both(walls, second, first):
+    """It would count twice: a ball that falls on two planes in one place rebounds as from a wall of twice the damping."""
+    error = refusal(tables(*walls), lambda given: build(load_scene(given)))
+    assert error.key == second and first in str(error)
+
+
+def test_walls_that_only_meet_or_face_away_are_not_one():
+    back = PLANE | {"point": [0.0, 0.3], "normal": [0.0, -1.0]}
+    lid = [PLANE | {"point": [0.0, 0.4]}]  # faces out of the box: all of it lies behind
+    build(load_scene(tables(PLANE, back, CIRCLE, CIRCLE | {"radius": 0.151}, WEDGE)))
+    build(load_scene(tables(*lid)))
+    open_side = {"boundary": {"bottom": {"particles": "remove"}}}
+    build(load_scene(tables(PLANE | {"point": [0.0, 0.0]}) | open_side))
+    with pytest.raises(InputError, match="function 0 of walls"):
+        build(load_scene(tables(PLANE)), walls=[lambda x: x[1] - 0.1])
+    across = [TUBE, TUBE | {"axis": [1.0, 0.0, 0.0]}]  # the same distance at all corners of the box
+    build(load_scene(tables(*across, dimension=3)))
+
+
+@pytest.mark.parametrize(
     ("wall", "place", "depth"),
     [
         (PLANE, [0.3, 0.105], "25 %"),  # 5 mm above the plane
