@@ -102,8 +102,8 @@ def failures(simulation: Simulation, diagnostics: Diagnostics) -> Array:
     return code
 
 
-def first_meaning(code: int) -> tuple[str, str]:
-    """Reason and remedy of the most telling flag of a code: causes before their consequences."""
+def first_flag(code: int) -> Failure:
+    """The most telling flag of a code: causes before their consequences."""
     order = (
         Failure.COURANT,
         Failure.VISCOUS,
@@ -116,4 +116,9 @@ def first_meaning(code: int) -> tuple[str, str]:
         Failure.PARTICLES_NOT_FINITE,
     )
     flags = Failure(code)
-    return MEANING[next(flag for flag in order if flag in flags)]
+    return next(flag for flag in order if flag in flags)
+
+
+def first_meaning(code: int) -> tuple[str, str]:
+    """Reason and remedy of the most telling flag of a code."""
+    return MEANING[first_flag(code)]

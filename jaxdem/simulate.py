@@ -18,8 +18,9 @@ from jaxdem import step as coupled
 from jaxdem.build import build, initial_state
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
+from jaxdem.diagnosis import diagnosis
 from jaxdem.errors import InputError, RunError
-from jaxdem.failures import OF_PARTICLES, Failure, failures, first_meaning
+from jaxdem.failures import OF_PARTICLES, Failure, failures
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
@@ -247,8 +248,8 @@ class TimeLoop:
         self._compile()
 
     def _raise(self, code: int, reached: State) -> None:
-        reason, remedy = first_meaning(code)
-        raise RunError(reason, _where(self.simulation, Failure(code), self.state, reached), self.time, remedy)
+        reason, where, remedy = diagnosis(self.simulation, self.parameters, code, self.state, reached)
+        raise RunError(reason, where, self.time, remedy)
 
     def _compile(self) -> None:
         """Both parts of a step, compiled for the present capacities."""
@@ -324,33 +325,6 @@ def samples_every(scene: Scene, simulation: Simulation) -> int:
             f"for example {every * simulation.interval:.6g}",
         )
     return every
-
-
-def _where(simulation: Simulation, failure: Failure, before: State, reached: State) -> str:
-    """The particle or cell at which an interval failed."""
-    if before.particles is not None and failure & (
-        Failure.PARTICLES_NOT_FINITE | Failure.PARTICLE_LOST | Failure.TOO_FAST
-    ):
-        assert reached.particles is not None
-        position = np.asarray(reached.particles.position, float)
-        good = np.isfinite(position).all(axis=1) & np.isfinite(reached.particles.velocity).all(axis=1)
-        box, periodic = np.asarray(simulation.box), np.asarray(simulation.periodic)
-        good &= (((position >= 0.0) & (position <= box)) | periodic).all(axis=1)
-        speed = np.linalg.norm(np.asarray(reached.particles.velocity, float), axis=1)
-        index = int(np.argmax(speed)) if good.all() else int(np.argmin(good))
-        point = ", ".join(f"{x:.5g}" for x in np.asarray(before.particles.position[index]))
-        return f"particle {index}, last at ({point}) m"
-    if reached.fluid is not None and simulation.fluid is not None:
-        grid = simulation.fluid.solver.grid
-        if failure & Failure.VOID_FRACTION and reached.fluid.void_fraction is not None:
-            cell = np.unravel_index(int(np.argmin(reached.fluid.void_fraction)), grid.cells)
-        else:
-            speed = sum(
-                np.abs(np.diff(np.asarray(u), axis=a)) for a, u in enumerate(reached.fluid.face_velocity)
-            )
-            cell = np.unravel_index(int(np.argmax(np.nan_to_num(speed, nan=np.inf))), grid.cells)
-        return f"cell {tuple(int(i) for i in cell)}"
-    return "everywhere"
 
 
 @contextlib.contextmanager

@@ -1,0 +1,110 @@
+"""Where a run failed, and what did it: for the message of a failed interval. Host side, plain numbers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from jaxdem.failures import MEANING, Failure, first_flag
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+
+SIDES = ("left", "right", "front", "back", "bottom", "top")
+"""Sides in 3-D, axis by axis, lower before upper; in 2-D without the middle pair."""
+
+STEADY = 1.0
+"""A force of the fluid through a side counts as what pushed from this multiple of the particle's weight on [-]."""
+
+REMEDY_OF_A_PRESS = (
+    "it was pressed through, not shot: stiffen the contact (contact.young_modulus, contact.normal_stiffness), or raise "
+    "contact.speed, until the wall holds it (`jaxdem check` has the overlap under the fluid's load)"
+)
+
+
+def diagnosis(
+    simulation: Simulation, parameters: Parameters, code: int, before: State, reached: State
+) -> tuple[str, str, str]:
+    """Reason, place and remedy of a failed interval.
+
+    Args:
+        simulation, parameters: of the run.
+        code: flags of the interval, see `jaxdem.failures`.
+        before: state at its start.
+        reached: state at its end.
+    """
+    flag = first_flag(code)
+    reason, remedy = MEANING[flag]
+    if before.particles is None or flag not in (
+        Failure.PARTICLES_NOT_FINITE,
+        Failure.PARTICLE_LOST,
+        Failure.TOO_FAST,
+    ):
+        return reason, _cell(simulation, flag, reached), remedy
+    index = _particle(simulation, flag, reached)
+    point = ", ".join(f"{x:.5g}" for x in np.asarray(before.particles.position[index]))
+    where = f"particle {index}, last at ({point}) m"
+    assert reached.particles is not None
+    speed = float(np.linalg.norm(np.asarray(reached.particles.velocity[index], float)))
+    if flag == Failure.TOO_FAST:
+        where += f", at {speed:.3g} m/s where {simulation.steps.speed_limit or 0.0:.3g} are allowed"
+    if flag == Failure.PARTICLE_LOST:
+        side, outward = _side_left(simulation, np.asarray(reached.particles.position[index], float))
+        where += f", through the {side} side at {speed:.3g} m/s"
+        push = _fluid_push(parameters, reached, index, outward)
+        if push > STEADY:
+            where += f", the fluid pushing it out with {push:.2g} times its weight"
+            if not speed > (simulation.steps.speed_limit or math.inf):
+                remedy = REMEDY_OF_A_PRESS
+    return reason, where, remedy
+
+
+def _particle(simulation: Simulation, flag: Failure, reached: State) -> int:
+    """The particle that a flag is about; those that have been removed are none."""
+    particles = reached.particles
+    assert particles is not None
+    position, velocity = np.asarray(particles.position, float), np.asarray(particles.velocity, float)
+    present = np.ones(len(position), bool) if particles.active is None else np.asarray(particles.active)
+    spin = np.asarray(particles.angular_velocity, float)
+    finite = np.isfinite(np.concatenate([position, velocity, spin], axis=1)).all(axis=1)
+    if flag == Failure.PARTICLES_NOT_FINITE:
+        return int(np.argmin(finite))
+    if flag == Failure.TOO_FAST:
+        return int(np.argmax(np.where(present, np.linalg.norm(velocity, axis=1), -1.0)))
+    beyond = np.maximum(-position, position - np.asarray(simulation.box))
+    beyond = np.where(np.asarray(simulation.periodic), -np.inf, beyond).max(axis=1)
+    return int(np.argmax(np.where(present & ~np.isnan(beyond), beyond, -np.inf)))
+
+
+def _side_left(simulation: Simulation, position: np.ndarray) -> tuple[str, np.ndarray]:
+    """Side of the box that lies furthest behind a particle, and the unit vector out of it."""
+    beyond = np.stack([-position, position - np.asarray(simulation.box)], axis=1)
+    beyond[np.asarray(simulation.periodic)] = -np.inf
+    axis, upper = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    names = SIDES if len(position) == 3 else SIDES[:2] + SIDES[4:]
+    outward = np.zeros(len(position))
+    outward[axis] = 1.0 if upper else -1.0
+    return names[2 * int(axis) + int(upper)], outward
+
+
+def _fluid_push(parameters: Parameters, reached: State, index: int, outward: np.ndarray) -> float:
+    """Force of the fluid out of the box over the particle's weight, or its mass times 9.81 m/s2 without gravity."""
+    particles, bodies = reached.particles, parameters.bodies
+    if particles is None or particles.fluid_force is None or bodies is None:
+        return 0.0
+    mass = float(np.broadcast_to(np.asarray(bodies.mass), len(particles.position))[index])
+    gravity = float(np.linalg.norm(np.asarray(parameters.gravity))) or 9.81
+    return float(np.asarray(particles.fluid_force[index], float) @ outward) / (mass * gravity)
+
+
+def _cell(simulation: Simulation, flag: Failure, reached: State) -> str:
+    """The cell that a flag is about."""
+    if reached.fluid is None or simulation.fluid is None:
+        return "everywhere"
+    grid = simulation.fluid.solver.grid
+    if flag == Failure.VOID_FRACTION and reached.fluid.void_fraction is not None:
+        cell = np.unravel_index(int(np.argmin(reached.fluid.void_fraction)), grid.cells)
+    else:
+        speed = sum(np.abs(np.diff(np.asarray(u), axis=a)) for a, u in enumerate(reached.fluid.face_velocity))
+        cell = np.unravel_index(int(np.argmax(np.nan_to_num(speed, nan=np.inf))), grid.cells)
+    return f"cell {tuple(int(i) for i in cell)}"
