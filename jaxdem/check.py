@@ -13,14 +13,18 @@ import numpy as np
 from jaxdem import stability
 from jaxdem.bodies import material_table
 from jaxdem.build import build, initial_state
+from jaxdem.cautions import cautions
 from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
 from jaxdem.coupling.exchange import VISCOUS_LIMIT, FluidInterval
+from jaxdem.engineering import Number, ScreenLoad, engineering_numbers, screen_load
 from jaxdem.initial import scene_bodies
+from jaxdem.run_cost import RunCost, run_cost
 from jaxdem.scene import Scene
 from jaxdem.simulate import samples_every
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.time_steps import boundary_speed
+from jaxdem.unit_warnings import unit_warnings
 
 WORKING_COPIES = 3
 """Copies of a state that a compiled step is taken to need: before, after, and in between."""
@@ -53,6 +57,10 @@ class CheckReport:
         resting_overlap: of a grain under its own weight, over the diameter [-].
         overlap_resolution: rounding of a listed pair's overlap over the resting overlap [-].
         relaxation_time: of the lightest particle by Stokes drag.
+        numbers: what an engineer knows the scene by.
+        screen_load: of the stream on a side that holds grains; None where there is none.
+        cost: estimated wall time.
+        warnings: sentences on what looks like another unit, or seldom does what was meant.
         memory: estimates by name.
         population: what is known beforehand of particles that come and go, as (name, text).
         compiled_in: parts of the model that are in the program.
@@ -79,6 +87,10 @@ class CheckReport:
     resting_overlap: float | None
     overlap_resolution: float | None
     relaxation_time: float | None
+    numbers: tuple[Number, ...]
+    screen_load: ScreenLoad | None
+    cost: RunCost
+    warnings: tuple[str, ...]
     memory: dict[str, int]
     population: tuple[tuple[str, str], ...]
     compiled_in: tuple[str, ...]
@@ -105,7 +117,11 @@ def check_scene(scene: Scene) -> CheckReport:
     if fluid is not None:
         time_steps |= {"fluid": steps.interval / steps.fluid_substeps, "fluid_substeps": steps.fluid_substeps}
     spacing = fluid.solver.grid.spacing if fluid is not None else None
-    diameter = 2.0 * float(np.max(scene_bodies(scene).radius)) if scene.particles else None
+    bodies = scene_bodies(scene)
+    diameter = 2.0 * float(np.max(bodies.radius)) if scene.particles else None
+    count = 0 if state.particles is None else len(state.particles.position)
+    load = screen_load(scene, simulation, parameters, bodies, count)
+    cost = run_cost(simulation, neighbors)
     void = state.fluid.void_fraction if state.fluid is not None else None
     compiled_in, left_out = _parts(scene, simulation, parameters)
     return CheckReport(
@@ -127,6 +143,10 @@ def check_scene(scene: Scene) -> CheckReport:
         speed_limit=steps.speed_limit,
         expected_overlap=steps.expected_overlap,
         maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
+        numbers=engineering_numbers(scene, simulation, bodies),
+        screen_load=load,
+        cost=cost,
+        warnings=(*unit_warnings(scene), *cautions(scene, bodies, spacing, load, cost)),
         memory=_memory(simulation, state, neighbors),
         population=_population(scene, simulation, state),
         compiled_in=compiled_in,
@@ -200,7 +220,7 @@ def _particle_figures(scene: Scene, simulation: Simulation) -> dict[str, float |
     weight = mass * math.hypot(*(scene.domain.gravity or (0.0,)))
     if contact.law == "hertz_mindlin":
         modulus = 0.5 * moduli
-        overlap = (0.75 * weight / (modulus * math.sqrt(0.5 * radius))) ** (2.0 / 3.0)
+        overlap = stability.hertz_resting_overlap(weight, 0.5 * radius, modulus)
     else:
         overlap = weight / (contact.normal_stiffness or math.inf)
     if overlap > 0.0:

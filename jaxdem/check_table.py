@@ -11,7 +11,9 @@ from rich.table import Table
 
 from jaxdem.check import CheckReport
 from jaxdem.closures.correlation import MINIMUM_VOID_FRACTION as LAW_FLOOR
+from jaxdem.engineering import Number
 from jaxdem.failures import MINIMUM_VOID_FRACTION
+from jaxdem.run_cost import FACTOR
 
 LIMIT_NAMES = {
     "rayleigh": "Rayleigh time",
@@ -30,6 +32,8 @@ def render(report: CheckReport) -> Group:
         "Scene": _scene(report),
         "Time steps": _steps(report),
         "Resolution": _resolution(report),
+        "Engineering numbers": [(n.name, _number(n)) for n in report.numbers],
+        "Wall time (estimate)": _wall_time(report),
         "Memory (estimate)": [(name, _size(number)) for name, number in report.memory.items()],
         "Program": [
             ("compiled in", ", ".join(report.compiled_in)),
@@ -37,14 +41,31 @@ def render(report: CheckReport) -> Group:
         ],
     }
     tables = []
-    for title, rows in sections.items():
+    for title, given in sections.items():
+        rows = list(given)
+        if not rows:
+            continue
         table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None)
         table.add_column(width=30)
         table.add_column(overflow="fold")
         for name, text in rows:
             table.add_row(escape(name), escape(text))
         tables.append(table)
+    if report.warnings:
+        tables.append(warnings_table(report.warnings))
     return Group(*tables)
+
+
+def warnings_table(warnings: Iterable[str]) -> Table:
+    """A line each."""
+    table = Table(
+        title="Warnings", title_justify="left", title_style="bold yellow", show_header=False, box=None
+    )
+    table.add_column(width=1)
+    table.add_column(overflow="fold")
+    for warning in warnings:
+        table.add_row("!", escape(warning))
+    return table
 
 
 def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
@@ -113,6 +134,12 @@ def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
         yield "error of the slip after an impact", f"up to about {report.slip_error:.2g} of that before"
     if report.resting_overlap is not None:
         yield "overlap under own weight", f"{100 * report.resting_overlap:.2g} % of a diameter"
+    load = report.screen_load
+    if load is not None:
+        text = (
+            f"{100 * load.overlap:.2g} % of a diameter: {load.weights:.2g} times a grain's weight on average"
+        )
+        yield f"overlap under flow at {load.side}", f"{text}, if all gather there (chains: up to three times)"
     if report.overlap_resolution is not None:
         text = f"{report.overlap_resolution:.1g} of the overlap under own weight"
         if report.overlap_resolution > 1e-2:
@@ -120,6 +147,32 @@ def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
         yield "float32 resolves overlaps to", text
     if report.particles is None:
         yield "particles", "none"
+
+
+def _number(number: Number) -> str:
+    text = f"{number.low:.3g}"
+    if not math.isclose(number.low, number.high, rel_tol=1e-3):
+        text += f" to {number.high:.3g}"
+    if number.unit != "-":
+        text += f" {number.unit}"
+    return f"{text}; {number.note}" if number.note else text
+
+
+def _wall_time(report: CheckReport) -> Iterable[tuple[str, str]]:
+    cost = report.cost
+    parts = [("contacts", cost.contacts), ("fluid and exchange", cost.fluid)]
+    shares = ", ".join(f"{name} {_duration(time)}" for name, time in parts if time > 0.0)
+    yield "run", f"{_duration(cost.total)} within a factor of {FACTOR:g} ({shares})"
+    yield "before it", f"about {cost.compiling:.2g} s of compiling the first time"
+    text = f"costs per particle, pair and cell that were measured on {cost.basis}"
+    yield "basis", f"{text}; no output, learned closure or further fluid steps counted"
+
+
+def _duration(seconds: float) -> str:
+    for unit, size in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.2g} s"
 
 
 def _times(values: Iterable[float]) -> str:

@@ -9,6 +9,8 @@ import errno
 import shlex
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,10 +29,11 @@ from jaxdem.cli_options import (
     whole_numbers,
 )
 from jaxdem.compilation_cache import use_compilation_cache
-from jaxdem.errors import JaxdemError
+from jaxdem.errors import InputError, JaxdemError
 
 if TYPE_CHECKING:
     from jaxdem.io import Run
+    from jaxdem.scene import Scene
 
 OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
 
@@ -125,6 +128,19 @@ def _options(
     pass
 
 
+@contextmanager
+def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
+    """Where a scene is refused, what of it looks like another unit: the refusal itself names a consequence."""
+    from jaxdem.unit_warnings import unit_warnings
+
+    try:
+        yield
+    except InputError:
+        for warning in unit_warnings(description):
+            terminal.warn(warning)
+        raise
+
+
 @app.command()
 def check(scene: SceneFile, settings: Settings = None) -> None:
     """Time-step limits, memory, and what is compiled in or left out; exit code 2 where `run` would refuse."""
@@ -133,7 +149,9 @@ def check(scene: SceneFile, settings: Settings = None) -> None:
     from jaxdem.check import check_scene
     from jaxdem.check_table import render
 
-    terminal.output().print(render(check_scene(description)))
+    with _units_beside_a_refusal(description):
+        report = check_scene(description)
+    terminal.output().print(render(report))
 
 
 @app.command()
@@ -153,7 +171,7 @@ def run(
 
     complete = resume and RunDirectory.is_complete(out)
     try:
-        with terminal.simulated_time() as progress:
+        with _units_beside_a_refusal(description), terminal.simulated_time() as progress:
             result = simulate(description, out, resume=resume, progress=progress)
     except Interrupted as stop:
         command = ["jaxdem", "run", str(scene), "--out", str(out)]

@@ -41,6 +41,14 @@ def hertz_overlap(mass: float, radius: float, modulus: float, speed: float) -> f
     return (15.0 * mass * speed**2 / (16.0 * modulus * math.sqrt(radius))) ** 0.4
 
 
+def hertz_resting_overlap(force: float, radius: float, modulus: float) -> float:
+    """Overlap of a Hertz contact at rest under a force, (3 F / (4 E* sqrt(R*)))^(2/3) [m].
+
+    Source: K. L. Johnson, Contact Mechanics (1985), eq. 4.23.
+    """
+    return (0.75 * force / (modulus * math.sqrt(radius))) ** (2.0 / 3.0)
+
+
 def hertz_stiffness(radius: float, modulus: float, overlap: float) -> float:
     """Tangent stiffness dF/dd = 2 E* sqrt(R* d) of a Hertz contact [N/m]."""
     return 2.0 * modulus * math.sqrt(radius * overlap)

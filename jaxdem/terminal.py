@@ -33,6 +33,12 @@ def fail(message: str, code: int) -> NoReturn:
     raise typer.Exit(code)
 
 
+def warn(message: str) -> None:
+    """One line on standard error."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console.print(Text.assemble(("jaxdem: ", "bold yellow"), message))
+
+
 def print_run(result: Run) -> None:
     """Whether the run is valid, its wall time by stage and its folder."""
     summary = result.summary
