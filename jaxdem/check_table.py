@@ -160,12 +160,12 @@ def _number(number: Number) -> str:
 
 def _wall_time(report: CheckReport) -> Iterable[tuple[str, str]]:
     cost = report.cost
-    parts = [("contacts", cost.contacts), ("fluid and exchange", cost.fluid)]
+    parts = [("contacts", cost.contacts), ("fluid and exchange", cost.fluid), ("output", cost.output)]
     shares = ", ".join(f"{name} {_duration(time)}" for name, time in parts if time > 0.0)
     yield "run", f"{_duration(cost.total)} within a factor of {FACTOR:g} ({shares})"
     yield "before it", f"about {cost.compiling:.2g} s of compiling the first time"
     text = f"costs per particle, pair and cell that were measured on {cost.basis}"
-    yield "basis", f"{text}; no output, learned closure or further fluid steps counted"
+    yield "basis", f"{text}; learned closures are not counted"
 
 
 def _duration(seconds: float) -> str:

@@ -189,10 +189,10 @@ def engineering_numbers(scene: Scene, simulation: Simulation, bodies: Bodies) ->
             _number("terminal velocity", fall, "m/s", f"one grain, {named}"),
             _number("  its Reynolds number", fall * diameter / fluid.viscosity, "-"),
             _number(
-                "  its impact's Stokes number",
+                "  its Stokes number",
                 impact,
                 "-",
-                "under about 10 a grain in water does not rebound",
+                "of an impact: no rebound in a liquid under about 10",
             ),
             _number(
                 "minimum fluidisation",

@@ -22,6 +22,8 @@ class Costs:
         fluid_launch: of a fluid step, whatever its size.
         cell: of a fluid step, for each cell, by dimension.
         exchange: of a coupling interval, for each particle.
+        among_grains: of a fluid step among grains over one without: more iterations, and further fluid steps where it is fast.
+        output: of a frame, its files and its share of checkpoints.
         compiling: of both programs of a step, about, with an empty cache.
         basis: where the figures are from.
     """
@@ -33,6 +35,8 @@ class Costs:
     fluid_launch: float
     cell: dict[int, float]
     exchange: float
+    among_grains: float
+    output: float
     compiling: float
     basis: str
 
@@ -45,6 +49,8 @@ CPU = Costs(
     fluid_launch=0.2e-3,
     cell={2: 100e-9, 3: 350e-9},
     exchange=1e-6,
+    among_grains=2.0,
+    output=0.1,
     compiling=25.0,
     basis="one core of an AMD EPYC, AVX2",
 )
@@ -57,6 +63,8 @@ GPU = Costs(
     fluid_launch=0.3e-3,
     cell={2: 0.5e-9, 3: 0.9e-9},
     exchange=1e-9,
+    among_grains=2.0,
+    output=0.1,
     compiling=30.0,
     basis="an NVIDIA H100",
 )
@@ -72,6 +80,7 @@ class RunCost:
     Attributes:
         contacts: of all contact steps.
         fluid: of all fluid steps and exchanges.
+        output: of all frames.
         compiling: before, with an empty cache.
         over_equal: cost of a contact step over that of as many equal grains, from the pairs that the list holds [-].
         slots: neighbours of one grain that the list has room for.
@@ -80,6 +89,7 @@ class RunCost:
 
     contacts: float
     fluid: float
+    output: float
     compiling: float
     over_equal: float
     slots: int
@@ -88,7 +98,7 @@ class RunCost:
     @property
     def total(self) -> float:
         """Of the run [s]."""
-        return self.contacts + self.fluid
+        return self.contacts + self.fluid + self.output
 
 
 def run_cost(simulation: Simulation, neighbors: Neighbors | None) -> RunCost:
@@ -117,5 +127,6 @@ def run_cost(simulation: Simulation, neighbors: Neighbors | None) -> RunCost:
     if simulation.fluid is not None:
         cells = math.prod(simulation.fluid.solver.grid.cells)
         step = steps.fluid_substeps * (costs.fluid_launch + costs.cell[dimension] * cells)
-        fluid = intervals * (step + costs.exchange * count)
-    return RunCost(contacts, fluid, costs.compiling, over_equal, slots, costs.basis)
+        fluid = intervals * (step * (costs.among_grains if count else 1.0) + costs.exchange * count)
+    output = costs.output * (steps.outputs + 1)
+    return RunCost(contacts, fluid, output, costs.compiling, over_equal, slots, costs.basis)
