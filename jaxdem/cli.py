@@ -143,7 +143,7 @@ def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
 
 @app.command()
 def check(scene: SceneFile, settings: Settings = None) -> None:
-    """Time-step limits, memory, and what is compiled in or left out; exit code 2 where `run` would refuse."""
+    """Time-step limits, engineering numbers, wall time, memory, warnings; exit code 2 where `run` would refuse."""
     description = load(scene, settings)
     use_compilation_cache()
     from jaxdem.check import check_scene
