@@ -164,8 +164,8 @@ def packed_solid_fraction(scene: Scene, diameter: float) -> float:
 def engineering_numbers(scene: Scene, simulation: Simulation, bodies: Bodies) -> tuple[Number, ...]:
     """The numbers of a scene with grains and fluid; none without either."""
     fluid, coupling = scene.fluid, scene.coupling
-    if fluid is None or coupling is None or fluid.viscosity == 0.0 or bodies.radius.size == 0:
-        return ()
+    if fluid is None or coupling is None or bodies.radius.size == 0 or coupling.drag not in DRAG_LAWS:
+        return ()  # with a closure in its place the name of the law is not looked at
     gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
     diameter, density = _extremes(bodies, fluid.density)
     law = stokes_multiple(DRAG_LAWS[coupling.drag]())
@@ -236,6 +236,8 @@ def screen_load(
     fluid, contact = scene.fluid, scene.contact
     flow = _outflow(scene, simulation, parameters)
     if fluid is None or contact is None or scene.coupling is None or flow is None or count == 0:
+        return None
+    if scene.coupling.drag not in DRAG_LAWS:
         return None
     side, axis, outward, speed = flow
     law = stokes_multiple(DRAG_LAWS[scene.coupling.drag]())

@@ -157,11 +157,10 @@ def neighbors_in_cells(
     words = _words(grid, position, own, table, around)
     counts = lax.population_count(words).astype(jnp.int32)
 
-    upto = jnp.cumsum(counts, axis=0, dtype=jnp.int32)
-    before, total = upto - counts, upto[-1]
-
     slot = jnp.arange(slots, dtype=jnp.int32)[:, None]
     if len(words) > WRITTEN_OUT:
+        upto = jnp.cumsum(counts, axis=0, dtype=jnp.int32)
+        before, total = upto - counts, upto[-1]
         wanted = jnp.broadcast_to(slot, (slots, len(own)))
         number = last_up_to(before, own[None], wanted)
         bits, first = at((words.reshape(-1), before.reshape(-1)), number * len(own) + own[None])
@@ -169,10 +168,12 @@ def neighbors_in_cells(
     else:
         word = jnp.zeros((slots, len(own)), jnp.uint32)
         number, rank = jnp.zeros(word.shape, jnp.int32), jnp.zeros(word.shape, jnp.int32)
-        for k, (bits, first, count) in enumerate(zip(words, before, counts, strict=True)):
-            here = (slot >= first[None]) & (slot < (first + count)[None])
+        total = jnp.zeros_like(own)
+        for k, (bits, count) in enumerate(zip(words, counts, strict=True)):
+            here = (slot >= total[None]) & (slot < (total + count)[None])
             word, number = jnp.where(here, bits[None], word), jnp.where(here, k, number)
-            rank = jnp.where(here, slot - first[None], rank)
+            rank = jnp.where(here, slot - total[None], rank)
+            total = total + count
     for k in range(min(cell_slots, WORD) - 1):
         word = jnp.where(rank > k, word & (word - 1), word)  # takes the lowest bit away
     bit = lax.population_count((word & -word) - 1).astype(jnp.int32)
