@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -27,7 +28,20 @@ gc.set_threshold(100_000, 50, 50)
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
+sys.path.insert(0, str(Path(__file__).parent))
+
+from figure_texts import watched  # noqa: E402
+
 from benchmarks.cases.worlds import runner  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def figure_names():
+    """Every figure that a test saves is read as drawn. Names of runs and files that look like markup go into this list."""
+    names = []
+    with watched(names) as found:
+        yield names
+    assert not found, "\n".join(dict.fromkeys(found))
 
 
 @pytest.fixture(autouse=True)

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
@@ -30,10 +32,11 @@ def metrics_figure(
     """metrics.png: the nine metrics over time, all runs; noise runs thin and grey, unsound runs end in a cross."""
     rows = {row.name: row for row in (*comparison.rows, *comparison.noise_rows)}
     with style.look():
-        figure = style.new_figure(12.5, 9.0)
-        metrics_panels(figure, METRICS, entries, rows, styles)
         handles = _legend_handles(comparison, styles)
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+        columns = style.legend_columns([str(handle.get_label()) for handle in handles], 12.0)
+        figure = style.new_figure(12.5, 9.0 + style.LEGEND_LINE * math.ceil(len(handles) / columns))
+        metrics_panels(figure, METRICS, entries, rows, styles)
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns)
         return style.save(figure, path)
 
 
@@ -102,7 +105,14 @@ def _finite(columns: Any) -> Array:
 
 def _legend_handles(comparison: Comparison, styles: Mapping[str, RunStyle]) -> list[Line2D]:
     handles = [
-        Line2D([], [], color=look.color, linestyle=look.dash, linewidth=look.width, label=label(row))
+        Line2D(
+            [],
+            [],
+            color=look.color,
+            linestyle=look.dash,
+            linewidth=look.width,
+            label=style.escaped(label(row)),
+        )
         for row in comparison.rows
         for look in (styles[row.name],)
     ]
@@ -127,11 +137,13 @@ def label(row: Row) -> str:
 def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: Path) -> Path:
     """error_vs_time.png: mean error against run time, both logarithmic, with the Pareto front of the sound runs."""
     with style.look():
-        figure = style.new_figure(9.5, 5.6)
+        points = drawable(comparison)
+        # One entry for each point, one more for its training, and three lines.
+        entries = 3 + sum(2 if row.training_cost_s > 0 else 1 for row in points)
+        figure = style.new_figure(10.5, max(5.6, 0.5 + style.LEGEND_LINE * entries))
         axis = figure.subplots()
         axis.set_xscale("log")
         axis.set_yscale("log")
-        points = drawable(comparison)
         floor = 0.5 * min((row.mean_error for row in points if row.mean_error > 0), default=1e-3)
         noise = [comparison.noise_mean] if 0 < comparison.noise_mean < math.inf else []
         times = [row.wall_time_s for row in (comparison.reference, *points) if row.wall_time_s > 0]
@@ -176,7 +188,7 @@ def drawable(comparison: Comparison) -> list[Row]:
 
 def _point(axis: Axes, row: Row, look: RunStyle, floor: float) -> None:
     y = max(row.mean_error, floor)
-    name = label(row) + (" (error 0, drawn at the edge)" if row.mean_error == 0 else "")
+    name = style.escaped(label(row)) + (" (error 0, drawn at the edge)" if row.mean_error == 0 else "")
     marker = look.marker if row.ranked else "X"
     edge = "white" if row.ranked else style.INVALID
     axis.plot(
@@ -195,7 +207,7 @@ def _point(axis: Axes, row: Row, look: RunStyle, floor: float) -> None:
         axis.plot([row.wall_time_s, total], [y, y], ":", color=look.color, linewidth=1.0, zorder=1.5)
         axis.plot(
             total, y, marker, markerfacecolor="white", markeredgecolor=look.color, markeredgewidth=1.8, markersize=9,
-            zorder=2.5, linestyle="", label=f"{row.name}, with training",
+            zorder=2.5, linestyle="", label=f"{style.escaped(row.name)}, with training",
         )  # fmt: skip
 
 
@@ -255,32 +267,39 @@ def parity_figure(parity: Mapping[str, Mapping[str, Any]], path: Path) -> Path:
     Args:
         parity: name -> {predicted, target, base}, each (M, D) [N]; `base` may be missing.
     """
-    columns = ("base", "predicted")
     with style.look():
-        figure = style.new_figure(9.0, 3.9 * len(parity))
-        axes = figure.subplots(len(parity), 2, squeeze=False)
-        for line, (name, arrays) in zip(axes, parity.items(), strict=True):
-            for axis, column in zip(line, columns, strict=True):
-                if arrays.get(column) is None:
-                    axis.set_axis_off()
-                    continue
-                _parity_panel(axis, name, column, arrays)
+        figure = style.new_figure(9.6, 4.6 * len(parity))
+        rows = figure.subfigures(len(parity), 1, squeeze=False)[:, 0]
+        for row, (name, arrays) in zip(rows, parity.items(), strict=True):
+            row.suptitle(style.escaped(name, 9.0, 11.0), fontsize=11, fontweight="bold")
+            columns = [column for column in ("base", "predicted") if arrays.get(column) is not None]
+            axes = row.subplots(1, 2, squeeze=False)[0]
+            for axis in axes[len(columns) :]:
+                axis.set_axis_off()
+            panels = zip(axes, columns, strict=False)
+            images = [image for axis, column in panels if (image := _parity_panel(axis, column, arrays))]
+            if images:
+                # One scale for both panels, so that their shades can be compared.
+                counts = LogNorm(1.0, max(2.0, *(np.max(image.get_array()) for image in images)))  # type: ignore[arg-type]
+                for image in images:
+                    image.set_norm(counts)
+                row.colorbar(images[0], ax=list(axes), label="values in a cell", shrink=0.8)
         return style.save(figure, path)
 
 
-def _parity_panel(axis: Axes, name: str, column: str, arrays: Mapping[str, Any]) -> None:
+def _parity_panel(axis: Axes, column: str, arrays: Mapping[str, Any]) -> PolyCollection | None:
+    """Estimates against targets; of many the density, which is returned to be given its scale."""
     target = np.asarray(arrays["target"], dtype=np.float64)
     estimate = np.asarray(arrays[column], dtype=np.float64)
     low, high = np.percentile(target, [0.1, 99.9])
     margin = 0.1 * ((high - low) or 1.0)
     span = (low - margin, high + margin)
     outside = np.mean((estimate < span[0]) | (estimate > span[1]) | (target < span[0]) | (target > span[1]))
+    image = None
     if target.size > 3000:
         image = axis.hexbin(
-            target.ravel(), estimate.ravel(), gridsize=60, extent=(*span, *span), bins="log", mincnt=1, cmap="viridis_r",
-            linewidths=0.1,
+            target.ravel(), estimate.ravel(), gridsize=60, extent=(*span, *span), mincnt=1, cmap="viridis_r", linewidths=0.1,
         )  # fmt: skip
-        axis.figure.colorbar(image, ax=axis, label="samples a cell", shrink=0.85)
     else:
         axis.plot(
             target.ravel(),
@@ -294,6 +313,9 @@ def _parity_panel(axis: Axes, name: str, column: str, arrays: Mapping[str, Any])
     axis.plot(span, span, color="#333333", linewidth=1.0)
     axis.set(xlim=span, ylim=span, aspect="equal", xlabel="target force [N]")
     axis.set_ylabel("base law's force [N]" if column == "base" else "closure's force [N]")
+    axis.locator_params(nbins=6)
+    axis.ticklabel_format(scilimits=(-3, 4), useMathText=True)
     word = "base law" if column == "base" else "closure"
-    note = f"\n{100 * outside:.1f} % outside the panel" if outside > 0.005 else ""
-    axis.set_title(f"{name}, {word}: R² = {r_squared(target, estimate):.3f}{note}")
+    note = f", {100 * outside:.1f} % outside the panel" if outside > 0.005 else ""
+    axis.set_title(f"{word}: R² = {r_squared(target, estimate):.3f}{note}")
+    return image

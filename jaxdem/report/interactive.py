@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from html import escape
 
 import numpy as np
 import plotly.graph_objects as go  # type: ignore[import-untyped, unused-ignore]
@@ -71,7 +72,7 @@ def _trace(
         x=_plain(entry.history["time"][::step]),
         y=_plain(values[::step]),
         mode="lines",
-        name="reference, jittered pack" if noise else label(row),
+        name="reference, jittered pack" if noise else _escape(label(row)),
         legendgroup=group,
         showlegend=group not in listed,
         line={"color": style.NOISE, "width": 1}
@@ -137,11 +138,11 @@ def _add_point(figure: go.Figure, row: Row, look: RunStyle, y: float) -> None:
         for metric in METRICS
         if math.isfinite(row.errors[metric.name])
     ]
-    hover = "<br>".join([f"{row.cells_text} cells, {row.status}", *worst])
-    template = "%{x:.4g} s, error " + f"{row.mean_error:.3g}<br>{_escape(hover)}"
+    hover = "<br>".join([f"{row.cells_text} cells, {_escape(row.status)}", *worst])
+    template = "%{x:.4g} s, error " + f"{row.mean_error:.3g}<br>{hover}"
     marker = {"size": 12, "color": look.color, "symbol": look.plotly_marker if row.ranked else "x"}
     figure.add_scatter(
-        x=[row.wall_time_s], y=[y], mode="markers", marker=marker, name=label(row), legendgroup=row.name,
+        x=[row.wall_time_s], y=[y], mode="markers", marker=marker, name=_escape(label(row)), legendgroup=row.name,
         hovertemplate=template,
     )  # fmt: skip
     if row.training_cost_s > 0:
@@ -149,13 +150,13 @@ def _add_point(figure: go.Figure, row: Row, look: RunStyle, y: float) -> None:
             x=[row.wall_time_s, row.wall_time_s + row.training_cost_s], y=[y, y], mode="lines+markers",
             line={"color": look.color, "dash": "dot", "width": 1.2}, legendgroup=row.name,
             marker={"size": [0, 12], "symbol": f"{look.plotly_marker}-open", "color": look.color, "line": {"width": 2}},
-            name=f"{row.name}, with training", hovertemplate="%{x:.4g} s with training",
+            name=f"{_escape(row.name)}, with training", hovertemplate="%{x:.4g} s with training",
         )  # fmt: skip
 
 
 def _escape(text: str) -> str:
-    """Names come from directories and reasons from summaries: no markup from them, line breaks are ours."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("&lt;br&gt;", "<br>")
+    """Names come from directories and reasons from summaries: no markup of plotly's in them, nor templates as %{x}."""
+    return escape(text, quote=False).replace("{", "&#123;").replace("$", "&#36;")
 
 
 def _plain(values: np.ndarray) -> list[float | None]:

@@ -56,9 +56,9 @@ def networks_figure(scores: Sequence[Scores], path: Path) -> Path:
         given = [pair for pair in given if math.isfinite(pair[0])]
         if given:
             axis.plot(*zip(*given, strict=True), "|k", markersize=14, label="published, fine inputs")
-        axis.set_yticks(places, [one.label for one in scores])
+        axis.set_yticks(places, [style.escaped(one.label) for one in scores])
         axis.invert_yaxis()
         axis.set_xlim(LOWEST - 0.03, 1.03)
-        axis.set_xlabel(f"R2 on held-out rows (below {LOWEST:g}: drawn there)")
+        axis.set_xlabel(f"R² on held-out rows [-] (below {LOWEST:g}: drawn there)")
         figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
         return style.save(figure, path)

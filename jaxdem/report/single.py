@@ -116,7 +116,8 @@ def _metrics(figure: Figure | SubFigure, run: RunLike, metrics: Sequence[Metric]
     for axis in axes:
         axis.axvline(time, color=style.NOISE, linewidth=1.0, linestyle=":", zorder=1)
     if row.status != "valid":
-        figure.suptitle(f"{entry.name}: {row.status}", color=style.INVALID, fontsize=10, wrap=True)
+        status = style.escaped(f"{entry.name}: {row.status}", math.inf)
+        figure.suptitle(status, color=style.INVALID, fontsize=10, wrap=True)
 
 
 def _snapshot(
@@ -183,4 +184,6 @@ def draw_frame(axis: Axes, run: RunLike, picture: Picture, scales: Scales, color
     grains = None if scales.grains is None else (color, scales.grains)
     pictures.draw(axis, picture, box, box, scales.water, grains)
     seen = pictures.view(run, picture)
-    axis.set_title(f"{name_of(run)},  t = {picture.time:.4g} s" + (f"\n{seen}" if seen else ""), fontsize=10)
+    when = f",  t = {picture.time:.4g} s"
+    name = style.escaped(name_of(run), frame_size(run)[0] - style.text_width(when) - 0.4)
+    axis.set_title(name + when + (f"\n{seen}" if seen else ""), fontsize=10)

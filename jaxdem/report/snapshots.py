@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import ScaledTranslation
 
 from jaxdem.report import pictures, style
 from jaxdem.report import runs as read
@@ -94,15 +96,17 @@ def _shot(entry: Entry, time: float, until: float) -> Picture | None:
 
 def _title(axis: Axes, row: Row, time: float, colour: str, missing: bool) -> None:
     """Run and time above a panel, with the run's colour as a square: some of the colours are too light for text."""
-    axis.text(
-        0.0, 1.03, "\u25a0", color=colour, transform=axis.transAxes, ha="left", va="bottom", fontsize=10
+    figure = axis.get_figure(root=True)
+    assert figure is not None
+    above = axis.transAxes + ScaledTranslation(5.0 / 72.0, 10.5 / 72.0, figure.dpi_scale_trans)
+    axis.add_artist(
+        Line2D([0.0], [1.0], color=colour, marker="s", markersize=7, transform=above, clip_on=False)
     )
-    inches = axis.get_position().width * axis.figure.get_figwidth()  # type: ignore[union-attr, unused-ignore]
-    name, room = label(row), int(13 * inches) - 14
-    if len(name) > room:
-        name = f"{name[: max(room - 1, 4)]}\u2026"
+    inches = axis.get_position().width * figure.get_figwidth()
+    before, after = "    ", f",  t = {time:.3g} s"
+    name = style.escaped(label(row), inches - style.text_width(f".{before}{after}", 9.0), 9.0)
     colour = "black" if row.ranked else style.INVALID
-    axis.set_title(f"    {name},  t = {time:.3g} s", loc="left", fontsize=9, color=colour)
+    axis.set_title(before + name + after, loc="left", fontsize=9, color=colour)
     if missing:
         why = f"ended at t = {row.end_time:.3g} s" if time > row.end_time else "no frame at this time"
         axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", color=style.INVALID)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any, Literal, NamedTuple, cast
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
 
 from jaxdem.io.durable import write_bytes
 
@@ -22,9 +25,11 @@ DASHES = (("-", "solid"), ((0, (5, 2)), "dash"), ((0, (5, 1.5, 1, 1.5)), "dashdo
 MARKERS = (("o", "circle"), ("s", "square"), ("^", "triangle-up"), ("D", "diamond"))
 
 RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
     "font.size": 10,
-    # Names of runs are text, whatever is in them.
-    "text.parse_math": False,
+    # Matplotlib writes its own numbers as mathematics; names are made safe by `escaped`.
+    "text.parse_math": True,
+    "text.usetex": False,
     "axes.titlesize": 10,
     "axes.labelsize": 10,
     "axes.spines.top": False,
@@ -40,6 +45,14 @@ RC: dict[str, Any] = {
 
 MAX_PIXELS = 8000
 """Longest side of a PNG; the resolution falls where a figure of many runs would be larger."""
+
+
+SHORTEST_NAME = 4
+"""Characters that are kept of a name wherever it stands."""
+NAME_ROOM = 3.4
+"""Most that a name takes of a legend's width [inch]."""
+LEGEND_LINE, LEGEND_HANDLE = 0.22, 0.65
+"""Height of a line of a legend, and what an entry has beside its text [inch]."""
 
 
 class RunStyle(NamedTuple):
@@ -68,6 +81,43 @@ def new_figure(width: float, height: float, layout: Literal["constrained"] | Non
     figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+def escaped(name: str, inches: float = NAME_ROOM, size: float = 10.0) -> str:
+    """A name of the user's as text for matplotlib, which would read mathematics between dollars.
+
+    Control characters are spelled out, and the middle of a name that is too long gives way to an ellipsis.
+
+    Args:
+        name: of a run or file, or anything that may hold one.
+        inches: room for it.
+        size: of the font [pt].
+    """
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in name)
+    kept = len(shown)
+    while (width := text_width(safe := _shortened(shown, kept), size)) > inches and kept > SHORTEST_NAME:
+        kept = max(SHORTEST_NAME, min(kept - 1, int(kept * inches / width)))
+    # Labels that begin with an underscore are left out of legends.
+    return ("\u200b" if shown.startswith("_") else "") + safe
+
+
+def _shortened(text: str, kept: int) -> str:
+    head, tail = text[: kept - kept // 2], text[len(text) - kept // 2 :]
+    return (text if kept >= len(text) else f"{head}\u2026{tail}").replace("$", r"\$")
+
+
+def text_width(text: str, size: float = 10.0) -> float:
+    """Width of a line of text in the report's font [inch]."""
+    if not text.strip():
+        return 0.0
+    font = FontProperties(family=RC["font.family"], size=size)
+    return float(TextPath((0.0, 0.0), text, prop=font).get_extents().x1) / 72.0
+
+
+def legend_columns(labels: Sequence[str], width: float, most: int = 4) -> int:
+    """Number of columns in which a legend of these escaped labels fits a width [inch]."""
+    widest = max(map(text_width, labels), default=0.0) + LEGEND_HANDLE
+    return max(1, min(most, len(labels), math.floor(width / widest)))
 
 
 @contextmanager
