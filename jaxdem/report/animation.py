@@ -17,7 +17,7 @@ from jaxdem.errors import InputError
 from jaxdem.report import pictures, style
 from jaxdem.report.pictures import Scales
 from jaxdem.report.runs import RunLike
-from jaxdem.report.single import draw_frame, frame_axes, frame_size
+from jaxdem.report.single import draw_frame, frame_axes, frame_size, name_openings
 
 MAX_GIF_FRAMES = 300
 """A GIF is put together in memory; of a longer run every second (third, ...) output is drawn."""
@@ -77,6 +77,7 @@ def animate(
         size = frame_size(run)
         figure = style.new_figure(*size, layout=None)
         axis = frame_axes(figure, size, run, scales, color)
+        name_openings(figure, size, pictures.take(run, 0))
         # The ending tells the writer what to write, so the name aside keeps it.
         part = out.with_name(f".{out.stem}.part{out.suffix}")
         try:

@@ -8,17 +8,25 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.lines import Line2D
 
 from jaxdem.errors import InputError
-from jaxdem.report.runs import Array, RunLike
+from jaxdem.report import walls as beside
+from jaxdem.report.runs import Array, RunLike, domain_size
+from jaxdem.report.walls import INLET, OUTLET, Opening, Solid
 
 WATER = LinearSegmentedColormap.from_list("water", ["#FFFFFF", "#CFE3F3", "#86B9DE", "#3D86BF", "#0B4A85"])
 GRAINS = LinearSegmentedColormap.from_list("grains", ["#2B1408", "#7A3B12", "#C9661B", "#F39A1E", "#FFD23F"])
 """Dark at rest, so that a pack shows on still water, and bright in motion, so that grains show in a jet."""
 GRAIN = "#A4541A"
 """Particles whose speed is not shown."""
+
+WALL = LinearSegmentedColormap.from_list("wall", ["#A9AFB700", "#A9AFB7C8"])
+"""Not quite opaque: the fluid does not see these walls, and its speed behind them is part of the result."""
+WALL_EDGE = "#2E3338"
+OPENINGS = {INLET: "#009E73", OUTLET: "#CC79A7"}
 
 TOP_PERCENTILE = 99.5
 """The top of a scale is this percentile: one stray grain or one cell at an edge does not darken all others."""
@@ -47,6 +55,8 @@ class Picture:
         centres: (N, 2) [m], those nearest the viewer last; radius: (N,) [m]; both None without particles.
         speed: fluid speed (nx, nz) [m/s], in 3-D averaged over the depth; None without fluid.
         values: (N,) of each of `QUANTITIES` that the frame has.
+        walls: beside the box's sides; None without.
+        openings: where fluid or grains come in or leave.
     """
 
     time: float
@@ -54,6 +64,8 @@ class Picture:
     radius: Array | None
     speed: Array | None
     values: dict[str, Array] = field(default_factory=dict)
+    walls: Solid | None = None
+    openings: Sequence[Opening] = ()
 
 
 def nearest(run: RunLike, time: float, until: float) -> int | None:
@@ -74,8 +86,10 @@ def take(run: RunLike, index: int) -> Picture:
     """Frame `index` as a picture."""
     particles = run.particles(index) or {}
     centres, radius, values = _project(particles, run.dimension)
-    speed = _speed(run.fluid(index), run.dimension)
-    return Picture(float(run.times[index]), centres, radius, speed, values)
+    speed, box = _speed(run.fluid(index), run.dimension), domain_size(run)
+    walls = None if box is None else beside.solid(run.scene, box)
+    openings = [] if box is None else beside.openings(run.scene, box)
+    return Picture(float(run.times[index]), centres, radius, speed, values, walls, openings)
 
 
 def _project(
@@ -110,8 +124,8 @@ def view(run: RunLike, picture: Picture) -> str:
     """How a 3-D run is seen, for a title; empty in 2-D."""
     if run.dimension == 2:
         return ""
-    averaged = picture.speed is not None
-    return "seen from the front" + (", fluid speed averaged over the depth" if averaged else "")
+    averaged = ["fluid speed"] * (picture.speed is not None) + ["walls"] * (picture.walls is not None)
+    return "seen from the front" + (f", {' and '.join(averaged)} averaged over the depth" if averaged else "")
 
 
 def require(run: RunLike, quantity: str) -> None:
@@ -198,6 +212,11 @@ def draw(
             picture.speed.T, origin="lower", extent=(0.0, box[0], 0.0, box[1]), cmap=WATER, norm=water,
             interpolation="nearest", aspect="equal",
         )  # fmt: skip
+    if picture.walls is not None:
+        _draw_walls(axis, picture.walls, box)
+    outlines = [_outline(opening) for opening in picture.openings]
+    colours = [OPENINGS[opening.kind] for opening in picture.openings]
+    axis.add_collection(LineCollection(outlines, colors=colours, linewidths=3.0, clip_on=False, zorder=2.6))
     if picture.centres is not None and picture.radius is not None:
         values = None if grains is None else picture.values.get(grains[0])
         discs = EllipseCollection(
@@ -210,3 +229,28 @@ def draw(
             discs.set(array=values, cmap=GRAINS, norm=grains[1])
         axis.add_collection(discs, autolim=False)
     axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]))
+
+
+def _draw_walls(axis: Axes, walls: Solid, box: tuple[float, float]) -> None:
+    """What is solid in grey, and the surface as a line."""
+    extent = (0.0, box[0], 0.0, box[1])
+    axis.imshow(
+        walls.share.T, origin="lower", extent=extent, cmap=WALL, norm=Normalize(0.0, 1.0), aspect="equal", zorder=0.5
+    )  # fmt: skip
+    if walls.distance.min() < 0.0 < walls.distance.max():
+        x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(walls.distance.shape, box, strict=True))
+        axis.contour(x, z, walls.distance.T, levels=[0.0], colors=WALL_EDGE, linewidths=1.2, zorder=0.9)
+
+
+def _outline(opening: Opening) -> list[tuple[float, float]]:
+    """Of the rectangle between two corners; a line where they share a coordinate."""
+    (x, z), (right, top) = opening.start, opening.stop
+    return [(x, z), (right, z), (right, top), (x, top), (x, z)]
+
+
+def opening_handles(pictures: Sequence[Picture | None]) -> list[Line2D]:
+    """Entries of a legend for the kinds of openings that the pictures have."""
+    kinds = {opening.kind for picture in pictures if picture for opening in picture.openings}
+    return [
+        Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds
+    ]

@@ -126,6 +126,15 @@ def _snapshot(
     scales = Scales.of([picture], color)
     axis = frame_axes(figure, size, run, scales, color)
     draw_frame(axis, run, picture, scales, color)
+    name_openings(figure, size, picture)
+
+
+def name_openings(figure: Figure | SubFigure, size: tuple[float, float], picture: Picture) -> None:
+    """What the coloured edges are, on the line of the label of the x axis; `size` of the figure [inch]."""
+    if handles := pictures.opening_handles([picture]):
+        right = 0.5 * (size[0] + min(size[0], LONG_SIDE + LEFT + RIGHT)) - 0.1
+        place = (right / size[0], (BOTTOM - 0.35) / size[1])
+        figure.legend(handles=handles, loc="center right", bbox_to_anchor=place, ncols=2, borderpad=0.0)
 
 
 def name_of(run: RunLike) -> str:

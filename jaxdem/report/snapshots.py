@@ -86,6 +86,8 @@ def snapshots_figure(
                 extend="max",
                 orientation="horizontal",
             )
+        if handles := pictures.opening_handles([shot for line in shots for shot in line]):
+            figure.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.0))
         return style.save(figure, path, dpi=160)
 
 

@@ -1,0 +1,136 @@
+"""Walls of `[[walls]]` and openings of the box for pictures, from the scene as run.
+
+A wall is solid where its signed distance is negative. In 3-D the view is from the front: solid is averaged over the
+depth, as the fluid's speed is, and the outline is that of the section at half depth.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxdem.report.runs import Array, lookup
+
+RESOLUTION = {2: 400, 3: 200}
+"""Points along the longer side of a picture, by dimension."""
+SLICES = 16
+"""Points over the depth."""
+
+INLET, OUTLET = "inlet", "outlet"
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The walls of a picture at points (nx, nz) of its plane, cell centres of a mesh over the box.
+
+    Attributes:
+        share: of the point's surroundings and of the depth that is solid, 0 to 1.
+        distance: signed distance at half depth, negative in the wall [m].
+    """
+
+    share: Array
+    distance: Array
+
+
+class Opening(NamedTuple):
+    """Where fluid or grains come in or leave: a patch of a side, or the box that grains appear in.
+
+    Attributes:
+        kind: `INLET` or `OUTLET`.
+        start, stop: opposite corners (x, height) in the picture's plane [m].
+    """
+
+    kind: str
+    start: tuple[float, float]
+    stop: tuple[float, float]
+
+
+def solid(scene: Mapping[str, Any], box: Sequence[float]) -> Solid | None:
+    """The walls of a scene; None where it has none.
+
+    Args:
+        scene: tables of scene.toml.
+        box: side lengths (D,) [m].
+    """
+    walls = scene.get("walls")
+    return _solid(json.dumps(walls), tuple(box)) if walls else None
+
+
+@lru_cache(maxsize=8)
+def _solid(tables: str, box: tuple[float, ...]) -> Solid:
+    """See `solid`; kept, for walls stand still and are the same in all frames of a run."""
+    walls = json.loads(tables)
+    spacing = max(box[0], box[-1]) / RESOLUTION[len(box)]
+    counts = [max(2, round(box[0] / spacing)), *([SLICES] * (len(box) - 2)), max(2, round(box[-1] / spacing))]
+    centres = [(np.arange(n) + 0.5) * side / n for n, side in zip(counts, box, strict=True)]
+    distance = _distance(walls, np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1))
+    # Half of a point's surroundings is solid where the surface goes through it.
+    share = np.clip(0.5 - distance / spacing, 0.0, 1.0)
+    if len(box) == 2:
+        return Solid(share, distance)
+    middle = [centres[0], np.array([0.5 * box[1]]), centres[2]]
+    section = _distance(walls, np.stack(np.meshgrid(*middle, indexing="ij"), axis=-1))
+    return Solid(share.mean(axis=1), section[:, 0])
+
+
+def _distance(walls: Sequence[Mapping[str, Any]], points: Array) -> Array:
+    """Distance from the nearest wall, negative inside one; the signed distances of `jaxdem.particles.surfaces`."""
+    return np.min([distance for wall in walls for distance in _distances(wall, points)], axis=0)
+
+
+def _distances(wall: Mapping[str, Any], points: Array) -> list[Array]:
+    """Of the surfaces that a wall consists of, at points (..., D)."""
+    if wall["kind"] == "plane":
+        return [(points - np.asarray(wall["point"])) @ _unit(wall["normal"])]
+    if wall["kind"] == "cylinder":
+        across = points - np.asarray(wall["center"])
+        if wall.get("axis") is not None:
+            axis = _unit(wall["axis"])
+            across = across - (across @ axis)[..., None] * axis
+        gap = float(wall["radius"]) - np.linalg.norm(across, axis=-1)
+        return [gap if wall.get("inside", True) else -gap]
+    if wall["kind"] == "wedge":
+        a, b = (_unit(direction) for direction in wall["directions"])
+        return [(points - np.asarray(wall["apex"])) @ _unit(n) for n in (b - (a @ b) * a, a - (a @ b) * b)]
+    return []
+
+
+def _unit(vector: Sequence[float] | Array) -> Array:
+    array = np.asarray(vector, dtype=np.float64)
+    return array / math.hypot(*array)
+
+
+def openings(scene: Mapping[str, Any], box: Sequence[float]) -> list[Opening]:
+    """Where something comes in or leaves, but for front and back, which the view looks through.
+
+    Args:
+        scene: tables of scene.toml.
+        box: side lengths (D,) [m].
+    """
+    found = []
+    for name in ("left", "right", "bottom", "top"):
+        side = lookup(scene, f"boundary.{name}", {})
+        kind = side.get("kind")
+        if kind in (INLET, OUTLET) or side.get("particles") == "remove":
+            found.append(_patch(INLET if kind == INLET else OUTLET, name, side, (box[0], box[-1])))
+    regions = lookup(scene, "particles.inlet", ())
+    found += [Opening(INLET, *((r[key][0], r[key][-1]) for key in ("start", "stop"))) for r in regions]
+    return found
+
+
+def _patch(kind: str, name: str, side: Mapping[str, Any], size: tuple[float, float]) -> Opening:
+    across = 0 if name in ("left", "right") else 1  # the axis of the picture that the side is normal to
+    along = 1 - across
+    ends = [0.0, size[along]]
+    if side.get("from") is not None and side.get("to") is not None:
+        # The corners have the side's own axes in order: the vertical one is the last, x the first.
+        ends = [float(side[key][-1 if along else 0]) for key in ("from", "to")]
+    place = size[across] if name in ("right", "top") else 0.0
+    start, stop = ((place, end) if along else (end, place) for end in ends)
+    return Opening(kind, start, stop)
