@@ -16,7 +16,7 @@ from matplotlib.transforms import Bbox
 
 MARKUP = re.compile(r"\\mathdefault|\\times|\^\{|\$")
 SLACK = 2.0
-"""Boxes of texts are a little larger than their ink [px at 100 dpi]; a text counts as inside the canvas to 1 px."""
+"""Boxes of texts are a little higher than their ink [px at 100 dpi]; a text counts as inside the canvas to 1 px."""
 
 
 def drawn_texts(figure: Figure) -> list[tuple[Text, Bbox]]:
@@ -88,4 +88,4 @@ def watched(names: Sequence[str]) -> Iterator[list[str]]:
 def _overlap(one: Bbox, other: Bbox) -> bool:
     width = min(one.x1, other.x1) - max(one.x0, other.x0)
     height = min(one.y1, other.y1) - max(one.y0, other.y0)
-    return bool(width > SLACK and height > SLACK)
+    return bool(width > 0.0 and height > SLACK)

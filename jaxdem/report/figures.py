@@ -271,7 +271,7 @@ def parity_figure(parity: Mapping[str, Mapping[str, Any]], path: Path) -> Path:
         figure = style.new_figure(9.6, 4.6 * len(parity))
         rows = figure.subfigures(len(parity), 1, squeeze=False)[:, 0]
         for row, (name, arrays) in zip(rows, parity.items(), strict=True):
-            row.suptitle(style.escaped(name, 9.0, 11.0), fontsize=11, fontweight="bold")
+            row.suptitle(style.escaped(name, 9.0, 12.0), fontsize=12)
             columns = [column for column in ("base", "predicted") if arrays.get(column) is not None]
             axes = row.subplots(1, 2, squeeze=False)[0]
             for axis in axes[len(columns) :]:

@@ -40,25 +40,36 @@ def plotly_script() -> str:
 
 
 def metrics_plot(entries: Sequence[Entry], comparison: Comparison, styles: Mapping[str, RunStyle]) -> str:
-    """HTML fragment: the nine metrics over time; a click in the legend hides a run in all panels."""
+    """HTML fragment: the metrics that a run has over time; a click in the legend hides a run in all panels."""
     rows = {row.name: row for row in (*comparison.rows, *comparison.noise_rows)}
-    figure = make_subplots(3, 3, shared_xaxes=True, horizontal_spacing=0.08, vertical_spacing=0.05)
+    metrics = [metric for metric in METRICS if any(_has(entry, metric.name) for entry in entries)]
+    lines = max(1, math.ceil(len(metrics) / 3))
+    figure = make_subplots(lines, 3, horizontal_spacing=0.08, vertical_spacing=0.15 / lines)
+    figure.update_xaxes(matches="x")
     listed: set[str] = set()
-    for i, metric in enumerate(METRICS):
+    for i, metric in enumerate(metrics):
         position = {"row": i // 3 + 1, "col": i % 3 + 1}
         figure.update_yaxes(
             title_text=f"{metric.label} [{metric.unit}]", title_standoff=4, **AXIS, **position
         )
-        figure.update_xaxes(title_text="time [s]" if i >= 6 else None, **AXIS, **position)
+        lowest = i + 3 >= len(metrics)
+        time = {"title_text": "time [s]" if lowest else None, "showticklabels": lowest}
+        figure.update_xaxes(**time, **AXIS, **position)
         if limits := sound_limits(entries, metric.name, rows):
             figure.update_yaxes(range=limits, **position)
         for entry in entries:
-            values = entry.history.get(metric.name)
-            if values is not None and np.isfinite(values).any():
-                trace = _trace(entry, rows[entry.name], values, styles, listed)
+            if _has(entry, metric.name):
+                trace = _trace(entry, rows[entry.name], entry.history[metric.name], styles, listed)
                 figure.add_trace(trace, **position)
-    figure.update_layout(height=980, hovermode="x unified", hoverlabel={"namelength": -1}, **_layout(-0.07))
+    layout = _layout(-0.21 / lines)
+    figure.update_layout(
+        height=80 + 300 * lines, hovermode="x unified", hoverlabel={"namelength": -1}, **layout
+    )
     return _fragment(figure, "metrics-plot")
+
+
+def _has(entry: Entry, metric: str) -> bool:
+    return metric in entry.history and bool(np.isfinite(entry.history[metric]).any())
 
 
 def _trace(

@@ -8,16 +8,36 @@
     const [r, g, b] = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
     return new DataView(Uint8Array.of(r, g, b, 255).buffer).getUint32(0, true);
   });
+  const wall = [1, 3, 5, 7].map((at) => parseInt(data.wall.slice(at, at + 2), 16));
   const kept = data.runs.map(() => new Map());
   let now = 0, timer = null;
+
+  async function unpacked(text) {
+    const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+
+  async function wallsOf(run) {
+    if (!run.walls) return null;
+    const [nx, nz] = run.walls.points, share = await unpacked(run.walls.share), image = new ImageData(nx, nz);
+    for (let j = 0; j < nz; j++)
+      for (let i = 0; i < nx; i++) {
+        const at = 4 * ((nz - 1 - j) * nx + i);
+        image.data.set(wall, at);
+        image.data[at + 3] = (wall[3] * share[j * nx + i]) / 255;
+      }
+    const canvas = new OffscreenCanvas(nx, nz);
+    canvas.getContext("2d").putImageData(image, 0, 0);
+    return canvas;
+  }
+  const walls = Promise.all(data.runs.map(wallsOf));
 
   async function frame(run, number) {
     const text = data.runs[run].frames[number];
     if (text === null) return null;
     if (!kept[run].has(number)) {
-      const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-      const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-      const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+      const bytes = await unpacked(text);
       const [count, nx, nz] = [0, 4, 8].map((at) => new DataView(bytes.buffer).getUint32(at, true));
       let at = 12;
       const plane = (length) => bytes.subarray(at, (at += length));
@@ -38,8 +58,8 @@
     pen.drawImage(small, 0, 0, wide, high);
   }
 
-  function drawGrains(pen, f, run, wide, high) {
-    const scale = wide / run.box[0], colour = choice && f.values[choice.value];
+  function drawGrains(pen, f, number, wide, high) {
+    const run = data.runs[number], scale = wide / run.box[0], colour = choice && f.values[choice.value];
     for (let i = 0; i < f.count; i++) {
       const x = ((f.x[0][i] + 256 * f.x[1][i]) / 65535) * wide;
       const y = high - ((f.z[0][i] + 256 * f.z[1][i]) / 65535) * high;
@@ -52,8 +72,17 @@
     }
   }
 
+  function drawOpenings(pen, run, wide, high) {
+    const scale = wide / run.box[0];
+    pen.lineWidth = 4 * (window.devicePixelRatio || 1);
+    for (const { color, corners: [x, z, right, top] } of run.openings) {
+      pen.strokeStyle = color;
+      pen.strokeRect(x * scale, high - top * scale, (right - x) * scale, (top - z) * scale);
+    }
+  }
+
   async function draw() {
-    const number = now;
+    const number = now, solid = await walls;
     const frames = await Promise.all(data.runs.map((_, run) => frame(run, number)));
     if (number !== now) return;
     frames.forEach((f, i) => {
@@ -64,7 +93,10 @@
       const pen = canvas.getContext("2d");
       figures[i].querySelector("small").textContent = f ? "" : " no output at this time";
       if (f && f.nx * f.nz) drawFluid(pen, f, canvas.width, canvas.height);
-      if (f) drawGrains(pen, f, run, canvas.width, canvas.height);
+      pen.imageSmoothingEnabled = true;
+      if (f && solid[i]) pen.drawImage(solid[i], 0, 0, canvas.width, canvas.height);
+      if (f) drawGrains(pen, f, i, canvas.width, canvas.height);
+      if (f) drawOpenings(pen, run, canvas.width, canvas.height);
     });
     slider.value = number;
     shown.textContent = `t = ${data.times[number]} s`;

@@ -25,6 +25,7 @@ from jaxdem.report.figures import label
 from jaxdem.report.pictures import QUANTITIES, Picture, Scales
 from jaxdem.report.runs import Array
 from jaxdem.report.style import RunStyle
+from jaxdem.report.walls import openings
 
 MAX_BYTES = 16_000_000
 """Most that all animations may add to a page; outputs are left out evenly until they fit."""
@@ -165,6 +166,21 @@ def _colours(colours: Colormap) -> list[str]:
     return [to_hex(colours(level)) for level in range(256)]
 
 
+def _walls(shot: Picture) -> dict[str, Any] | None:
+    """The walls, which stand still: numbers of points along x and up, and how solid each is, x fastest, 255 all."""
+    if shot.walls is None:
+        return None
+    share = shot.walls.share
+    packed = zlib.compress(_bytes(share.T.ravel(), 1.0).astype(np.uint8).tobytes(), 6)
+    return {"points": share.shape, "share": base64.b64encode(packed).decode("ascii")}
+
+
+def _openings(shot: Picture) -> list[dict[str, Any]]:
+    return [
+        {"color": pictures.OPENINGS[one.kind], "corners": [*one.start, *one.stop]} for one in shot.openings
+    ]
+
+
 def _html(
     entries: Sequence[Entry],
     rows: Mapping[str, Row],
@@ -174,6 +190,7 @@ def _html(
     scales: Mapping[str, float],
 ) -> str:
     scenes = [_scene(entry) for entry in entries]
+    first = [pictures.take(entry.run, 0) if entry.run.number_of_frames else None for entry in entries]
     long = max(scene.box[0] / scene.box[1] for scene in scenes) >= LONG_BOX
     has_fluid = "fluid" in scales
     quantities = [name for name in QUANTITIES if name in scales and (name != "drag" or has_fluid)]
@@ -183,13 +200,16 @@ def _html(
         "planes": list(QUANTITIES),
         "water": _colours(pictures.WATER),
         "grains": _colours(pictures.GRAINS),
+        "wall": to_hex(pictures.WALL(255), keep_alpha=True),
         "runs": [
             {
                 "box": scene.box,
                 "radius": scene.largest_radius,
+                "walls": shot and _walls(shot),
+                "openings": _openings(shot) if shot else [],
                 "frames": [None if f is None else base64.b64encode(f).decode("ascii") for f in frames],
             }
-            for scene, frames in zip(scenes, data, strict=True)
+            for scene, frames, shot in zip(scenes, data, first, strict=True)
         ],
     }
     panels = "".join(
@@ -222,7 +242,9 @@ def _html(
 def _caption(entries: Sequence[Entry], outputs: Array, times: Array) -> str:
     parts = ["Discs have their true radius, but are never under a pixel wide; one colour scale for all runs."]
     if any(entry.run.dimension == 3 for entry in entries):
-        parts.append("3-D runs are seen from the front, the fluid's speed averaged over the depth.")
+        parts.append("3-D runs are seen from the front, the fluid's speed and walls averaged over the depth.")
+    if any(openings(entry.run.scene, read.domain_size(entry.run) or ()) for entry in entries):
+        parts.append("Green lines are inlets, pink ones outlets.")
     if len(times) < len(outputs):
         parts.append(f"{len(times)} of {len(outputs)} outputs, so that the page stays small.")
     return " ".join(parts)

@@ -194,5 +194,5 @@ def draw_frame(axis: Axes, run: RunLike, picture: Picture, scales: Scales, color
     pictures.draw(axis, picture, box, box, scales.water, grains)
     seen = pictures.view(run, picture)
     when = f",  t = {picture.time:.4g} s"
-    name = style.escaped(name_of(run), frame_size(run)[0] - style.text_width(when) - 0.4)
+    name = style.escaped(name_of(run), frame_size(run)[0] - (LEFT - RIGHT) - style.text_width(when) - 0.4)
     axis.set_title(name + when + (f"\n{seen}" if seen else ""), fontsize=10)

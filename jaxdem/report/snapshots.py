@@ -25,8 +25,8 @@ from jaxdem.report.style import RunStyle
 FRACTIONS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Times of the snapshots, as fractions of the span that is compared."""
 
-MIN_PANEL, TITLE = 2.2, 0.32
-"""Least width of a panel, and the height of the line above it [inch]."""
+MIN_PANEL, TITLE, GAP = 2.2, 0.32, 0.45
+"""Least width of a panel, the height of the line above it, and the room between panels [inch]."""
 LONG_BOX = 2.0
 """From this ratio of length to height on, runs stand above one another and the times in two columns."""
 
@@ -86,6 +86,9 @@ def snapshots_figure(
                 extend="max",
                 orientation="horizontal",
             )
+        elif three := [entry.run for entry in entries if entry.run.dimension == 3]:
+            seen = next(pictures.view(three[0], shot) for line in shots for shot in line if shot)
+            figure.text(0.5, 0.3 / figure.get_figheight(), seen, ha="center")
         if handles := pictures.opening_handles([shot for line in shots for shot in line]):
             figure.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 0.0))
         return style.save(figure, path, dpi=160)
@@ -136,16 +139,17 @@ def _grid(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, lis
     lines, columns, blocks = (runs, 2, math.ceil(times / 2)) if stacked else (1, runs, times)
     wide = 6.9 if stacked else max(MIN_PANEL, min(5.0 / columns**0.5, 4.5 * ratio))
     line, block = wide / ratio + TITLE, lines * (wide / ratio + TITLE) + 0.5
-    width, height = 0.85 + columns * (wide + 0.3), blocks * block + 0.8
+    width, height = 0.7 + columns * (wide + GAP), blocks * block + 0.8
     figure = style.new_figure(width, height, layout=None)
 
     def place(run: int, time: int) -> Axes:
         row, column, group = (run, time % 2, time // 2) if stacked else (0, run, time)
         bottom = height - group * block - (row + 1) * line
-        left = 0.65 + column * (wide + 0.3)
+        left = 0.65 + column * (wide + GAP)
         rectangle = (left / width, bottom / height, wide / width, wide / ratio / height)
         axis: Axes = figure.add_axes(rectangle)
         lowest = row == lines - 1
+        axis.locator_params(axis="x", nbins=max(3, int(1.8 * wide)))
         axis.tick_params(labelleft=column == 0, labelbottom=lowest)
         axis.set_ylabel("height [m]" if column == 0 else "")
         axis.set_xlabel("x [m]" if lowest else "")

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import string
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from jaxdem import metrics
 from jaxdem.io import Run
@@ -15,6 +19,11 @@ from jaxdem.report import style
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor, over
 from jaxdem.studies.tables import Cell, Section, Table
+
+LETTERS = string.ascii_letters
+"""Of the runs on a front; what is beyond has a point alone."""
+OFFSET = (-4.0, -4.0)
+"""Of a letter from its point [pt]."""
 
 SCENES = {"the injection scene": "", "the dilute jet": "dilute_"}
 """By what stands before the names of their runs."""
@@ -123,7 +132,7 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
 
 
 def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> Path:
-    """Error over noise against run time, a panel a metric, with the front; a hollow point adds the training.
+    """Error over noise against run time, a panel a metric, with the front, whose runs have letters; hollow points add the training.
 
     Args:
         points: the runs.
@@ -131,41 +140,73 @@ def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> P
         path: PNG file.
         words: name of the scene.
     """
+    fronts = {name: metrics.pareto_front([p[1] for p in points], _errors(points, name)) for name in NAMES}
+    on_one = [point[0] for k, point in enumerate(points) if any(front[k] for front in fronts.values())]
+    letters = dict(zip(on_one, LETTERS, strict=False))
+    key = [f"{letter}  {style.escaped(title, 3.2)}" for title, letter in letters.items()]
+    columns = style.legend_columns(key, 12.0)
     with style.look():
-        figure = style.new_figure(12.0, 10.0)
+        figure = style.new_figure(12.0, 10.0 + style.LEGEND_LINE * math.ceil(len(key) / columns))
         axes = figure.subplots(3, 3)
         for axis, name, label in zip(axes.flat, NAMES, LABELS, strict=True):
-            time = np.array([point[1] for point in points])
-            error = np.array([point[2].get(name, math.nan) for point in points])
-            front = metrics.pareto_front(time, error)
-            for (title, seconds, _, training), value, on in zip(points, error, front, strict=True):
-                if not (math.isfinite(value) and value > 0.0):
-                    continue
-                colour = style.COLOURS[1] if training else style.COLOURS[0]
-                axis.plot(seconds, value, "o", color=colour, markersize=7 if on else 4)
-                if training:
-                    axis.plot(
-                        seconds + training, value, "o", markerfacecolor="white", color=colour, markersize=4
-                    )
-                if on:
-                    axis.annotate(
-                        title, (seconds, value), fontsize=6, xytext=(3, 3), textcoords="offset points"
-                    )
-            order = np.argsort(time[front])
-            axis.plot(
-                time[front][order],
-                error[front][order],
-                color="#555555",
-                drawstyle="steps-post",
-                linewidth=0.8,
-            )
+            _panel(axis, points, _errors(points, name), fronts[name])
             axis.axvline(reference, color=style.REFERENCE, linewidth=1.0)
-            axis.axhline(1.0, color=style.NOISE, linewidth=1.2)
-            axis.set(xscale="log", yscale="log", title=label)
-            for scale in (axis.xaxis, axis.yaxis):  # less than a decade as a rule
-                scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-                scale.set_major_formatter(FormatStrFormatter("%g"))
-                scale.set_minor_formatter(NullFormatter())
-        figure.supxlabel("run time of a simulated second [s]")
-        figure.supylabel(f"error over noise [-], {words}")
+            axis.set_title(label)
+        for axis in axes[-1]:
+            axis.set_xlabel("run time of a simulated second [s]")
+        figure.supylabel(f"error over noise [-], {words}", fontsize=12)
+        handles = [Line2D([], [], linestyle="", label=entry) for entry in key]
+        figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=0.0)
+        # Where the points are in pixels is known once the layout is.
+        figure.draw_without_rendering()
+        for axis, name in zip(axes.flat, NAMES, strict=True):
+            _name_front(axis, points, _errors(points, name), fronts[name], letters)
         return style.save(figure, path)
+
+
+def _errors(points: Sequence[Point], name: str) -> np.ndarray:
+    return np.array([point[2].get(name, math.nan) for point in points])
+
+
+def _panel(axis: Axes, points: Sequence[Point], error: np.ndarray, front: np.ndarray) -> None:
+    """All points of a metric, with the front."""
+    for (_, seconds, _, training), value, on in zip(points, error, front, strict=True):
+        if not (math.isfinite(value) and value > 0.0):
+            continue
+        colour = style.COLOURS[1] if training else style.COLOURS[0]
+        axis.plot(seconds, value, "o", color=colour, markersize=7 if on else 4)
+        if training:
+            axis.plot(seconds + training, value, "o", markerfacecolor="white", color=colour, markersize=4)
+    time = np.array([point[1] for point in points])
+    order = np.argsort(time[front])
+    axis.plot(time[front][order], error[front][order], color="#555555", drawstyle="steps-post", linewidth=0.8)
+    axis.axhline(1.0, color=style.NOISE, linewidth=1.2)
+    axis.set(xscale="log", yscale="log")
+    # Room for the letters, left of the first point and below the last.
+    axis.set(xlim=(0.8 * axis.get_xlim()[0], None), ylim=(0.85 * axis.get_ylim()[0], None))
+    for scale in (axis.xaxis, axis.yaxis):  # less than a decade as a rule
+        scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        scale.set_major_formatter(FormatStrFormatter("%g"))
+        scale.set_minor_formatter(NullFormatter())
+
+
+def _name_front(
+    axis: Axes, points: Sequence[Point], error: np.ndarray, front: np.ndarray, letters: Mapping[str, str]
+) -> None:
+    """The key's letters to the left below the front, where no point is; points too close for one each share a label."""
+    labels: list[tuple[str, tuple[float, float], Bbox]] = []
+    for point, value, on in sorted(zip(points, error, front, strict=True), key=lambda one: one[0][1]):
+        if not on or point[0] not in letters:
+            continue
+        labels.append(_label(axis, letters[point[0]], (point[1], value)))
+        while len(labels) > 1 and labels[-1][2].overlaps(labels[-2][2]):
+            (first, place, _), (second, *_) = labels[-2:]
+            labels[-2:] = [_label(axis, first + second, place)]
+    for text, place, _ in labels:
+        axis.annotate(text, place, OFFSET, textcoords="offset points", ha="right", va="top", fontsize=8)
+
+
+def _label(axis: Axes, text: str, place: tuple[float, float]) -> tuple[str, tuple[float, float], Bbox]:
+    """Text, point and box [pt] of a label."""
+    right, top = axis.transData.transform(place) * 72.0 / axis.figure.dpi + np.array(OFFSET)
+    return text, place, Bbox([[right - 72.0 * style.text_width(text, 8.0) - 3.0, top - 11.0], [right, top]])
