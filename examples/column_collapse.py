@@ -30,14 +30,19 @@ SCENE = {
 }
 
 
+def picture(run, frames=(4, 8, 20)):
+    """The grains at three outputs."""
+    figure, axes = plt.subplots(3, 1, figsize=(7.2, 8.4), layout="constrained")
+    for axis, frame in zip(axes, frames, strict=True):
+        grains, _ = draw(axis, run, frame, fastest_grain=1.2)
+    figure.colorbar(grains, ax=axes, label="grain speed [m/s]", shrink=0.5, extend="max")
+    return figure
+
+
 def main() -> None:
     """Run the collapse and draw it."""
     run = jaxdem.simulate(jaxdem.load_scene(SCENE), new_folder("column_collapse"))
-    figure, axes = plt.subplots(3, 1, figsize=(7.2, 8.4), layout="constrained")
-    for axis, frame in zip(axes, (4, 8, 20), strict=True):
-        grains, _ = draw(axis, run, frame, fastest_grain=1.2)
-    figure.colorbar(grains, ax=axes, label="grain speed [m/s]", shrink=0.5)
-    save(figure, "column_collapse")
+    save(picture(run), "column_collapse")
     runoff = run.history["runoff"][-1]
     print(f"run-off {(runoff - WIDTH) / WIDTH:.2f} of the first width, front at {runoff:.3f} m")
 

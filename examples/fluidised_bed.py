@@ -58,19 +58,27 @@ def main() -> None:
     weight = volume * (SOLID - FLUID) * GRAVITY / (WIDTH * DIAMETER)
     height = run.history["height"][-1] + DIAMETER / 2
     fixed = ergun(velocity, volume / (WIDTH * DIAMETER * height), height)
+    save(picture(run, velocity, drop / weight, fixed / weight), "fluidised_bed")
+    print(f"pressure drop over the submerged weight while it is fluidised: {np.mean(drop[:10]) / weight:.3f}")
 
-    figure = plt.figure(figsize=(9.6, 4.8), layout="constrained")
+
+def picture(run, velocity: np.ndarray, measured: np.ndarray, fixed: np.ndarray, frames=(0, 20, 62)):
+    """Pressure drops over the submerged weight against the velocity, and the bed at three outputs."""
+    figure = plt.figure(figsize=(10.4, 4.8), layout="constrained")
     curve, *panels = figure.subplots(1, 4, width_ratios=(2.6, 1, 1, 1))
-    curve.plot(1e3 * velocity, drop / weight, "o", ms=4, label="measured")
-    curve.plot(1e3 * velocity, fixed / weight, "k--", lw=1, label="Ergun, fixed bed")
+    curve.plot(1e3 * velocity, measured, "o", ms=4, label="measured")
+    curve.plot(1e3 * velocity, fixed, "k--", lw=1, label="Ergun, fixed bed")
     curve.axhline(1.0, color="k", lw=0.8, label="submerged weight")
     curve.set(xlabel="superficial velocity [mm/s]", ylabel="pressure drop over weight [-]", ylim=(0, 1.6))
-    curve.legend(frameon=False)
-    for axis, frame in zip(panels, (0, 20, 62), strict=True):
-        grains, water = draw(axis, run, frame, fastest_grain=0.1, fastest_water=0.1)
-    figure.colorbar(grains, ax=panels, label="grain speed [m/s]", shrink=0.6)
-    save(figure, "fluidised_bed")
-    print(f"pressure drop over the submerged weight while it is fluidised: {np.mean(drop[:10]) / weight:.3f}")
+    curve.legend()
+    for axis, frame in zip(panels, frames, strict=True):
+        grains, water = draw(axis, run, frame, fastest_grain=0.03, fastest_water=0.1)
+        axis.locator_params(axis="x", nbins=2)
+    panels[0].set_ylabel("height [m]")
+    panels[0].tick_params(labelleft=True)
+    figure.colorbar(grains, ax=panels, label="grain speed [m/s]", shrink=0.8, extend="max")
+    figure.colorbar(water, ax=panels, label="water speed [m/s]", shrink=0.8, extend="max")
+    return figure
 
 
 if __name__ == "__main__":

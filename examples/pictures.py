@@ -14,8 +14,19 @@ import numpy as np
 from matplotlib.collections import EllipseCollection
 from PIL import Image
 
+from jaxdem.report.pictures import GRAINS, WATER
+from jaxdem.report.style import COLOURS
+
 ROOT = Path(__file__).parent.parent
 SCENES = ROOT / "scenes"
+plt.rcParams.update(
+    {
+        "axes.prop_cycle": plt.cycler(color=COLOURS),
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "legend.frameon": False,
+    }
+)
 
 
 def new_folder(name: str) -> Path:
@@ -45,7 +56,10 @@ def draw(axes, run, frame: int, fastest_grain: float, fastest_water: float = 0.0
         The grains and the fluid (or None) as matplotlib's mappables, for colour bars.
     """
     size = run.scene["domain"]["size"]
-    axes.set(xlim=(0, size[0]), ylim=(0, size[1]), aspect="equal", xticks=[], yticks=[])
+    axes.set(xlim=(0, size[0]), ylim=(0, size[1]), aspect="equal", xlabel="x [m]", ylabel="height [m]")
+    axes.spines[:].set_visible(True)
+    axes.locator_params(nbins=4)
+    axes.label_outer()
     axes.set_title(f"t = {run.times[frame]:.2f} s", fontsize=9, loc="left")
     water, fluid = None, run.fluid(frame)
     if fluid is not None:
@@ -54,7 +68,7 @@ def draw(axes, run, frame: int, fastest_grain: float, fastest_water: float = 0.0
             speed.T,
             origin="lower",
             extent=(0, size[0], 0, size[1]),
-            cmap="Blues",
+            cmap=WATER,
             vmin=0,
             vmax=fastest_water,
             interpolation="bilinear",
@@ -69,8 +83,8 @@ def draw(axes, run, frame: int, fastest_grain: float, fastest_water: float = 0.0
         offsets=particles["position"][:, :2],
         transOffset=axes.transData,
         array=np.linalg.norm(particles["velocity"], axis=1),
-        cmap="YlOrBr_r",
-        clim=(0, 1.2 * fastest_grain),
+        cmap=GRAINS,
+        clim=(0, fastest_grain),
         linewidths=0,
     )
     axes.add_collection(grains)

@@ -19,16 +19,21 @@ CHANGES = {
 }
 
 
+def picture(run, frames=(0, 6, 12, 30)):
+    """Grains and water at four outputs."""
+    figure, axes = plt.subplots(1, 4, figsize=(10.0, 4.2), layout="constrained")
+    for axis, frame in zip(axes, frames, strict=True):
+        grains, water = draw(axis, run, frame, fastest_grain=0.6, fastest_water=0.5)
+    figure.colorbar(grains, ax=axes, label="grain speed [m/s]", shrink=0.8, extend="max")
+    figure.colorbar(water, ax=axes, label="water speed [m/s]", shrink=0.8, extend="max")
+    return figure
+
+
 def main() -> None:
     """Run the scene and draw it."""
     scene = jaxdem.load_scene(SCENES / "settling.toml", CHANGES)
     run = jaxdem.simulate(scene, new_folder("settling"))
-    figure, axes = plt.subplots(1, 4, figsize=(10.0, 4.2), layout="constrained")
-    for axis, frame in zip(axes, (0, 6, 12, 30), strict=True):
-        grains, water = draw(axis, run, frame, fastest_grain=0.6, fastest_water=0.5)
-    figure.colorbar(grains, ax=axes, label="grain speed [m/s]", shrink=0.8)
-    figure.colorbar(water, ax=axes, label="water speed [m/s]", shrink=0.8)
-    save(figure, "settling")
+    save(picture(run), "settling")
     for name, value in run.summary["residuals"].items():
         print(f"residual of {name}: {value:.1e}")
 

@@ -39,28 +39,36 @@ def main() -> None:
     learned = jaxdem.simulate(
         jaxdem.load_scene(scene, coarse), folder / "coarse_filtered", closure=fit.closure
     )
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
-    held_out, r2 = fit.parity[FACTOR], fit.metadata["r2"][str(FACTOR)]
-    target = held_out["target"].ravel()
-    for name, label, color in (("base", "Koch-Hill", "#86B9DE"), ("predicted", "closure", "#A4541A")):
-        score = r2["closure" if name == "predicted" else name]
-        left.plot(target, held_out[name].ravel(), ".", ms=2, color=color, label=f"{label}, R² = {score:.3f}")
-    ends = np.quantile(target, (0.001, 0.999))
-    left.plot(ends, ends, "k-", lw=0.8)
-    left.set(xlabel="force that a coarse run needs [N]", ylabel="force given [N]", xlim=ends, ylim=ends)
-    left.legend(frameon=False, markerscale=5)
-    for run, label, style in (
-        (fine, "fine", "k-"), (plain, f"{FACTOR}x coarser", "b--"), (learned, "with the closure", "r-."),
-    ):  # fmt: skip
-        right.plot(run.times, run.history["drag_force_mean"], style, lw=1.2, label=label)
-    right.set(xlabel="time [s]", ylabel="mean drag force [N]", ylim=0)
-    right.legend(frameon=False)
-    save(figure, "train_closure")
+    held_out = {name: np.ravel(array) for name, array in fit.parity[FACTOR].items()}
+    histories = {
+        name: (run.times, run.history["drag_force_mean"])
+        for name, run in (("fine", fine), (f"{FACTOR}x coarser", plain), ("with the closure", learned))
+    }
+    save(picture(held_out, fit.metadata["r2"][str(FACTOR)], histories), "train_closure")
     for factor, figures in fit.metadata["r2"].items():
         print(
             f"held out, inputs averaged {factor}x: R2 {figures['closure']:.3f}, base law {figures['base']:.3f}"
         )
+
+
+def picture(held_out: dict, r2: dict, histories: dict):
+    """Forces by the base law and by the closure against those needed, and the mean drag of three runs over time."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
+    target = held_out["target"]
+    for name, label, color in (("base", "Koch-Hill", "#56B4E9"), ("predicted", "closure", "#D55E00")):
+        score = r2["closure" if name == "predicted" else name]
+        left.plot(target, held_out[name], ".", ms=2, color=color, label=f"{label}, R² = {score:.3f}")
+    ends = np.quantile(target, (0.001, 0.999))
+    left.plot(ends, ends, "k-", lw=0.8)
+    left.set(xlabel="force that a coarse run needs [N]", ylabel="force given [N]", xlim=ends, ylim=ends)
+    left.locator_params(nbins=6)
+    left.legend(markerscale=5)
+    looks = (("k", "-"), ("#56B4E9", "--"), ("#D55E00", "-."))
+    for (label, (times, drag)), (color, dashes) in zip(histories.items(), looks, strict=True):
+        right.plot(times, drag, color=color, ls=dashes, lw=1.4, label=label)
+    right.set(xlabel="time [s]", ylabel="mean drag force [N]", ylim=0)
+    right.legend()
+    return figure
 
 
 if __name__ == "__main__":

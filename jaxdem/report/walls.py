@@ -95,10 +95,8 @@ def _distances(wall: Mapping[str, Any], points: Array) -> list[Array]:
             across = across - (across @ axis)[..., None] * axis
         gap = float(wall["radius"]) - np.linalg.norm(across, axis=-1)
         return [gap if wall.get("inside", True) else -gap]
-    if wall["kind"] == "wedge":
-        a, b = (_unit(direction) for direction in wall["directions"])
-        return [(points - np.asarray(wall["apex"])) @ _unit(n) for n in (b - (a @ b) * a, a - (a @ b) * b)]
-    return []
+    a, b = (_unit(direction) for direction in wall["directions"])
+    return [(points - np.asarray(wall["apex"])) @ _unit(n) for n in (b - (a @ b) * a, a - (a @ b) * b)]
 
 
 def _unit(vector: Sequence[float] | Array) -> Array:

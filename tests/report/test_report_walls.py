@@ -1,0 +1,190 @@
+"""Walls beside the box and openings of its sides in all pictures of runs: they are where the solver has them."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+import zlib
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.contour import ContourSet
+from matplotlib.figure import Figure
+
+from jaxdem import load_scene
+from jaxdem.build import _of_wall
+from jaxdem.report import animation, pictures, single, snapshots, style, walls
+from jaxdem.report.comparison import Entry, build
+from jaxdem.report.player import player
+from jaxdem.report.runs import history_until
+from jaxdem.scene_walls import NEEDED
+
+WALLS = {
+    2: (
+        {"kind": "plane", "point": [0.1, 0.3], "normal": [1.0, 3.0]},
+        {"kind": "cylinder", "center": [0.6, 0.5], "radius": 0.1, "inside": False},
+        {"kind": "cylinder", "center": [0.5, 0.4], "radius": 0.6},
+        {"kind": "wedge", "apex": [0.5, 0.1], "directions": [[-1.0, 1.2], [2.0, 1.2]]},
+    ),
+    3: (
+        {"kind": "plane", "point": [0.1, 0.0, 0.3], "normal": [1.0, 0.5, 3.0]},
+        {"kind": "cylinder", "center": [0.6, 0.2, 0.0], "radius": 0.1, "axis": [0.0, 0.0, 2.0], "inside": False},
+        {"kind": "cylinder", "center": [0.5, 0.1, 0.4], "radius": 0.6, "axis": [1.0, 2.0, 0.5]},
+        {"kind": "wedge", "apex": [0.5, 0.0, 0.1], "directions": [[-1.0, 0.0, 1.2], [1.0, 0.0, 1.2]]},
+    ),
+}  # fmt: skip
+SIZE = {2: (1.0, 0.8), 3: (1.0, 0.4, 0.8)}
+
+
+def scene_with(dimension: int, *tables: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a checked scene, as a run's scene.toml has them."""
+    given = {
+        "domain": {"size": list(SIZE[dimension])},
+        "particles": {"position": [[0.5] * dimension], "radius": 0.01, "density": 2500.0},
+        "contact": {"young_modulus": 1e7},
+        "walls": [dict(table) for table in tables],
+        "time": {"end": 1.0, "output_interval": 0.5},
+    }
+    return load_scene(given).model_dump(by_alias=True, exclude_none=True)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_walls_are_where_the_solver_has_them(dimension: int) -> None:
+    """The distance of the picture is less the overlap of a point with the surfaces of the contact model."""
+    assert {table["kind"] for table in WALLS[dimension]} == set(NEEDED), "a kind of wall is not drawn"
+    points = np.random.default_rng(0).uniform(0.0, 1.0, (20, dimension)) * SIZE[dimension]
+    for table in WALLS[dimension]:
+        scene = scene_with(dimension, table)
+        found = walls._distance(scene["walls"], points)
+        surfaces = _of_wall(load_scene(scene).walls[0])
+        overlap = [
+            jax.vmap(lambda x, s=s: s.overlap(x, jnp.zeros(())))(jnp.asarray(points)) for s in surfaces
+        ]
+        np.testing.assert_allclose(found, -np.max(overlap, axis=0), atol=1e-12)
+
+
+def drawn(run: Any, index: int = 0) -> Any:
+    axis = Figure(layout="constrained").subplots()
+    size = run.scene["domain"]["size"]
+    pictures.draw(axis, pictures.take(run, index), (size[0], size[-1]), (size[0], size[-1]), None)
+    return axis
+
+
+def outline(axis: Any) -> np.ndarray:
+    """Points of the line that is drawn around what is solid (P, 2)."""
+    (contour,) = [item for item in axis.collections if isinstance(item, ContourSet)]
+    return np.concatenate([path.vertices for path in contour.get_paths()])
+
+
+def walled(make: Any, dimension: int, *tables: dict[str, Any], **options: Any) -> Any:
+    run = make("walled", size=SIZE[dimension], cells=None, outputs=3, count=20, **options)
+    run.scene["walls"] = scene_with(dimension, *tables)["walls"]
+    return run
+
+
+def test_an_obstacle_is_drawn_as_a_disc(make: Any) -> None:
+    """Outline at the radius, area pi R^2; drawn anew in a later frame, not twice."""
+    run = walled(make, 2, WALLS[2][1])
+    axis = drawn(run)
+    distance = np.hypot(*(outline(axis) - [0.6, 0.5]).T)
+    np.testing.assert_allclose(distance, 0.1, atol=1e-4)
+    (image,) = axis.images
+    share = np.asarray(image.get_array())
+    assert image.get_extent() == [0.0, 1.0, 0.0, 0.8]
+    assert share.mean() * 0.8 == pytest.approx(math.pi * 0.01, rel=2e-3)
+    assert image.get_cmap()(0.0)[3] == 0.0 and image.get_cmap()(1.0)[3] > 0.5
+    pictures.draw(axis, pictures.take(run, 1), (1.0, 0.8), (1.0, 0.8), None)
+    assert len(axis.images) == 1 and len(outline(axis)) == len(distance)
+
+
+def test_a_hopper_is_drawn_with_its_corner(make: Any) -> None:
+    """Both planes of a wedge, which hides what lies beyond the other; area of the two triangles and the strip below."""
+    axis = drawn(walled(make, 2, WALLS[2][3]))
+    points = outline(axis)
+    left, right = (0.1 + 1.2 * (0.5 - points[:, 0]), 0.1 + 0.6 * (points[:, 0] - 0.5))
+    np.testing.assert_allclose(points[:, 1], np.maximum(left, right), atol=1e-3)
+    share = np.asarray(axis.images[0].get_array())
+    # Under 0.1 + 1.2 x up to x = 0.5, where 0.7 < 0.8 is reached at the side, and under 0.1 + 0.6 x.
+    assert share.mean() * 0.8 == pytest.approx(0.1 + 0.5 * 0.5 * 0.6 + 0.5 * 0.5 * 0.3, rel=2e-3)
+
+
+def test_in_3d_walls_are_averaged_over_the_depth(make: Any) -> None:
+    """An upright cylinder in the middle of the depth: 2 sqrt(R^2 - x^2) of it, its outline at half depth two lines."""
+    run = walled(make, 3, WALLS[3][1])
+    axis = drawn(run)
+    assert np.abs(outline(axis)[:, 0] - 0.6) == pytest.approx(0.1, abs=1e-3)
+    share = np.asarray(axis.images[0].get_array())
+    x = (np.arange(share.shape[1]) + 0.5) / share.shape[1] - 0.6
+    chord = 2.0 * np.sqrt(np.maximum(0.01 - x**2, 0.0)) / 0.4
+    np.testing.assert_allclose(share, np.broadcast_to(chord, share.shape), atol=0.05)
+    assert "walls averaged over the depth" in pictures.view(run, pictures.take(run, 0))
+
+
+def test_a_wall_across_the_view_has_no_outline(make: Any) -> None:
+    """A plane parallel to the front, at a quarter of the depth: a quarter solid, free at half depth."""
+    axis = drawn(walled(make, 3, {"kind": "plane", "point": [0.0, 0.1, 0.0], "normal": [0.0, 1.0, 0.0]}))
+    assert not [item for item in axis.collections if isinstance(item, ContourSet)]
+    np.testing.assert_allclose(np.asarray(axis.images[0].get_array()), 0.25, atol=0.05)
+
+
+def test_openings_are_drawn_on_their_sides(make: Any) -> None:
+    """Patches, whole sides, sides that grains leave through, and the box that they appear in; front and back are not seen."""
+    run = make("open", size=SIZE[3], cells=(4, 4, 4))
+    run.scene["boundary"] = {
+        "left": {"kind": "inlet", "from": [0.1, 0.2], "to": [0.3, 0.5]},
+        "right": {"kind": "outlet"},
+        "bottom": {"kind": "no_slip", "particles": "remove"},
+        "top": {"kind": "outlet", "from": [0.4, 0.1], "to": [0.6, 0.2]},
+        "front": {"kind": "inlet"},
+    }
+    run.scene["particles"]["inlet"] = [{"start": [0.7, 0.0, 0.6], "stop": [0.9, 0.4, 0.7]}]
+    found = walls.openings(run.scene, SIZE[3])
+    assert found == [
+        (walls.INLET, (0.0, 0.2), (0.0, 0.5)),
+        (walls.OUTLET, (1.0, 0.0), (1.0, 0.8)),
+        (walls.OUTLET, (0.0, 0.0), (1.0, 0.0)),
+        (walls.OUTLET, (0.4, 0.8), (0.6, 0.8)),
+        (walls.INLET, (0.7, 0.6), (0.9, 0.7)),
+    ]
+    (lines,) = [item for item in drawn(run).collections if isinstance(item, LineCollection)]
+    for opening, path in zip(found, lines.get_segments(), strict=True):
+        assert path.min(axis=0).tolist() == list(opening.start) and path.max(axis=0).tolist() == list(
+            opening.stop
+        )
+    handles = pictures.opening_handles([pictures.take(run, 0), None])
+    assert [handle.get_label() for handle in handles] == ["inlet", "outlet"]
+
+
+def test_all_pictures_of_a_run_have_its_walls(
+    make: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """plot, every frame of animate, every panel of the snapshots, and the page's animations."""
+    calls: list[Any] = []
+    draw = pictures._draw_walls
+    monkeypatch.setattr(pictures, "_draw_walls", lambda *given: (calls.append(given), draw(*given)))
+    run = walled(make, 2, *WALLS[2][1::2])
+    run.scene["boundary"] = {"bottom": {"kind": "no_slip", "particles": "remove"}}
+    single.plot_run(run, tmp_path / "plots")
+    assert len(calls) == 1
+    monkeypatch.setattr(animation, "DPI", 30)
+    animation.animate(run, tmp_path / "film.gif")
+    assert len(calls) == 1 + 3
+    entries = [Entry(name, "run", run, history_until(run, None)) for name in ("a", "b")]
+    result, looks = build(entries[0], entries[1:], [], {}, None), style.styles(["a", "b"])
+    snapshots.snapshots_figure(entries, result, looks, tmp_path / "snapshots.png")
+    assert len(calls) == 4 + 6
+    page = player(entries, {row.name: row for row in result.rows}, looks)
+    assert page is not None and "pink ones outlets" in page.caption
+    data = json.loads(re.search(r'id="player-data">(.*?)</script>', page.html)[1])["runs"][1]
+    nx, nz = data["walls"]["points"]
+    share = np.frombuffer(zlib.decompress(base64.b64decode(data["walls"]["share"])), np.uint8).reshape(nz, nx)
+    assert (
+        share[round(0.5 / 0.8 * nz), round(0.6 * nx)] == 255 and share[round(0.9 * nz), round(0.5 * nx)] == 0
+    )
+    assert data["openings"] == [{"color": pictures.OPENINGS["outlet"], "corners": [0.0, 0.0, 1.0, 0.0]}]
