@@ -30,8 +30,12 @@ AXIS = {
 }
 
 
-DIGITS = ((1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9))
-"""First digits of the ticks of a logarithmic axis: over more than a decade, and within one."""
+DIGITS = (
+    (3.0, [*np.arange(10, 20) / 10, *np.arange(20, 50, 2) / 10, *np.arange(50, 100, 5) / 10]),
+    (10.0, [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]),
+    (math.inf, [1.0, 2.0, 5.0]),
+)
+"""First digits of the ticks of a logarithmic axis, by the ratio of its ends up to which they are taken."""
 
 
 def plotly_script() -> str:
@@ -119,9 +123,10 @@ def error_plot(comparison: Comparison, styles: Mapping[str, RunStyle]) -> str:
 
 
 def _ticks(values: Sequence[float]) -> dict[str, object]:
-    """Ticks at plain numbers; within a decade close enough that some are in sight."""
-    narrow = not values or max(values) < 10.0 * min(values)
-    ticks = [digit * 10.0**power for power in range(-8, 9) for digit in DIGITS[narrow]]
+    """Ticks at plain numbers, close enough that some are in sight."""
+    ratio = max(values) / min(values) if values else 1.0
+    digits = next(digits for most, digits in DIGITS if ratio <= most)
+    ticks = [float(digit * 10.0**power) for power in range(-8, 9) for digit in digits]
     return {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
 
 
