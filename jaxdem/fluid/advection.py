@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, momentum_excess, with_ghosts
-from jaxdem.fluid.grid import FaceField, Grid, along, sum_of
+from jaxdem.fluid.grid import FaceField, Grid, along, control_width, sum_of
 
 
 class AdvectionScheme(Protocol):
@@ -153,7 +153,9 @@ def advection(
     velocity: FaceField,
     time: Array,
 ) -> FaceField:
-    """-div(F u) on every face [m/s2 times void fraction]; the values on boundary faces are not used.
+    """-div(F u) on every face [m/s2 times void fraction]; of the values on boundary faces those on outlets are used.
+
+    A boundary face stands for half a cell. What comes in through an outlet brings half of its momentum, see `Outlet`.
 
     Through the surface next to an inlet that ends within a face comes besides what its patch brings beyond the face's
     mean velocity, see `momentum_excess`.
@@ -176,8 +178,10 @@ def advection(
             transported = carrier * _surface_value(scheme, padded, carrier, axis)
             if which == axis:
                 transported = _with_inlet_momentum(grid, boundary, transported, flux[axis], component, axis)
+            transported = _drawn_in_by_half(grid, boundary, transported, carrier, axis)
             difference = along(transported, axis, 1, None) - along(transported, axis, None, -1)
-            terms.append(-difference / grid.spacing[axis])
+            width = control_width(grid, axis) if which == axis else grid.spacing[axis]
+            terms.append(-difference / jnp.asarray(width, component.dtype))
         result.append(sum_of(terms))
     return tuple(result)
 
@@ -219,6 +223,19 @@ def _with_inlet_momentum(
             place = [slice(None)] * grid.dimension
             place[axis] = slice(-2, -1) if upper else slice(1, 2)
             transported = transported.at[tuple(place)].add(more)
+    return transported
+
+
+def _drawn_in_by_half(grid: Grid, boundary: Boundary, transported: Array, carrier: Array, axis: int) -> Array:
+    """Momentum through the surfaces normal to an axis; what comes in through an outlet counts half."""
+    for upper in (False, True):
+        if grid.periodic[axis] or not boundary.side(axis, upper).condition.sets_pressure:
+            continue
+        ends = (-1, None) if upper else (0, 1)
+        through = along(carrier, axis, *ends)
+        share = jnp.where(through < 0.0 if upper else through > 0.0, 0.5, 1.0).astype(transported.dtype)
+        place = (slice(None),) * axis + (slice(*ends),)
+        transported = transported.at[place].multiply(share)
     return transported
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -202,7 +203,7 @@ def set_normal_velocity(
 ) -> FaceField:
     """Face velocities with the boundary faces set.
 
-    Each side by its `SideCondition`; an inlet has the superficial velocity of the side times the covered fraction of each face
+    Each side by its `SideCondition`: the faces of an outlet keep what the balance of momentum gave them; an inlet has the superficial velocity of the side times the covered fraction of each face
     (or the mean of its profile). Periodic: the doubles are made equal.
 
     Args:
@@ -221,18 +222,41 @@ def set_normal_velocity(
         ends = []
         for upper in (False, True):
             side = boundary.side(axis, upper)
-            inner = along(component, axis, -2, -1) if upper else along(component, axis, 1, 2)
+            own = side.condition.sets_pressure
+            place = (-1, None, -2, -1) if upper else (0, 1, 1, 2)
+            predicted = along(component, axis, *(place[:2] if own else place[2:]))
             g = void_fraction[axis]
             at_side = (
                 g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
             )
             covered = jnp.asarray(coverage(grid, side), component.dtype)
             speed = velocity_at(side, side_velocity[2 * axis + upper], time)[axis]
-            value = side.condition.normal(inner, covered * speed, at_side, upper)
-            if side.condition.sets_pressure:
+            value = side.condition.normal(predicted, covered * speed, at_side, upper)
+            if own:
                 value = jnp.asarray(open_fraction(grid, side), component.dtype) * value
             ends.append(value)
         result.append(jnp.concatenate((ends[0], along(component, axis, 1, -1), ends[1]), axis))
+    return tuple(result)
+
+
+def with_outflow(grid: Grid, boundary: Boundary, flux: FaceField, rate: Array) -> FaceField:
+    """The flux with so much more, evenly over all outlets, going out of the box.
+
+    Args:
+        grid: the grid.
+        boundary: sides, of which at least one is an outlet.
+        flux: D face arrays [m/s].
+        rate: () volume that is to leave over that of the box [1/s].
+    """
+    is_open = [open_fraction(grid, side) for side in boundary.sides]
+    area = sum(float(np.sum(o)) / grid.spacing[s.axis] for o, s in zip(is_open, boundary.sides, strict=True))
+    speed = rate * (math.prod(grid.cells) / area)
+    result = list(flux)
+    for side, faces in zip(boundary.sides, is_open, strict=True):
+        if faces.any():
+            place = (slice(None),) * side.axis + (slice(-1, None) if side.upper else slice(0, 1),)
+            outward = speed * jnp.asarray(faces if side.upper else -faces, flux[0].dtype)
+            result[side.axis] = result[side.axis].at[place].add(outward)
     return tuple(result)
 
 

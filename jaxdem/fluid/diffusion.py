@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.fluid.boundary import Boundary, with_ghosts
-from jaxdem.fluid.grid import FaceField, Grid, along, divergence, face_average_along, sum_of
+from jaxdem.fluid.boundary import Boundary, open_fraction, with_ghosts
+from jaxdem.fluid.grid import FaceField, Grid, along, control_width, divergence, face_average_along, sum_of
 from jaxdem.fluid.subgrid import StrainRates, eddy_viscosity
 
 
@@ -21,7 +21,8 @@ def stress_divergence(
 ) -> FaceField:
     """div(tau) / rho on the faces [m/s2], tau = (mu + rho nu_t) (grad u + grad u^T - 2/3 div(u) 1).
 
-    The values on boundary faces are those of the nearest inner face, for the particles that see them.
+    The values on boundary faces are those of the nearest inner face, for the particles that see them. An outlet's face stands for
+    half a cell, and the normal velocity does not change beyond it: the stress outside lacks mu du/dn.
 
     Args:
         grid: the grid.
@@ -39,31 +40,38 @@ def stress_divergence(
     for which in range(grid.dimension):
         terms = []
         for axis in range(grid.dimension):
-            stress = rates[min(which, axis), max(which, axis)]
+            stress = outside = rates[min(which, axis), max(which, axis)]
             if axis == which:
+                outside = 0.5 * stress - (2.0 / 3.0) * expansion
                 stress = stress - (2.0 / 3.0) * expansion
             if eddy is not None:
                 there = eddy if axis == which else edge_average(grid, eddy, which, axis)
-                stress = (kinematic_viscosity + there) * stress
-            terms.append(stress_slope(grid, stress, which, axis))
+                stress, outside = ((kinematic_viscosity + there) * s for s in (stress, outside))
+            terms.append(stress_slope(grid, stress, outside, which, axis))
         total = sum_of(terms)
-        result.append(to_boundary(grid, kinematic_viscosity * total if eddy is None else total, which))
+        result.append(
+            to_boundary(grid, boundary, kinematic_viscosity * total if eddy is None else total, which)
+        )
     return tuple(result)
 
 
-def stress_slope(grid: Grid, stress: Array, which: int, axis: int) -> Array:
-    """d(stress)/dx_axis on the inner faces of component `which`, what a stress on their sides gives them.
+def stress_slope(grid: Grid, stress: Array, outside: Array, which: int, axis: int) -> Array:
+    """d(stress)/dx_axis on the faces of component `which`, what a stress on their sides gives them.
 
     Args:
         grid: the grid.
         stress: in the cells for `which` = `axis`, else on the edges of both axes.
+        outside: of every cell as if it were the first or last one, the stress beyond the side; for `which` = `axis` alone.
         which: axis of the faces.
         axis: of the derivative.
     """
-    if axis == which:
-        stress = _wrapped(grid, stress, axis)
-    force = (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
-    return force if axis == which else _inner_only(grid, force, which)
+    if axis != which:
+        return (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
+    beyond = stress if grid.periodic[axis] else outside
+    ends = (-1, None, 0, 1) if grid.periodic[axis] else (0, 1, -1, None)
+    padded = jnp.concatenate((along(beyond, axis, *ends[:2]), stress, along(beyond, axis, *ends[2:])), axis)
+    difference = along(padded, axis, 1, None) - along(padded, axis, None, -1)
+    return difference / jnp.asarray(control_width(grid, axis), stress.dtype)
 
 
 def strain_rates(
@@ -121,22 +129,16 @@ def edge_average(grid: Grid, cell: Array, first: int, second: int) -> Array:
     return face_average_along(grid, face_average_along(grid, cell, first), second)
 
 
-def _wrapped(grid: Grid, cell: Array, axis: int) -> Array:
-    """A cell array with its periodic images on either end; unchanged on an axis that is not periodic."""
-    if not grid.periodic[axis]:
-        return cell
-    return jnp.concatenate((along(cell, axis, -1, None), cell, along(cell, axis, 0, 1)), axis)
-
-
-def _inner_only(grid: Grid, faces: Array, axis: int) -> Array:
-    return faces if grid.periodic[axis] else along(faces, axis, 1, -1)
-
-
-def to_boundary(grid: Grid, faces: Array, axis: int) -> Array:
-    """Values of the inner faces with those of the nearest inner face on the boundary faces."""
+def to_boundary(grid: Grid, boundary: Boundary, faces: Array, axis: int) -> Array:
+    """The same with the value of the nearest inner face on boundary faces that are no outlets; zero without an inner face."""
     if grid.periodic[axis]:
         return faces
-    if faces.shape[axis] == 0:  # one cell between two boundaries: no inner face
-        shape = grid.face_shape(axis)
-        return jnp.zeros(shape, faces.dtype)
-    return jnp.concatenate((along(faces, axis, 0, 1), faces, along(faces, axis, -1, None)), axis)
+    inner, ends = along(faces, axis, 1, -1), []
+    for upper in (False, True):
+        own = along(faces, axis, -1, None) if upper else along(faces, axis, 0, 1)
+        nearest = along(inner, axis, -1, None) if upper else along(inner, axis, 0, 1)
+        if inner.shape[axis] == 0:  # one cell between two boundaries
+            nearest = jnp.zeros_like(own)
+        is_open = jnp.asarray(open_fraction(grid, boundary.side(axis, upper)), faces.dtype)
+        ends.append(is_open * own + (1.0 - is_open) * nearest)
+    return jnp.concatenate((ends[0], inner, ends[1]), axis)

@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 FaceField = tuple[Array, ...]
@@ -129,10 +130,15 @@ def face_control_volume(grid: Grid, axis: int) -> Array:
 
     The array has size 1 along the other axes.
     """
-    volume = jnp.full(grid.cells[axis] + 1, grid.cell_volume)
+    return jnp.asarray(control_width(grid, axis) * (grid.cell_volume / grid.spacing[axis]))
+
+
+def control_width(grid: Grid, axis: int) -> np.ndarray:
+    """Length along an axis that each of its faces stands for: half a cell on a boundary face; size 1 along the other axes [m]."""
+    width = np.full(grid.cells[axis] + 1, grid.spacing[axis])
     if not grid.periodic[axis]:
-        volume = volume.at[jnp.asarray([0, -1])].multiply(0.5)
-    return volume.reshape([-1 if a == axis else 1 for a in range(grid.dimension)])
+        width[[0, -1]] *= 0.5
+    return width.reshape([-1 if a == axis else 1 for a in range(grid.dimension)])
 
 
 def face_total(grid: Grid, faces: FaceField) -> tuple[Array, ...]:

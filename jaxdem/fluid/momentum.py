@@ -22,13 +22,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.advection import AdvectionScheme, advection
-from jaxdem.fluid.boundary import Boundary, set_normal_velocity
+from jaxdem.fluid.boundary import Boundary, set_normal_velocity, with_outflow
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
     Grid,
-    along,
     divergence,
     face_average,
     face_control_volume,
@@ -197,7 +196,7 @@ class FluidSolver:
             first_flux = self._corrected(first_flux, growth)
         rates = [self._rates(properties, first_flux, state.face_velocity, weight, state.void_fraction, time)]
         trial = advance(rates[0].total)
-        flux = self._corrected(_boundary_of(grid, first_flux, _product(new, trial)), growth)
+        flux = self._corrected(_product(new, trial), growth)
         rates.append(self._rates(properties, flux, trial, weight, void_fraction, end))
         mean = _weighted(rates, (0.5, 0.5))
         predicted = advance(mean.total)
@@ -205,7 +204,7 @@ class FluidSolver:
             # The third stage is at the middle of the step, which Heun's result is twice as far as.
             velocity = _halfway(state.face_velocity, predicted)
             flux = _halfway(_product(old, state.face_velocity), _product(new, predicted))
-            flux = self._corrected(_boundary_of(grid, first_flux, flux), growth)
+            flux = self._corrected(flux, growth)
             g = None if void_fraction is None else 0.5 * (state.void_fraction + void_fraction)
             rates.append(self._rates(properties, flux, velocity, weight, g, time + 0.5 * time_step))
             mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
@@ -296,7 +295,7 @@ class FluidSolver:
         rates = advection(*args, self.advection, properties.side_velocity, flux, velocity, time)
         flow = self._subgrid_flow(properties, velocity, void_fraction, time)
         if flow is not None:
-            moved = subgrid_acceleration(self.grid, subgrid_stress(self.grid, flow, void_fraction))
+            moved = subgrid_acceleration(*args, subgrid_stress(self.grid, flow, void_fraction))
             rates = tuple(r + m for r, m in zip(rates, moved, strict=True))
         if not self.viscous:
             return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity))
@@ -307,13 +306,16 @@ class FluidSolver:
         return _Rates(total, stress)
 
     def _corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
-        """The flux changed by a gradient so that div(F) = -d(g)/dt, the boundary faces left alone.
+        """The flux changed so that div(F) = -d(g)/dt: on outlets by the speed that balances the box, within by a gradient.
 
         Momentum carried by such a flux is conserved and a uniform stream stays uniform, exactly, while
         the void fraction changes.
         """
         grid = self.grid
         excess = divergence(grid, flux) + growth
+        if self.boundary.has_outlet:
+            flux = with_outflow(grid, self.boundary, flux, -jnp.mean(excess))
+            excess = divergence(grid, flux) + growth
         potential = fast_inverse(grid, None)(excess)
         slope = pressure_gradient(grid, _closed(self.boundary), potential)
         return tuple(f + s for f, s in zip(flux, slope, strict=True))
@@ -375,18 +377,6 @@ def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:
 
 def _halfway(a: FaceField, b: FaceField) -> FaceField:
     return tuple(0.5 * (x + y) for x, y in zip(a, b, strict=True))
-
-
-def _boundary_of(grid: Grid, source: FaceField, inner: FaceField) -> FaceField:
-    """The faces of `inner`, with the boundary faces of `source` where the axis is not periodic."""
-    return tuple(
-        f
-        if grid.periodic[a]
-        else jnp.concatenate(
-            (along(source[a], a, 0, 1), along(f, a, 1, -1), along(source[a], a, -1, None)), a
-        )
-        for a, f in enumerate(inner)
-    )
 
 
 def _closed(boundary: Boundary) -> Boundary:

@@ -16,14 +16,15 @@ class SideCondition(Protocol):
 
     @property
     def sets_pressure(self) -> bool:
-        """Whether the pressure is zero outside and drives the flow through the side."""
+        """Whether the pressure is given outside and drives the flow through the side."""
         ...
 
-    def normal(self, inner: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
+    def normal(self, predicted: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
         """Normal velocity of the faces of the side [m/s], positive along the axis.
 
         Args:
-            inner: normal velocity of the next faces inside [m/s].
+            predicted: by the balance of momentum: of the faces of the side where it sets the pressure, else of the next
+                faces inside [m/s].
             speed: normal superficial velocity that the scene gives the side, zero beyond its patch [m/s].
             void_fraction: on the faces of the side.
             upper: whether the side is at the upper end of its axis.
@@ -48,9 +49,9 @@ class Wall:
 
     sets_pressure: bool = dataclasses.field(default=False, init=False)
 
-    def normal(self, inner: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
+    def normal(self, predicted: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
         """Zero."""
-        return jnp.zeros_like(inner)
+        return jnp.zeros_like(predicted)
 
     def ghosts(self, mirrored: Array, speed: Array, covered: Array, distance: Array) -> Array:
         """Mirrored about the wall's velocity."""
@@ -70,20 +71,32 @@ class FreeSlip(Wall):
 class Inlet(Wall):
     """The superficial velocity is given."""
 
-    def normal(self, inner: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
+    def normal(self, predicted: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
         """The superficial velocity over the void fraction."""
-        return jnp.zeros_like(inner) + speed / void_fraction
+        return jnp.zeros_like(predicted) + speed / void_fraction
 
 
 @dataclasses.dataclass(frozen=True)
 class Outlet(FreeSlip):
-    """The pressure is zero outside, where the fluid is at rest."""
+    """The pressure is zero where fluid leaves, and where it comes in the total pressure of the normal velocity.
+
+    The directional do-nothing condition, with u_n the velocity along the normal n that points outwards:
+
+        -p n + mu du/dn = rho/2 min(u_n, 0) u,
+
+    that is p = -rho u_n^2/2 where fluid is drawn in from rest. Without the right-hand side what comes in would bring energy
+    that nothing limits; with it the side can only take energy out of the box. In the balance of momentum it stands as half
+    of the momentum that comes in, see `advection`.
+
+    Source: C.-H. Bruneau, P. Fabrie, Int. J. Numer. Meth. Fluids 19 (1994) 693-705; M. Braack, P. B. Mucha, J. Comput.
+    Math. 32 (2014) 507-521; compared with others by C. Bertoglio et al., Int. J. Numer. Meth. Biomed. Engng 34 (2018) e2929.
+    """
 
     sets_pressure: bool = dataclasses.field(default=True, init=False)
 
-    def normal(self, inner: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
-        """That of the nearest inner face where it leaves (the projection may still draw some in)."""
-        return jnp.maximum(inner, 0.0) if upper else jnp.minimum(inner, 0.0)
+    def normal(self, predicted: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
+        """What the balance of momentum gives."""
+        return predicted
 
 
 CONDITIONS: dict[str, SideCondition] = {

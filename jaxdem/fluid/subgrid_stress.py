@@ -148,15 +148,15 @@ def subgrid_stress(grid: Grid, flow: SubgridFlow, weight: Array | None = None) -
     return stress
 
 
-def subgrid_acceleration(grid: Grid, stress: Gradients) -> FaceField:
-    """div(tau) on the faces [m/s2]; on boundary faces the value of the nearest inner face."""
+def subgrid_acceleration(grid: Grid, boundary: Boundary, stress: Gradients) -> FaceField:
+    """div(tau) on the faces [m/s2], without a stress outside; on boundary faces that are no outlets that of the next face inside."""
     result = []
     for which in range(grid.dimension):
-        slopes = (
-            stress_slope(grid, stress[min(which, axis), max(which, axis)], which, axis)
-            for axis in range(grid.dimension)
-        )
-        result.append(to_boundary(grid, sum_of(slopes), which))
+        slopes = []
+        for axis in range(grid.dimension):
+            here = stress[min(which, axis), max(which, axis)]
+            slopes.append(stress_slope(grid, here, jnp.zeros_like(here), which, axis))
+        result.append(to_boundary(grid, boundary, sum_of(slopes), which))
     return tuple(result)
 
 
