@@ -14,6 +14,7 @@ MODULES = (
     "conservation",
     "granular",
     "fluid",
+    "outlets",
     "exchange",
     "fluidised",
     "hindered",

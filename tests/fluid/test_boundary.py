@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.cases.flows import random_faces
 from jaxdem import build, load_scene
 from jaxdem.errors import InputError
 from jaxdem.fluid.advection import Upwind, VanLeer, advection
@@ -19,8 +20,9 @@ from jaxdem.fluid.boundary import (
     set_normal_velocity,
     velocity_at,
     with_ghosts,
+    with_outflow,
 )
-from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.grid import Grid, divergence
 from jaxdem.fluid.inlet import LinearTable, Parabola
 from jaxdem.fluid.side_conditions import FreeSlip
 
@@ -62,12 +64,45 @@ def test_inflow_is_that_of_the_patch_over_the_void_fraction():
         assert not np.any(wall)
 
 
-def test_outlet_lets_nothing_in():
-    grid, boundary, speeds = box((3, 4), ("no_slip", "outlet", "no_slip", "no_slip"))
-    inner = np.array([0.5, -0.3, 0.0, 2.0])
-    faces = (jnp.asarray(np.tile(inner, (4, 1))), jnp.zeros((3, 5)))
+def test_faces_of_an_outlet_keep_their_momentum_whether_fluid_leaves_or_comes_in():
+    """On its patch; the rest of the side is a wall."""
+    kinds = ("outlet", "no_slip", "no_slip", "no_slip")
+    grid, boundary, speeds = box((3, 4), kinds, start=(0.0,), stop=(0.75,))
+    own = np.array([0.5, -0.3, 0.0, 2.0])
+    faces = (jnp.asarray(np.tile(np.arange(4.0)[:, None], (1, 4))).at[0].set(own), jnp.zeros((3, 5)))
     u, _ = set_normal_velocity(grid, boundary, speeds, faces, (1.0, 1.0), jnp.asarray(0.0))
-    np.testing.assert_array_equal(u[-1], [0.5, 0.0, 0.0, 2.0])
+    np.testing.assert_array_equal(u[0], [0.5, -0.3, 0.0, 0.0])
+
+
+def test_more_outflow_is_spread_evenly_over_all_outlets():
+    """Cells of 1/3 by 1/4, open on three of four faces at the left and on all three at the top."""
+    kinds = ("outlet", "no_slip", "no_slip", "outlet")
+    grid, boundary, _ = box((3, 4), kinds, start=(0.0,), stop=(0.75,))
+    flux = tuple(map(jnp.asarray, random_faces(grid)))
+    more = with_outflow(grid, boundary, flux, jnp.asarray(0.7))
+    speed = 0.7 / (0.75 + 1.0)
+    np.testing.assert_allclose((more[0] - flux[0])[0], [-speed, -speed, -speed, 0.0], rtol=1e-12)
+    np.testing.assert_allclose((more[1] - flux[1])[:, -1], speed, rtol=1e-12)
+    change = divergence(grid, more) - divergence(grid, flux)
+    assert float(jnp.mean(change)) == pytest.approx(0.7, rel=1e-12)
+
+
+@pytest.mark.parametrize("upper", [False, True])
+def test_what_an_outlet_draws_in_brings_half_of_its_momentum(upper):
+    """Out by one half of an outlet and in by the other at 2 m/s, with 3 m/s along the side: what passes a surface of a control
+    volume is the flux times the velocity, and half of that where it comes in by the side."""
+    kinds = ("no_slip", "outlet") if upper else ("outlet", "no_slip")
+    grid, boundary, speeds = box((3, 4), (*kinds, "free_slip", "free_slip"))
+    out = 2.0 if upper else -2.0
+    normal = jnp.broadcast_to(jnp.asarray([out, out, -out, -out]), (4, 4))
+    along, still = jnp.full((3, 5), 3.0), jnp.zeros((3, 5))
+    rate = advection(grid, boundary, Upwind(), speeds, (normal, still), (normal, along), jnp.asarray(0.0))
+    end = -1 if upper else 0
+    # The face stands for half a cell, 1/6 m; each second 2 * 2 goes on into the box and 2 * 2 / 2 comes in, outwards positive.
+    missing = (4.0 - 2.0) * 6.0
+    np.testing.assert_allclose(rate[0][end], np.array([0.0, 0.0, missing, missing]) * (out / 2.0), atol=1e-12)
+    # A tangential velocity has a whole cell, 1/3 m: 2 * 3 goes on and 2 * 3 / 2 comes in.
+    np.testing.assert_allclose(rate[1][end], [0.0, 0.0, 0.0, -9.0, -9.0], atol=1e-12)
 
 
 def test_half_covered_faces_decide_for_an_outlet():

@@ -49,7 +49,7 @@ def stress_of(grid, boundary, law, velocity, void_fraction=None):
     still = (jnp.zeros(grid.dimension),) * (2 * grid.dimension)
     flow = subgrid_flow(grid, boundary, still, law, velocity, VISCOSITY, void_fraction, TIME)
     stress = subgrid_stress(grid, flow, void_fraction)
-    return stress, subgrid_acceleration(grid, stress)
+    return stress, subgrid_acceleration(grid, boundary, stress)
 
 
 def uneven(grid, seed=5):

@@ -367,6 +367,66 @@ def test_outlet_backflow_is_not_amplified(jets):
     assert all(b < a for a, b in zip(energy, energy[1:], strict=False))
 
 
+def test_an_oblique_stream_leaves_by_two_sides_and_their_corner():
+    """Through an even bed: the stream of 1 m/s to the right and 0.5 m/s up stays as it is, without a pressure."""
+    flow = Flow((6, 5), (0.6, 0.4), ("inlet", "outlet", "inlet", "outlet"))
+    stream, bed = np.array([1.0, 0.5]), np.full((6, 5), 0.6)
+    properties = flow.properties(
+        1e-3, {0: 0.6 * stream * [1.0, 1.0 / 0.6], 2: 0.6 * stream * [1.0 / 0.6, 1.0]}
+    )
+    state, _, ok = flow.march(properties, flow.state(*stream, void_fraction=bed), 50, 0.02, bed)
+    assert bool(ok)
+    for u, speed in zip(state.face_velocity, stream, strict=True):
+        np.testing.assert_allclose(u, speed, atol=1e-11)
+    np.testing.assert_allclose(state.pressure, 0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("scheme", [VanLeer(), Central()], ids=["limited", "central"])
+def test_a_step_is_of_second_order_in_time_where_fluid_comes_in_by_an_outlet(scheme):
+    """As in a periodic box, for an eddy that the open side cuts: halving the step takes the difference from a step 16 times
+    as short to a quarter. It needs the flux through the outlet at the time of each stage."""
+    flow, ends = (
+        Flow((12, 12), (1.0, 1.0), ("free_slip", "outlet", "free_slip", "free_slip"), scheme=scheme),
+        {},
+    )
+    x, z = np.meshgrid(flow.faces(0), flow.faces(1), indexing="ij")
+    stream = 0.1 * np.sin(np.pi * x / 0.8) * np.sin(2.0 * np.pi * z)
+    start = flow.state(np.diff(stream, axis=1) * 12.0, -np.diff(stream, axis=0) * 12.0)
+    # What the pressure is at the start, the first step of a run does not know.
+    start, _, _ = flow.march(flow.properties(0.01), start, 40, 0.001)
+    for count in (8, 16, 256):
+        state, _, _ = flow.march(flow.properties(0.01), start, count, 0.32 / count)
+        ends[count] = np.asarray(state.face_velocity[0])
+    assert float(ends[256][-1].min()) < -0.1
+    ratio = np.abs(ends[8] - ends[256]).max() / np.abs(ends[16] - ends[256]).max()
+    assert 3.0 < ratio < 5.0
+
+
+def test_slopes_through_an_outlet_that_draws_fluid_in_are_those_of_differences():
+    """Of the mean pressure and the energy after eight steps of an eddy that the outlet cuts, by its strength and the viscosity."""
+    flow = Flow((6, 6), (1.0, 1.0), ("no_slip", "outlet", "no_slip", "no_slip"), scheme=Upwind())
+    x, z = np.meshgrid(flow.faces(0), flow.faces(1), indexing="ij")
+    stream = 0.1 * np.sin(np.pi * x / 0.8) * np.sin(2.0 * np.pi * z)
+    u, w = np.diff(stream, axis=1) * 6.0, -np.diff(stream, axis=0) * 6.0
+
+    @jax.jit
+    def outcome(numbers):
+        state, properties = flow.state(numbers[0] * u, numbers[0] * w), flow.properties(numbers[1])
+
+        def body(state, _):
+            return flow.solver.step(properties, state, None, jnp.asarray(0.0), jnp.asarray(0.02)).state, None
+
+        state, _ = lax.scan(body, state, None, length=8)
+        return jnp.mean(state.pressure) + sum(jnp.sum(f**2) for f in state.face_velocity)
+
+    numbers = np.array([1.0, 1e-2])
+    slopes = np.asarray(jax.jit(jax.grad(outcome))(jnp.asarray(numbers)))
+    for n in range(2):
+        shift = 1e-5 * np.eye(2)[n] * numbers[n]
+        difference = float(outcome(numbers + shift) - outcome(numbers - shift)) / (2.0 * shift[n])
+        assert slopes[n] == pytest.approx(difference, rel=1e-6) and slopes[n] != 0.0
+
+
 @pytest.mark.parametrize("across", ["no_slip", "periodic"])
 def test_one_cell_thick_axis(across):
     flow = Flow((6, 1), (0.6, 0.1), ("inlet", "outlet", across, across))

@@ -341,7 +341,7 @@ class StirredWorld(ToyWorld):
         flow = subgrid_flow(
             GRID, SIDES, still, numbers.subgrid, fluid.face_velocity, numbers.viscosity, None, jnp.zeros(())
         )
-        push = subgrid_acceleration(GRID, subgrid_stress(GRID, flow))
+        push = subgrid_acceleration(GRID, SIDES, subgrid_stress(GRID, flow))
         faces = tuple(u + INTERVAL * a for u, a in zip(fluid.face_velocity, push, strict=True))
         return moved._replace(fluid=fluid._replace(face_velocity=faces)), neighbors, report
 

@@ -1,0 +1,10 @@
+"""The outlet cases of the verification page, at the size that a test can afford."""
+
+import pytest
+
+from benchmarks.cases import checked, names
+
+
+@pytest.mark.parametrize("name", names("outlets"))
+def test_case(name):
+    checked(name)
