@@ -203,8 +203,9 @@ def set_normal_velocity(
 ) -> FaceField:
     """Face velocities with the boundary faces set.
 
-    Each side by its `SideCondition`: the faces of an outlet keep what the balance of momentum gave them; an inlet has the superficial velocity of the side times the covered fraction of each face
-    (or the mean of its profile). Periodic: the doubles are made equal.
+    Each side by its `SideCondition`: the faces of an outlet keep what the balance of momentum gave them; an inlet has the
+    superficial velocity of the side times the covered fraction of each face (or the mean of its profile). Periodic: the
+    doubles are made equal.
 
     Args:
         grid: the grid.
@@ -223,8 +224,8 @@ def set_normal_velocity(
         for upper in (False, True):
             side = boundary.side(axis, upper)
             own = side.condition.sets_pressure
-            place = (-1, None, -2, -1) if upper else (0, 1, 1, 2)
-            predicted = along(component, axis, *(place[:2] if own else place[2:]))
+            place = ((-1, None) if own else (-2, -1)) if upper else ((0, 1) if own else (1, 2))
+            predicted = along(component, axis, *place)
             g = void_fraction[axis]
             at_side = (
                 g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))

@@ -16,7 +16,7 @@ class SideCondition(Protocol):
 
     @property
     def sets_pressure(self) -> bool:
-        """Whether the pressure is given outside and drives the flow through the side."""
+        """Whether the pressure is zero outside and drives the flow through the side."""
         ...
 
     def normal(self, predicted: Array, speed: Array, void_fraction: CellOrOne, upper: bool) -> Array:
