@@ -94,5 +94,5 @@ def test_three_components_in_a_plane_are_those_of_a_frame():
     for given, width in ((rows + 1e-9, 2), (rows, 1)):
         with pytest.raises(InputError, match="row 0.*in 2-D"):
             rows_of("key", given, width, of_frame=True)
-    with pytest.raises(InputError, match="needs rows of 1"):
+    with pytest.raises(InputError, match="1 number"):
         rows_of("particles.radius", spin, 1)
