@@ -8,7 +8,7 @@ vertical), not the three components that the run directory stores.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -286,21 +286,59 @@ def errors(history: Mapping[str, ArrayLike], reference_history: Mapping[str, Arr
     return result
 
 
-def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.bool_]:
-    """Which points no other point beats: none costs at most as much and errs at most as much, one of the two less.
+def compile_time(summary: Mapping[str, Any]) -> float:
+    """What a run spent on tracing, compiling and loading programs from the cache [s]; NaN where not recorded.
+
+    Args:
+        summary: content of a run's summary.json.
+    """
+    stages = summary.get("stages_s")
+    return _seconds(stages.get("compile") if isinstance(stages, Mapping) else None)
+
+
+def run_time(summary: Mapping[str, Any]) -> float:
+    """Run time: wall time of the time loop without `compile_time` [s]; NaN where either is not recorded.
+
+    Whether a program was in the cache does not change it, so run times of two runs compare.
+
+    Args:
+        summary: content of a run's summary.json.
+    """
+    return _seconds(summary.get("wall_time_s")) - compile_time(summary)
+
+
+def _seconds(value: object) -> float:
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return float(value) if number else float("nan")  # type: ignore[arg-type]
+
+
+def pareto_front(
+    cost: ArrayLike, error: ArrayLike, cost_noise: float = 0.0, error_noise: float = 0.0
+) -> NDArray[np.bool_]:
+    """The cheapest point, and each dearer one that errs less than all points before it: the points that no other beats.
+
+    Any two of them differ by more than the noise, in cost and in error. Of points that cannot be told apart in either the
+    cheapest is taken; one that costs the same within the noise and clearly errs less takes its place.
 
     Args:
         cost: (P,), e.g. run time [s]; a point with a value that is not finite is never on the front.
         error: (P,), e.g. relative error [-].
+        cost_noise: relative difference of two costs that means nothing [-].
+        error_noise: difference of two errors that means nothing, in the unit of `error`.
 
     Returns:
-        (P,) bool; two equal points are both on the front or both not.
+        (P,) bool; two points that are equal to the last digit are both on the front or both not.
     """
     c, e = np.asarray(cost, dtype=np.float64), np.asarray(error, dtype=np.float64)
-    front = np.isfinite(c) & np.isfinite(e)
-    candidates = np.flatnonzero(front)
-    for i in candidates:
-        no_worse = (c[candidates] <= c[i]) & (e[candidates] <= e[i])
-        better = (c[candidates] < c[i]) | (e[candidates] < e[i])
-        front[i] = not np.any(no_worse & better)
+    candidates = np.flatnonzero(np.isfinite(c) & np.isfinite(e))
+    chosen: list[int] = []
+    for i in candidates[np.lexsort((e[candidates], c[candidates]))]:
+        if chosen and not e[i] < e[chosen[-1]] - error_noise:
+            continue
+        if chosen and c[i] <= c[chosen[-1]] * (1.0 + cost_noise):
+            chosen.pop()
+        chosen.append(int(i))
+    front = np.zeros(c.shape, bool)
+    for i in chosen:
+        front |= (c == c[i]) & (e == e[i])
     return front

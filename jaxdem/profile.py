@@ -47,7 +47,6 @@ def estimate_stages(
         "drag": None,
         "fluid": fluid,
         "output": totals.stages["output"],
-        "compile": totals.stages["compile"],
     }
     estimated: list[str] = []
     if neighbors is not None and neighbors.room.slots and particles > WORTH_SPLITTING:

@@ -18,6 +18,7 @@ from jax import Array
 from jaxdem import __version__, metrics
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.ensemble import EnsembleClosure
+from jaxdem.compile_time import compile_clock
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.grid import cell_average
 from jaxdem.initial import scene_bodies
@@ -38,11 +39,16 @@ SAMPLE_INPUTS = (
 """Inputs of the drag law that samples.h5 keeps."""
 
 
+NOT_KEPT = ("stages", "start", "compiled")
+"""Fields of `Totals` that a checkpoint has under other names or not at all."""
+
+
 @dataclasses.dataclass
 class Totals:
     """Sums and extremes over a run; they belong to a checkpoint."""
 
     start: float = 0.0
+    compiled: float = 0.0
     resizes: int = 0
     intervals: int = 0
     fluid_steps: int = 0
@@ -66,12 +72,16 @@ class Totals:
         default_factory=lambda: dict.fromkeys(("fluid_part", "particle_part", "output", "compile"), 0.0)
     )
 
+    def begin(self) -> None:
+        """The run starts, or goes on, now."""
+        self.start, self.compiled = clock.perf_counter(), compile_clock().total
+
     @contextlib.contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Adds the wall time of a block to a stage."""
-        begin = clock.perf_counter()
+        """Adds the wall time of a block to a stage, without what was compiled in it."""
+        begin, compiled = clock.perf_counter(), compile_clock().total
         yield
-        self.stages[stage] += clock.perf_counter() - begin
+        self.stages[stage] += clock.perf_counter() - begin - (compile_clock().total - compiled)
 
     def add(self, diagnostics: Diagnostics) -> None:
         """One coupling interval."""
@@ -111,16 +121,21 @@ class Totals:
         """Wall time of the run, that of the runs before a restart included [s]."""
         return self.wall + clock.perf_counter() - self.start
 
+    def compile_seconds(self) -> float:
+        """Time spent compiling, wherever in the run that was; that of the runs before a restart included [s]."""
+        return self.stages["compile"] + compile_clock().total - self.compiled
+
     def save(self) -> dict[str, Any]:
         """Names and values for a checkpoint."""
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "stages"}
-        values["wall"] = self.elapsed()
-        return values | {f"stage_{name}": value for name, value in self.stages.items()}
+        fields = [f.name for f in dataclasses.fields(self) if f.name not in NOT_KEPT]
+        values = {name: getattr(self, name) for name in fields} | {"wall": self.elapsed()}
+        stages = self.stages | {"compile": self.compile_seconds()}
+        return values | {f"stage_{name}": value for name, value in stages.items()}
 
     def load(self, values: dict[str, Any]) -> None:
         """The inverse of `save`."""
         for field in dataclasses.fields(self):
-            if field.name not in ("stages", "start"):
+            if field.name not in NOT_KEPT:
                 setattr(self, field.name, type(getattr(self, field.name))(values[field.name]))
         self.stages = {name: float(values[f"stage_{name}"]) for name in self.stages}
 
@@ -308,9 +323,10 @@ def run_summary(
 ) -> dict[str, Any]:
     """Content of summary.json."""
     count = 0 if state.particles is None else state.particles.position.shape[0]
-    elapsed = totals.elapsed()
+    elapsed, compiled = totals.elapsed(), totals.compile_seconds()
     steps = simulation.steps
     stages, estimated = estimate_stages(simulation, parameters, state, neighbors, totals)
+    stages["compile"] = compiled
     used = count * max(totals.intervals, 1)
     return {
         "valid": valid,
@@ -321,6 +337,7 @@ def run_summary(
         "machine": {"processor": platform.processor() or platform.machine(), "devices": jax.device_count()},
         "precision": scene.precision,
         "wall_time_s": elapsed,
+        "run_time_s": metrics.run_time({"wall_time_s": elapsed, "stages_s": stages}),
         "stages_s": stages,
         "estimated": estimated,
         "time_steps": {

@@ -18,6 +18,7 @@ from jaxdem import step as coupled
 from jaxdem.build import build, initial_state
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
+from jaxdem.compile_time import compiling
 from jaxdem.diagnosis import diagnosis
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import OF_PARTICLES, Failure, failures
@@ -163,7 +164,7 @@ class TimeLoop:
             progress: called after every coupling interval.
             caught: signals that came; at the first the interval is finished and a checkpoint left.
         """
-        self.totals.start = clock.perf_counter()
+        self.totals.begin()
         try:
             if not self.directory.has_checkpoint:  # first of all: a kill while compiling loses nothing either
                 self._write_checkpoint()
@@ -253,7 +254,7 @@ class TimeLoop:
 
     def _compile(self) -> None:
         """Both parts of a step, compiled for the present capacities."""
-        with self.totals.timed("compile"):
+        with compiling():
             simulation = self.simulation
             fluid = jax.jit(lambda p, s: coupled.fluid_part(simulation, p, s))
             self._fluid_part = fluid.lower(self.parameters, self.state).compile()

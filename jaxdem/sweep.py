@@ -21,7 +21,7 @@ from jaxdem.errors import InputError, RunError
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.durable import write_bytes
 from jaxdem.io.run_directory import SCENE
-from jaxdem.metrics import METRICS
+from jaxdem.metrics import METRICS, compile_time, run_time
 from jaxdem.scene import Scene, load_scene, parse_override
 from jaxdem.simulate import Progress, simulate_once
 
@@ -61,7 +61,7 @@ class SweepRun:
         valid: what the run's summary says; None before the run.
         refused: it was not started, its input is wrong.
         reason: why it is not valid.
-        wall_time_s: [s]; NaN where not recorded.
+        run_time_s, compile_time_s: `metrics.run_time`, without compiling, and `metrics.compile_time` [s]; NaN where not recorded.
         final: the nine metrics at the last output, SI; NaN where missing.
     """
 
@@ -70,7 +70,8 @@ class SweepRun:
     valid: bool | None = None
     refused: bool = False
     reason: str = ""
-    wall_time_s: float = math.nan
+    run_time_s: float = math.nan
+    compile_time_s: float = math.nan
     final: dict[str, float] = dataclasses.field(
         default_factory=lambda: {metric.name: math.nan for metric in METRICS}
     )
@@ -79,7 +80,7 @@ class SweepRun:
         """What came of the run."""
         self.valid = run.summary.get("valid") is True
         self.reason = str(run.summary.get("reason") or "") if not self.valid else ""
-        self.wall_time_s = float(run.summary.get("wall_time_s") or math.nan)
+        self.run_time_s, self.compile_time_s = run_time(run.summary), compile_time(run.summary)
         if run.number_of_frames:
             self.final = {metric.name: float(run.history[metric.name][-1]) for metric in METRICS}
 
@@ -102,11 +103,11 @@ class Sweep:
         text = io.StringIO()
         lines = csv.writer(text, lineterminator="\n")
         names = [metric.name for metric in METRICS]
-        lines.writerow(["run", *self.keys, "valid", "wall_time_s", *names, "reason"])
+        lines.writerow(["run", *self.keys, "valid", "run_time_s", "compile_time_s", *names, "reason"])
         for run in self.runs:
             valid = "" if run.valid is None else str(run.valid).lower()
-            numbers = [repr(run.wall_time_s), *(repr(run.final[name]) for name in names)]
-            lines.writerow([run.name, *run.texts.values(), valid, *numbers, run.reason])
+            numbers = [run.run_time_s, run.compile_time_s, *(run.final[name] for name in names)]
+            lines.writerow([run.name, *run.texts.values(), valid, *map(repr, numbers), run.reason])
         write_bytes(self.table, text.getvalue().encode())
 
 

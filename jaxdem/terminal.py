@@ -40,14 +40,16 @@ def warn(message: str) -> None:
 
 
 def print_run(result: Run) -> None:
-    """Whether the run is valid, its wall time by stage and its folder."""
+    """Whether the run is valid, its run and compile time, the time by stage and its folder."""
+    from jaxdem.metrics import compile_time, run_time
+
     summary = result.summary
     stages = summary.get("stages_s", {})
     marked = summary.get("estimated", ())
     parts = [
         f"{name} {seconds:.3g} s{' (estimated)' if name in marked else ''}"
         for name, seconds in stages.items()
-        if seconds is not None
+        if seconds is not None and name != "compile"
     ]
     console = output()
 
@@ -55,7 +57,7 @@ def print_run(result: Run) -> None:
         console.print(f"{label:<10}{text}", markup=False, highlight=False, soft_wrap=True)
 
     line("valid", "yes" if summary.get("valid") else "no")
-    line("wall time", f"{summary.get('wall_time_s', 0.0):.3g} s")
+    line("run time", f"{run_time(summary):.3g} s, and {compile_time(summary):.3g} s compiling")
     line("stages", ", ".join(parts))
     line("output", str(result.path))
 
@@ -92,12 +94,12 @@ def print_sweep(sweep: Sweep) -> None:
     shown = [m for m in METRICS if any(math.isfinite(run.final[m.name]) for run in sweep.runs)]
     for key in sweep.keys:
         table.add_column(escape(key), overflow="fold")
-    for heading in ("valid", "time [s]", *(metric.label for metric in shown)):
+    for heading in ("valid", "run [s]", "compile [s]", *(metric.label for metric in shown)):
         table.add_column(escape(heading), justify="right")
     for run in sweep.runs:
         values = [escape(text) for text in run.texts.values()]
         state = "refused" if run.refused else "yes" if run.valid else "no"
-        numbers = [run.wall_time_s, *(run.final[metric.name] for metric in shown)]
+        numbers = [run.run_time_s, run.compile_time_s, *(run.final[metric.name] for metric in shown)]
         cells = [f"{number:.3g}" if math.isfinite(number) else "-" for number in numbers]
         table.add_row(*values, state, *cells, style=None if run.valid else "red")
     console = output()

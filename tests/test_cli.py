@@ -353,7 +353,9 @@ def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp
     assert [failed["valid"], sound["valid"]] == ["false", "true"] and "particle 1" in failed["reason"]
     run = load_run(out / sound["run"])
     assert float(sound["kinetic_energy"]) == run.history["kinetic_energy"][-1]
-    assert float(sound["wall_time_s"]) == run.summary["wall_time_s"] and sound["drag_force_mean"] == "nan"
+    times = [float(sound[name]) for name in ("run_time_s", "compile_time_s")]
+    assert times == [run.summary["run_time_s"], run.summary["stages_s"]["compile"]]
+    assert sum(times) == pytest.approx(run.summary["wall_time_s"]) and sound["drag_force_mean"] == "nan"
     before = (out / sound["run"] / "summary.json").stat().st_mtime_ns
     assert (
         invoke("sweep", grains, "--out", out, "--vary", f"particles.velocity={STILL}", *SWEEP).exit_code == 0

@@ -123,3 +123,19 @@ def test_pareto_front() -> None:
     assert metrics.pareto_front(cost, error).tolist() == [True, True, True, False, False, False, False]
     assert metrics.pareto_front([1.0, 1.0], [2.0, 2.0]).tolist() == [True, True]
     assert metrics.pareto_front([], []).tolist() == []
+
+
+def test_points_of_a_front_differ_by_more_than_the_noise() -> None:
+    """A chain whose neighbours are within the noise, and whose ends are not; and runs of one cost but for noise."""
+    cost, error = [1.0, 2.0, 3.0, 4.0], [10.0, 9.5, 9.0, 8.5]
+    assert metrics.pareto_front(cost, error, error_noise=0.6).tolist() == [True, False, True, False]
+    assert metrics.pareto_front([5.8, 1.9, 2.0], [5.1, 5.3, 5.2], 0.1, 0.9).tolist() == [False, True, False]
+    assert metrics.pareto_front([1.0, 1.05], [10.0, 5.0], 0.1, 0.9).tolist() == [False, True]
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        cost, error = rng.uniform(1.0, 4.0, 12), rng.uniform(0.0, 1.0, 12)
+        front = np.flatnonzero(metrics.pareto_front(cost, error, 0.1, 0.15))
+        order = front[np.argsort(cost[front])]
+        assert np.all(cost[order[1:]] > 1.1 * cost[order[:-1]])
+        assert np.all(error[order[1:]] < error[order[:-1]] - 0.15)
+        assert len(front) and min(error) >= min(error[front]) - 0.15

@@ -28,6 +28,7 @@ def compare(
     *,
     names: Sequence[str] | None = None,
     noise: Sequence[RunLike] = (),
+    packs: Mapping[str, Sequence[RunLike]] | None = None,
     parity: Mapping[str, Mapping[str, Any]] | None = None,
     training_cost: Mapping[str, float] | None = None,
     notes: Sequence[str] = (),
@@ -45,6 +46,7 @@ def compare(
         out: directory, made if missing; files of the same names are replaced.
         names: one a run, or one more with the reference's first; by default their directories' names.
         noise: runs of the reference that differ in a jitter of the pack alone: the noise floor.
+        packs: name of a run -> the same run with other packs; its errors are means over all of them, its scatter is shown.
         parity: name -> {predicted, target, base}, each (M, D) [N]; `base` may be missing.
         training_cost: name of a run -> time spent to train its closure [s].
         notes: sentences for the page.
@@ -56,21 +58,25 @@ def compare(
         The figures, the findings in words, and where the files are.
 
     Raises:
-        InputError: no run, names that are too few or equal, training cost of an unknown run, a history whose times
+        InputError: no run, names that are too few or equal, training cost or packs of an unknown run, a history whose times
             do not increase, parity arrays of unlike shape.
     """
     if not runs:
         raise InputError("runs", list(runs), "at least one", "Name a run to compare with the reference.")
     chosen = numbers.choose_names(reference, runs, names)
     cost = {name: float(seconds) for name, seconds in (training_cost or {}).items()}
-    if unknown := [name for name in cost if name not in chosen]:
-        raise InputError(
-            "training_cost", unknown, f"names of runs: {', '.join(chosen)}", "Use the names of the runs."
-        )
+    for key, given in (("training_cost", cost), ("packs", packs or {})):
+        if unknown := [name for name in given if name not in chosen[1:]]:
+            limit = f"names of runs: {', '.join(chosen[1:])}"
+            raise InputError(key, unknown, limit, "Use the names of the runs.")
     figures.check_parity(parity or {})
     roles = ["reference"] + ["run"] * len(runs)
+    more = {
+        name: tuple((run, history_until(run, until)) for run in others)
+        for name, others in (packs or {}).items()
+    }
     entries = [
-        Entry(name, role, run, history_until(run, until))
+        Entry(name, role, run, history_until(run, until), more.get(name, ()))
         for name, role, run in zip(chosen, roles, (reference, *runs), strict=True)
     ]
     jittered = [

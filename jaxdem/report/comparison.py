@@ -29,15 +29,18 @@ class Row:
     Attributes:
         role: "reference", "run" or "noise" (a reference run again, its pack jittered).
         cells: fluid cells along each axis, None without fluid.
-        contact_time_step, wall_time_s, training_cost_s: [s]; NaN where not recorded.
+        contact_time_step, training_cost_s: [s]; NaN where not recorded.
+        run_time_s, compile_time_s: `metrics.run_time`, which is without compiling, and `metrics.compile_time` [s]; medians
+            over the packs.
         valid: what the run's summary says; False where there is no summary.
         complete: whether the history reaches the end that scene and reference ask for.
         end_time, compared_from, compared_until: [s]; last output, and the span shared with the reference.
         final: the nine metrics at the last output, SI.
-        errors: `metrics.relative_error` of each [-]; NaN where missing.
+        errors: `metrics.relative_error` of each [-]; NaN where missing. With several packs the mean over them.
         mean_error: mean of the finite errors [-]; metrics_counted: how many those are.
+        packs: (run time [s], mean error [-]) with each pack; one for a run that was done once.
         error_over_noise: mean error over the noise floor's [-]; NaN without noise runs.
-        pareto: on the front of mean error against run time, among valid and complete runs.
+        pareto: on the front of mean error against run time, among valid and complete runs; see `Comparison`.
     """
 
     name: str
@@ -49,7 +52,8 @@ class Row:
     drag: str
     precision: str
     contact_time_step: float
-    wall_time_s: float
+    run_time_s: float
+    compile_time_s: float
     valid: bool
     complete: bool
     status: str
@@ -60,6 +64,7 @@ class Row:
     errors: dict[str, float]
     mean_error: float
     metrics_counted: int
+    packs: tuple[tuple[float, float], ...] = ()
     training_cost_s: float = NAN
     error_over_noise: float = NAN
     pareto: bool = False
@@ -70,6 +75,11 @@ class Row:
         return self.valid and self.complete
 
     @property
+    def pack_errors(self) -> tuple[float, ...]:
+        """Mean error with each pack [-]."""
+        return tuple(error for _, error in self.packs)
+
+    @property
     def cells_text(self) -> str:
         """Mesh as "75 x 12"; a dash without fluid."""
         return " x ".join(str(n) for n in self.cells) if self.cells else "-"
@@ -78,6 +88,9 @@ class Row:
 @dataclass
 class Comparison:
     """Runs against a reference. `rows` has the reference first; `noise_rows` the jittered reference runs.
+
+    Two mean errors, or two run times, that differ by no more than the noise are the same here: on the Pareto front, in the
+    findings, everywhere.
 
     Attributes:
         noise_floor: mean over the noise runs of each metric's error [-]; empty without noise runs.
@@ -101,15 +114,46 @@ class Comparison:
         """The row of the reference."""
         return self.rows[0]
 
+    @property
+    def error_noise(self) -> float:
+        """Difference of two mean errors that means nothing [-]; NaN where it is not known.
+
+        The noise floor, or half the range of a run's mean error over its packs where that is more.
+        """
+        known = [half_range(row.pack_errors) for row in self.rows if len(row.packs) > 1]
+        return max([*known, *filter(math.isfinite, [self.noise_mean])], default=NAN)
+
+    @property
+    def time_noise(self) -> float:
+        """Relative difference of two run times that means nothing [-]; NaN where it is not known.
+
+        Half the range over packs of a run, or over reference and noise runs, over the middle of it: the largest.
+        """
+        reference = [row.run_time_s for row in (self.reference, *self.noise_rows) if row.ranked]
+        groups = [reference, *([time for time, _ in row.packs] for row in self.rows)]
+        groups = [[time for time in group if time > 0.0] for group in groups]
+        known = [2.0 * half_range(group) / (min(group) + max(group)) for group in groups if len(group) > 1]
+        return max(known, default=NAN)
+
 
 @dataclass(frozen=True)
 class Entry:
-    """A run under its name and role, with the history that is compared (columns (T,), SI)."""
+    """A run under its name and role, with the history that is compared (columns (T,), SI).
+
+    Attributes:
+        packs: the same run with other packs, each with its history.
+    """
 
     name: str
     role: str
     run: RunLike
     history: dict[str, read.Array]
+    packs: tuple[tuple[RunLike, dict[str, read.Array]], ...] = ()
+
+
+def half_range(values: Sequence[float]) -> float:
+    """Half of the largest less the smallest."""
+    return 0.5 * (max(values) - min(values))
 
 
 def choose_names(reference: RunLike, runs: Sequence[RunLike], names: Sequence[str] | None) -> list[str]:
@@ -149,7 +193,24 @@ def _default_name(run: RunLike) -> str:
 
 
 def make_row(entry: Entry, reference: Entry, training_cost: float, until: float | None) -> Row:
-    """Read one run's figures and its errors against the reference."""
+    """Read one run's figures and its errors against the reference; with several packs the means over the sound runs."""
+    first = _row_of_one(entry, reference, training_cost, until)
+    others = [replace(entry, run=run, history=history, packs=()) for run, history in entry.packs]
+    rows = [first, *(_row_of_one(other, reference, training_cost, until) for other in others)]
+    rows = [row for row in rows if row.ranked and math.isfinite(row.mean_error)]
+    if not first.ranked or len(rows) < 2:
+        return first
+    return replace(
+        first,
+        errors={name: float(np.mean([row.errors[name] for row in rows])) for name in NAMES},
+        mean_error=float(np.mean([row.mean_error for row in rows])),
+        run_time_s=float(np.median([row.run_time_s for row in rows])),
+        compile_time_s=float(np.median([row.compile_time_s for row in rows])),
+        packs=tuple(pack for row in rows for pack in row.packs),
+    )
+
+
+def _row_of_one(entry: Entry, reference: Entry, training_cost: float, until: float | None) -> Row:
     run, history = entry.run, entry.history
     own, other = history["time"], reference.history["time"]
     errors = metrics.errors(history, reference.history)
@@ -158,6 +219,7 @@ def make_row(entry: Entry, reference: Entry, training_cost: float, until: float 
     valid = read.lookup(run.summary, "valid") is True
     end_time = float(own[-1]) if len(own) else NAN
     complete, status = _status(run, valid, end_time, other, until)
+    mean_error, time = float(np.mean(finite)) if finite else NAN, metrics.run_time(run.summary or {})
     return Row(
         name=entry.name,
         role=entry.role,
@@ -172,7 +234,8 @@ def make_row(entry: Entry, reference: Entry, training_cost: float, until: float 
         contact_time_step=read.number(
             read.lookup(run.summary, "time_steps.contact", read.lookup(run.scene, "contact.time_step"))
         ),
-        wall_time_s=read.number(read.lookup(run.summary, "wall_time_s")),
+        run_time_s=time,
+        compile_time_s=metrics.compile_time(run.summary or {}),
         valid=valid,
         complete=complete,
         status=status,
@@ -181,8 +244,9 @@ def make_row(entry: Entry, reference: Entry, training_cost: float, until: float 
         compared_until=float(shared[1]),
         final={name: float(history[name][-1]) if name in history and len(own) else NAN for name in NAMES},
         errors=errors,
-        mean_error=float(np.mean(finite)) if finite else NAN,
+        mean_error=mean_error,
         metrics_counted=len(finite),
+        packs=((time, mean_error),),
         training_cost_s=training_cost,
     )
 
@@ -224,6 +288,7 @@ def build(
 
     The front is over runs that are valid and as long as the reference: a run that stopped early is cheap and has had
     less time to err, and would win for the wrong reason. The reference, whose error is zero by definition, is not on it.
+    Its points differ by more than the noise, as far as that is known.
     """
     rows = [make_row(entry, reference, cost.get(entry.name, NAN), until) for entry in (reference, *entries)]
     noise_rows = [make_row(entry, reference, NAN, until) for entry in noise]
@@ -235,11 +300,13 @@ def build(
     if mean > 0.0:
         rows = [replace(row, error_over_noise=row.mean_error / mean) for row in rows]
         noise_rows = [replace(row, error_over_noise=row.mean_error / mean) for row in noise_rows]
+    result = Comparison(rows=rows, noise_rows=noise_rows, noise_floor=floor, noise_mean=mean)
     candidates = [row.ranked and row.role == "run" for row in rows]
-    costs = [row.wall_time_s if ok else NAN for row, ok in zip(rows, candidates, strict=True)]
-    front = metrics.pareto_front(costs, [row.mean_error for row in rows])
-    rows = [replace(row, pareto=bool(on)) for row, on in zip(rows, front, strict=True)]
-    return Comparison(rows=rows, noise_rows=noise_rows, noise_floor=floor, noise_mean=mean)
+    costs = [row.run_time_s if ok else NAN for row, ok in zip(rows, candidates, strict=True)]
+    known = [value if math.isfinite(value) else 0.0 for value in (result.time_noise, result.error_noise)]
+    front = metrics.pareto_front(costs, [row.mean_error for row in rows], *known)
+    result.rows = [replace(row, pareto=bool(on)) for row, on in zip(rows, front, strict=True)]
+    return result
 
 
 def write_csv(comparison: Comparison, path: Path) -> None:
@@ -262,7 +329,7 @@ def _record(row: Row, with_noise: bool) -> dict[str, Any]:
         "drag_law": row.drag,
         "precision": row.precision,
         "contact_time_step": row.contact_time_step,
-        "wall_time_s": row.wall_time_s,
+        "wall_time_s": row.run_time_s + row.compile_time_s,
         "valid": "true" if row.valid else "false",
         **row.final,
         **{f"error_{name}": error for name, error in row.errors.items()},
@@ -277,6 +344,11 @@ def _record(row: Row, with_noise: bool) -> dict[str, Any]:
         "compared_from": row.compared_from,
         "compared_until": row.compared_until,
         "metrics_counted": row.metrics_counted,
+        "run_time_s": row.run_time_s,
+        "compile_time_s": row.compile_time_s,
+        "packs": len(row.packs),
+        "mean_error_lowest": min(row.pack_errors),
+        "mean_error_highest": max(row.pack_errors),
         "training_cost_s": row.training_cost_s,
         "pareto": "true" if row.pareto else "false",
         "path": row.path,

@@ -146,15 +146,16 @@ def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: P
         axis.set_yscale("log")
         floor = 0.5 * min((row.mean_error for row in points if row.mean_error > 0), default=1e-3)
         noise = [comparison.noise_mean] if 0 < comparison.noise_mean < math.inf else []
-        times = [row.wall_time_s for row in (comparison.reference, *points) if row.wall_time_s > 0]
-        totals = [row.wall_time_s + row.training_cost_s for row in points if row.training_cost_s > 0]
+        times = [row.run_time_s for row in (comparison.reference, *points) if row.run_time_s > 0]
+        totals = [row.run_time_s + row.training_cost_s for row in points if row.training_cost_s > 0]
+        times += [time for row in points for time, _ in row.packs if time > 0]
         _room_for_one_number([*times, *totals], axis.set_xlim)
         _room_for_one_number([*noise, *(max(row.mean_error, floor) for row in points)], axis.set_ylim)
         for row in points:
             _point(axis, row, styles[row.name], floor)
-        front = sorted((row for row in points if row.pareto), key=lambda row: row.wall_time_s)
+        front = sorted((row for row in points if row.pareto), key=lambda row: row.run_time_s)
         if len(front) > 1:
-            xy = [(row.wall_time_s, max(row.mean_error, floor)) for row in front]
+            xy = [(row.run_time_s, max(row.mean_error, floor)) for row in front]
             axis.plot(
                 *zip(*xy, strict=True),
                 color="#555555",
@@ -165,8 +166,8 @@ def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: P
             )
         for level in noise:
             axis.axhline(level, color=style.NOISE, linewidth=1.6, zorder=1, label="noise floor")
-        if comparison.reference.wall_time_s > 0:
-            axis.axvline(comparison.reference.wall_time_s, color=style.REFERENCE, linewidth=1.2, zorder=1)
+        if comparison.reference.run_time_s > 0:
+            axis.axvline(comparison.reference.run_time_s, color=style.REFERENCE, linewidth=1.2, zorder=1)
             axis.plot([], [], color=style.REFERENCE, label="reference (error 0)")
         if not points:
             axis.text(
@@ -183,7 +184,7 @@ def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: P
 
 def drawable(comparison: Comparison) -> list[Row]:
     """Runs (not the reference) that have a run time and an error."""
-    return [row for row in comparison.rows[1:] if row.wall_time_s > 0 and math.isfinite(row.mean_error)]
+    return [row for row in comparison.rows[1:] if row.run_time_s > 0 and math.isfinite(row.mean_error)]
 
 
 def _point(axis: Axes, row: Row, look: RunStyle, floor: float) -> None:
@@ -192,7 +193,7 @@ def _point(axis: Axes, row: Row, look: RunStyle, floor: float) -> None:
     marker = look.marker if row.ranked else "X"
     edge = "white" if row.ranked else style.INVALID
     axis.plot(
-        row.wall_time_s,
+        row.run_time_s,
         y,
         marker,
         color=look.color,
@@ -202,9 +203,11 @@ def _point(axis: Axes, row: Row, look: RunStyle, floor: float) -> None:
         linestyle="",
         label=name,
     )
+    if len(row.packs) > 1:
+        axis.plot(*zip(*row.packs, strict=True), ".", color=look.color, markersize=5, zorder=2)
     if row.training_cost_s > 0:
-        total = row.wall_time_s + row.training_cost_s
-        axis.plot([row.wall_time_s, total], [y, y], ":", color=look.color, linewidth=1.0, zorder=1.5)
+        total = row.run_time_s + row.training_cost_s
+        axis.plot([row.run_time_s, total], [y, y], ":", color=look.color, linewidth=1.0, zorder=1.5)
         axis.plot(
             total, y, marker, markerfacecolor="white", markeredgecolor=look.color, markeredgewidth=1.8, markersize=9,
             zorder=2.5, linestyle="", label=f"{style.escaped(row.name)}, with training",

@@ -1,12 +1,14 @@
 """A comparison in words: which run errs by how much, whether a closure helps, what limits the comparison.
 
-Sentences are made from the figures alone and say a loss as plainly as a gain.
+Sentences are made from the figures alone and say a loss as plainly as a gain. Two runs are compared in one place, `judge`, with
+the noise of the comparison, so that no two sentences contradict each other.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import Enum
 
 from jaxdem.metrics import METRICS
 from jaxdem.report import runs as read
@@ -41,37 +43,94 @@ def times(ratio: float) -> str:
     return f"{ratio:.0f}" if ratio >= 9.95 else f"{ratio:.1f}" if ratio >= 0.95 else f"{ratio:.2g}"
 
 
+class Verdict(Enum):
+    """One run's mean error beside another's."""
+
+    LOWER = "lower by more than the noise"
+    HIGHER = "higher by more than the noise"
+    SAME = "the same within the noise"
+    MAYBE_LOWER = "lower, with a noise that is not known"
+    MAYBE_HIGHER = "higher, with a noise that is not known"
+    UNKNOWN = "one of the two is not known"
+
+
+def judge(error: float, other: float, noise: float) -> Verdict:
+    """How a mean error stands beside another one; all that is said about two runs follows from this.
+
+    Args:
+        error, other: mean errors [-].
+        noise: `Comparison.error_noise` [-]; NaN where it is not known.
+    """
+    if not (math.isfinite(error) and math.isfinite(other)):
+        return Verdict.UNKNOWN
+    if error == other or abs(error - other) <= noise:
+        return Verdict.SAME
+    if math.isfinite(noise):
+        return Verdict.LOWER if error < other else Verdict.HIGHER
+    return Verdict.MAYBE_LOWER if error < other else Verdict.MAYBE_HIGHER
+
+
+def time_ratio(row: Row, reference: Row, noise: float) -> float:
+    """The reference's run time over a run's [-]; exactly 1 where they differ by no more than the noise, NaN where not recorded.
+
+    Args:
+        row, reference: the two.
+        noise: `Comparison.time_noise`; where it is not known, two times that print the same are the same.
+    """
+    if not (row.run_time_s > 0.0 and reference.run_time_s > 0.0):
+        return math.nan
+    ratio = reference.run_time_s / row.run_time_s
+    alike = max(ratio, 1.0 / ratio) <= 1.0 + noise or times(ratio) == times(1.0)
+    return 1.0 if alike else ratio
+
+
 def sentences(comparison: Comparison) -> list[str]:
-    """The findings, one sentence or two each: the reference, the noise floor, every run, every closure, the cost."""
-    reference = comparison.reference
-    result = [
-        f"Reference is {reference.name}"
-        + (f" on {reference.cells_text} cells" if reference.cells else " (no fluid)")
-        + (f", which took {duration(reference.wall_time_s)}" if math.isfinite(reference.wall_time_s) else "")
-        + ". Error means the time integral of the difference from it over the time integral of its own size,"
-        " averaged over the metrics."
-    ]
-    if math.isfinite(comparison.noise_mean):
-        result.append(
-            f"Runs of the reference that differ only in a small jitter of the pack already differ by "
-            f"{percent(comparison.noise_mean)} ({len(comparison.noise_rows)} run(s)): no model can be expected to do "
-            "better than this noise floor."
-        )
+    """The findings, one sentence or two each: the reference, the noise, every run, every closure with its cost, the front."""
     runs = sorted(comparison.rows[1:], key=lambda row: (not row.ranked, _or_inf(row.mean_error)))
+    result = [_reference_sentence(comparison.reference), *_noise_sentences(comparison)]
     result.extend(_run_sentence(row, comparison) for row in runs)
-    result.extend(_closure_sentence(row, comparison) for row in runs if row.closure and row.ranked)
-    result.extend(_cost_sentence(row, reference) for row in runs if math.isfinite(row.training_cost_s))
-    front = [row.name for row in sorted(runs, key=lambda row: _or_inf(row.wall_time_s)) if row.pareto]
-    if front:
-        result.append(
-            "No other run is both faster and more accurate than "
-            + (f"{front[0]}." if len(front) == 1 else f"any of these (cheapest first): {', '.join(front)}.")
-        )
-    return result
+    for row in runs:
+        if (row.closure or math.isfinite(row.training_cost_s)) and row.ranked:
+            result.append(_closure_sentence(row, comparison))
+    return result + _front_sentence(comparison, runs)
 
 
 def _or_inf(value: float) -> float:
     return value if math.isfinite(value) else math.inf
+
+
+def _reference_sentence(reference: Row) -> str:
+    took = f", which took {duration(reference.run_time_s)}" if math.isfinite(reference.run_time_s) else ""
+    return (
+        f"Reference is {reference.name}"
+        + (f" on {reference.cells_text} cells" if reference.cells else " (no fluid)")
+        + took
+        + ". Run times are without compiling. Error means the time integral of the difference from it over the time integral"
+        " of its own size, averaged over the metrics."
+    )
+
+
+def _noise_sentences(comparison: Comparison) -> list[str]:
+    noise, floor = comparison.error_noise, comparison.noise_mean
+    if not math.isfinite(noise):
+        return [
+            "The noise is not known, for no run was done with another pack: a small difference between two errors may mean "
+            "nothing."
+        ]
+    result = []
+    if math.isfinite(floor):
+        used = sum(row.ranked for row in comparison.noise_rows)
+        result.append(
+            f"Runs of the reference that differ only in a small jitter of the pack already differ by {percent(floor)} "
+            f"({used} run(s)): no model can be expected to do better than this noise floor."
+        )
+    result.append(f"Two mean errors that differ by {percent(noise)} or less are the same within the noise.")
+    if math.isfinite(comparison.time_noise):
+        result.append(
+            f"Run times of the same work with other packs differ by up to {percent(comparison.time_noise)} from the middle: "
+            "a smaller difference between two run times means nothing."
+        )
+    return result
 
 
 def _run_sentence(row: Row, comparison: Comparison) -> str:
@@ -80,64 +139,127 @@ def _run_sentence(row: Row, comparison: Comparison) -> str:
     known = {name: error for name, error in row.errors.items() if math.isfinite(error)}
     worst, best = max(known, key=known.__getitem__), min(known, key=known.__getitem__)
     parts = [f"{row.name} errs by {percent(row.mean_error)} on average"]
+    if len(row.packs) > 1:
+        parts.append(f", {_range(row)}")
     if math.isfinite(row.error_over_noise):
         parts.append(f" ({times(row.error_over_noise)} times the noise floor)")
     if len(known) > 1:
         parts.append(
             f", most in {LABEL[worst]} ({percent(known[worst])}) and least in {LABEL[best]} ({percent(known[best])})"
         )
-    ratio = comparison.reference.wall_time_s / row.wall_time_s if row.wall_time_s > 0 else math.nan
+    ratio = time_ratio(row, comparison.reference, comparison.time_noise)
     if math.isfinite(ratio) and row.ranked:
-        faster = f"{times(ratio)} times faster" if ratio >= 1 else f"{times(1 / ratio)} times slower"
-        parts.append(f"; it runs {faster} than the reference")
+        faster = f"{times(ratio)} times faster than" if ratio > 1 else f"{times(1 / ratio)} times slower than"
+        parts.append(f"; it runs {'as fast as' if ratio == 1.0 else faster} the reference")
     if not row.ranked:
         parts.append(f". It is not ranked: {row.status}")
     return "".join(parts) + "."
 
 
-def _closure_sentence(row: Row, comparison: Comparison) -> str:
-    """The learned run against the run on the same mesh with the drag law alone."""
+def error_range(row: Row) -> str:
+    """Smallest and largest mean error over the packs, e.g. "4.9-5.6 %"."""
+    low, high = (percent(error).removesuffix(" %") for error in (min(row.pack_errors), max(row.pack_errors)))
+    return f"{low}-{high} %"
+
+
+def _range(row: Row) -> str:
+    return f"{error_range(row)} over {len(row.packs)} packs"
+
+
+def twin_without_closure(row: Row, comparison: Comparison) -> Row | None:
+    """The sound run that differs from this one in the closure alone, as far as rows tell: mesh, particles and, if there is
+    one, drag law; the best of several."""
     twins = [
         other
         for other in comparison.rows[1:]
         if not other.closure
+        and other is not row
         and other.ranked
         and other.cells == row.cells
         and other.particles == row.particles
     ]
     twins = [twin for twin in twins if twin.drag == row.drag] or twins
-    if not twins:
+    return min(twins, key=lambda other: _or_inf(other.mean_error), default=None)
+
+
+OUTCOME = {
+    Verdict.LOWER: "On {cells} cells the closure lowers the mean error",
+    Verdict.HIGHER: "On {cells} cells the closure does not help, it raises the mean error",
+    Verdict.SAME: "On {cells} cells the learned closure is no better than none, the difference is within the noise",
+    Verdict.MAYBE_LOWER: "On {cells} cells the mean error is lower with the closure, and as the noise is not known this may be chance",
+    Verdict.MAYBE_HIGHER: "On {cells} cells the mean error is higher with the closure, and as the noise is not known this may be chance",
+    Verdict.UNKNOWN: "On {cells} cells the closure cannot be judged",
+}
+"""What is said of a closure."""
+
+
+def _closure_sentence(row: Row, comparison: Comparison) -> str:
+    """The learned run against the run on the same mesh with the drag law alone; what the training costs follows from that."""
+    twin = twin_without_closure(row, comparison)
+    if twin is None:
         return (
             f"Whether the closure helps {row.name} cannot be said: there is no valid run on the same mesh "
-            f"({row.cells_text}) without a closure."
+            f"({row.cells_text}) without a closure.{_cost(row, None, comparison)}"
         )
-    twin = min(twins, key=lambda other: _or_inf(other.mean_error))
     pairs = [(row.errors[name], twin.errors[name]) for name in LABEL]
     pairs = [pair for pair in pairs if all(math.isfinite(error) for error in pair)]
     better = sum(mine < theirs for mine, theirs in pairs)
-    gain = twin.mean_error - row.mean_error
-    figures = (
-        f"{percent(row.mean_error)} with it ({row.name}) against {percent(twin.mean_error)} without ({twin.name}), "
-        f"better in {better} of {len(pairs)} metrics"
+    verdict = judge(row.mean_error, twin.mean_error, comparison.error_noise)
+    with_it, without = (
+        f" ({one.name}{', ' + _range(one) if len(one.packs) > 1 else ''})" for one in (row, twin)
     )
-    if not math.isfinite(gain):
-        return f"On {row.cells_text} cells the closure cannot be judged: {figures}."
-    if abs(gain) <= (comparison.noise_mean if math.isfinite(comparison.noise_mean) else 0.0):
-        return f"On {row.cells_text} cells the closure makes no difference beyond the noise floor: {figures}."
-    if gain > 0:
-        return f"On {row.cells_text} cells the closure lowers the mean error: {figures}."
-    return f"On {row.cells_text} cells the closure does not help, it raises the mean error: {figures}."
+    noise = f"; the noise is {percent(comparison.error_noise)}" if verdict is Verdict.SAME else ""
+    return (
+        f"{OUTCOME[verdict].format(cells=row.cells_text)}: {percent(row.mean_error)} with it{with_it} against "
+        f"{percent(twin.mean_error)} without{without}, smaller in {better} of {len(pairs)} metrics{noise}."
+        f"{_cost(row, verdict, comparison)}"
+    )
 
 
-def _cost_sentence(row: Row, reference: Row) -> str:
-    start = f"Training for {row.name} took {duration(row.training_cost_s)} besides"
-    saved = reference.wall_time_s - row.wall_time_s
-    if not math.isfinite(saved):
+def _cost(row: Row, verdict: Verdict | None, comparison: Comparison) -> str:
+    """What the training took, and when it pays: only where it made the run better. "" without a training."""
+    if not math.isfinite(row.training_cost_s):
+        return ""
+    start = f" Its training took {duration(row.training_cost_s)} besides"
+    if verdict is None or verdict is Verdict.UNKNOWN:
+        return start + "; whether that pays cannot be said."
+    if verdict not in (Verdict.LOWER, Verdict.MAYBE_LOWER):
+        return start + ", which is not earned back: the run without the closure needs none."
+    ratio = time_ratio(row, comparison.reference, comparison.time_noise)
+    if not math.isfinite(ratio):
         return start + "; run times are not recorded, so when it pays cannot be said."
-    if saved <= 0:
+    if ratio <= 1.0:
         return start + " and, as the run is no faster than the reference, is never earned back."
-    runs = math.ceil(row.training_cost_s / saved)
-    return start + f"; against the reference's run time it is earned back after {runs} run(s)."
+    runs = math.ceil(row.training_cost_s / (comparison.reference.run_time_s - row.run_time_s))
+    sure = "" if verdict is Verdict.LOWER else " if the gain is none by chance"
+    return start + f"; against the reference's run time it is earned back after {runs} run(s){sure}."
+
+
+def _front_sentence(comparison: Comparison, runs: Sequence[Row]) -> list[str]:
+    front = [row for row in sorted(runs, key=lambda row: _or_inf(row.run_time_s)) if row.pareto]
+    if not front:
+        return []
+    names = ", ".join(row.name for row in front)
+    order = " (cheapest first)" if len(front) > 1 else ""
+    if not math.isfinite(comparison.error_noise):
+        return [
+            f"On the Pareto front of error against run time{order}: {names}. It counts every difference, for the noise is not known."
+        ]
+    alike = [
+        row.name
+        for row in runs
+        if row.ranked and not row.pareto and any(_alike(row, other, comparison) for other in front)
+    ]
+    return [
+        f"On the Pareto front of error against run time{order}: {names}; its points differ by more than the noise."
+        + (f" Within the noise of a point on it: {', '.join(alike)}." if alike else "")
+    ]
+
+
+def _alike(row: Row, other: Row, comparison: Comparison) -> bool:
+    """Whether two runs differ by no more than the noise, in error and in run time."""
+    same = judge(row.mean_error, other.mean_error, comparison.error_noise) is Verdict.SAME
+    return same and time_ratio(row, other, comparison.time_noise) == 1.0
 
 
 def warnings(comparison: Comparison, entries: Sequence[Entry], until: float | None) -> list[str]:
@@ -152,6 +274,13 @@ def warnings(comparison: Comparison, entries: Sequence[Entry], until: float | No
     if bad:
         listed = "; ".join(f"{row.name}: {row.status}" for row in bad)
         result.append(f"Not ranked, and not on the Pareto front: {listed}.")
+    by_name = {entry.name: entry for entry in entries}
+    for row in comparison.rows:
+        done, used = 1 + len(by_name[row.name].packs), len(row.packs)
+        if used < done:
+            result.append(
+                f"{row.name}: {used} of {done} packs are counted, the others are invalid or incomplete."
+            )
     if comparison.noise_rows and not math.isfinite(comparison.noise_mean):
         result.append("No noise run is valid and complete: there is no noise floor.")
     spans = {(row.compared_from, row.compared_until) for row in runs if math.isfinite(row.compared_until)}
@@ -187,7 +316,7 @@ def _unlike(comparison: Comparison, entries: Sequence[Entry]) -> list[str]:
         result.append(
             f"Run times are from different machines ({'; '.join(sorted(devices))}) and not comparable."
         )
-    untimed = [row.name for row in rows if not math.isfinite(row.wall_time_s)]
+    untimed = [row.name for row in rows if not math.isfinite(row.run_time_s)]
     if untimed:
         result.append(
             f"No run time recorded, so not in the plot of error against run time: {', '.join(untimed)}."

@@ -104,10 +104,10 @@ def error_plot(comparison: Comparison, styles: Mapping[str, RunStyle]) -> str:
     figure = go.Figure()
     points = drawable(comparison)
     floor = 0.5 * min((row.mean_error for row in points if row.mean_error > 0), default=1e-3)
-    front = sorted((row for row in points if row.pareto), key=lambda row: row.wall_time_s)
+    front = sorted((row for row in points if row.pareto), key=lambda row: row.run_time_s)
     if len(front) > 1:
         figure.add_scatter(
-            x=[row.wall_time_s for row in front], y=[max(row.mean_error, floor) for row in front], mode="lines",
+            x=[row.run_time_s for row in front], y=[max(row.mean_error, floor) for row in front], mode="lines",
             line={"color": "#555555", "width": 1.2, "shape": "hv"}, name="Pareto front (run time)", hoverinfo="skip",
         )  # fmt: skip
     for row in points:
@@ -132,9 +132,9 @@ def _ticks(values: Sequence[float]) -> dict[str, object]:
 
 def _add_lines(figure: go.Figure, comparison: Comparison, points: Sequence[Row], floor: float) -> None:
     """Noise floor and reference as lines across the points; plotly's own ones do not widen a logarithmic axis."""
-    reference, noise = comparison.reference.wall_time_s, comparison.noise_mean
-    costs = [row.wall_time_s for row in points] + [reference] * (reference > 0)
-    costs += [row.wall_time_s + row.training_cost_s for row in points if row.training_cost_s > 0]
+    reference, noise = comparison.reference.run_time_s, comparison.noise_mean
+    costs = [row.run_time_s for row in points] + [reference] * (reference > 0)
+    costs += [row.run_time_s + row.training_cost_s for row in points if row.training_cost_s > 0]
     levels = [max(row.mean_error, floor) for row in points] + [noise] * (noise > 0)
     if noise > 0 and costs:
         figure.add_scatter(
@@ -158,12 +158,18 @@ def _add_point(figure: go.Figure, row: Row, look: RunStyle, y: float) -> None:
     template = "%{x:.4g} s, error " + f"{row.mean_error:.3g}<br>{hover}"
     marker = {"size": 12, "color": look.color, "symbol": look.plotly_marker if row.ranked else "x"}
     figure.add_scatter(
-        x=[row.wall_time_s], y=[y], mode="markers", marker=marker, name=_escape(label(row)), legendgroup=row.name,
+        x=[row.run_time_s], y=[y], mode="markers", marker=marker, name=_escape(label(row)), legendgroup=row.name,
         hovertemplate=template,
     )  # fmt: skip
+    if len(row.packs) > 1:
+        x, y_packs = zip(*row.packs, strict=True)
+        figure.add_scatter(
+            x=x, y=y_packs, mode="markers", marker={"size": 5, "color": look.color}, name=f"{_escape(row.name)}, each pack",
+            legendgroup=row.name, showlegend=False, hovertemplate="one pack: %{x:.4g} s, error %{y:.3g}<extra></extra>",
+        )  # fmt: skip
     if row.training_cost_s > 0:
         figure.add_scatter(
-            x=[row.wall_time_s, row.wall_time_s + row.training_cost_s], y=[y, y], mode="lines+markers",
+            x=[row.run_time_s, row.run_time_s + row.training_cost_s], y=[y, y], mode="lines+markers",
             line={"color": look.color, "dash": "dot", "width": 1.2}, legendgroup=row.name,
             marker={"size": [0, 12], "symbol": f"{look.plotly_marker}-open", "color": look.color, "line": {"width": 2}},
             name=f"{_escape(row.name)}, with training", hovertemplate="%{x:.4g} s with training",

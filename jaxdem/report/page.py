@@ -15,7 +15,7 @@ from jaxdem.report import interactive, player
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import Comparison, Entry, Row
 from jaxdem.report.figures import label
-from jaxdem.report.findings import duration, percent
+from jaxdem.report.findings import duration, error_range, percent
 from jaxdem.report.style import RunStyle
 
 CSS = """
@@ -87,8 +87,8 @@ def write_page(
         "<h2>Error against run time</h2>",
         interactive.error_plot(comparison, styles),
         _caption(
-            "Each point is a run; down and to the left is better. Error is the mean over the metrics; a hollow point "
-            "adds the time of training. The reference has error zero by definition and is the vertical line."
+            "Each point is a run; down and to the left is better. Run time is without compiling. Error is the mean over the "
+            "metrics; small points are the same run with other packs; a hollow point adds the time of training. The reference has error zero by definition and is the vertical line."
         ),
         "<h2>Errors by metric</h2>",
         _error_table(comparison, styles),
@@ -201,19 +201,35 @@ def _seconds(number: float) -> str:
 
 def _error_table(comparison: Comparison, styles: dict[str, RunStyle]) -> str:
     noise = bool(comparison.noise_rows)
-    head = ["run", "cells", "run time", "speed-up", *(metric.label for metric in METRICS), "mean"]
+    packs = any(len(row.packs) > 1 for row in comparison.rows)
+    head = [
+        "run",
+        "cells",
+        "run time",
+        "compile time",
+        "speed-up",
+        *(metric.label for metric in METRICS),
+        "mean",
+    ]
+    head += ["over packs"] if packs else []
     head += ["over noise floor"] if noise else []
     body = []
     for row in comparison.rows[1:]:
-        speed_up = comparison.reference.wall_time_s / row.wall_time_s if row.wall_time_s > 0 else math.nan
-        line = [_name(row, styles), row.cells_text, _seconds(row.wall_time_s), _value(speed_up, ".2f")]
+        speed_up = comparison.reference.run_time_s / row.run_time_s if row.run_time_s > 0 else math.nan
+        line = [_name(row, styles), row.cells_text, _seconds(row.run_time_s), _seconds(row.compile_time_s)]
+        line.append(_value(speed_up, ".2f"))
         line += [_error_cell(row, metric.name, comparison) for metric in METRICS]
         line.append(f"<td><strong>{percent(row.mean_error)}</strong></td>")
+        line += [error_range(row) if len(row.packs) > 1 else "&ndash;"] if packs else []
         body.append((_kind(row), line + ([_value(row.error_over_noise, ".2f")] if noise else [])))
     if math.isfinite(comparison.noise_mean):
         floor = [percent(comparison.noise_floor[metric.name]) for metric in METRICS]
-        body.append(("noise", ["noise floor", "", "", "", *floor, percent(comparison.noise_mean), "1"]))
-    return _table(head, body) + _caption("Bold: the smallest error of a sound run in that metric.")
+        floor += [percent(comparison.noise_mean), *([""] if packs else []), "1"]
+        body.append(("noise", ["noise floor", "", "", "", "", *floor]))
+    return _table(head, body) + _caption(
+        "Bold: the smallest error of a sound run in that metric. Run time is without compiling; loading a program from the "
+        "cache counts as compiling." + (" Errors are means over the packs, times medians." if packs else "")
+    )
 
 
 def _error_cell(row: Row, name: str, comparison: Comparison) -> str:
@@ -255,6 +271,7 @@ def _machine_table(comparison: Comparison, entries: Sequence[Entry]) -> str:
         "run",
         "state",
         "run time",
+        "compile time",
         "time steps [s]",
         "closure",
         "out of its range",
@@ -269,7 +286,10 @@ def _machine_table(comparison: Comparison, entries: Sequence[Entry]) -> str:
         line = [
             row.name,
             row.status,
-            duration(row.wall_time_s) if math.isfinite(row.wall_time_s) else "not recorded",
+            *(
+                duration(time) if math.isfinite(time) else "not recorded"
+                for time in (row.run_time_s, row.compile_time_s)
+            ),
         ]
         line += [
             read.text(read.lookup(summary, "time_steps")),

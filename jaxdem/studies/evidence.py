@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxdem import metrics
 from jaxdem.closures import load_closure, load_subgrid
 from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
@@ -64,12 +65,12 @@ class Evidence:
             self._runs[name] = run
         return self._runs[name]
 
-    def wall_time(self, run: Run, reference: str = "fine") -> float | None:
-        """Wall time of a run [s]; None where the reference had another device or another JAX: times are for one machine."""
+    def run_time(self, run: Run, reference: str = "fine") -> float | None:
+        """Run time without compiling [s]; None where the reference had another device or another JAX: times are for one machine."""
         fine = self.run(reference)
         if fine is not None and _computed_by(run) != _computed_by(fine):
             return None
-        return float(run.summary["wall_time_s"])
+        return metrics.run_time(run.summary)
 
     def runs(self, names: Iterable[str]) -> list[Run]:
         """Those of the runs that are there."""

@@ -87,7 +87,7 @@ def _coarse_runs(evidence: Evidence) -> list[Table]:
                     given[0],
                     final[1],
                     given[1],
-                    evidence.wall_time(run),
+                    evidence.run_time(run),
                     outside,
                 ]
             )
@@ -163,7 +163,7 @@ def _figures(evidence: Evidence) -> Table:
         ["training, recipe filtered [s]", None, evidence.training_seconds("filtered")],
     ]
     run = evidence.run("training_column")
-    rows.append(["training run [s]", paper.TRAINING_RUN, None if run is None else evidence.wall_time(run)])
+    rows.append(["training run [s]", paper.TRAINING_RUN, None if run is None else evidence.run_time(run)])
     rows.append(
         [
             "drag of a particle, classical [s]",

@@ -193,7 +193,7 @@ def _costs(evidence: Evidence) -> Table:
                     f.stat().st_size for f in run.path.rglob("*") if f.is_file() and f.stem != "samples"
                 )
             row += [
-                None if run is None else evidence.wall_time(run, f"{prefix}fine"),
+                None if run is None else evidence.run_time(run, f"{prefix}fine"),
                 None if size is None else size / 1e9,
             ]
         rows.append(row)

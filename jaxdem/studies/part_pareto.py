@@ -33,7 +33,7 @@ def pareto_part(evidence: Evidence) -> Section:
     """A table and a figure of all runs of each scene."""
     section = Section("pareto", "Error against run time")
     section.text.append(
-        f"Run times are those of the runs themselves, compiling included. {evidence.sharing} Training is not in them "
+        f"Run times are those of the runs themselves, without compiling. {evidence.sharing} Training is not in them "
         "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added as if for one run "
         "as long as the fine one, the grey line is the noise and the black one the fine run's time."
     )
@@ -54,7 +54,7 @@ Point = tuple[str, float, dict[str, float], float]
 
 def _time_per_second(evidence: Evidence, run: Run, reference: str) -> float:
     """Run time over simulated time [-]: runs that only errors are taken of end earlier than others. NaN with another device."""
-    seconds = evidence.wall_time(run, reference)
+    seconds = evidence.run_time(run, reference)
     return math.nan if seconds is None else seconds / float(run.history["time"][-1])
 
 
