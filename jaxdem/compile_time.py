@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import time as clock
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import jax
 
@@ -47,13 +45,3 @@ def compile_clock() -> CompileClock:
 
     jax.monitoring.register_event_duration_secs_listener(hear)
     return watch
-
-
-@contextmanager
-def compiling() -> Iterator[None]:
-    """All of the block counts as compiling, what Python does between JAX's reports too."""
-    begin = clock.perf_counter()
-    try:
-        yield
-    finally:
-        compile_clock().add(begin, clock.perf_counter())

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 
-from jaxdem.coupling.forces import drag_inputs
-from jaxdem.coupling.interpolation import deposit_on_faces
-from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.coupling import exchange
+from jaxdem.coupling.interpolation import deposit_on_faces, interpolate_faces
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.particles import vectors
 from jaxdem.particles.integrate import split_low
@@ -54,9 +53,9 @@ def estimate_stages(
         stages |= {"neighbors": share, "contact": particles - share}
         estimated += ["neighbors", "contact"]
     if simulation.fluid is not None and state.particles is not None and fluid > WORTH_SPLITTING:
-        drag, coupling = _exchange_times(simulation, parameters, state)
+        drag, shown, transfer = _exchange_times(simulation, parameters, state)
         drag = min(drag * totals.intervals, fluid)
-        coupling = min(coupling * (totals.intervals + totals.fluid_steps), fluid - drag)
+        coupling = min(shown * totals.intervals + transfer * totals.fluid_steps, fluid - drag)
         stages |= {"drag": drag, "coupling": coupling, "fluid": fluid - drag - coupling}
         estimated += ["drag", "coupling", "fluid"]
     return stages, estimated
@@ -75,29 +74,51 @@ def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) 
     return _seconds(jax.jit(rebuild), neighbors, state.particles.contact_spring, position, low)
 
 
-def _exchange_times(simulation: Simulation, parameters: Parameters, state: State) -> tuple[float, float]:
-    """Seconds of one drag evaluation, and of one round of weights, deposit and interpolation."""
-    assert simulation.fluid is not None and simulation.fluid.deposition is not None
-    assert state.particles is not None and state.fluid is not None
+def _exchange_times(
+    simulation: Simulation, parameters: Parameters, state: State
+) -> tuple[float, float, float]:
+    """Seconds an interval takes for the drag law, and for weights and inputs; and a fluid step for its transfers."""
+    shown, drag, transfer = exchange_pieces(simulation, parameters)
+    seen = jax.jit(shown)(state)
+    return (
+        _seconds(jax.jit(drag), state, seen),
+        _seconds(jax.jit(shown), state),
+        _seconds(jax.jit(transfer), state, seen),
+    )
+
+
+def exchange_pieces(
+    simulation: Simulation, parameters: Parameters
+) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
+    """What the exchange does to show the law the fluid, to evaluate the law, and to carry one fluid step's impulses to and fro.
+
+    The first takes a state, the others a state and what the first gives. The first two are the functions of the exchange.
+    """
     interval, fluid, bodies = simulation.fluid, parameters.fluid, parameters.bodies
-    deposition = simulation.fluid.deposition
-    assert fluid is not None and bodies is not None
-    grid, boundary = interval.solver.grid, interval.solver.boundary
-
-    def round_trip(state: State) -> Any:
-        assert state.particles is not None and state.fluid is not None
-        weights = deposition.weights(grid, state.particles.position, bodies.radius)
-        solids = solid_fraction(grid, weights, bodies.volume)
-        slope = pressure_gradient(grid, boundary, state.fluid.pressure, continued=True)
-        inputs = drag_inputs(
-            grid, weights, state.particles.velocity, 2.0 * bodies.radius, state.fluid.face_velocity,
-            slope, solids, fluid.density, fluid.viscosity,
-        )  # fmt: skip
-        return inputs, deposit_on_faces(grid, weights, state.particles.velocity)
-
+    assert interval is not None and fluid is not None and bodies is not None
+    assert parameters.drag_scale is not None
+    grid, boundary, scale = interval.solver.grid, interval.solver.boundary, parameters.drag_scale
     closure: Any = simulation.drag_law if parameters.closure is None else parameters.closure
-    inputs = jax.jit(round_trip)(state)[0]
-    return _seconds(jax.jit(closure.__call__), inputs), _seconds(jax.jit(round_trip), state)
+
+    def shown(state: State) -> Any:
+        assert state.particles is not None and state.fluid is not None
+        return exchange.seen_fluid(interval, fluid, bodies, state.fluid, state.particles)
+
+    def drag(state: State, seen: Any) -> Any:
+        assert state.particles is not None
+        weights, _, inputs, given = seen
+        law = exchange.drag_of_model(interval, closure, scale, bodies, weights)
+        steady = exchange.steady_force(fluid, bodies, parameters.gravity, state.particles)
+        return exchange.interval_drag(interval, law, bodies, inputs, given, state.particles.active, steady)
+
+    def transfer(state: State, seen: Any) -> Any:
+        assert state.particles is not None and state.fluid is not None
+        weights, velocity = seen[0], state.particles.velocity
+        slope = pressure_gradient(grid, boundary, state.fluid.pressure, continued=True)
+        there = deposit_on_faces(grid, weights, velocity[:, 0]), deposit_on_faces(grid, weights, velocity)
+        return there, interpolate_faces(weights, state.fluid.face_velocity), interpolate_faces(weights, slope)
+
+    return shown, drag, transfer
 
 
 def _seconds(function: Callable[..., Any], *arguments: Any) -> float:

@@ -122,7 +122,10 @@ class Totals:
         return self.wall + clock.perf_counter() - self.start
 
     def compile_seconds(self) -> float:
-        """Time spent compiling, wherever in the run that was; that of the runs before a restart included [s]."""
+        """Time spent compiling, wherever in the run that was; that of the runs before a restart included [s].
+
+        The stage `compile` has what Python does in it beside what JAX reports.
+        """
         return self.stages["compile"] + compile_clock().total - self.compiled
 
     def save(self) -> dict[str, Any]:

@@ -18,7 +18,6 @@ from jaxdem import step as coupled
 from jaxdem.build import build, initial_state
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
-from jaxdem.compile_time import compiling
 from jaxdem.diagnosis import diagnosis
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import OF_PARTICLES, Failure, failures
@@ -40,6 +39,7 @@ from jaxdem.restart import (
 from jaxdem.scene import Scene
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
+from jaxdem.time_steps import simulated_time
 
 Progress = Callable[[float, float], None]
 """Called with the simulated time and the end [s]."""
@@ -150,7 +150,11 @@ class TimeLoop:
     @property
     def time(self) -> float:
         """Simulated time [s]."""
-        return self.done * self.simulation.interval
+        return self._time_after(self.done)
+
+    def _time_after(self, intervals: int) -> float:
+        per_output = self.simulation.steps.intervals_per_output
+        return simulated_time(self.scene.time.output_interval, intervals, per_output)
 
     @property
     def last(self) -> int:
@@ -198,7 +202,7 @@ class TimeLoop:
                 with self.totals.timed("output"):
                     volume = np.asarray(self.parameters.bodies.volume)  # type: ignore[union-attr]
                     sample = sample_of(self.simulation, self._before, self.state, diagnostics.forces, volume)
-                    start = self.time - self.simulation.interval
+                    start = self._time_after(self.done - 1)
                     self.directory.write_sample(self.directory.samples, start, sample)
             if self.done % per_output == 0:
                 self._write_frame(diagnostics)
@@ -254,7 +258,7 @@ class TimeLoop:
 
     def _compile(self) -> None:
         """Both parts of a step, compiled for the present capacities."""
-        with compiling():
+        with self.totals.timed("compile"):
             simulation = self.simulation
             fluid = jax.jit(lambda p, s: coupled.fluid_part(simulation, p, s))
             self._fluid_part = fluid.lower(self.parameters, self.state).compile()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -87,7 +88,7 @@ def time_steps(scene: Scene) -> TimeSteps:
             f"must divide time.output_interval = {output} s",
             f"for example coupling.interval = {output / per_output:.6g}",
         )
-    interval = output / per_output
+    interval = simulated_time(output, 1, per_output)
     if outputs * per_output > MOST_INTERVALS:
         raise InputError(
             "time.end",
@@ -115,6 +116,17 @@ def time_steps(scene: Scene) -> TimeSteps:
     return TimeSteps(
         interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap, speed_limit
     )
+
+
+def simulated_time(output_interval: float, intervals: int, per_output: int) -> float:
+    """The float next to n/m times the output interval as it is written, so that the third output of 0.05 s is at 0.15 s [s].
+
+    Args:
+        output_interval: of the scene [s].
+        intervals: n, number of coupling intervals.
+        per_output: m, coupling intervals from one output to the next.
+    """
+    return float(Fraction(repr(float(output_interval))) * Fraction(intervals, per_output))
 
 
 def boundary_speed(scene: Scene) -> float:

@@ -1,13 +1,20 @@
 """Times that a run reports: what it took with and without compiling, by stage, and the simulated times it writes."""
 
 import time as clock
+from fractions import Fraction
 
+import h5py
 import jax
 import jax.numpy as jnp
 import pytest
 
+import jaxdem
+from jaxdem.closures import KochHill
 from jaxdem.compile_time import CompileClock
+from jaxdem.profile import exchange_pieces
 from jaxdem.records import Totals
+from jaxdem.step import fluid_part
+from jaxdem.time_steps import simulated_time
 
 
 def test_nested_spans_count_once():
@@ -33,3 +40,94 @@ def test_what_is_compiled_within_a_stage_is_compile_time():
     resumed.begin()
     assert resumed.compile_seconds() == pytest.approx(compiling, abs=1e-9)
     assert resumed.elapsed() - resumed.compile_seconds() == pytest.approx(wall - compiling, abs=0.02)
+
+
+SCENE = {
+    "domain": {"size": [0.4, 0.2], "depth": 0.04},
+    "particles": {
+        "count": 12,
+        "radius": 0.01,
+        "density": 2650.0,
+        "pack": {"kind": "polygon", "vertices": [[0.05, 0.0], [0.15, 0.0], [0.15, 0.1], [0.05, 0.1]]},
+    },
+    "contact": {"young_modulus": 5e6, "friction": 0.3},
+    "fluid": {"cells": [10, 6], "viscosity": 1e-6, "time_step": 0.01},
+    "boundary": {
+        "left": {"kind": "inlet", "velocity": 0.5, "from": 0.0, "to": 0.1},
+        "right": {"kind": "outlet"},
+    },
+    "time": {"end": 0.35, "output_interval": 0.05},
+}
+
+
+def test_simulated_times_are_the_decimals_of_the_scene():
+    """Outputs of 0.05 s and their intervals: 0.15 and 0.35, not 0.15000000000000002; thirds are the nearest floats."""
+    for output, per_output in (("0.05", 1), ("0.05", 5), ("0.1", 10), ("0.002", 4), ("2e-05", 2), ("0.3", 3)):
+        for number in range(1, 400):
+            exact = Fraction(output) * Fraction(number, per_output)
+            time = simulated_time(float(output), number, per_output)
+            assert time == float(exact) and Fraction(repr(time)) == exact
+    assert simulated_time(0.1, 7, 3) == float(Fraction(7, 30)) and simulated_time(0.15, 1, 3) == 0.05
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    scene = jaxdem.load_scene(SCENE, {"output.samples": 0.05})
+    return jaxdem.simulate(scene, tmp_path_factory.mktemp("times") / "run")
+
+
+def test_files_have_the_times_of_the_scene(run):
+    wanted = ["0.0", "0.05", "0.1", "0.15", "0.2", "0.25", "0.3", "0.35"]
+    lines = (run.path / "history.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in lines[1:]] == wanted
+    for name in ("particles", "fluid"):
+        with h5py.File(run.path / f"{name}.vtkhdf") as file:
+            assert [repr(float(time)) for time in file["VTKHDF/Steps/Values"]] == wanted, name
+    assert run.summary["time"] == 0.35 and run.summary["time_steps"]["coupling"] == 0.01
+    assert [repr(float(time)) for time in run.samples.times] == [
+        "0.04",
+        "0.09",
+        "0.14",
+        "0.19",
+        "0.24",
+        "0.29",
+        "0.34",
+    ]
+
+
+def test_run_time_and_compile_time_make_the_wall_time(run):
+    summary = run.summary
+    assert summary["run_time_s"] == summary["wall_time_s"] - summary["stages_s"]["compile"]
+    measured = sum(summary["stages_s"][name] for name in ("contact", "fluid", "output"))
+    assert 0.0 < measured <= summary["run_time_s"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"coupling.drag_inputs_coarsened": 2},
+        {"coupling.deconvolution": 0.1},
+        {"boundary.right.particles": "remove"},
+    ],
+    ids=lambda changes: next(iter(changes), "plain"),
+)
+def test_the_drag_stage_evaluates_the_law_as_often_as_a_step(changes):
+    """An instrumented law counts in the shipped fluid part and in what is timed for `stages_s.drag`."""
+    counted = []
+
+    class Counting(KochHill):
+        def __call__(self, inputs):
+            counted.append(inputs)
+            return super().__call__(inputs)
+
+    scene = jaxdem.load_scene(SCENE, {"precision": "float64", **changes})
+    simulation, parameters = jaxdem.build(scene, closure=Counting())
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+    jax.eval_shape(lambda s: fluid_part(simulation, parameters, s), state)
+    shipped = len(counted)
+    shown, drag, _ = exchange_pieces(simulation, parameters)
+    seen = jax.eval_shape(shown, state)
+    counted.clear()
+    jax.eval_shape(drag, state, seen)
+    assert len(counted) == shipped == 2

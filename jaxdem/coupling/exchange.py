@@ -217,21 +217,14 @@ def exchange(
         time: [s].
     """
     grid = interval.solver.grid
-    assert interval.deposition is not None
-    centres = centres_in_box(particles, grid.size, grid.periodic)
-    weights = interval.deposition.weights(grid, centres, bodies.radius)
-    weights = present_weights(weights, particles.active)
-    solids = solid_fraction(grid, weights, bodies.volume)
-    inputs, shown = _inputs(interval, properties, bodies, fluid, particles, weights, solids)
-    law = _law(interval, closure, drag_scale, bodies, weights)
-    drag = present_drag(law(shown), particles.active)
+    weights, solids, inputs, shown = seen_fluid(interval, properties, bodies, fluid, particles)
     lift, torque = _rotation(interval, properties, bodies, fluid, particles, weights, inputs)
-    acting = drag
-    if lift is not None:
-        acting = drag._replace(remainder=lift if drag.remainder is None else drag.remainder + lift)
-    steady = particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity[None]
+    steady = steady_force(properties, bodies, gravity, particles)
     unsteady = _unsteady(interval, properties, bodies, particles, inputs)
-    acting = _settling(interval, law, bodies, inputs, shown, steady, acting, unsteady)
+    law = drag_of_model(interval, closure, drag_scale, bodies, weights)
+    drag, acting = interval_drag(
+        interval, law, bodies, inputs, shown, particles.active, steady, lift, unsteady
+    )
     count, courant, viscous = _choose_substeps(interval, properties, fluid, time)
     step = jnp.asarray(interval.duration, solids.dtype) / count
     grip = step * acting.coefficient + (0.0 if unsteady is None else unsteady.held)
@@ -296,6 +289,60 @@ def exchange(
         jnp.sum(drag.out_of_range.astype(jnp.int32)),
     )
     return fluid, forces, diagnostics
+
+
+def seen_fluid(
+    interval: FluidInterval,
+    properties: FluidProperties,
+    bodies: ParticleProperties,
+    fluid: FluidState,
+    particles: ParticleState,
+) -> tuple[Weights, Array, DragInputs, DragInputs]:
+    """Weights of the particles, solid fraction on the cells, and inputs of the drag law: of the fluid's mesh and as it is shown them."""
+    grid = interval.solver.grid
+    assert interval.deposition is not None
+    centres = centres_in_box(particles, grid.size, grid.periodic)
+    weights = interval.deposition.weights(grid, centres, bodies.radius)
+    weights = present_weights(weights, particles.active)
+    solids = solid_fraction(grid, weights, bodies.volume)
+    return weights, solids, *_inputs(interval, properties, bodies, fluid, particles, weights, solids)
+
+
+def steady_force(
+    properties: FluidProperties, bodies: ParticleProperties, gravity: Array, particles: ParticleState
+) -> Array:
+    """(N, D) force on the particles that does not change over the interval: contacts and weight less buoyancy [N]."""
+    return particles.contact_force + as_column(_submerged_mass(bodies, properties)) * gravity[None]
+
+
+def interval_drag(
+    interval: FluidInterval,
+    law: Callable[[DragInputs], Drag],
+    bodies: ParticleProperties,
+    inputs: DragInputs,
+    shown: DragInputs,
+    active: Array | None,
+    steady: Array,
+    lift: Array | None = None,
+    unsteady: Unsteady | None = None,
+) -> tuple[Drag, Drag]:
+    """The drag as the law gives it at the start, and the one that acts over the interval; all evaluations of the law are here.
+
+    Args:
+        interval: static description.
+        law: see `drag_of_model`.
+        bodies: of the particles.
+        inputs: of the fluid's mesh.
+        shown: those that the law is given.
+        active: (N,) bool; None where all particles are present.
+        steady: see `steady_force`.
+        lift: (N, D), acts with the remainder; None without it [N].
+        unsteady: virtual mass and Basset force; None without them.
+    """
+    drag = acting = present_drag(law(shown), active)
+    if lift is not None:
+        acting = drag._replace(remainder=lift if drag.remainder is None else drag.remainder + lift)
+    return drag, _settling(interval, law, bodies, inputs, shown, steady, acting, unsteady)
 
 
 class _Carry(NamedTuple):
@@ -396,7 +443,7 @@ def _inputs(
     return inputs, inputs
 
 
-def _law(
+def drag_of_model(
     interval: FluidInterval,
     closure: DragClosure,
     drag_scale: Array,

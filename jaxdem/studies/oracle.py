@@ -34,6 +34,7 @@ from jaxdem.metrics import history_row
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
 from jaxdem.studies.arrays import read_stored
+from jaxdem.time_steps import simulated_time
 from jaxdem.train.dataset import CoarseView
 
 FLUID_METRICS = ("fluid_pressure_mean", "fluid_velocity_mean", "fluid_velocity_median")
@@ -144,7 +145,7 @@ class _Track:
         before, after, number = self.knot(0), self.knot(1), 0
         frames, momentum = [], 0.0
         for step in range(first, last):
-            time = step * interval
+            time = simulated_time(self.outputs, step, every)
             while number + 2 < len(times) and time >= times[number + 1] - 1e-6 * interval:
                 number, before = number + 1, after
                 after = self.knot(number + 1)
@@ -154,7 +155,7 @@ class _Track:
             state, mismatch = self._advance(state, *moment, jnp.asarray(time, moment[0].dtype))
             momentum = max(momentum, float(mismatch))
             if (step + 1) % every == 0:
-                frames.append(self._frame((step + 1) * interval, state))
+                frames.append(self._frame(simulated_time(self.outputs, step + 1, every), state))
             report(time + interval)
         fields = [np.stack(column) for column in zip(*frames, strict=True)]
         return Replay(fields[0], fields[1], fields[2], fields[3], momentum)
