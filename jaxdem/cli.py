@@ -249,11 +249,13 @@ def compare(
 ) -> None:
     """Compare runs with a reference: the nine metrics, and error against run time."""
     from jaxdem.io import load_run
+    from jaxdem.io.access import locked
     from jaxdem.report import compare as compare_runs
 
     loaded = [load_run(path) for path in (reference, *runs)]
     prepare_folder(out)
-    comparison = compare_runs(loaded[0], loaded[1:], out)
+    with locked(out):
+        comparison = compare_runs(loaded[0], loaded[1:], out)
     terminal.print_comparison(comparison)
 
 

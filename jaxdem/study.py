@@ -7,6 +7,7 @@ the study at full size, which has many runs and shares them among processes, is 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import time as clock
@@ -20,6 +21,7 @@ from jaxdem.closures import load_closure
 from jaxdem.errors import InputError
 from jaxdem.files import parse_json, read_text
 from jaxdem.io import Run
+from jaxdem.io.access import locked
 from jaxdem.io.durable import write_bytes
 from jaxdem.report import Comparison, compare
 from jaxdem.scene import Scene, load_scene
@@ -64,7 +66,8 @@ class Plan:
         scene: name of the scene's file.
         factors: coarse meshes, by the factor on the cell side.
         samples: time between samples of the reference run [s].
-        noise_seeds: seeds of reference runs that differ in the jitter of the pack alone.
+        seeds: of further packs, which differ in their jitter alone; every run is done with each of them too, so that the noise is
+            known.
         filtered: settings of the recipe `filtered`.
         paper: settings of the recipe `paper`, or None to leave it out.
         sharp: keys of a coarse fluid that smears less, which the closures are trained and run for; without any they are run on
@@ -74,7 +77,7 @@ class Plan:
     scene: str
     factors: tuple[int, ...]
     samples: float
-    noise_seeds: tuple[int, ...]
+    seeds: tuple[int, ...]
     filtered: FitSettings
     paper: FitSettings | None
     sharp: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -85,7 +88,7 @@ DEMOS: dict[str, Plan] = {
         scene="injection_demo.toml",
         factors=(4,),
         samples=0.02,
-        noise_seeds=(),
+        seeds=(1, 2),
         filtered=FitSettings.filtered(epochs=60, samples=60_000),
         paper=None,
         sharp=SHARP,
@@ -111,33 +114,30 @@ class Study:
     def run(self) -> Comparison:
         """All stages; returns the comparison that the report shows."""
         reference = self.simulation("fine", self.scene, {"output.samples": self.plan.samples})
-        noise = [
-            self.simulation(f"fine_seed_{seed}", self.scene, {"seed": seed}) for seed in self.plan.noise_seeds
-        ]
-        coarse = {factor: [self._coarse_run(factor)] for factor in self.plan.factors}
-        sharp = "_sharp" if self.plan.sharp else ""
-        if sharp:
-            for factor, runs in coarse.items():
-                runs.append(self._coarse_run(factor, sharp))
+        noise = self._packs("fine", {})
         dataset = self.dataset(reference)
         fits = {"filtered": self.fit("filtered", dataset, self.plan.filtered)}
         if self.plan.paper is not None:
             fits["paper"] = self.fit("paper", dataset, self.plan.paper)
-        every, names, cost = [], ["fine"], {}
-        for factor, runs in coarse.items():
-            every += runs
-            names += [f"coarse {factor}x{word}" for word in ("", ", sharp")[: len(runs)]]
-            without = names[-1]
+        runs: dict[str, list[Run]] = {}
+        cost: dict[str, float] = {}
+        for factor in self.plan.factors:
+            name = f"coarse {factor}x"
+            runs[name] = self._coarse_runs(factor)
+            if self.plan.sharp:
+                name += ", sharp"
+                runs[name] = self._coarse_runs(factor, "_sharp")
             for recipe, fit in fits.items():
-                every.append(self._coarse_run(factor, sharp, fit))
-                names.append(f"{without} + {recipe}")
-                cost[names[-1]] = fit.seconds
+                learned = f"{name} + {recipe}"
+                runs[learned] = self._coarse_runs(factor, "_sharp" if self.plan.sharp else "", fit)
+                cost[learned] = fit.seconds
         return compare(
             reference,
-            every,
+            [first for first, *_ in runs.values()],
             self.out,
-            names=names,
+            names=["fine", *runs],
             noise=noise,
+            packs={name: others for name, (_, *others) in runs.items()},
             parity=self._parity(fits["filtered"]),
             training_cost=cost,
             notes=self._notes(fits),
@@ -184,13 +184,21 @@ class Study:
         metadata = load_closure(path)[1]
         return StudyFit(recipe, path, metadata, read_stored(beside))
 
-    def _coarse_run(self, factor: int, sharp: str = "", fit: StudyFit | None = None) -> Run:
-        """A run on a coarse mesh; `sharp` is what says so in its name."""
+    def _coarse_runs(self, factor: int, sharp: str = "", fit: StudyFit | None = None) -> list[Run]:
+        """Runs on a coarse mesh, with the scene's pack and with the others; `sharp` is what says so in their names."""
         assert self.scene.fluid is not None
         cells = [max(1, round(count / factor)) for count in self.scene.fluid.cells]
         name = f"coarse_{factor}{sharp}" + ("" if fit is None else f"_{fit.recipe}")
         overrides = {"fluid.cells": cells, **(self.plan.sharp if sharp else {})}
-        return self.simulation(name, self.scene, overrides, None if fit is None else fit.path)
+        closure = None if fit is None else fit.path
+        return [self.simulation(name, self.scene, overrides, closure), *self._packs(name, overrides, closure)]
+
+    def _packs(self, name: str, overrides: dict[str, Any], closure: Path | None = None) -> list[Run]:
+        """The same run with the other packs."""
+        return [
+            self.simulation(f"{name}_seed_{seed}", self.scene, {**overrides, "seed": seed}, closure)
+            for seed in self.plan.seeds
+        ]
 
     def _parity(self, fit: StudyFit) -> dict[str, dict[str, np.ndarray]]:
         figures: dict[str, dict[str, np.ndarray]] = {}
@@ -203,7 +211,8 @@ class Study:
 
     def _notes(self, fits: dict[str, StudyFit]) -> list[str]:
         notes = [
-            "The closures are trained on the fine run that is also the reference: a test of recall, not of transfer."
+            "The closures are trained on the fine run that is also the reference: what is tested is whether they give back what they have "
+            "seen, not whether they hold elsewhere."
         ]
         if self.plan.sharp:
             settings = ", ".join(f"{key} = {value}" for key, value in self.plan.sharp.items())
@@ -290,11 +299,15 @@ def run_study(
         )
         assert full.parts, "unknown parts are refused before the folder is touched"
         _claim(out, {"study": name, "scale": scale}, full.plan.files)
-        result = StudyResult(full.run(), full.problems)
+        # Tables and report of what is there may be asked for while the runs go on.
+        with contextlib.nullcontext() if jobs == 0 else locked(out):
+            result = StudyResult(full.run(), full.problems)
     else:
         plan = DEMOS[name]
-        _claim(out, {"study": name, "scale": scale, "sharp": dict(plan.sharp)})
-        result = StudyResult(Study(plan, load_scene(SCENES / plan.scene), out, listener).run(), {})
+        _claim(out, {"study": name, "scale": scale, "sharp": dict(plan.sharp), "seeds": list(plan.seeds)})
+        with locked(out):
+            study = Study(plan, load_scene(SCENES / plan.scene), out, listener)
+            result = StudyResult(study.run(), {})
     listener.say(f"The study took {clock.perf_counter() - begin:.0f} s.")
     return result
 

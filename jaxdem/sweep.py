@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Protocol
 
 from jaxdem.errors import InputError, RunError
 from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io.access import LOCK, locked
 from jaxdem.io.durable import write_bytes
 from jaxdem.io.run_directory import SCENE
 from jaxdem.metrics import METRICS, compile_time, run_time
@@ -171,7 +172,8 @@ def run_sweep(
         listener: hears of each run that has something to compute.
 
     Raises:
-        InputError: a key twice or with overrides, a scene that cannot be read, a folder that holds something else.
+        InputError: a key twice or with overrides, a scene that cannot be read, a folder that holds something else or to which
+            another process writes.
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
     keys = [variation.key for variation in variations]
@@ -189,11 +191,12 @@ def run_sweep(
         scenes[run.name] = load_scene(scene, {**overrides, **chosen})
         sweep.runs.append(run)
     _claim(out, scenes)
-    sweep.write()
-    for number, run in enumerate(sweep.runs, start=1):
-        title = f"run {number} of {len(sweep.runs)}, {run.name}"
-        _perform(run, scenes[run.name], out / run.name, title, listener)
+    with locked(out):
         sweep.write()
+        for number, run in enumerate(sweep.runs, start=1):
+            title = f"run {number} of {len(sweep.runs)}, {run.name}"
+            _perform(run, scenes[run.name], out / run.name, title, listener)
+            sweep.write()
     return sweep
 
 
@@ -229,13 +232,8 @@ def _name(chosen: Mapping[str, Any], taken: Mapping[str, Any]) -> str:
 
 def _claim(out: Path, scenes: Mapping[str, Scene]) -> None:
     """Refuse a folder that holds something else, and runs of other scenes under the names of these."""
-    if out.is_dir() and any(out.iterdir()) and not (out / TABLE).is_file():
+    if out.is_dir() and {entry.name for entry in out.iterdir()} - {LOCK} and not (out / TABLE).is_file():
         raise InputError("--out", str(out), f"is not empty and has no {TABLE}", "Choose another folder.")
     for name, scene in scenes.items():
         if (out / name / SCENE).is_file():
             RunDirectory.require_same_scene(out / name, scene.to_toml())
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        limit = f"cannot be written ({error.strerror})"
-        raise InputError("--out", str(out), limit, "Choose another folder.") from None

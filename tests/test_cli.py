@@ -27,6 +27,8 @@ from jaxdem.closures import (
     load_subgrid,
     save_closure,
 )
+from jaxdem.io.access import acquire_lock
+from jaxdem.study import DEMOS
 from jaxdem.sweep import _name, parse_variation
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 from jaxdem.train.finetune import FinetuneResult
@@ -364,6 +366,42 @@ def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp
         "a run that is done is not done again"
     )
     refused(invoke(*arguments, "--set", "contact.friction=0.1"), "contact.friction", "same scene")
+
+
+def test_a_second_sweep_or_comparison_onto_one_folder_is_refused(grains, done, tmp_path):
+    """While the first has it; nothing of the first is touched. What a killed process left is no obstacle, and goes."""
+    commands = (
+        ("sweep", grains, "--vary", "contact.friction=0.1", *SWEEP),
+        ("compare", done[0], done[0]),
+        ("study", "injection", "--scale", "demo"),
+    )
+    for arguments in commands:
+        out = tmp_path / arguments[0]
+        out.mkdir()
+        if arguments[0] == "study":
+            continue_study(out)
+        lock = acquire_lock(out)
+        before = {path.name for path in out.iterdir()}
+        refused(
+            invoke(*arguments, "--out", out), "--out", str(out), f"process {os.getpid()}", "is writing to it"
+        )
+        assert {path.name for path in out.iterdir()} == before
+        os.close(lock)
+    (tmp_path / "compare" / ".report.html.4711.tmp").write_bytes(b"half")
+    assert invoke("compare", done[0], done[0], "--out", tmp_path / "compare").exit_code == 0
+    assert (
+        not list((tmp_path / "compare").glob(".*.tmp")) and (tmp_path / "compare" / "report.html").is_file()
+    )
+
+
+def continue_study(out):
+    """The mark of the demonstration in its folder."""
+    plan = DEMOS["injection"]
+    (out / "study.json").write_text(
+        json.dumps(
+            {"study": "injection", "scale": "demo", "sharp": dict(plan.sharp), "seeds": list(plan.seeds)}
+        )
+    )
 
 
 @pytest.mark.parametrize(

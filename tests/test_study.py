@@ -62,7 +62,7 @@ def study(tmp_path_factory):
         scene="tiny.toml",
         factors=(2,),
         samples=0.01,
-        noise_seeds=(),
+        seeds=(1,),
         filtered=FitSettings.filtered(epochs=3, samples=500, batch=50),
         paper=None,
     )
@@ -76,10 +76,13 @@ def test_chain_leaves_every_file(study):
     done, comparison = study
     assert done.listener.stages == [
         "run fine",
-        "run coarse_2",
+        "run fine_seed_1",
         "dataset",
         "train filtered",
+        "run coarse_2",
+        "run coarse_2_seed_1",
         "run coarse_2_filtered",
+        "run coarse_2_filtered_seed_1",
     ]
     for name in ("report.html", "comparison.csv", "metrics.png", "dataset.h5", "filtered.closure.h5"):
         assert (done.out / name).stat().st_size > 0
@@ -88,7 +91,12 @@ def test_chain_leaves_every_file(study):
     assert jaxdem.load_run(done.out / "coarse_2").cells == (5, 3)
     closure = jaxdem.load_run(done.out / "coarse_2_filtered").summary["closure"]
     assert closure["file"].endswith("filtered.closure.h5")
-    assert len(comparison.rows) == 3
+    assert [len(row.packs) for row in comparison.rows] == [1, 2, 2] and len(comparison.noise_rows) == 1
+    learned = comparison.rows[2]
+    assert learned.mean_error == pytest.approx(np.mean(learned.pack_errors))
+    assert comparison.error_noise >= comparison.noise_mean > 0.0
+    words = " ".join(comparison.sentences)
+    assert "over 2 packs" in words and ("the closure" in words or "the learned closure" in words)
 
 
 def test_a_stage_done_is_not_done_again(study):

@@ -88,7 +88,7 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
         OSError: there is no room on the disk.
     """
     target = Path(path)
-    aside = target.with_name(target.name + ".part")
+    aside = target.with_name(f"{target.name}.{os.getpid()}.part")  # two processes may write one file
     try:
         yield aside
         with open(aside, "rb") as written:

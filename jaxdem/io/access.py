@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from jaxdem.errors import InputError
+from jaxdem.io.durable import remove_leftovers
 
 OPTION = "--out"
 LOCK = ".lock"
@@ -42,6 +43,23 @@ def acquire_lock(path: Path) -> int:
             raise unwritable(path, error) from error
         warnings.warn(f"{path}: this file system has no locks; start only one run here", stacklevel=3)
     return descriptor
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """The folder, made if missing, for the files of this process alone; what a killed one left half written is removed.
+
+    Raises:
+        InputError: another process has the lock, or the folder cannot be written.
+    """
+    with input_errors(path):
+        path.mkdir(parents=True, exist_ok=True)
+    descriptor = acquire_lock(path)
+    try:
+        remove_leftovers(path)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager

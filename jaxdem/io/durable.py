@@ -6,6 +6,7 @@ a kill, finds the old file or the new one, never half of one.
 
 from __future__ import annotations
 
+import glob
 import io
 import os
 from collections.abc import Iterator
@@ -26,8 +27,13 @@ def sync_directory(folder: Path) -> None:
 
 
 def aside_name(path: Path) -> Path:
-    """What a file is called while it is written."""
-    return path.with_name(f".{path.name}{SUFFIX_ASIDE}")
+    """What a file is called while this process writes it: two processes that write one file do not meet."""
+    return path.with_name(f".{path.name}.{os.getpid()}{SUFFIX_ASIDE}")
+
+
+def aside_names(path: Path) -> set[str]:
+    """Names in the folder under which processes write `path`, or were killed while they did."""
+    return {entry.name for entry in path.parent.glob(f".{glob.escape(path.name)}*{SUFFIX_ASIDE}")}
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from jaxdem.errors import InputError, RunError
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of
-from jaxdem.io.durable import aside_name, remove_leftovers, sync_directory, write_bytes
+from jaxdem.io.durable import aside_names, remove_leftovers, sync_directory, write_bytes
 from jaxdem.io.frames import PARTS_FOLDER, FrameSeries
 from jaxdem.io.history import History
 from jaxdem.io.samples import SampleFormat, sample_frame
@@ -301,14 +301,14 @@ def _require_same_scene(path: Path, scene_toml: str) -> None:
 
 def _entries(path: Path) -> set[str]:
     """Names in the folder, without the lock and without the scene that a kill left unfinished."""
-    return {entry.name for entry in path.iterdir()} - {LOCK, aside_name(path / SCENE).name}
+    return {entry.name for entry in path.iterdir()} - {LOCK, *aside_names(path / SCENE)}
 
 
 def _just_begun(path: Path) -> bool:
     """Whether the folder holds what a run writes before its first checkpoint, and nothing else."""
     if not (path / SCENE).is_file():
         return False
-    begun = {SCENE, HISTORY, aside_name(path / HISTORY).name, aside_name(path / CHECKPOINT).name}
+    begun = {SCENE, HISTORY, *aside_names(path / HISTORY), *aside_names(path / CHECKPOINT)}
     return _entries(path) <= begun
 
 

@@ -24,9 +24,11 @@ from made_frames import (
 )
 
 import jaxdem.io
+from jaxdem.closures.file import write_aside
 from jaxdem.errors import InputError
 from jaxdem.io import FluidFormat, FrameSeries, ParticleFormat, RunDirectory, SampleFormat, load_run
 from jaxdem.io.access import acquire_lock
+from jaxdem.io.durable import write_bytes
 
 
 def check_frames(path, number: int, dimension: int = 2, fluid: bool = True) -> None:
@@ -51,6 +53,11 @@ def check_frames(path, number: int, dimension: int = 2, fluid: bool = True) -> N
             assert read["velocity"].shape == (*given["pressure"].shape, 3)
         sample = run.samples.frame(index)
         np.testing.assert_array_equal(sample["slip_velocity"], sample_arrays(index)["slip_velocity"])
+
+
+def write_closure_bytes(path, content):
+    with write_aside(path, "closure.file") as aside:
+        aside.write_bytes(content)
 
 
 def names(path) -> set[str]:
@@ -223,6 +230,25 @@ def test_a_create_that_lost_the_race_for_an_empty_folder(tmp_path):
         RunDirectory.create(tmp_path, SCENE_2D)
     os.close(lock)
     RunDirectory.create(tmp_path, SCENE_2D).close()
+
+
+@pytest.mark.parametrize("write", [write_bytes, write_closure_bytes], ids=["io", "closures"])
+def test_two_processes_that_write_one_file_do_not_meet(tmp_path, monkeypatch, write):
+    """The second writes aside, and moves into place, while the first is at it: no file is missing, the later one stays."""
+    path, numbers = tmp_path / "report.html", iter((1, 2))
+    with monkeypatch.context() as patch:
+        own = Path.write_bytes
+
+        def slow(self, content):
+            own(self, content)
+            if content == b"first":
+                patch.setattr(os, "getpid", lambda: next(numbers))
+                write(path, b"second")
+                assert path.read_bytes() == b"second"
+
+        patch.setattr(Path, "write_bytes", slow)
+        write(path, b"first")
+    assert path.read_bytes() == b"first" and names(tmp_path) == {"report.html"}
 
 
 def test_what_a_kill_leaves_is_harmless(tmp_path):
