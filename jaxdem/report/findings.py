@@ -127,8 +127,8 @@ def _noise_sentences(comparison: Comparison) -> list[str]:
     result.append(f"Two mean errors that differ by {percent(noise)} or less are the same within the noise.")
     if math.isfinite(comparison.time_noise):
         result.append(
-            f"Run times of the same work with other packs differ by up to {percent(comparison.time_noise)} from the middle: "
-            "a smaller difference between two run times means nothing."
+            f"Run times of the same work with other packs vary by {percent(comparison.time_noise)} about their middle: a smaller "
+            "difference between two run times means nothing."
         )
     return result
 

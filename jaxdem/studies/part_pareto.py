@@ -111,9 +111,14 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
             ]
         )
         points.append((name, seconds, ratio, (training or 0.0) / float(fine.history["time"][-1])))
-    front = metrics.pareto_front([p[1] for p in points], [float(row[-1] or math.nan) for row in rows])
+    noise = mean(floor)
+    front = metrics.pareto_front(
+        [p[1] for p in points],
+        [float(row[-1] or math.nan) for row in rows],
+        error_noise=100 * noise if math.isfinite(noise) else 0.0,
+    )
     table.rows = [[*row, "yes" if on else ""] for row, on in zip(rows, front, strict=True)]
-    noise = [100 * floor[n] for n in NAMES]
+    floors = [100 * floor[n] for n in NAMES]
     size = " x ".join(str(n) for n in fine.cells or ())
     table.rows.append(
         [
@@ -121,13 +126,14 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
             size,
             _time_per_second(evidence, fine, f"{prefix}fine"),
             None,
-            *noise,
+            *floors,
             None,
-            100 * mean(floor),
+            100 * noise,
             "",
         ]
     )
-    table.note = "The last row is the reference: its run time, and the errors that are the unit of the others. Errors are means over packs."
+    table.note = "The last row is the reference: its run time, and the errors that are the unit of the others. Errors are means over packs. "
+    table.note += "Points on the front differ by more than the noise" + ("." if math.isfinite(noise) else ", which is not known here.")
     return table, points
 
 
@@ -140,7 +146,8 @@ def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> P
         path: PNG file.
         words: name of the scene.
     """
-    fronts = {name: metrics.pareto_front([p[1] for p in points], _errors(points, name)) for name in NAMES}
+    times = [point[1] for point in points]
+    fronts = {name: metrics.pareto_front(times, _errors(points, name), error_noise=1.0) for name in NAMES}
     on_one = [point[0] for k, point in enumerate(points) if any(front[k] for front in fronts.values())]
     letters = dict(zip(on_one, LETTERS, strict=False))
     key = [f"{letter}  {style.escaped(title, 3.2)}" for title, letter in letters.items()]
