@@ -133,7 +133,9 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
         ]
     )
     table.note = "The last row is the reference: its run time, and the errors that are the unit of the others. Errors are means over packs. "
-    table.note += "Points on the front differ by more than the noise" + ("." if math.isfinite(noise) else ", which is not known here.")
+    table.note += "Points on the front differ by more than the noise" + (
+        "." if math.isfinite(noise) else ", which is not known here."
+    )
     return table, points
 
 
