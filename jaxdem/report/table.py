@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -12,7 +13,7 @@ from jaxdem.report.findings import error_range, percent
 
 
 def terminal_table(comparison: Comparison) -> Table:
-    """Run, mesh, run and compile time, mean error with its range over packs, final run-off and height, state: one line a run.
+    """Run, mesh, run and compile time, mean error with its range over packs, final run-off and height, state.
 
     It fits 80 columns; why a run is unsound stands below the table.
     """
@@ -25,14 +26,20 @@ def terminal_table(comparison: Comparison) -> Table:
         front += "; the noise is not known"
     caption = "\n".join([front, *reasons])
     title = f"Compared with {escape(comparison.reference.name)}"
-    table = Table(title=title, caption=caption, caption_justify="left", pad_edge=False)
+    table = Table(
+        title=title,
+        caption=caption,
+        caption_justify="left",
+        pad_edge=False,
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
     table.add_column("run", overflow="fold")
     columns = [
         "cells",
         "run\n[s]",
         "compile\n[s]",
-        "error",
-        *(["packs"] if packs else []),
+        "error,\npacks" if packs else "error",
         *(["over\nnoise"] if noise else []),
         "run-off\n[m]",
         "height\n[m]",
@@ -41,11 +48,11 @@ def terminal_table(comparison: Comparison) -> Table:
         table.add_column(escape(column), justify="right", no_wrap=column == "cells")
     table.add_column("state", no_wrap=True)
     for row in every:
-        table.add_row(*_line(row, noise, packs), style=None if row.ranked else "red")
+        table.add_row(*_line(row, noise), style=None if row.ranked else "red")
     return table
 
 
-def _line(row: Row, noise: bool, packs: bool) -> list[str]:
+def _line(row: Row, noise: bool) -> list[str]:
     def value(number: float, pattern: str) -> str:
         return format(number, pattern) if math.isfinite(number) else "-"
 
@@ -53,9 +60,7 @@ def _line(row: Row, noise: bool, packs: bool) -> list[str]:
     error = "-" if is_reference or not math.isfinite(row.mean_error) else percent(row.mean_error)
     line = [escape(row.name), "x".join(str(n) for n in row.cells or ()) or "-"]
     line += [value(time, ".3g" if time < 1000 else ".0f") for time in (row.run_time_s, row.compile_time_s)]
-    line.append(error)
-    if packs:
-        line.append(error_range(row) if len(row.packs) > 1 else "-")
+    line.append(f"{error}\n{error_range(row)}" if len(row.packs) > 1 else error)
     if noise:
         line.append("-" if is_reference else value(row.error_over_noise, ".1f"))
     line += [value(row.final["runoff"], ".2f"), value(row.final["height"], ".2f")]

@@ -230,9 +230,15 @@ def test_packs_give_means_and_their_range(make: Any, tmp_path: Path) -> None:
     assert record["packs"] == "3" and float(record["mean_error_highest"]) == pytest.approx(0.3)
     page = (tmp_path / "report.html").read_text()
     assert "10-30 %" in page and "a, each pack" in page
-    console = Console(width=100, record=True, file=io.StringIO())
+    noise = [make("jitter", factor=1.02, wall=19.0)]
+    result = compare(make("fine", wall=20.0), runs, tmp_path, packs=packs, noise=noise)
+    console = Console(width=80, record=True, file=io.StringIO())
     console.print(terminal_table(result))
-    assert "10-30 %" in console.export_text()
+    shown = console.export_text()
+    assert (
+        all(word in shown for word in ("10-30 %", "run-off", "height", "compile", "noise"))
+        and "…" not in shown
+    )
     with pytest.raises(InputError, match="packs"):
         compare(make("fine"), runs, tmp_path, packs={"c": [make("c1")]})
 
