@@ -173,7 +173,6 @@ def engineering_numbers(scene: Scene, simulation: Simulation, bodies: Bodies) ->
     if simulation.drag_law is None or scene.closure.file is not None:
         named += ", not by the closure"
     excess = np.abs(density / fluid.density - 1.0)
-    speed, length = boundary_speed(scene), _flow_length(scene)
     found = [
         _number("grain / fluid density", density / fluid.density, "-"),
         _number("Archimedes number", gravity * excess * diameter**3 / fluid.viscosity**2, "-"),
@@ -201,27 +200,34 @@ def engineering_numbers(scene: Scene, simulation: Simulation, bodies: Bodies) ->
                 f"superficial, at a solid fraction of {solid:.2g}, {named}",
             ),
         ]
-    if speed > 0.0:
-        relaxation = density * diameter**2 / (18.0 * fluid.density * fluid.viscosity)
-        found += [
-            _number("flow speed U", np.full(2, speed), "m/s", "largest of a boundary or the initial fluid"),
-            _number("  particle Reynolds number", speed * diameter / fluid.viscosity, "-", "U d / nu"),
-            _number(
-                "  flow Reynolds number",
-                np.full(2, speed * length / fluid.viscosity),
-                "-",
-                f"U L / nu, L = {length:.3g} m",
-            ),
-            _number(
-                "  Stokes number", relaxation * speed / length, "-", "Stokes relaxation time times U / L"
-            ),
-        ]
-        if gravity > 0.0 and excess.min() > 0.0:
-            froude = speed / np.sqrt(excess * gravity * diameter)
-            found.append(
-                _number("  densimetric Froude number", froude, "-", "U over the root of the submerged g d")
-            )
-    return tuple(found)
+    return (*found, *_flow_numbers(scene, diameter, density))
+
+
+def _flow_numbers(scene: Scene, diameter: np.ndarray, density: np.ndarray) -> list[Number]:
+    """Those of the stream past the grains; none where no boundary and no initial velocity moves it."""
+    fluid, speed, length = scene.fluid, boundary_speed(scene), _flow_length(scene)
+    if fluid is None or speed == 0.0:
+        return []
+    gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
+    excess = np.abs(density / fluid.density - 1.0)
+    relaxation = density * diameter**2 / (18.0 * fluid.density * fluid.viscosity)
+    found = [
+        _number("flow speed U", np.full(2, speed), "m/s", "largest of a boundary or the initial fluid"),
+        _number("  particle Reynolds number", speed * diameter / fluid.viscosity, "-", "U d / nu"),
+        _number(
+            "  flow Reynolds number",
+            np.full(2, speed * length / fluid.viscosity),
+            "-",
+            f"U L / nu, L = {length:.3g} m",
+        ),
+        _number("  Stokes number", relaxation * speed / length, "-", "Stokes relaxation time times U / L"),
+    ]
+    if gravity > 0.0 and excess.min() > 0.0:
+        froude = speed / np.sqrt(excess * gravity * diameter)
+        found.append(
+            _number("  densimetric Froude number", froude, "-", "U over the root of the submerged g d")
+        )
+    return found
 
 
 def screen_load(

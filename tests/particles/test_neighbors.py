@@ -12,7 +12,8 @@ from scipy.spatial import KDTree
 
 from benchmarks.cases.lists import listed_pairs, pairs_within
 from benchmarks.cases.worlds import constants, track, world
-from jaxdem.particles import loop
+from jaxdem.particles import cells, loop, neighbors
+from jaxdem.particles import pairs as pair_list
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid, neighbors_in_cells
 from jaxdem.particles.neighbors import Room, carry_history
 from jaxdem.particles.pairs import Pairs, pairs_of, place_of, sum_over_pairs
@@ -48,6 +49,16 @@ def test_list_is_rebuilt_in_time(trajectory):
     assert np.count_nonzero(np.abs(reference.force).max(axis=2)) > 50
     np.testing.assert_allclose(seen.position, reference.position, rtol=0, atol=1e-9)
     np.testing.assert_allclose(seen.spin, reference.spin, rtol=0, atol=1e-5)
+
+
+def test_a_list_of_many_slots_gives_the_same_motion(trajectory, monkeypatch):
+    """What is sought by halving where a large particle has very many neighbours, here where all have eight: rebuilds,
+    springs carried along and sums."""
+    for module in (cells, neighbors, pair_list):
+        monkeypatch.setattr(module, "WRITTEN_OUT", 2)
+    _, seen = track(gas(True), 1e-5, 120, 5)
+    np.testing.assert_allclose(seen.position, trajectory[1].position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(seen.spin, trajectory[1].spin, rtol=0, atol=1e-5)
 
 
 def test_a_list_that_is_never_rebuilt_fails(trajectory, monkeypatch):
