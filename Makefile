@@ -20,7 +20,7 @@ lint: $(VENV)/test.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# The site, in build/site; it opens from the file system (its search needs a server: python -m http.server -d build/site).
+# The site, in build/site; it opens from the file system, search included.
 docs: $(VENV)/docs.done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 

@@ -5,10 +5,7 @@ Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SI
 
 from __future__ import annotations
 
-import errno
 import shlex
-import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -18,17 +15,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from jaxdem import cli_networks, terminal
+from jaxdem import cli_networks, process, terminal
 from jaxdem.cli_options import (
+    Quiet,
     SceneFile,
     Settings,
-    load,
     overrides,
     prepare_file,
     prepare_folder,
+    read_scene,
+    require_closure,
+    start_jax,
     whole_numbers,
 )
-from jaxdem.compilation_cache import use_compilation_cache
 from jaxdem.errors import InputError, JaxdemError
 
 if TYPE_CHECKING:
@@ -63,15 +62,28 @@ class ExportFormat(StrEnum):
 class Commands(TyperGroup):
     """The commands; what jaxdem raises on purpose becomes one message and an exit code."""
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The first sentence of each, as many lines as it needs."""
+        rows = [(name, self.commands[name].get_short_help_str(limit=200)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Read the arguments; `--help` and `--version` are printed here."""
+        try:
+            return super().make_context(*args, **options)
+        except BrokenPipeError:
+            raise SystemExit(process.BROKEN_PIPE) from None
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         try:
             return super().invoke(ctx)
         except JaxdemError as error:
             terminal.fail(str(error), error.exit_code)
+        except BrokenPipeError:  # who read the output has gone
+            raise SystemExit(process.BROKEN_PIPE) from None
         except OSError as error:
-            if error.errno == errno.EPIPE:  # who read the output has gone
-                raise
             place = f"{error.filename}: " if error.filename else ""
             terminal.fail(f"{place}{error.strerror or error}. Make room or give access, and try again.", 1)
         except (MemoryError, RuntimeError) as error:
@@ -88,7 +100,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,  # plain help: rich's takes longer to load than all the rest
     help="Particles in a fluid (unresolved CFD-DEM), with learned drag closures.",
 )
 
@@ -105,10 +117,8 @@ Colour = Annotated[Color, typer.Option("--color", help="What particles are colou
 
 
 def main() -> None:
-    """Entry point of the console script."""
-    # A run writes a checkpoint at a signal; before and after it, SIGTERM ends the program as SIGINT does.
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    app(prog_name="jaxdem")
+    """The command line of this process, with its exit code."""
+    process.run(lambda: app(prog_name="jaxdem"))
 
 
 def _version(wanted: bool) -> None:
@@ -144,14 +154,14 @@ def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
 @app.command()
 def check(scene: SceneFile, settings: Settings = None) -> None:
     """Time-step limits, engineering numbers, wall time, memory, warnings; exit code 2 where `run` would refuse."""
-    description = load(scene, settings)
-    use_compilation_cache()
+    description = read_scene(scene, settings)
+    start_jax(description.precision)
     from jaxdem.check import check_scene
     from jaxdem.check_table import render
 
     with _units_beside_a_refusal(description):
         report = check_scene(description)
-    terminal.output().print(render(report))
+    terminal.show(render(report))
 
 
 @app.command()
@@ -162,17 +172,21 @@ def run(
     subgrid: SubgridFile = None,
     settings: Settings = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a scene and write a run directory."""
-    description = load(scene, settings, closure, subgrid)
-    use_compilation_cache()
+    description = read_scene(scene, settings, closure, subgrid)
     from jaxdem.io import RunDirectory
+
+    RunDirectory.check(out, description.to_toml(), resume)
+    complete = resume and RunDirectory.is_complete(out)
+    start_jax(description.precision)
+    from jaxdem import progress
     from jaxdem.simulate import Interrupted, simulate
 
-    complete = resume and RunDirectory.is_complete(out)
     try:
-        with _units_beside_a_refusal(description), terminal.simulated_time() as progress:
-            result = simulate(description, out, resume=resume, progress=progress)
+        with _units_beside_a_refusal(description), progress.simulated_time(quiet) as report:
+            result = simulate(description, out, resume=resume, progress=report)
     except Interrupted as stop:
         command = ["jaxdem", "run", str(scene), "--out", str(out)]
         command += ["--closure", str(closure)] if closure else []
@@ -181,7 +195,7 @@ def run(
         hint = f"A checkpoint is in {out}; go on with: {shlex.join([*command, '--resume'])}"
         terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
     if complete:
-        terminal.output().print(f"The run in {out} is complete; there is nothing to resume.", markup=False)
+        terminal.line(f"The run in {out} is complete; there is nothing to resume.")
     terminal.print_run(result)
     if not result.summary.get("valid"):
         terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
@@ -202,17 +216,20 @@ def dataset(
             help="How the coarse runs see, if otherwise: coupling.kernel_width, coupling.void_fraction or coupling.deconvolution.",
         ),
     ] = None,
+    quiet: Quiet = False,
 ) -> None:
     """Make training data from a run: what the drag law would see on coarser meshes, and should give."""
     factors = whole_numbers("--coarsen", coarsen, ",")
     changed = overrides(settings)
     prepare_file(out, run)
-    use_compilation_cache()
+    _load_run(run)  # refused before JAX is there
+    start_jax()
+    from jaxdem import progress
     from jaxdem.train.dataset import make_dataset
 
-    with terminal.counted("sample") as progress:
-        make_dataset(run, out, factors, progress=progress, overrides=changed)
-    terminal.output().print(f"Wrote {out}", markup=False)
+    with progress.counted("sample", quiet) as report:
+        make_dataset(run, out, factors, progress=report, overrides=changed)
+    terminal.line(f"Wrote {out}")
 
 
 app.command()(cli_networks.train)
@@ -230,6 +247,9 @@ def export(
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
 ) -> None:
     """Write a learned drag closure, base law and fallback included, for use in another program."""
+    prepare_file(out, closure)
+    require_closure("CLOSURE", closure)
+    start_jax()
     from jaxdem import __version__
     from jaxdem.closures import load_closure
     from jaxdem.closures.export import export_closure, files_written
@@ -238,7 +258,7 @@ def export(
         prepare_file(file, closure)
 
     for path in export_closure(*load_closure(closure), form.value, out, __version__):
-        terminal.output().print(f"Wrote {path}", markup=False, highlight=False, soft_wrap=True)
+        terminal.line(f"Wrote {path}")
 
 
 @app.command()
@@ -248,12 +268,12 @@ def compare(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv, PNGs.")],
 ) -> None:
     """Compare runs with a reference: the nine metrics, and error against run time."""
-    from jaxdem.io import load_run
     from jaxdem.io.access import locked
+
+    loaded = [_load_run(path) for path in (reference, *runs)]
+    prepare_folder(out)
     from jaxdem.report import compare as compare_runs
 
-    loaded = [load_run(path) for path in (reference, *runs)]
-    prepare_folder(out)
     with locked(out):
         comparison = compare_runs(loaded[0], loaded[1:], out)
     terminal.print_comparison(comparison)
@@ -276,16 +296,16 @@ def plot(
 ) -> None:
     """Draw a run's metrics over time, and its particles and fluid at one time."""
     place = run / "plots" if out is None else out
+    loaded = _load_run(run)
     from jaxdem.report.single import is_file, plot_run
 
-    loaded = _load_run(run)
     if is_file(place):
         prepare_file(place, run)
     else:
         prepare_folder(place)
     files = plot_run(loaded, place, time=time, color=color.value)
     for file in files:
-        terminal.output().print(f"Wrote {file}", markup=False, highlight=False, soft_wrap=True)
+        terminal.line(f"Wrote {file}")
 
 
 @app.command()
@@ -294,16 +314,18 @@ def animate(
     out: Annotated[Path, typer.Option(metavar="FILE", help=".gif, or .mp4 where ffmpeg is installed.")],
     color: Colour = Color.velocity,
     fps: Annotated[float, typer.Option(metavar="N", help="Outputs a second.")] = 10.0,
+    quiet: Quiet = False,
 ) -> None:
     """Draw a run as a film: particles over the fluid's speed."""
     loaded = _load_run(run)
     prepare_file(out, run)
+    from jaxdem import progress
     from jaxdem.report.animation import animate as make_film
 
-    with terminal.counted("picture") as progress:
-        number = make_film(loaded, out, color=color.value, fps=fps, progress=progress)
+    with progress.counted("picture", quiet) as report:
+        number = make_film(loaded, out, color=color.value, fps=fps, progress=report)
     text = f"Wrote {out}: {number} of {loaded.number_of_frames} outputs"
-    terminal.output().print(text, markup=False, highlight=False, soft_wrap=True)
+    terminal.line(text)
 
 
 @app.command()
@@ -317,23 +339,26 @@ def sweep(
     settings: Settings = None,
     closure: ClosureFile = None,
     subgrid: SubgridFile = None,
+    quiet: Quiet = False,
 ) -> None:
     """Run a scene with all combinations of some keys; goes on where it was stopped."""
     from jaxdem.io.outputs import refuse_what_is_read
     from jaxdem.scene import named_files
-    from jaxdem.sweep import TABLE, parse_variation, run_sweep
+    from jaxdem.sweep import TABLE, check_sweep, parse_variation, run_sweep
 
     variations = [parse_variation(text) for text in vary]
-    description = load(
-        scene, settings, closure, subgrid
-    )  # sets the precision; what is wrong without variations is said here
+    # What is wrong without variations is said here.
+    description = read_scene(scene, settings, closure, subgrid)
     refuse_what_is_read("--out", out / TABLE, (scene, *named_files(description.model_dump())))
-    use_compilation_cache()
+    changed = overrides(settings, closure, subgrid)
+    check_sweep(scene, changed, variations, out)
+    start_jax(description.precision)
+    from jaxdem import progress
     from jaxdem.simulate import Interrupted
 
     try:
-        with terminal.study_display() as display:
-            result = run_sweep(scene, overrides(settings, closure, subgrid), variations, out, display)
+        with progress.study_display(quiet) as display:
+            result = run_sweep(scene, changed, variations, out, display)
     except Interrupted as stop:
         command = ["jaxdem", "sweep", str(scene), "--out", str(out)]
         command += ["--closure", str(closure)] if closure else []
@@ -366,15 +391,20 @@ def study(
             help="Of the paper's size: processes at once; one a core. 0: tables of what is there.",
         ),
     ] = None,
+    quiet: Quiet = False,
 ) -> None:
     """Run, dataset, train, run with the closure, compare: the whole chain; goes on where it was stopped."""
-    use_compilation_cache()
+    from jaxdem.studies import check_request
+
+    chosen = [part.strip() for part in parts.split(",") if part.strip()]
+    check_request(name, scale.value, out, chosen, jobs)
+    start_jax()
+    from jaxdem import progress
     from jaxdem.simulate import Interrupted
     from jaxdem.study import run_study
 
-    chosen = [part.strip() for part in parts.split(",") if part.strip()]
     try:
-        with terminal.study_display() as display:
+        with progress.study_display(quiet) as display:
             result = run_study(name, scale.value, out, display, chosen, jobs)
     except Interrupted as stop:
         command = ["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)]

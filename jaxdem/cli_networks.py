@@ -10,9 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from jaxdem import terminal
-from jaxdem.cli_options import SceneFile, Settings, load, prepare_file, prepare_folder, whole_numbers
-from jaxdem.compilation_cache import use_compilation_cache
+from jaxdem.cli_options import (
+    Quiet,
+    SceneFile,
+    Settings,
+    prepare_file,
+    prepare_folder,
+    read_scene,
+    require_closure,
+    require_datasets,
+    start_jax,
+    whole_numbers,
+)
 from jaxdem.errors import InputError
+from jaxdem.train import check_trained
 
 if TYPE_CHECKING:
     from jaxdem.train.closures import Closures
@@ -84,6 +95,7 @@ def train(
             metavar="KEY=A,B,C", help="Train all combinations: seed=0,1,2; may be given many times."
         ),
     ] = None,
+    quiet: Quiet = False,
 ) -> None:
     """Fit a learned drag closure to datasets; the last dataset's run is held out."""
     changes: dict[str, Any] = {
@@ -97,39 +109,47 @@ def train(
         prepare_folder(out)
     else:
         prepare_file(out, *datasets)
-    use_compilation_cache()
+    require_datasets(datasets)
+    start_jax()
+    from jaxdem import progress
     from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
 
     make = FitSettings if recipe is Recipe.paper else FitSettings.filtered
     chosen = make(**{name: value for name, value in changes.items() if value is not None})
     data = _read(datasets)
     if sweep:
-        _search(data, recipe, chosen, sweep, out)
+        _search(data, recipe, chosen, sweep, out, quiet)
         return
-    with terminal.counted("epoch") as progress:
+    with progress.counted("epoch", quiet) as report:
         if ensemble is not None:
             from jaxdem.train.ensemble import fit_ensemble
 
-            result = fit_ensemble(data, recipe.value, chosen, ensemble, progress)
+            result = fit_ensemble(data, recipe.value, chosen, ensemble, report)
         else:
-            result = (fit_paper if recipe is Recipe.paper else fit_filtered)(data, chosen, progress)
+            result = (fit_paper if recipe is Recipe.paper else fit_filtered)(data, chosen, report)
     _save(out, result)
     for coarsening, figures in result.metadata.get("spread", {}).items():
-        _line(
+        terminal.line(
             f"Coarsening {coarsening}: spread {figures['spread']:.2g}, error {figures['error']:.2g} of the force; "
             f"{100 * figures['within_two_spreads']:.0f} % of the errors are within two spreads"
         )
 
 
 def _search(
-    data: Sequence[Dataset], recipe: Recipe, settings: FitSettings, sweep: Sequence[str], out: Path
+    data: Sequence[Dataset],
+    recipe: Recipe,
+    settings: FitSettings,
+    sweep: Sequence[str],
+    out: Path,
+    quiet: bool,
 ) -> None:
+    from jaxdem import progress
     from jaxdem.report.networks import Scores, networks_figure
     from jaxdem.train.architecture_search import parse_sweep, search
     from jaxdem.train.architecture_table import as_text
 
     varied = [parse_sweep(text) for text in sweep]
-    with terminal.study_display() as display:
+    with progress.study_display(quiet) as display:
         found = search(data, recipe.value, settings, varied, out, display)
     scores = [
         Scores(
@@ -140,8 +160,8 @@ def _search(
         for chosen, networks in found.by_seed()
     ]
     networks_figure(scores, out / FIGURE)
-    _line(found.page())
-    _line(f"Wrote {len(found.networks)} networks and their table to {out}")
+    terminal.line(found.page())
+    terminal.line(f"Wrote {len(found.networks)} networks and their table to {out}")
     lost = [network.name for network in found.networks if network.metadata is None]
     if lost:
         terminal.fail(
@@ -158,6 +178,7 @@ def distill(
     epochs: Epochs = None,
     samples: Rows = None,
     activation: Annotated[str | None, typer.Option(help="Of the hidden layers; the teacher's.")] = None,
+    quiet: Quiet = False,
 ) -> None:
     """Train a smaller network on the forces that a closure gives for the inputs of datasets."""
     changes: dict[str, Any] = {
@@ -165,20 +186,23 @@ def distill(
         "hidden": _widths(hidden) or (32, 16),
     }  # fmt: skip
     prepare_file(out, closure, *datasets)
-    use_compilation_cache()
+    require_closure("CLOSURE", closure)
+    require_datasets(datasets)
+    start_jax()
+    from jaxdem import progress
     from jaxdem.closures import load_closure
     from jaxdem.train.compress import distill as teach
     from jaxdem.train.compress import settings_for
 
     teacher, _ = load_closure(closure)
     chosen, data = settings_for(teacher, **changes), _read(datasets)
-    with terminal.counted("epoch") as progress:
-        result = teach(teacher, data, chosen, progress)
+    with progress.counted("epoch", quiet) as report:
+        result = teach(teacher, data, chosen, report)
     _save(out, result)
     record = result.metadata["distilled"]
     for coarsening, value in record["r2_of_teacher"].items():
         against = record["r2_against_teacher"][coarsening]
-        _line(
+        terminal.line(
             f"Coarsening {coarsening}: the teacher has R2 {value:.4f}; against it the student {against:.4f}"
         )
 
@@ -191,10 +215,14 @@ def prune(
     epochs: Annotated[int | None, typer.Option(min=1, help="Train the smaller network so long.")] = None,
     seed: Seed = None,
     samples: Rows = None,
+    quiet: Quiet = False,
 ) -> None:
     """Remove the neurons of a closure that matter least for the inputs of datasets."""
     prepare_file(out, closure, *datasets)
-    use_compilation_cache()
+    require_closure("CLOSURE", closure)
+    require_datasets(datasets)
+    start_jax()
+    from jaxdem import progress
     from jaxdem.closures.file import load_single
     from jaxdem.train.compress import prune as make_smaller
     from jaxdem.train.compress import settings_for
@@ -202,14 +230,14 @@ def prune(
     given, _ = load_single(closure, "Prune one of its members, or distill it.")
     chosen = settings_for(given, seed=seed, epochs=epochs, samples=samples)
     data = _read(datasets)
-    with terminal.counted("epoch") as progress:
-        result = make_smaller(given, data, neurons, chosen, epochs is not None, progress)
+    with progress.counted("epoch", quiet) as report:
+        result = make_smaller(given, data, neurons, chosen, epochs is not None, report)
     _save(out, result)
     widths = ("-".join(map(str, result.metadata[key][name])) for key, name in (
         ("pruned", "hidden_before"), ("settings", "hidden")))  # fmt: skip
-    _line("Hidden layers from {} to {}".format(*widths))
+    terminal.line("Hidden layers from {} to {}".format(*widths))
     for coarsening, value in result.metadata["pruned"]["r2_before"].items():
-        _line(f"Coarsening {coarsening}: R2 was {value:.4f}")
+        terminal.line(f"Coarsening {coarsening}: R2 was {value:.4f}")
 
 
 def finetune(
@@ -239,23 +267,27 @@ def finetune(
     method: Annotated[Method, typer.Option(help="Adam, or a search on a few parameters.")] = Method.gradient,
     seed: Annotated[int, typer.Option(min=0, help="Of the order of the start times.")] = 0,
     settings: Settings = None,
+    quiet: Quiet = False,
 ) -> None:
     """Train closures through runs of a coarse scene, so that they have the statistics of a fine run."""
     from jaxdem.scene import named_files
 
-    description = load(scene, settings)
+    description = read_scene(scene, settings)
     chosen = None if horizons is None else whole_numbers("--horizons", horizons, ",")
-    read = (
-        scene,
-        reference,
-        *named_files(description.model_dump()),
-        closure,
-        None if subgrid == NEW else subgrid,
-    )
+    stress = None if subgrid in (None, NEW) else Path(subgrid)
+    read = (scene, reference, *named_files(description.model_dump()), closure, stress)
     prepare_file(out, *read)
     if subgrid_out is not None:
         prepare_file(subgrid_out, *read, option="--subgrid-out")
-    use_compilation_cache()
+    require_closure("closure.file", closure)
+    require_closure("fluid.subgrid", stress)
+    names = _trained(closure, subgrid, trained)
+    files = _files(names, out, subgrid_out)
+    from jaxdem.io import load_run
+
+    load_run(reference)  # refused before JAX is there
+    start_jax(description.precision)
+    from jaxdem import progress
     from jaxdem.closures import save_closure
     from jaxdem.train.finetune import FinetuneSettings
     from jaxdem.train.finetune import finetune as train_through_solver
@@ -263,29 +295,30 @@ def finetune(
     options = FinetuneSettings(
         horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
     )
-    start, metadata = _given(closure, subgrid, trained)
-    files = _files(start.trained, out, subgrid_out)
-    with terminal.counted("update") as progress:
-        result = train_through_solver(description, reference, start, metadata, options, progress)
+    start, metadata = _given(closure, subgrid, names)
+    with progress.counted("update", quiet) as report:
+        result = train_through_solver(description, reference, start, metadata, options, report)
     for name, path in files.items():
         save_closure(path, getattr(result.closures, name), result.metadata[name])
-    record, console = result.metadata[start.trained[0]]["finetune"], terminal.output()
+    record = result.metadata[names[0]]["finetune"]
     before, after = record["validation_loss_before"], record["validation_loss"]
     skipped = f", {record['skipped']} updates skipped" if record["skipped"] else ""
-    summary = f"Loss over the longest horizon from {before:.4g} to {after:.4g}{skipped}"
-    console.print(summary, markup=False, highlight=False)
-    console.print(
-        f"Wrote {' and '.join(map(str, files.values()))} after {record['seconds']:.3g} s",
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
-    )
+    terminal.line(f"Loss over the longest horizon from {before:.4g} to {after:.4g}{skipped}")
+    terminal.line(f"Wrote {' and '.join(map(str, files.values()))} after {record['seconds']:.3g} s")
     if result.stopped:
         terminal.fail(result.stopped, 1)
 
 
+def _trained(closure: Path | None, subgrid: str | None, trained: Trained | None) -> tuple[str, ...]:
+    """Names of the closures that are trained."""
+    given = [name for name, source in zip(ALL, (closure, subgrid), strict=True) if source is not None]
+    names = tuple(given) if trained is None else ALL if trained is Trained.both else (trained.value,)
+    check_trained(names, given)
+    return names
+
+
 def _given(
-    closure: Path | None, subgrid: str | None, trained: Trained | None
+    closure: Path | None, subgrid: str | None, names: tuple[str, ...]
 ) -> tuple[Closures, dict[str, dict[str, Any]]]:
     """The closures to start from, and the metadata of their files."""
     from jaxdem.closures import SubgridClosure, load_subgrid
@@ -300,10 +333,7 @@ def _given(
         stress, metadata["subgrid"] = SubgridClosure.initial(), {}
     elif subgrid is not None:
         stress, metadata["subgrid"] = load_subgrid(subgrid)
-    names = tuple(metadata) if trained is None else ALL if trained is Trained.both else (trained.value,)
-    start = Closures(drag, stress, names)
-    start.check()
-    return start, metadata
+    return Closures(drag, stress, names), metadata
 
 
 def _files(trained: tuple[str, ...], out: Path, subgrid_out: Path | None) -> dict[str, Path]:
@@ -337,10 +367,6 @@ def _save(out: Path, result: FitResult) -> None:
 
     metadata: dict[str, Any] = result.metadata
     save_closure(out, result.closure, metadata)
-    terminal.output().print(terminal.fit_table(metadata))
-    _line(f"Split {result.split}")
-    _line(f"Wrote {out} after {metadata['seconds']:.3g} s of training")
-
-
-def _line(text: str) -> None:
-    terminal.output().print(text, markup=False, highlight=False, soft_wrap=True)
+    terminal.show(terminal.fit_table(metadata))
+    terminal.line(f"Split {result.split}")
+    terminal.line(f"Wrote {out} after {metadata['seconds']:.3g} s of training")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from typing import Any
 
 
@@ -25,8 +26,9 @@ class InputError(JaxdemError):
 
     def __init__(self, key: str, value: Any, limit: str, remedy: str):
         self.key, self.value, self.limit, self.remedy = key, value, limit, remedy
-        text = f"{cut(key)} = {cut(_repr(value))}: {cut(limit, 600)}. {cut(remedy, 600)}"
-        super().__init__(text)
+        named = visible(key).replace("\n", "\\n")
+        text = f"{cut(named)} = {cut(_repr(value))}: {cut(limit, 600)}. {cut(remedy, 600)}"
+        super().__init__(visible(text))
 
 
 class RunError(JaxdemError):
@@ -41,12 +43,23 @@ class RunError(JaxdemError):
 
     def __init__(self, reason: str, where: str, time: float, remedy: str):
         self.reason, self.where, self.time, self.remedy = reason, where, time, remedy
-        super().__init__(f"{reason} ({where}) at t = {time:.6g} s. {remedy}")
+        super().__init__(visible(f"{reason} ({where}) at t = {time:.6g} s. {remedy}"))
 
 
 def cut(text: str, length: int = 300) -> str:
     """The text, its end replaced by dots where it is longer than `length`."""
     return text if len(text) <= length else text[: length - 3] + "..."
+
+
+def visible(text: str) -> str:
+    """The text with what does not print, such as the control sequences of a terminal, as escapes; lines stay lines."""
+    return "".join(
+        c if c.isprintable() or c == "\n" or unicodedata.category(c) == "Zs" else _escape(c) for c in text
+    )
+
+
+def _escape(character: str) -> str:
+    return character.encode("unicode_escape").decode()
 
 
 def _repr(value: Any) -> str:

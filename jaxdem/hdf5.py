@@ -30,6 +30,9 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 CHECKED = 2
 """The version of the first block (byte 8 of a file) from which on tables have checksums."""
 
+CLOSURE, DATASET = "jaxdem-closure", "jaxdem-dataset"
+"""What closures and datasets say of themselves in the attribute `format`."""
+
 COMPACT_BYTES = 16384
 """Up to here an array lies in its header; HDF5's limit is 64 KiB for all of it."""
 

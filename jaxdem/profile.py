@@ -30,13 +30,14 @@ def estimate_stages(
     state: State,
     neighbors: Neighbors | None,
     totals: Totals,
+    worth_splitting: float = WORTH_SPLITTING,
 ) -> tuple[dict[str, float | None], list[str]]:
     """Wall time by stage [s], and the names of those that are estimates.
 
     The fluid part and the particle part of every step are measured. Neighbour builds, exchange between
     particles and mesh, and drag law are parts of these; in a run that is long enough they are compiled
     alone, replayed at the final state and multiplied by their counts, the rest being contact and fluid.
-    In a short run they are not told apart and stand as null, inside `contact` and `fluid`.
+    A part shorter than `worth_splitting` [s] is not told apart: its stages stand as null, inside `contact` and `fluid`.
     """
     fluid, particles = totals.stages["fluid_part"], totals.stages["particle_part"]
     stages: dict[str, float | None] = {
@@ -48,11 +49,11 @@ def estimate_stages(
         "output": totals.stages["output"],
     }
     estimated: list[str] = []
-    if neighbors is not None and neighbors.room.slots and particles > WORTH_SPLITTING:
+    if neighbors is not None and neighbors.room.slots and particles > worth_splitting:
         share = min(_neighbors_time(simulation, state, neighbors) * totals.builds, particles)
         stages |= {"neighbors": share, "contact": particles - share}
         estimated += ["neighbors", "contact"]
-    if simulation.fluid is not None and state.particles is not None and fluid > WORTH_SPLITTING:
+    if simulation.fluid is not None and state.particles is not None and fluid > worth_splitting:
         drag, shown, transfer = _exchange_times(simulation, parameters, state)
         drag = min(drag * totals.intervals, fluid)
         coupling = min(shown * totals.intervals + transfer * totals.fluid_steps, fluid - drag)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import importlib.metadata
+import math
 import platform
 import time as clock
 from collections.abc import Iterator
@@ -24,7 +25,7 @@ from jaxdem.fluid.grid import cell_average
 from jaxdem.initial import scene_bodies
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.packing import into_period
-from jaxdem.profile import estimate_stages
+from jaxdem.profile import WORTH_SPLITTING, estimate_stages
 from jaxdem.scene import Scene
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
@@ -323,12 +324,14 @@ def run_summary(
     valid: bool,
     reason: str,
     time: float,
+    split_stages: bool = True,
 ) -> dict[str, Any]:
-    """Content of summary.json."""
+    """Content of summary.json; without `split_stages` nothing is compiled to tell the stages of a part apart."""
     count = 0 if state.particles is None else state.particles.position.shape[0]
     elapsed, compiled = totals.elapsed(), totals.compile_seconds()
     steps = simulation.steps
-    stages, estimated = estimate_stages(simulation, parameters, state, neighbors, totals)
+    worth_splitting = WORTH_SPLITTING if split_stages else math.inf
+    stages, estimated = estimate_stages(simulation, parameters, state, neighbors, totals, worth_splitting)
     stages["compile"] = compiled
     used = count * max(totals.intervals, 1)
     return {

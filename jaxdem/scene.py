@@ -51,6 +51,9 @@ SIDES_3D = ("left", "right", "front", "back", "bottom", "top")
 
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
 
+DEEPEST = 20
+"""Tables and lists inside each other."""
+
 MOST_OUTPUTS = 1_000_000
 """Frames that a run may write; more is a slip of the output interval's unit."""
 
@@ -403,8 +406,10 @@ def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | 
         tables = _read_toml(Path(source))
     for key, value in (overrides or {}).items():
         _set(tables, key, value)
+    _check_depth(tables)
+    tables = _absolute_files(tables, folder)
     try:
-        scene = Scene.model_validate(_absolute_files(tables, folder))
+        scene = Scene.model_validate(tables)
     except ValidationError as error:
         raise _as_input_error(error, tables) from None
     return _completed(scene)
@@ -414,6 +419,21 @@ def named_files(tables: dict[str, Any]) -> list[str]:
     """Files that the tables of a scene name."""
     values = [tables[table].get(key) for table, key in FILE_KEYS if tables.get(table)]
     return [value for value in values if isinstance(value, str)]
+
+
+def _check_depth(tables: dict[str, Any]) -> None:
+    """Refuses tables in tables without end, at which Python's own stack would: no key of a scene lies so deep."""
+    level: list[Any] = [tables]
+    for _ in range(DEEPEST):
+        level = [
+            inner
+            for outer in level
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(inner, dict | list)
+        ]
+    if level:
+        limit = f"has tables or lists more than {DEEPEST} deep, and no key lies there"
+        raise InputError("SCENE", "...", limit, "check the dotted keys and brackets")
 
 
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
@@ -646,17 +666,14 @@ def _check_times(scene: Scene) -> None:
 
 def _as_input_error(error: ValidationError, tables: dict[str, Any]) -> InputError:
     """The first problem that pydantic found, in the words of the scene file."""
-    problems = [
-        (tuple(part for part in problem["loc"] if not _is_branch_label(part)), problem)
-        for problem in error.errors(include_url=False)
-    ]
+    problems = [(_path_of(problem, tables), problem) for problem in error.errors(include_url=False)]
     problems.sort(key=lambda found: found[1]["type"] != "extra_forbidden")
     # Where a number or a list may stand, what is wrong inside the list tells more.
     start = problems[0][0]
     path, first = max((p for p in problems if p[0][: len(start)] == start), key=lambda found: len(found[0]))
     key = ".".join(str(part) for part in path)
     value = first.get("input")
-    if path[0] == "boundary" and len(path) > 1 and path[1] not in SIDES_3D:
+    if path[:1] == ("boundary",) and len(path) > 1 and path[1] not in SIDES_3D:
         refuse_unknown(f"boundary.{path[1]}", str(path[1]), SIDES_3D)
     if first["type"] == "extra_forbidden":
         allowed = _known_keys(list(path[:-1]))
@@ -682,13 +699,29 @@ def _in_plain_words(message: str) -> str:
     return re.sub(r" or instance of \w+", "", message)
 
 
-def _is_branch_label(part: Any) -> bool:
-    """Labels that pydantic adds for the branches of a union are not keys of the file."""
-    return isinstance(part, str) and (
-        "[" in part
-        or "(" in part
-        or part in ("float", "str", "int", "constrained-float", "function-after", "tuple")
-    )
+def _path_of(problem: Any, tables: dict[str, Any]) -> tuple[str | int, ...]:
+    """Keys and indices of the place of a problem.
+
+    pydantic puts the branches of a union between them; these are no keys of the tables, though a key may be called `float`.
+    """
+    value: Any = tables
+    path: list[str | int] = []
+    *parents, last = problem["loc"]
+    for part in parents:
+        if _holds(value, part):
+            value = value[part]
+            path.append(part)
+    # A branch is what is wrong with the value itself, which is then the input.
+    of_value = problem["type"] not in ("missing", "extra_forbidden") and problem["input"] is value
+    if not of_value and (problem["type"] == "missing" or _holds(value, last)):
+        path.append(last)
+    return tuple(path)
+
+
+def _holds(value: Any, part: str | int) -> bool:
+    if isinstance(value, dict):
+        return part in value
+    return isinstance(value, list) and isinstance(part, int) and part < len(value)
 
 
 def _known_keys(path: list[Any]) -> list[str]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import signal
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import jax
 import numpy as np
@@ -37,6 +36,7 @@ from jaxdem.restart import (
     to_arrays,
 )
 from jaxdem.scene import Scene
+from jaxdem.signals import Caught, Stopped, noted_signals
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.time_steps import simulated_time
@@ -146,6 +146,7 @@ class TimeLoop:
     sample_every: int
     totals: Totals = dataclasses.field(default_factory=Totals)
     done: int = 0
+    caught: Caught = dataclasses.field(default_factory=Caught)
 
     @property
     def time(self) -> float:
@@ -161,21 +162,25 @@ class TimeLoop:
         """Number of coupling intervals of the whole run."""
         return self.simulation.steps.outputs * self.simulation.steps.intervals_per_output
 
-    def run(self, progress: Progress | None, caught: list[int]) -> None:
+    def run(self, progress: Progress | None, caught: Caught) -> None:
         """From the present state to the end of the scene, with everything written.
 
         Args:
             progress: called after every coupling interval.
-            caught: signals that came; at the first the interval is finished and a checkpoint left.
+            caught: signals that came; at the first the interval is finished, or compiling given up, and a checkpoint left.
         """
         self.totals.begin()
+        self.caught = caught
         try:
             if not self.directory.has_checkpoint:  # first of all: a kill while compiling loses nothing either
                 self._write_checkpoint()
-            self._compile()
-            if self.done == 0 and self.directory.frames == 0:
-                self._write_frame(None)
-            self._advance_to_end(progress, caught)
+            try:
+                self._compile()
+                if self.done == 0 and self.directory.frames == 0:
+                    self._write_frame(None)
+                self._advance_to_end(progress)
+            except Stopped:
+                self._leave()
         except RunError as error:
             # A disk that is full refuses the summary too; what it refused first is what to tell.
             with contextlib.suppress(RunError):
@@ -193,7 +198,7 @@ class TimeLoop:
         self.done = int(extra["done"])
         self.directory.cut_back(int(attributes["frames"]), int(attributes["samples"]))
 
-    def _advance_to_end(self, progress: Progress | None, caught: list[int]) -> None:
+    def _advance_to_end(self, progress: Progress | None) -> None:
         per_output = self.simulation.steps.intervals_per_output
         saved = clock.perf_counter()
         while self.done < self.last:
@@ -212,11 +217,15 @@ class TimeLoop:
                     saved = clock.perf_counter()
             if progress is not None:
                 progress(self.time, self.scene.time.end)
-            if caught:
-                self._write_checkpoint()
-                message = f"stopped by signal {caught[0]}; go on with --resume"
-                self.directory.interrupt(self._summary(False, message))
-                raise Interrupted(caught[0], self.time)
+            if self.caught:
+                raise Stopped
+
+    def _leave(self) -> NoReturn:
+        """The run as a signal leaves it: with a checkpoint, and a summary for which nothing more is compiled."""
+        self._write_checkpoint()
+        message = f"stopped by signal {self.caught[0]}; go on with --resume"
+        self.directory.interrupt(self._summary(False, message, split_stages=False))
+        raise Interrupted(self.caught[0], self.time)
 
     def _advance(self) -> Diagnostics:
         """One coupling interval; on overflow of the neighbour list again, with more slots."""
@@ -257,15 +266,15 @@ class TimeLoop:
         raise RunError(reason, where, self.time, remedy)
 
     def _compile(self) -> None:
-        """Both parts of a step, compiled for the present capacities."""
-        with self.totals.timed("compile"):
+        """Both parts of a step, compiled for the present capacities; given up at a signal."""
+        with self.totals.timed("compile"), self.caught.raised():
             simulation = self.simulation
             fluid = jax.jit(lambda p, s: coupled.fluid_part(simulation, p, s))
-            self._fluid_part = fluid.lower(self.parameters, self.state).compile()
+            self._fluid_part = self.caught.wait_for(fluid.lower(self.parameters, self.state).compile)
             forces = jax.eval_shape(fluid, self.parameters, self.state)[1]
             particle = jax.jit(lambda p, s, n, f: coupled.particle_part(simulation, p, s, n, f))
             arguments = (self.parameters, self.state, self.neighbors, forces)
-            self._particle_part = particle.lower(*arguments).compile()
+            self._particle_part = self.caught.wait_for(particle.lower(*arguments).compile)
 
     def _write_frame(self, diagnostics: Diagnostics | None) -> None:
         with self.totals.timed("output"):
@@ -288,7 +297,7 @@ class TimeLoop:
     def _origin(self) -> dict[str, str]:
         return origin(self.scene.to_toml(), self.parameters)
 
-    def _summary(self, valid: bool, reason: str) -> dict[str, Any]:
+    def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
         return run_summary(
             self.scene,
             self.simulation,
@@ -299,6 +308,7 @@ class TimeLoop:
             valid=valid,
             reason=reason,
             time=self.time,
+            split_stages=split_stages,
         )
 
 
@@ -330,27 +340,3 @@ def samples_every(scene: Scene, simulation: Simulation) -> int:
             f"for example {every * simulation.interval:.6g}",
         )
     return every
-
-
-@contextlib.contextmanager
-def noted_signals() -> Iterator[list[int]]:
-    """SIGINT and SIGTERM noted in a list; a second one acts as usual."""
-    caught: list[int] = []
-    previous: dict[int, Any] = {}
-
-    def note(number: int, _: Any) -> None:
-        caught.append(number)
-        signal.signal(number, previous[number])
-
-    try:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            previous[number] = signal.getsignal(number)
-            signal.signal(number, note)
-    except ValueError:  # not the main thread: the caller handles signals
-        yield caught
-        return
-    try:
-        yield caught
-    finally:
-        for caught_by, handler in previous.items():
-            signal.signal(caught_by, handler)

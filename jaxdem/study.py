@@ -26,6 +26,7 @@ from jaxdem.io.durable import write_bytes
 from jaxdem.report import Comparison, compare
 from jaxdem.scene import Scene, load_scene
 from jaxdem.simulate import Progress, simulate_once
+from jaxdem.studies import check_request
 from jaxdem.studies.arrays import read_stored
 from jaxdem.studies.driver import FullStudy, default_jobs
 from jaxdem.studies.injection import SHARP, injection_plan
@@ -98,8 +99,6 @@ DEMOS: dict[str, Plan] = {
 
 FULL: dict[str, Callable[[], StudyPlan]] = {"injection": injection_plan}
 """Plans at full size by the study's name."""
-
-SCALES = ("demo", "paper")
 
 
 @dataclasses.dataclass
@@ -279,19 +278,7 @@ def run_study(
             or another scene's run.
         Interrupted: SIGINT or SIGTERM; checkpoints were written.
     """
-    for key, value, known in (("NAME", name, tuple(DEMOS)), ("--scale", scale, SCALES)):
-        if value not in known:
-            raise InputError(key, value, "is not known", f"known: {', '.join(sorted(known))}")
-    if scale == "demo" and (parts or jobs is not None):
-        key, value = ("--parts", ",".join(parts)) if parts else ("--jobs", str(jobs))
-        raise InputError(key, value, "is for the full size", "Give --scale paper as well.")
-    if jobs is not None and jobs < 0:
-        raise InputError(
-            "--jobs",
-            jobs,
-            "must be at least 1, or 0 for the tables of what is there",
-            "Leave it out for one a core.",
-        )
+    check_request(name, scale, Path(out), parts, jobs)
     out, begin = Path(out), clock.perf_counter()
     if scale == "paper":
         full = FullStudy(

@@ -15,7 +15,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from jaxdem.errors import InputError, RunError
 from jaxdem.io import Run, RunDirectory, load_run
@@ -24,11 +24,13 @@ from jaxdem.io.durable import write_bytes
 from jaxdem.io.run_directory import SCENE
 from jaxdem.metrics import METRICS, compile_time, run_time
 from jaxdem.scene import Scene, load_scene, parse_override
-from jaxdem.simulate import Progress, simulate_once
+
+if TYPE_CHECKING:
+    from jaxdem.simulate import Progress
 
 TABLE = "sweep.csv"
 LONGEST_NAME = 120
-"""Characters of a run's name: file systems allow 255 bytes."""
+"""Bytes of a run's name: file systems allow 255, and `~2` may be added."""
 
 OPENING, CLOSING, QUOTES = "[{", "]}", "\"'"
 
@@ -176,6 +178,41 @@ def run_sweep(
             another process writes.
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
+    sweep, scenes = _planned(scene, overrides, variations, out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    with locked(out):
+        sweep.write()
+        for number, run in enumerate(sweep.runs, start=1):
+            title = f"run {number} of {len(sweep.runs)}, {run.name}"
+            _perform(run, scenes[run.name], out / run.name, title, listener)
+            sweep.write()
+    return sweep
+
+
+def check_sweep(
+    scene: str | Path | dict[str, Any],
+    overrides: Mapping[str, Any],
+    variations: Sequence[Variation],
+    out: Path,
+) -> None:
+    """Refuse what `run_sweep` would refuse before its first run; without JAX, and nothing is made or changed.
+
+    Raises:
+        InputError: as `run_sweep`.
+    """
+    _planned(scene, overrides, variations, out)
+
+
+def _planned(
+    scene: str | Path | dict[str, Any],
+    overrides: Mapping[str, Any],
+    variations: Sequence[Variation],
+    out: Path,
+) -> tuple[Sweep, dict[str, Scene]]:
+    """All combinations, and their scenes by name."""
     keys = [variation.key for variation in variations]
     for key in keys:
         if keys.count(key) > 1 or key in overrides:
@@ -190,17 +227,13 @@ def run_sweep(
         run = SweepRun(_name(chosen, scenes), {key: _text(value) for key, value in chosen.items()})
         scenes[run.name] = load_scene(scene, {**overrides, **chosen})
         sweep.runs.append(run)
-    _claim(out, scenes)
-    with locked(out):
-        sweep.write()
-        for number, run in enumerate(sweep.runs, start=1):
-            title = f"run {number} of {len(sweep.runs)}, {run.name}"
-            _perform(run, scenes[run.name], out / run.name, title, listener)
-            sweep.write()
-    return sweep
+    _check_folder(out, scenes)
+    return sweep, scenes
 
 
 def _perform(run: SweepRun, scene: Scene, path: Path, title: str, listener: Listener) -> None:
+    from jaxdem.simulate import simulate_once  # with JAX, which what is refused does without
+
     def begin() -> Progress:
         advance = listener.stage(title, scene.time.end)
         return lambda time, _: advance(time)
@@ -223,17 +256,26 @@ def _name(chosen: Mapping[str, Any], taken: Mapping[str, Any]) -> str:
     for key, short in zip(chosen, last, strict=True):
         text = re.sub(r"\s*,\s*", "x", _text(chosen[key])).strip("[] ")
         parts.append(f"{short if last.count(short) == 1 else key}={text}")
-    name = plain = re.sub(r"[^\w.+=,-]", "_", ",".join(parts))[:LONGEST_NAME]
+    plain = re.sub(r"[^\w.+=,-]", "_", ",".join(parts))
+    name = plain = plain.encode()[:LONGEST_NAME].decode(errors="ignore")
     others = itertools.count(2)
     while name in taken:
         name = f"{plain}~{next(others)}"
     return name
 
 
-def _claim(out: Path, scenes: Mapping[str, Scene]) -> None:
+def _check_folder(out: Path, scenes: Mapping[str, Scene]) -> None:
     """Refuse a folder that holds something else, and runs of other scenes under the names of these."""
-    if out.is_dir() and {entry.name for entry in out.iterdir()} - {LOCK} and not (out / TABLE).is_file():
-        raise InputError("--out", str(out), f"is not empty and has no {TABLE}", "Choose another folder.")
-    for name, scene in scenes.items():
-        if (out / name / SCENE).is_file():
-            RunDirectory.require_same_scene(out / name, scene.to_toml())
+    try:
+        entries = {entry.name for entry in out.iterdir()} - {LOCK} if out.exists() else set()
+        if entries and not (out / TABLE).is_file():
+            raise InputError("--out", str(out), f"is not empty and has no {TABLE}", "Choose another folder.")
+        found = [name for name in scenes if (out / name / SCENE).is_file()]
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    for name in found:
+        RunDirectory.require_same_scene(out / name, scenes[name].to_toml())
+
+
+def _unwritable(out: Path, error: OSError) -> InputError:
+    return InputError("--out", str(out), f"cannot be written ({error.strerror})", "Choose another folder.")

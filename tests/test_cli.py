@@ -324,6 +324,19 @@ def test_a_run_may_have_any_name(done, tmp_path):
     assert invoke("compare", done[0], named, "--out", tmp_path / "both").exit_code == 0
 
 
+def test_the_name_of_a_run_reaches_no_terminal_as_a_command(done, tmp_path):
+    named = tmp_path / "red\x1b[31m\x9brun"
+    shutil.copytree(done[0], named)
+    for arguments in (
+        ("compare", done[0], named, "--out", tmp_path / "both"),
+        ("plot", named),
+        ("compare", named, tmp_path / "absent\x1b[2J", "--out", tmp_path / "none"),
+    ):
+        result = invoke(*arguments)
+        assert "\x1b" not in result.output and "\x9b" not in result.output
+        assert "\\x1b" in result.output
+
+
 def test_plot_and_animate_refuse_what_they_cannot_draw(done, tmp_path):
     broken = tmp_path / "broken"
     broken.mkdir()
@@ -445,6 +458,8 @@ def test_values_and_names_of_a_sweep():
         names[_name(chosen, names)] = None
     assert list(names)[:2] == ["cells=10x20,friction=0.5", "a.x=1,b.x=p_q"]
     assert _name({"a.x": 1, "b.x": "p?q"}, names) == "a.x=1,b.x=p_q~2"
+    many = _name({"a": "\u65e5" * 300}, {})
+    assert len(many.encode()) <= 252 and many.startswith("a=\u65e5"), "file systems count bytes"
 
 
 def test_dataset_and_training_refuse_what_they_cannot_use(done, tmp_path):

@@ -68,6 +68,9 @@ LEAVES = {"errors", "files", "hdf5_contents", "products"}
 COMMANDS = {"cli", "cli_networks", "cli_options"}
 """The command line."""
 
+SHOWN = {"terminal", "check_table", "console", "progress", "process"}
+"""What only the command line uses: what it shows, and how its process ends."""
+
 TERMINAL = {"typer", "rich"}
 PUBLIC = {
     "jaxdem",
@@ -166,8 +169,8 @@ def test_nothing_imports_the_command_line():
 
 def test_only_the_command_line_imports_what_it_shows():
     for module in MODULES:
-        if part(module) not in COMMANDS | {"__main__"}:
-            assert not parts_imported(module) & {"terminal", "check_table"}, module
+        if part(module) not in COMMANDS | SHOWN | {"__main__"}:
+            assert not parts_imported(module) & SHOWN, module
 
 
 def test_report_uses_the_public_names_and_files_only():
@@ -188,7 +191,7 @@ def test_training_does_not_reach_into_the_time_loop():
 
 def test_the_terminals_libraries_stay_with_the_command_line():
     """A solver that is imported into another program draws nothing."""
-    free = COMMANDS | {"terminal", "check_table", "report", "study", "studies"}
+    free = COMMANDS | SHOWN | {"report", "study", "studies"}
     for module, path in MODULES.items():
         if part(module) not in free:
             roots = {name.split(".")[0] for name, _ in imported(path, module)}

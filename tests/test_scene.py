@@ -82,6 +82,42 @@ def test_the_valid_scene_is_accepted():
 
 
 @pytest.mark.parametrize(
+    "name", ["[", "(x", "a[0]", "int", "str", "float", "tuple", "function-after", "\x1b[31m", "é\n"]
+)
+@pytest.mark.parametrize(
+    ("table", "known"),
+    [
+        ("", "precision"),
+        ("contact.", "friction"),
+        ("boundary.left.", "velocity"),
+        ("boundary.", "left"),
+        ("particles.pack.", "jitter"),
+        ("coupling.kernel_width.", "diameters"),
+    ],
+)
+def test_an_unknown_key_may_have_any_name(table, known, name):
+    """pydantic's labels of branches look like some of them."""
+    error = refusal(VALID, overrides={f"{table}{name}": {"kind": "wall"} if table == "boundary." else 1})
+    shown = name.replace("\x1b", "\\x1b").replace("\n", "\\n")
+    assert str(error).startswith(f"{table}{shown} = ") and "unknown key" in str(error)
+    assert known in str(error) or "did you mean" in str(error)
+    assert "\x1b" not in str(error) and "\n" not in str(error)
+
+
+@pytest.mark.parametrize("value", [{"float": 1}, {"tuple": [1]}, {"constrained-float": 1}])
+def test_a_table_in_place_of_a_number_is_what_is_wrong(value):
+    assert refusal(VALID, overrides={"particles.radius": value}).key == "particles.radius"
+
+
+def test_tables_without_end_are_refused():
+    deep = "x"
+    for _ in range(500):
+        deep = [deep]
+    for key, value in ((".".join("a" * 2000), 1), ("particles.position", deep), ("time", {"end": deep})):
+        assert "20 deep" in str(refusal(VALID, overrides={key: value}))
+
+
+@pytest.mark.parametrize(
     ("key", "meant"),
     [
         ("particles.radus", "radius"),

@@ -45,6 +45,15 @@ def acquire_lock(path: Path) -> int:
     return descriptor
 
 
+def still_locked(path: Path, descriptor: int) -> bool:
+    """Whether the folder at `path` is the one that was locked: it may have been moved away, and another be in its place."""
+    try:
+        found = os.stat(path / LOCK)
+    except OSError:
+        return False
+    return os.path.samestat(found, os.fstat(descriptor))
+
+
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
     """The folder, made if missing, for the files of this process alone; what a killed one left half written is removed.

@@ -19,7 +19,7 @@ import numpy as np
 from jaxdem.errors import InputError, RunError
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
-from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of
+from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
 from jaxdem.io.durable import aside_names, remove_leftovers, sync_directory, write_bytes
 from jaxdem.io.frames import PARTS_FOLDER, FrameSeries
 from jaxdem.io.history import History
@@ -66,11 +66,9 @@ class RunDirectory:
             InputError: the folder holds something, is in use, or cannot be written.
         """
         path = Path(path)
-        scene_text.parse(scene_toml, "the scene given")
+        cls.check(path, scene_toml, resume=False)
         with input_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-            if _entries(path):
-                raise _occupied(path)
         lock = acquire_lock(path)
         try:
             with input_errors(path):
@@ -96,10 +94,7 @@ class RunDirectory:
             InputError: there is no checkpoint, the stored scene is another one, or the folder is in use.
         """
         path = Path(path)
-        if not (path / CHECKPOINT).is_file() and not _just_begun(path):
-            limit = f"--resume needs {CHECKPOINT} in it, and there is none"
-            raise InputError(OPTION, str(path), limit, "Start the run without --resume in an empty folder.")
-        cls.require_same_scene(path, scene_toml)
+        cls.check(path, scene_toml, resume=True)
         lock = acquire_lock(path)
         try:
             with input_errors(path):
@@ -109,6 +104,27 @@ class RunDirectory:
         except BaseException:
             os.close(lock)
             raise
+
+    @classmethod
+    def check(cls, path: str | Path, scene_toml: str, resume: bool) -> None:
+        """Refuse what `create`, or `resume`, would refuse for what is in the folder; nothing is made or changed.
+
+        Raises:
+            InputError: as these two; a complete run of the same scene may be resumed.
+        """
+        path = Path(path)
+        scene_text.parse(scene_toml, "the scene given")
+        with input_errors(path):
+            if not resume:
+                if path.exists() and _entries(path):
+                    raise _occupied(path)
+                return
+            if not ((path / CHECKPOINT).is_file() or _just_begun(path) or cls.is_complete(path)):
+                limit = f"--resume needs {CHECKPOINT} in it, and there is none"
+                raise InputError(
+                    OPTION, str(path), limit, "Start the run without --resume in an empty folder."
+                )
+        cls.require_same_scene(path, scene_toml)
 
     @property
     def has_checkpoint(self) -> bool:
@@ -260,6 +276,7 @@ class RunDirectory:
             for series, number in kinds:
                 if series.joined.exists() or series.part_indices():
                     series.join(number)
+                    self._require_own_folder()
             # Parts go only when all joined files are there.
             for series, _ in kinds:
                 series.drop_parts()
@@ -270,8 +287,9 @@ class RunDirectory:
 
     @contextmanager
     def _run_errors(self, time: float) -> Iterator[None]:
-        """Turn what the disk refuses into a message."""
+        """Turn what the disk refuses into a message; nothing is written to a folder that is not the run's own."""
         self._time = float(time)
+        self._require_own_folder()
         try:
             yield
         except OSError as error:
@@ -280,6 +298,13 @@ class RunDirectory:
                 f"Earlier frames are kept ({self.frames}). Make room or access, then go on with --resume."
             )
             raise RunError(reason, str(self.path), self._time, remedy) from error
+
+    def _require_own_folder(self) -> None:
+        """Raise RunError where another folder has taken the place of the one that the run began in."""
+        if self._lock is not None and not still_locked(self.path, self._lock):
+            reason = f"the run directory was moved, replaced, or its {LOCK} removed while the run wrote to it"
+            remedy = "Nothing more was written. Go on with --resume where the folder is now, or start the run anew."
+            raise RunError(reason, str(self.path), self._time, remedy)
 
 
 def _require_same_scene(path: Path, scene_toml: str) -> None:

@@ -20,7 +20,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from jaxdem.simulate import Interrupted, noted_signals
+from jaxdem.signals import noted_signals
+from jaxdem.simulate import Interrupted
 from jaxdem.studies.work import CORE
 
 POLL = 0.2

@@ -252,4 +252,7 @@ def _tell(what: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = main()
+    if code > 128:  # stopped by a signal: Python would wait for a compiler that is still at work in a thread
+        os._exit(code)
+    sys.exit(code)

@@ -11,8 +11,8 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures import InvariantClosure, PaperNetwork, SubgridClosure
-from jaxdem.errors import InputError
 from jaxdem.state import Parameters
+from jaxdem.train import check_trained
 
 LearnedClosure = PaperNetwork | InvariantClosure
 Weights = dict[str, Any]
@@ -55,14 +55,7 @@ class Closures(NamedTuple):
 
     def check(self) -> None:
         """Raise InputError where nothing is trained, or something that there is not."""
-        if not self.trained:
-            raise InputError(
-                "--closure", "", "is needed, or --subgrid", "Give a closure file, or --subgrid new."
-            )
-        for name in self.trained:
-            if getattr(self, name) is None:
-                option = "--closure" if name == "drag" else "--subgrid"
-                raise InputError("--train", name, f"needs {option}", f"Give {option}, or train another.")
+        check_trained(self.trained, [name for name in ("drag", "subgrid") if getattr(self, name) is not None])
 
 
 def few_parameters(closures: Closures) -> tuple[Array, Callable[[Array], Weights]]:

@@ -25,7 +25,7 @@ from made_frames import (
 
 import jaxdem.io
 from jaxdem.closures.file import write_aside
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, RunError
 from jaxdem.io import FluidFormat, FrameSeries, ParticleFormat, RunDirectory, SampleFormat, load_run
 from jaxdem.io.access import acquire_lock
 from jaxdem.io.durable import write_bytes
@@ -222,6 +222,27 @@ def test_two_runs_cannot_share_a_folder(tmp_path):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert "another run (process" in done.stdout, done.stderr
     RunDirectory.resume(path, SCENE_2D).close()
+
+
+def test_a_run_writes_to_the_folder_that_it_locked_only(tmp_path):
+    """Moved away, with another run in its place: the lock is held by identity, not by name."""
+    path, moved = tmp_path / "run", tmp_path / "moved"
+    with RunDirectory.create(path, SCENE_2D) as run:
+        run.write_checkpoint({}, {"frames": 0, "samples": 0})
+        path.rename(moved)
+        with RunDirectory.create(path, SCENE_2D):
+            before, old = names(path), names(moved)
+            for write in (
+                lambda: run.write_checkpoint({}, {"frames": 0, "samples": 0}),
+                lambda: run.write_frame(0, 0.0, None, None, None, {}),
+                lambda: run.cut_back(0, 0),
+                lambda: run.interrupt({}),
+            ):
+                with pytest.raises(RunError, match="moved, replaced"):
+                    write()
+            assert names(path) == before and names(moved) == old
+    with RunDirectory.resume(moved, SCENE_2D) as run:
+        run.cut_back(0, 0)
 
 
 def test_a_create_that_lost_the_race_for_an_empty_folder(tmp_path):

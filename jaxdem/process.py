@@ -1,0 +1,115 @@
+"""The process of the command line: its signals, its standard streams, and how it ends.
+
+Nothing beyond Python's own library is imported here, so that signals are handled before the rest is loaded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, NoReturn
+
+BROKEN_PIPE = 128 + signal.SIGPIPE
+"""Exit code where who read the output has gone: what a shell reports of a program that SIGPIPE ends."""
+
+GRACE = 0.5
+"""Time to clean up after a signal at which nothing is to be saved, or after a second one [s]."""
+
+PATIENCE = 1.0
+"""A program that saves its work for longer says so after this time [s]."""
+
+SAVING = (
+    "jaxdem: stopping at the end of this coupling interval, with a checkpoint; another signal ends at once\n"
+)
+
+
+def run(commands: Callable[[], Any]) -> NoReturn:
+    """Runs the command line, and ends the process with its exit code.
+
+    SIGINT and SIGTERM raise `SystemExit(128 + number)` in the main thread wherever a run does not handle them. Code outside
+    Python, such as a compiler, holds that up: after `GRACE` the process ends without it.
+    """
+    _open_closed_streams()
+    report = sys.unraisablehook
+    # Raised in a destructor the exit is lost; `_watch` ends the process then.
+    sys.unraisablehook = lambda lost: None if lost.exc_type is SystemExit else report(lost)
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
+    signal.set_wakeup_fd(writer)
+    threading.Thread(target=_watch, args=(reader,), daemon=True).start()
+    try:
+        commands()
+        code: Any = 0
+    except SystemExit as end:
+        code = 0 if end.code is None else end.code
+    except BrokenPipeError:
+        code = BROKEN_PIPE
+    code = _flush(code)
+    if isinstance(code, int) and code > 128:
+        # Python would wait for a compiler that is still at work in a thread.
+        os._exit(code)
+    sys.exit(code)
+
+
+def _stop(number: int, _: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + number)
+
+
+def _watch(reader: int) -> None:
+    """Sees every signal at once, also while the main thread is outside Python."""
+    first = True
+    while True:
+        for number in os.read(reader, 1):
+            if number not in (signal.SIGINT, signal.SIGTERM):
+                continue
+            saved_by_run = first and signal.getsignal(number) is not _stop
+            first = False
+            if select.select([reader], [], [], PATIENCE if saved_by_run else GRACE)[0] and saved_by_run:
+                continue
+            if not saved_by_run:
+                _end(128 + number)
+            _say(SAVING)
+
+
+def _end(code: int) -> NoReturn:
+    """Ends the process from a thread; a progress bar has hidden the cursor."""
+    if sys.stdout.isatty():
+        _say("\x1b[?25h\n")
+    os._exit(code)
+
+
+def _say(text: str) -> None:
+    """To standard error past its buffer, whose lock the main thread may hold."""
+    with contextlib.suppress(OSError):  # nobody listens
+        os.write(2, text.encode())
+
+
+def _flush(code: Any) -> Any:
+    """The exit code, after all output is written; another one where nobody reads it."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except BrokenPipeError:
+            # Python flushes once more at its end, and would report the same.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            code = BROKEN_PIPE if code == 0 else code
+    return code
+
+
+def _open_closed_streams() -> None:
+    """Standard streams that are closed lead nowhere: otherwise the next file to be opened would get their number."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free: this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "r" if number == 0 else "w", closefd=False))
