@@ -6,6 +6,7 @@ import base64
 import json
 import math
 import re
+import tomllib
 import zlib
 from typing import Any
 
@@ -51,7 +52,7 @@ def scene_with(dimension: int, *tables: dict[str, Any]) -> dict[str, Any]:
         "walls": [dict(table) for table in tables],
         "time": {"end": 1.0, "output_interval": 0.5},
     }
-    return load_scene(given).model_dump(by_alias=True, exclude_none=True)
+    return tomllib.loads(load_scene(given).to_toml())
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
