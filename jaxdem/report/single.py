@@ -28,8 +28,8 @@ FORMATS = (".png", ".pdf", ".svg")
 
 LONG_SIDE, SHORTEST = 8.0, 5.2
 """Longer side of the picture of a frame and least width of its figure [inch]."""
-LEFT, RIGHT, TOP, BOTTOM = 0.75, 0.3, 0.65, 1.15
-"""Room around it [inch]: axes, title, colour bars."""
+LEFT, RIGHT, TOP, BOTTOM = 1.0, 0.4, 0.65, 1.15
+"""Room around it [inch]: axes with numbers of up to seven characters, title, colour bars."""
 
 
 def plot_run(run: RunLike, out: Path, *, time: float | None = None, color: str = "velocity") -> list[Path]:
@@ -168,6 +168,7 @@ def frame_axes(
     left = LEFT + 0.5 * (width - LEFT - RIGHT - scale * length)
     axis = figure.add_axes((left / width, BOTTOM / tall, scale * length / width, scale * height / tall))
     axis.set(xlabel="x [m]", ylabel="height [m]")
+    axis.locator_params(axis="x", nbins=max(2, int(1.3 * scale * length)))
     quantity = pictures.QUANTITIES[color]
     bars = [
         (norm, colours, text)

@@ -25,8 +25,8 @@ from jaxdem.report.style import RunStyle
 FRACTIONS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Times of the snapshots, as fractions of the span that is compared."""
 
-MIN_PANEL, TITLE, GAP = 2.2, 0.32, 0.45
-"""Least width of a panel, the height of the line above it, and the room between panels [inch]."""
+MIN_PANEL, TITLE, GAP, LEFT = 2.2, 0.32, 0.6, 1.0
+"""Least width of a panel, height of the line above it, room between panels, and left of them for the axis [inch]."""
 LONG_BOX = 2.0
 """From this ratio of length to height on, runs stand above one another and the times in two columns."""
 
@@ -138,18 +138,20 @@ def _grid(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, lis
     stacked = ratio >= LONG_BOX
     lines, columns, blocks = (runs, 2, math.ceil(times / 2)) if stacked else (1, runs, times)
     wide = 6.9 if stacked else max(MIN_PANEL, min(5.0 / columns**0.5, 4.5 * ratio))
-    line, block = wide / ratio + TITLE, lines * (wide / ratio + TITLE) + 0.5
-    width, height = 0.7 + columns * (wide + GAP), blocks * block + 0.8
+    # At least as high as the label of its axis.
+    line = max(wide / ratio + TITLE, 0.85)
+    block = lines * line + 0.5
+    width, height = LEFT + columns * (wide + GAP), blocks * block + 0.8
     figure = style.new_figure(width, height, layout=None)
 
     def place(run: int, time: int) -> Axes:
         row, column, group = (run, time % 2, time // 2) if stacked else (0, run, time)
-        bottom = height - group * block - (row + 1) * line
-        left = 0.65 + column * (wide + GAP)
+        bottom = height - group * block - row * line - TITLE - wide / ratio
+        left = LEFT + column * (wide + GAP)
         rectangle = (left / width, bottom / height, wide / width, wide / ratio / height)
         axis: Axes = figure.add_axes(rectangle)
         lowest = row == lines - 1
-        axis.locator_params(axis="x", nbins=max(3, int(1.8 * wide)))
+        axis.locator_params(axis="x", nbins=max(2, int(1.3 * wide)))
         axis.tick_params(labelleft=column == 0, labelbottom=lowest)
         axis.set_ylabel("height [m]" if column == 0 else "")
         axis.set_xlabel("x [m]" if lowest else "")

@@ -16,7 +16,7 @@ import pytest
 from figure_texts import as_shown, drawn_texts, faults
 from matplotlib.figure import Figure
 
-from jaxdem.report import animation, compare, figures, interactive, networks, single, style
+from jaxdem.report import animation, compare, figures, interactive, networks, single, snapshots, style
 from jaxdem.report.comparison import Entry, build
 from jaxdem.report.runs import history_until
 from jaxdem.studies import part_pareto
@@ -88,6 +88,20 @@ def test_pictures_of_a_run_with_a_hostile_name(make: Any, tmp_path: Path, figure
     single.plot_run(flat, tmp_path / "both.png")
     single.plot_run(make("n" * 250, size=(0.5, 0.5, 2.0), cells=(4, 4, 8)), tmp_path / "two")
     animation.animate(flat, tmp_path / "film.gif", color="drag")
+
+
+@pytest.mark.parametrize("size", [(4e-3, 3e-3), (4e-4, 4e-4, 5e-4), (9.0, 0.5), (1200.0, 900.0)])
+def test_boxes_of_any_size(make: Any, tmp_path: Path, size: tuple[float, ...]) -> None:
+    """Numbers on the axes have up to seven characters."""
+    runs = [make(name, size=size, cells=None, radius=0.01 * size[0], outputs=2) for name in "ab"]
+    single.plot_run(runs[0], tmp_path)
+    entries = [
+        Entry(name, "run", run, history_until(run, None)) for name, run in zip("ab", runs, strict=True)
+    ]
+    looks = style.styles(["a", "b"])
+    snapshots.snapshots_figure(
+        entries, build(entries[0], entries[1:], [], {}, None), looks, tmp_path / "s.png"
+    )
 
 
 def test_figures_of_networks_and_studies(tmp_path: Path, figure_names: list[str]) -> None:
