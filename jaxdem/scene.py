@@ -368,12 +368,16 @@ class Scene(Section):
         """Whether each axis is periodic."""
         return tuple(self.boundary[self.sides[2 * axis]].kind == "periodic" for axis in range(self.dimension))
 
-    def to_toml(self) -> str:
-        """The scene as TOML, every default written out."""
-        tables = self.model_dump(by_alias=True)
+    def tables(self) -> dict[str, Any]:
+        """The scene as tables of plain values, every default written out, as `load_scene` takes them."""
+        tables = self.model_dump(by_alias=True, mode="json")
         if self.coupling is not None and self.fluid is None:
             tables["coupling"] = {"interval": self.coupling.interval}  # the one key that it takes
-        return tomli_w.dumps(_without_none(tables))
+        return _without_none(tables)
+
+    def to_toml(self) -> str:
+        """The scene as TOML, every default written out."""
+        return tomli_w.dumps(self.tables())
 
 
 FILE_KEYS = (

@@ -155,7 +155,7 @@ class Study:
         path = self.out / name
         if closure is not None:
             overrides = overrides | {"closure.file": str(closure)}
-        scene = load_scene(scene.model_dump(by_alias=True, exclude_none=True), overrides)
+        scene = load_scene(scene.tables(), overrides)
 
         def begin() -> Progress:
             advance = self.listener.stage(f"run {name}", scene.time.end)

@@ -6,6 +6,7 @@ import copy
 import math
 import re
 import tomllib
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -674,3 +675,10 @@ def load_scene_text(text):
     import tomllib
 
     return load_scene(tomllib.loads(text))
+
+
+@pytest.mark.parametrize("name", ["chute", "settling", "injection"])
+def test_tables_of_a_scene_are_that_scene(name):
+    """Without a fluid, with both, with a patch of a side."""
+    scene = load_scene(Path(__file__).parents[1] / "scenes" / f"{name}.toml")
+    assert load_scene(scene.tables()).to_toml() == scene.to_toml()

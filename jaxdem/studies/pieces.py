@@ -79,7 +79,7 @@ class Pieces:
         needs = tuple(self._closure(closure) for closure in spec.learned)
         scene = self.scene_of(name)
         require_same_scene(out, scene)
-        work = {"kind": "run", "scene": tables_of(scene), "out": str(out)}
+        work = {"kind": "run", "scene": scene.tables(), "out": str(out)}
         self._found[name] = Piece(name, work, scene.time.end, needs, RunDirectory.is_complete(out))
 
     def _dataset(self, name: str) -> None:
@@ -143,7 +143,7 @@ class Pieces:
         reference, settings = self.plan.runs[spec.reference], spec.settings
         scene = load_scene(self.scenes / reference.scene, {**reference.overrides, **spec.overrides})
         work = {
-            "kind": "tune", "scene": tables_of(scene), "reference": str(self.out / spec.reference),
+            "kind": "tune", "scene": scene.tables(), "reference": str(self.out / spec.reference),
             "start": None if spec.start is None else str(self._file(spec.start)), "settings": dataclasses.asdict(settings),
             "outs": {kind: str(self.out / file) for kind, file in files_of(spec).items()},
         }  # fmt: skip
@@ -176,11 +176,6 @@ class Pieces:
         return [str(self.out / f"{dataset}.h5") for dataset in datasets]
 
 
-def tables_of(scene: Scene) -> dict[str, Any]:
-    """A scene as tables that JSON can hold."""
-    return scene.model_dump(by_alias=True, exclude_none=True, mode="json")
-
-
 def require_same_scene(out: Path, scene: Scene) -> None:
     """Refuse a run directory of another scene; where its closure's file lies does not matter, nor new defaults, nor
     samples that the study does not ask for.
@@ -200,7 +195,7 @@ def require_same_scene(out: Path, scene: Scene) -> None:
 
 
 def _bare(scene: Scene) -> dict[str, Any]:
-    tables = tables_of(scene)
+    tables = scene.tables()
     tables["output"].pop("checkpoint_interval", None)
     return without_folders(tables)
 

@@ -123,7 +123,7 @@ class CoarseView:
         self.fine = simulation.fluid.solver.grid
         self.coarse = coarsened(self.fine, factor)
         overrides = {"fluid.cells": list(self.coarse.cells)}
-        coarse, _ = build(load_scene(scene.model_dump(by_alias=True, exclude_none=True), overrides))
+        coarse, _ = build(load_scene(scene.tables(), overrides))
         self.simulation: Simulation = coarse
         self.parameters = parameters
         self.of_model_b = not simulation.fluid.solver.shares_stress
