@@ -3,11 +3,11 @@
     python benchmarks/coupled.py [--end 0.5] [--repetitions 1] [--cores 1]
 
 `scenes/injection.toml` at 4 and 16 cm, with its correlation and with learned closures in its place, from the start to
-`--end`, every run in a process of its own. The closures are evaluated at every particle and then found out of range,
-so that the base law acts: all runs of a mesh see the same flow, and differ by the cost of the drag alone. Stages are
-those of `summary.json`; compilation and output are left out of the time per simulated second.
+`--end`, every run in a process of its own. The closures are evaluated at every particle, but all particles are out of
+their range, so the base law acts: all runs on one mesh have the same flow, and only the cost of the drag differs. Stages
+are those of `summary.json`; compilation and output are left out of the time per simulated second.
 
-DPMFoam (`apt-get install openfoam`), where it is installed, gets the grains where our first run left them.
+DPMFoam (`apt-get install openfoam`), if it is installed, starts with the grains where the first of these runs ended.
 """
 
 from __future__ import annotations

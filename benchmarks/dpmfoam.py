@@ -1,7 +1,7 @@
 """The injection scene for DPMFoam: its mesh, its grains at given positions, its contact stiffness; one process.
 
-What differs from the scene, for DPMFoam has no other: water enters over the whole left side, drag by Ergun and Wen-Yu, no
-rolling friction, spring-slider-dashpot contacts (12 steps a contact), grains that start at rest.
+Differences from the scene, where DPMFoam has no equivalent: water enters over the whole left side, drag by Ergun and
+Wen-Yu, no rolling friction, spring-slider-dashpot contacts (12 steps a contact), grains that start at rest.
 """
 
 from __future__ import annotations

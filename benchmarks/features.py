@@ -2,8 +2,8 @@
 
     python benchmarks/features.py [--count 1500] [--repetitions 7] [--only WORD ...]
 
-One small injection scene, and the same with one option more. Cost: the time of a coupled step over that of the plain
-scene, both timed in turns, from the same state; and the number of instructions of the compiled program. Where an option
+One small injection scene, and the same scene with one more option. The cost is the time of a coupled step over that of the plain
+scene (both timed in turns, from the same state) and the number of instructions of the compiled program. Where an option
 has a value that turns it off, the program with that value is compared with the plain one, text by text.
 """
 
@@ -140,7 +140,9 @@ def main() -> None:
     )
     parser.add_argument("--count", type=int, default=1500)
     parser.add_argument("--repetitions", type=int, default=7)
-    parser.add_argument("--only", nargs="+", default=[""], help="features whose name has one of these words")
+    parser.add_argument(
+        "--only", nargs="+", default=[""], help="run only the features whose name has one of these words"
+    )
     arguments = parser.parse_args()
     save_closure(SUBGRID, SubgridClosure.initial(), {})
     plain = Program({}, arguments.count)

@@ -1,4 +1,4 @@
-"""Cost of a gradient through the coupled solver against its horizon, and training by it beside a gradient-free search.
+"""Cost of a gradient through the coupled solver by number of steps, and training by gradients compared with a gradient-free search.
 
     python benchmarks/finetune.py [--horizons 5 10 20 40 80 100 160 320] [--repetitions 5] [--updates 12]
 
@@ -155,7 +155,7 @@ def main() -> None:
     parser.add_argument("--horizons", type=int, nargs="+", default=HORIZONS)
     parser.add_argument("--count", type=int, default=300, help="number of grains")
     parser.add_argument("--repetitions", type=int, default=5)
-    parser.add_argument("--updates", type=int, default=12, help="of each of three stages")
+    parser.add_argument("--updates", type=int, default=12, help="updates in each of the three stages")
     parser.add_argument("--cores", type=int, default=1)
     parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--sloped", action="store_true", help=argparse.SUPPRESS)

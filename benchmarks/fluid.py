@@ -3,8 +3,7 @@
     python benchmarks/fluid.py [--meshes 300x50 1200x200 ...] [--cores 1 2] [--windows 5] [--cell-steps 2e6]
 
 A channel, water at 3 m/s through the left side and out on the right, no slip below, free slip above, in float32.
-"uniform" enters over the whole side into a stream that is there already, where the pressure converges at once: a
-lower bound. "jet" enters through the lowest third into a fluid at rest and rolls up. An interval is 0.01 s on
+"uniform" enters over the whole side into an existing stream, where the pressure converges at once: a lower bound. "jet" enters through the lowest third into a fluid at rest and rolls up. An interval is 0.01 s on
 300 x 50 cells and shorter in proportion on finer meshes, the Courant number of 3 m/s being 0.75 on all; where the jet
 is faster an interval is cut into several steps, and the figures are per step. After a warm-up of one window, windows
 of `cell-steps` cells times intervals are timed, every mesh in a process of its own.

@@ -1,4 +1,4 @@
-"""Does another program read what a run writes? Four runs read with the `vtk` package: 2-D, 3-D, no fluid, fluid alone.
+"""Can another program read the files of a run? Four runs are read with the `vtk` package: 2-D, 3-D, without fluid, fluid alone.
 
 Checked are the names of all arrays, their components and units, the times against the history, that positions lie in the box,
 radii are the scene's, the void fraction is in (0, 1], speeds are not above the fastest of the run, and that means taken from

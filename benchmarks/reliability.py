@@ -1,4 +1,4 @@
-"""What the program survives: kills at any moment, bad scenes, damaged files. Counts, not times.
+"""Which faults the program survives: kills at any moment, bad scenes, damaged files. Prints counts, not times.
 
     python benchmarks/reliability.py [--only kills scenes runs files] [--kills 20] [--runs 40] [--files 24] [--bits 400] [--seed 0]
 

@@ -4,12 +4,11 @@
         [--particle-steps 2e7] [--cell-steps 2e6] [--no-injection]
 
 Particles: the hexagonal column of contact.py with N grains, in a box scaled by the square root of N. It slides at
-2 m/s, which has the neighbour list rebuilt about as often as in a flowing heap, from the first step on and for every
-N. Cells: the jet of fluid.py on a 2-D mesh. Injection: the first coupled steps of `scenes/injection.toml`.
+2 m/s, so that the neighbour list is rebuilt about as often as in a flowing heap, from the first step and for every N. Cells: the jet of fluid.py on a 2-D mesh. Injection: the first coupled steps of `scenes/injection.toml`.
 
-Every size has a process of its own, so that the peak memory is its alone: build, compilation and steps together. On an
-accelerator the peak of the device stands beside it. A size is left out where what the size before took above the
-empty process, times the ratio of the numbers, is more than the machine has.
+Every size has a process of its own, so the peak memory is that of this size: build, compilation and steps together. On an
+accelerator the peak memory of the device is given too. A size is left out if its memory, extrapolated from the size
+before, is more than the machine has.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What a softened contact changes: error of the nine metrics against run time, from 7 MPa to 70 GPa.
+"""What softer contacts change: error of the nine metrics against run time, from 7 MPa to 70 GPa.
 
     python benchmarks/softening.py [--end 0.5] [--count 1500] [--seeds 2]
 
 `scenes/injection_demo.toml` up to `--end`, each Young's modulus with its automatic contact step, for packs jittered
 from different seeds. Errors are those of `jaxdem.metrics.errors` against the stiffest run of the same seed, averaged
-over the seeds; the last row is the floor under them: the stiffest runs of two seeds against each other.
+over the seeds. The last row is the noise: the stiffest runs of two seeds against each other.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Stiff and extreme cases: every time-step limit against the one found by trial, every extreme scene to its end.
+"""Stiff and extreme cases: every computed time-step limit against the one found by tests, and every extreme scene run to its end.
 
     python benchmarks/stability.py [--only WORD ...]
 

@@ -3,8 +3,8 @@
     python benchmarks/training.py [--epochs 20] [--rounds 5] [--samples 250000]
 
 The loop is that of `jaxdem train` on synthetic samples: velocities and void fraction in, Koch-Hill drag out, both
-normalised. With fewer epochs than the paper's 2000 the time of all is extrapolated; `--epochs 2000` runs them all.
-Below 200 epochs the loop reads every loss, which keeps the next shuffle from running beside the device.
+normalised. With fewer epochs than the paper's 2000 the time of 2000 is extrapolated; `--epochs 2000` runs all of them.
+Below 200 epochs the loop reads every loss, so the next shuffle cannot run at the same time as the device.
 
 Eight at once is `minimize` with eight networks, as `jaxdem train --sweep seed=0,1,2,3,4,5,6,7` calls it: mapped in one program on an
 accelerator, a thread each on a CPU; mapped is measured on both. `PJRT_NPROC=1` in the environment gives XLA one thread.
@@ -171,7 +171,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--epochs", type=int, default=20, help="of the one network")
+    parser.add_argument("--epochs", type=int, default=20, help="epochs of the single network")
     parser.add_argument("--rounds", type=int, default=5, help="epochs of the eight networks")
     parser.add_argument("--samples", type=int, default=paper.samples)
     arguments = parser.parse_args()

@@ -196,9 +196,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", default="", help="parts of names of cases, with commas between")
-    parser.add_argument("--topics", default="", help="topics, with commas between")
-    parser.add_argument("--jobs", type=int, default=1, help="topics at a time")
+    parser.add_argument("--only", default="", help="parts of the names of cases, separated by commas")
+    parser.add_argument("--topics", default="", help="topics, separated by commas")
+    parser.add_argument("--jobs", type=int, default=1, help="number of topics that run at the same time")
     parser.add_argument("--topic", help=argparse.SUPPRESS)
     parser.add_argument("--out", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()

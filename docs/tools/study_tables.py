@@ -2,8 +2,8 @@
 
     python docs/tools/study_tables.py
 
-A table stands behind a line `<!-- table: PART: TITLE -->`; with `: HEADING; HEADING` it has some columns only, and with a further
-`: CELL; CELL` the rows that begin with one of these.
+A table follows a line `<!-- table: PART: TITLE -->`. With `: HEADING; HEADING` it has these columns only, and with a further
+`: CELL; CELL` only the rows that begin with one of these.
 The numbers are `results.json` of `jaxdem study injection --scale paper`.
 """
 
