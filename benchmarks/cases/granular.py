@@ -179,7 +179,7 @@ def collapses(
     "granular column collapse",
     "granular",
     "Lube et al. (2005), Phys. Rev. E 72, 041301; rods: arXiv:1512.05180; Balmforth & Kerswell (2005)",
-    fast=dict(count=200, aspects=(1.0, 4.0), modulus=2e6, step=8e-5, seeds=(0, 1)),
+    fast=dict(count=200, aspects=(1.0, 4.0), modulus=2e6, step=6e-5, seeds=(0, 1)),
 )
 def column_collapse(
     count: int = 1000,

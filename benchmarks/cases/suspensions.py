@@ -62,7 +62,9 @@ class Suspension:
         )
         scene = jaxdem.load_scene(tables)
         self.simulation, self.parameters = jaxdem.build(scene, closure())
-        self.start, self.neighbors = jaxdem.initial_state(scene, self.simulation, self.parameters)
+        start, neighbors = jaxdem.initial_state(scene, self.simulation, self.parameters)
+        # Stirred fast, the spheres come closer together than they start.
+        self.start, self.neighbors = self.simulation.with_room(start, neighbors, neighbors.room.enlarged())
         self.grid = self.simulation.fluid.solver.grid
         self.run = self.compiled()
 

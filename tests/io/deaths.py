@@ -150,7 +150,7 @@ def kills(path: Path, seed: int, number: int) -> None:
 
         process = child(work)
         if not inside:
-            time.sleep(generator.uniform(0.0, 0.12))
+            time.sleep(generator.uniform(0.0, 0.3))
             os.kill(process, signal.SIGKILL)
         status = os.waitpid(process, 0)[1]
         assert os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL, status

@@ -89,7 +89,7 @@ def test_substeps_follow_the_courant_number_and_conserve_momentum(suspension, sp
     state = suspension.stirred(speed, particle_speed=0.2)
     error, _, code, worst = suspension.drift(suspension.given(), state, 50)
     assert worst[0] == substeps
-    assert error < 1e-10
+    assert error < 1e-10 and not code & Failure.OVERFLOW
     assert bool(code & Failure.COURANT) == (speed > 20.0)
 
 
