@@ -106,28 +106,9 @@ def test_a_full_disk_leaves_the_earlier_file_and_nothing_beside_it(tmp_path, kin
 def test_pictures_and_tables_are_whole_or_absent(tmp_path, full_disk):
     figure = style.new_figure(1.0, 1.0)
     row = Row(
-        "a",
-        "run",
-        "",
-        None,
-        1,
-        "",
-        "",
-        "float32",
-        1.0,
-        1.0,
-        1.0,
-        True,
-        True,
-        "",
-        1.0,
-        0.0,
-        1.0,
-        {},
-        {},
-        0.0,
-        0,
-    )
+        "a", "run", "", None, 1, "", "", "float32", 1.0, 1.0, 1.0, True, True, "", 1.0, 0.0, 1.0, {}, {}, 0.0, 0,
+        packs=((1.0, 0.0),),
+    )  # fmt: skip
     with pytest.raises(OSError, match="No space left.*picture.png'$"):
         style.save(figure, tmp_path / "picture.png")
     with pytest.raises(OSError, match="No space left"):

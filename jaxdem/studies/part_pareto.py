@@ -192,7 +192,8 @@ def _panel(axis: Axes, points: Sequence[Point], error: np.ndarray, front: np.nda
     axis.axhline(1.0, color=style.NOISE, linewidth=1.2)
     axis.set(xscale="log", yscale="log")
     # Room for the letters, left of the first point and below the last.
-    axis.set(xlim=(0.8 * axis.get_xlim()[0], None), ylim=(0.85 * axis.get_ylim()[0], None))
+    if np.any(np.isfinite(error) & (error > 0.0)):
+        axis.set(xlim=(0.8 * axis.get_xlim()[0], None), ylim=(0.85 * axis.get_ylim()[0], None))
     for scale in (axis.xaxis, axis.yaxis):  # less than a decade as a rule
         scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         scale.set_major_formatter(FormatStrFormatter("%g"))
