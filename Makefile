@@ -1,9 +1,9 @@
-# make demo and make test set up everything they need on a machine with Python 3.11, pip and make.
+# `make demo` and `make test` install everything that they need into .venv. They need Python 3.11, pip and make.
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile
-# Threads of the libraries that numpy and XLA use are left alone; two test processes share two cores.
+# Number of parallel test processes. The threads of numpy and XLA are not limited.
 WORKERS ?= 2
 EXAMPLES := column_collapse settling fluidised_bed injection friction_calibration train_closure
 
@@ -20,15 +20,15 @@ lint: $(VENV)/test.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# The site, in build/site; it opens from the file system, search included.
+# The site, in build/site. It can be opened as files, search included.
 docs: $(VENV)/docs.done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-# The examples, and their pictures in docs/pictures.
+# Run the examples and renew their pictures in docs/pictures.
 examples: $(VENV)/run.done
 	for name in $(EXAMPLES); do $(BIN)/python examples/$$name.py docs/pictures/$$name.png || exit 1; done
 
-# Report in build/coverage; what runs in processes that are killed is not seen.
+# Coverage of the tests, report in build/coverage. Lines that run only in processes that are killed are not counted.
 coverage: $(VENV)/test.done
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --cov=jaxdem --cov-report=term-missing:skip-covered --cov-report=html:build/coverage
 

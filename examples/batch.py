@@ -1,11 +1,11 @@
-"""Many scenes at once by vmap: a study of two parameters over an ensemble of packs, as one compiled program.
+"""Many scenes at once with vmap: two parameters are varied over an ensemble of packs, in one compiled program.
 
 Each member is a bed of grains that settles in water, with its own drag scale, friction and random arrangement. The same
-members are also run one after another, with a program that is compiled once; the two are compared, and timed.
+members are also run one after another, with a program that is compiled once. Results and times of both ways are compared.
 
-What may differ within a batch is what is traced: everything in `Parameters` (material constants, drag scale, fluid
-density and viscosity, gravity, inlet velocities, weights of a closure) and in the state (positions, velocities). What is
-compiled in must be the same: numbers of particles and cells, time steps, model choices. For those use `jaxdem sweep`.
+Members of a batch may differ in everything that is traced: the numbers in `Parameters` (material constants, drag scale,
+fluid density and viscosity, gravity, inlet velocities, weights of a closure) and in the state (positions, velocities).
+They must have the same numbers of particles and cells, time steps and models. To vary those use `jaxdem sweep`.
 
 Run: python examples/batch.py [members]
 """
@@ -36,7 +36,7 @@ STEPS = 40
 
 
 def members(number: int) -> tuple:
-    """The simulation that all share, and stacked parameters, states and neighbour lists."""
+    """The simulation that all members share, and the stacked parameters, states and neighbour lists."""
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene)
     drag = jnp.linspace(0.5, 2.0, number)
@@ -51,7 +51,7 @@ def members(number: int) -> tuple:
 
 
 def member(number: int, batch: tuple) -> tuple:
-    """One of a batch."""
+    """One member of a batch."""
     return jax.tree.map(lambda array: array[number], batch)
 
 
@@ -63,11 +63,11 @@ def timed(function, *arguments):
 
 
 def main(number: int) -> None:
-    """Print the results of the members, how the two ways differ, and the gain."""
+    """Print the results of the members, the difference between the two ways, and their times."""
     simulation, parameters, states, neighbors = members(number)
 
     def fall(parameters, state, neighbors):
-        """Mean height of the grains over time, and the flags of what went wrong."""
+        """Mean height of the grains over time [m], and the failure flags."""
         end = jaxdem.rollout(
             simulation, parameters, state, neighbors, STEPS, reversible=False,
             observe=lambda state: state.particles.position[:, -1].mean(),

@@ -1,7 +1,7 @@
 """Collapse of a column of grains in air: contact mechanics alone, no fluid.
 
-300 discs of three sizes stand as a column three times as high as wide beside the left wall and are let go.
-Prints run-off and height of the deposit over the first width of the column.
+300 discs of three sizes form a column beside the left wall, three times as high as wide. The column is released.
+Prints the run-off relative to the width of the column at the start, and the front of the grains.
 
 Run: python examples/column_collapse.py [PICTURE]
 """
@@ -44,7 +44,9 @@ def main() -> None:
     run = jaxdem.simulate(jaxdem.load_scene(SCENE), new_folder("column_collapse"))
     save(picture(run), "column_collapse")
     runoff = run.history["runoff"][-1]
-    print(f"run-off {(runoff - WIDTH) / WIDTH:.2f} of the first width, front at {runoff:.3f} m")
+    print(
+        f"run-off: {(runoff - WIDTH) / WIDTH:.2f} times the width at the start; front of the grains at {runoff:.3f} m"
+    )
 
 
 if __name__ == "__main__":

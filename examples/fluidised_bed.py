@@ -1,8 +1,8 @@
-"""A bed of spheres is fluidised by a liquid from below and let down again: pressure drop against velocity.
+"""Pressure drop of a bed of spheres against the velocity of a liquid from below.
 
-The inflow is held for 2 s and then falls slowly (`boundary.bottom.times` and `velocities`). While the bed is fluidised the
-pressure drop carries its submerged weight; below the velocity at which Ergun's equation gives as much it is fixed, and the
-drop follows that equation.
+The inflow is constant for 2 s and then falls slowly (`boundary.bottom.times` and `velocities`). While the bed is
+fluidised, the pressure drop equals the submerged weight over the area. At lower velocities the bed is fixed, and the
+pressure drop follows Ergun's equation. The change is where Ergun's equation gives the submerged weight.
 
 Run: python examples/fluidised_bed.py [PICTURE]
 """
@@ -59,7 +59,9 @@ def main() -> None:
     height = run.history["height"][-1] + DIAMETER / 2
     fixed = ergun(velocity, volume / (WIDTH * DIAMETER * height), height)
     save(picture(run, velocity, drop / weight, fixed / weight), "fluidised_bed")
-    print(f"pressure drop over the submerged weight while it is fluidised: {np.mean(drop[:10]) / weight:.3f}")
+    print(
+        f"pressure drop over submerged weight, fluidised (1 is expected): {np.mean(drop[:10]) / weight:.3f}"
+    )
 
 
 def picture(run, velocity: np.ndarray, measured: np.ndarray, fixed: np.ndarray, frames=(0, 20, 62)):

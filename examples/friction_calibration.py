@@ -1,12 +1,12 @@
 """Calibration of friction from the run-off of a collapsing column, by gradients through the solver.
 
 A column of 48 discs with friction 0.3 collapses; its run-off is measured every 20 ms, to 0.1 mm. From another guess the
-friction is found again by Gauss-Newton steps, with the derivative of every predicted run-off by forward-mode
+friction is found again by Gauss-Newton steps. The derivative of every predicted run-off comes from forward-mode
 differentiation through all contact steps.
 
-What makes that work is that each prediction starts from the measured state 20 ms before. Over the whole collapse the
-derivative is exact and useless: impacts amplify any change, so that it is the slope of a line as rough as the dots of
-the right picture and not of their trend. The script prints it beside the trend.
+This works because each prediction starts from the measured state 20 ms before. Over the whole collapse the derivative is
+exact but useless, because impacts amplify every change: it is the slope of a curve as rough as the dots of the right
+picture, not the slope of their trend. The script prints both slopes.
 
 Run: python examples/friction_calibration.py [PICTURE]
 """
@@ -40,12 +40,12 @@ SCENE = {
 SEEDS = range(3)
 
 simulation, parameters = jaxdem.build(jaxdem.load_scene(SCENE))
-# Once for each pack: the first neighbour list compiles programs of its own, which takes longer than a collapse.
+# Made once for each pack: the first neighbour list compiles programs, which takes longer than a collapse.
 packs = [jaxdem.initial_state(jaxdem.load_scene(SCENE, {"seed": n}), simulation, parameters) for n in SEEDS]
 
 
 def with_friction(friction: jax.Array):
-    """The parameters with that friction; at walls it is the same, for the scene gives them none of their own."""
+    """The parameters with this friction. Walls have the same friction, because the scene gives them none of their own."""
     return parameters._replace(contact=parameters.contact._replace(friction=friction))
 
 
@@ -56,9 +56,9 @@ def smooth_runoff(position: jax.Array) -> jax.Array:
 
 @jax.jit
 def predict(friction, state, neighbors):
-    """Run-off a window later [m] and its derivative by the friction; state and list then."""
+    """Run-off a window later [m], its derivative with respect to the friction [m], and the state and list at that time."""
 
-    def ahead(value):  # forward mode needs nothing kept on the way
+    def ahead(value):  # forward mode stores no intermediate states
         end = jaxdem.rollout(simulation, with_friction(value), state, neighbors, WINDOW, reversible=False)
         runoff = jnp.where(end.failures == 0, smooth_runoff(end.state.particles.position), jnp.nan)
         return runoff, (end.state, end.neighbors)
@@ -78,13 +78,13 @@ def collapse(pack: tuple, friction: float) -> tuple[list, np.ndarray]:
 
 
 def compared(friction: float, states: list, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted less measured run-off of every window [m], and its slope by the friction [m]."""
+    """Predicted minus measured run-off of every window [m], and its derivative with respect to the friction [m]."""
     found = [predict(jnp.asarray(friction), *start)[:2] for start in states]
     return np.array([float(r) for r, _ in found]) - measured, np.array([float(s) for _, s in found])
 
 
 def calibrate(states: list, measured: np.ndarray) -> list[float]:
-    """Friction after every Gauss-Newton step, the guess first; a step is 0.15 at most."""
+    """The first guess and the friction after every Gauss-Newton step. A step is at most 0.15."""
     path = [GUESS]
     for _ in range(6):
         residual, slope = compared(path[-1], states, measured)
@@ -96,7 +96,7 @@ def calibrate(states: list, measured: np.ndarray) -> list[float]:
 
 @jax.jit
 def whole_slope(friction, state, neighbors):
-    """Derivative of the run-off at the end of the whole collapse by the friction [m]."""
+    """Derivative of the run-off at the end of the whole collapse with respect to the friction [m]."""
 
     def runoff(value):
         end = jaxdem.rollout(
@@ -119,7 +119,7 @@ def main() -> None:
     trend = np.polyfit(values, final.mean(axis=1), 2)
     through, fitted = whole_slope(jnp.asarray(TRUE), *states[0]), np.polyval(np.polyder(trend), TRUE)
     print(
-        f"slope of the final run-off at {TRUE}: {through:.3g} m through the solver, {fitted:.3g} m by the trend"
+        f"slope of the final run-off at friction {TRUE}: {through:.3g} m through the solver, {fitted:.3g} m from the trend"
     )
 
     scan = np.linspace(0.1, 0.7, 19)

@@ -1,7 +1,7 @@
-"""Gradient of the pack's mean velocity by drag scale, inlet velocity and the weights of a learned closure.
+"""Derivatives of a pack's mean velocity with respect to drag scale, inlet velocity and the weights of a closure.
 
-A small pack in a jet, 30 coupling intervals, differentiated through contacts, exchange and the pressure
-solve. Prints each derivative beside a central difference.
+A small pack in a jet, 30 coupling intervals, differentiated through contacts, exchange and pressure solve. Prints the
+derivatives with respect to drag scale and inlet velocity beside central differences, and the norms of the others.
 
 Run: python examples/gradient.py
 """
@@ -60,7 +60,7 @@ def main() -> None:
         ]
         print(f"d/d({name}): {slopes[number]:.8f}, central difference {(ends[0] - ends[1]) / (2 * step):.8f}")
     for path, slope in jax.tree_util.tree_leaves_with_path(slopes[2]):
-        print(f"d/d(weights{jax.tree_util.keystr(path)}): size {jnp.linalg.norm(slope.ravel()):.3e}")
+        print(f"d/d(weights{jax.tree_util.keystr(path)}): norm {jnp.linalg.norm(slope.ravel()):.3e}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Water is injected into a pack of grains: `scenes/injection_demo.toml`, 1,500 grains, one second.
+"""Water is injected into a pack of 1,500 grains for one second: `scenes/injection_demo.toml`.
+
+Prints the wall time of each part of the program.
 
 Run: python examples/injection.py [PICTURE]
 """

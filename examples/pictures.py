@@ -1,4 +1,4 @@
-"""What the examples share: where their output goes, and grains drawn over the fluid's speed with matplotlib."""
+"""Shared by the examples: where their output goes, and how grains and fluid speed are drawn with matplotlib."""
 
 import io
 import shutil
@@ -92,7 +92,7 @@ def draw(axes, run, frame: int, fastest_grain: float, fastest_water: float = 0.0
 
 
 def save(figure, name: str) -> None:
-    """Writes the picture and says where it is."""
+    """Write the picture and print its path."""
     path = picture_path(name)
     path.parent.mkdir(parents=True, exist_ok=True)
     buffer = io.BytesIO()

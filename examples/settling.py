@@ -1,6 +1,6 @@
-"""Grains settle in a box of still water: the scene file `scenes/settling.toml`, longer and with more grains.
+"""Grains settle in a box of still water: `scenes/settling.toml`, for a longer time and with more grains.
 
-Prints the mass of water that the coupling has gained or lost and the mismatch of the impulses exchanged.
+Prints the residuals of mass and momentum of the coupling, which should be close to round-off.
 
 Run: python examples/settling.py [PICTURE]
 """

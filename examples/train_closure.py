@@ -1,6 +1,6 @@
 """Training a drag closure: a fine run, its dataset, a fit, and a coarse run with and without the closure.
 
-The same chain as `jaxdem dataset`, `jaxdem train` and `jaxdem run --closure`, from Python and in small (600 grains).
+The same steps as `jaxdem dataset`, `jaxdem train` and `jaxdem run --closure`, from Python, with 600 grains.
 
 Run: python examples/train_closure.py [PICTURE]
 """
@@ -27,7 +27,7 @@ FACTOR = 2
 
 
 def main() -> None:
-    """Run, train, run again, and draw how good the closure is."""
+    """Make the fine run, train, make the coarse runs, and draw how good the closure is."""
     folder, scene = new_folder("train_closure"), SCENES / "injection_demo.toml"
     fine = jaxdem.simulate(jaxdem.load_scene(scene, FINE), folder / "fine")
     make_dataset(fine.path, folder / "dataset.h5", coarsen=(1, FACTOR))
@@ -47,7 +47,7 @@ def main() -> None:
     save(picture(held_out, fit.metadata["r2"][str(FACTOR)], histories), "train_closure")
     for factor, figures in fit.metadata["r2"].items():
         print(
-            f"held out, inputs averaged {factor}x: R2 {figures['closure']:.3f}, base law {figures['base']:.3f}"
+            f"held-out rows, cells {factor}x as large: R2 of closure {figures['closure']:.3f}, of base law {figures['base']:.3f}"
         )
 
 

@@ -1,6 +1,7 @@
-"""A contact law of one's own: Hertz and Mindlin with cohesion.
+"""Your own contact law: Hertz and Mindlin with cohesion.
 
-Two grains that touch pull each other in, up to the overlap at which the elastic force balances the cohesion.
+Two grains touch and attract each other until the elastic force balances the cohesion. Their overlap is then compared
+with the closed form.
 
 Run: python examples/extending/contact_law.py
 """
@@ -17,7 +18,7 @@ from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, Her
 
 @dataclasses.dataclass(frozen=True)
 class CohesiveHertz:
-    """F_n = F_Hertz - k A, with Hertz's contact area A = pi R* d; Coulomb's limit stands on F_Hertz alone.
+    """F_n = F_Hertz - k A, with Hertz's contact area A = pi R* d. Coulomb's limit uses F_Hertz alone.
 
     Attributes:
         cohesion: k, force per contact area [Pa].
@@ -46,7 +47,7 @@ SCENE = {
 
 
 def main() -> tuple[float, float]:
-    """Overlap at rest and the one expected, sqrt(d) = 3 pi k sqrt(R*) / (4 E*) [m]."""
+    """Overlap at rest, and the expected one, sqrt(d) = 3 pi k sqrt(R*) / (4 E*) [m]."""
     law = CohesiveHertz(cohesion=3e5)
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene, contact_law=law)

@@ -1,6 +1,6 @@
-"""A drag law of one's own: Clift and Gauvin's single sphere, hindered by the others as in Wen and Yu's law.
+"""Your own drag law: Clift and Gauvin's law of a single sphere, with the void fraction function of Wen and Yu.
 
-One sphere falls through still water; its speed is compared with the balance of drag and weight.
+One sphere falls through still water. Its speed is compared with the balance of drag and weight.
 
 Run: python examples/extending/drag_law.py
 """
@@ -24,7 +24,7 @@ class CliftGauvin(Correlation):
 
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
         """F(s, Re) [-]."""
-        # The slope of Re^0.687 at Re = 0 is infinite, and a gradient must not see it, not even times zero.
+        # The slope of Re^0.687 at Re = 0 is infinite. It must not enter a gradient, not even multiplied by zero.
         moving = reynolds > 0
         re = jnp.where(moving, reynolds, 1.0)
         inertia = 0.15 * re**0.687 + 0.0175 * re / (1.0 + 42500.0 * re**-1.16)
@@ -42,7 +42,7 @@ SCENE = {
 
 
 def terminal_speed() -> float:
-    """Speed at which the law's drag carries the submerged weight [m/s]."""
+    """Speed at which the drag equals the submerged weight [m/s]."""
     weight = 4.0 / 3.0 * math.pi * RADIUS**3 * (SOLID - FLUID) * GRAVITY
     stokes = 6.0 * math.pi * FLUID * VISCOSITY * RADIUS
 
@@ -54,7 +54,7 @@ def terminal_speed() -> float:
 
 
 def main() -> tuple[float, float]:
-    """Speed of the sphere and the one expected [m/s]."""
+    """Speed of the sphere, and the expected speed [m/s]."""
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene, closure=CliftGauvin())
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
@@ -62,7 +62,7 @@ def main() -> tuple[float, float]:
         parameters, state, neighbors
     )
     found, expected = -float(end.state.particles.velocity[0, 1]), terminal_speed()
-    print(f"falls at {found:.4f} m/s, expected {expected:.4f} m/s")
+    print(f"the sphere falls at {found:.4f} m/s, expected {expected:.4f} m/s")
     return found, expected
 
 

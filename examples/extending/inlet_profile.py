@@ -1,6 +1,6 @@
-"""A boundary of one's own for the fluid: an inlet with the 1/7 power law of turbulent channel flow.
+"""Your own inlet profile: the 1/7 power law of turbulent channel flow.
 
-A profile is given by its integral, so that the flow rate is the same on every mesh; the example compares it.
+A profile is given by its integral, so the flow rate is the same on every mesh. The example compares it with the exact one.
 
 Run: python examples/extending/inlet_profile.py
 """
@@ -25,7 +25,7 @@ class PowerLaw:
 
     @property
     def peak(self) -> float:
-        """In the middle [-]."""
+        """Value in the middle [-]."""
         return (self.exponent + 1.0) / self.exponent
 
     def integral(self, position: np.ndarray, start: float, stop: float) -> np.ndarray:
@@ -55,7 +55,7 @@ def main() -> tuple[np.ndarray, float]:
     end = jax.jit(lambda p, s: jaxdem.rollout(simulation, p, s, None, steps=10))(parameters, state)
     inflow = np.asarray(end.state.fluid.face_velocity[0][0], float)
     rate = float(inflow.mean() * HEIGHT)
-    print("inflow over its mean:", np.round(inflow / SPEED, 3))
+    print("inflow velocity over its mean:", np.round(inflow / SPEED, 3))
     print(f"flow rate {rate:.6f} m2/s, expected {SPEED * HEIGHT:.6f}")
     return inflow, rate
 

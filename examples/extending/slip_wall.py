@@ -1,7 +1,7 @@
-"""A kind of side of one's own for the fluid: a wall along which the fluid slips in proportion to its shear (Navier).
+"""Your own boundary condition of the fluid: a wall with a slip velocity proportional to the shear (Navier).
 
-The velocity at the wall is b du/dn, with the slip length b. Between such a wall and one that moves with U a height H above it, the
-velocity of a steady flow is U (y + b) / (H + b) (Navier 1823); the example compares it.
+The velocity at the wall is b du/dn, with the slip length b. Another wall, at the height H above it, moves with the
+velocity U. The steady velocity in between is U (y + b) / (H + b) (Navier 1823). The example compares it.
 
 Run: python examples/extending/slip_wall.py
 """
@@ -18,7 +18,7 @@ from jaxdem.fluid.side_conditions import Wall
 
 @dataclasses.dataclass(frozen=True)
 class NavierSlip(Wall):
-    """Nothing passes, as with its parent; a line through the fluid's velocity is zero at the slip length behind the wall.
+    """No flow passes, as with `Wall`. The velocity profile, extended linearly, is zero at the slip length behind the wall.
 
     Attributes:
         slip_length: b [m].
@@ -27,7 +27,7 @@ class NavierSlip(Wall):
     slip_length: float = 0.0
 
     def ghosts(self, mirrored: Array, speed: Array, covered: Array, distance: Array) -> Array:
-        """u(-y) = u(y) (b - y) / (b + y), with the velocity u over that of the wall."""
+        """u(-y) = u(y) (b - y) / (b + y), with the velocity u relative to the wall."""
         return speed + (mirrored - speed) * (self.slip_length - distance) / (self.slip_length + distance)
 
 
@@ -45,7 +45,7 @@ SCENE = {
 
 
 def main() -> tuple[np.ndarray, np.ndarray]:
-    """Velocity of the six layers of cells after 3 s [m/s], and that of the formula."""
+    """Velocity of the six layers of cells after 3 s, and that of the formula [m/s]."""
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene, side_conditions={"bottom": NavierSlip(slip_length=SLIP)})
     state, _ = jaxdem.initial_state(scene, simulation, parameters)

@@ -1,6 +1,6 @@
-"""A boundary of one's own for particles: a corrugated floor as a signed-distance function.
+"""Your own wall for particles: a corrugated floor as a signed-distance function.
 
-Two grains are dropped beside the trough of a wave, roll into it from either side and come to rest touching the floor.
+Two grains are dropped on both sides of the trough of a wave. They roll into it and come to rest on the floor.
 
 Run: python examples/extending/wall.py
 """
@@ -18,7 +18,7 @@ LEVEL, AMPLITUDE, WAVELENGTH, RADIUS = 0.1, 0.02, 0.2, 0.01
 def corrugated(x: Array) -> Array:
     """Distance from z = h(x) = level + amplitude cos(2 pi x / wavelength), to first order (z - h) / sqrt(1 + h'^2).
 
-    Only the sign everywhere and the slope of length one at the wall matter; particles are not far beyond it.
+    The sign must be right everywhere, and the gradient of length one at the wall. Elsewhere the value need not be exact.
     """
     phase = 2.0 * jnp.pi * x[0] / WAVELENGTH
     height = LEVEL + AMPLITUDE * jnp.cos(phase)
@@ -35,7 +35,7 @@ SCENE = {
 
 
 def main() -> tuple[np.ndarray, np.ndarray]:
-    """Places (2, 2) of the grains at the end, and their gaps to the floor [m]."""
+    """Positions (2, 2) of the grains at the end, and their gaps to the floor [m]."""
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene, walls=[corrugated])
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
@@ -44,7 +44,7 @@ def main() -> tuple[np.ndarray, np.ndarray]:
     position = end.state.particles.position
     gap = np.asarray(jax.vmap(corrugated)(position) - RADIUS)
     for (x, z), distance in zip(np.asarray(position), gap, strict=True):
-        print(f"a grain at x = {x:.4f} m, z = {z:.4f} m, {1e6 * distance:.1f} micrometres from the floor")
+        print(f"a grain at x = {x:.4f} m, z = {z:.4f} m, gap to the floor {1e6 * distance:.1f} micrometres")
     return np.asarray(position), gap
 
 
