@@ -1,6 +1,6 @@
 """Grains settle in a box of still water: `scenes/settling.toml`, for a longer time and with more grains.
 
-Prints the residuals of mass and momentum of the coupling, which should be close to round-off.
+Prints the residuals of the conservation laws (mass, momentum, volume), which should be small.
 
 Run: python examples/settling.py [PICTURE]
 """
