@@ -112,7 +112,7 @@ class Bed:
                 particles=dict(radius=DIAMETER / 2, density=SOLID, position=start.tolist()),
                 contact=dict(
                     young_modulus=1e6, restitution=0.5, friction=0.3, wall_friction=0.0, speed=0.5, skin=0.3,
-                    time_step=7.4e-5,
+                    time_step=6.8e-5,
                 ),
                 fluid=dict(cells=list(cells), density=FLUID, viscosity=VISCOSITY, time_step=INTERVAL),
                 boundary=dict(

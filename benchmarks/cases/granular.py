@@ -185,7 +185,7 @@ def column_collapse(
     count: int = 1000,
     aspects: Sequence[float] = (0.5, 0.75, 1.0, 1.5, 3.0, 4.5, 6.0, 8.0, 12.0),
     modulus: float = 1e7,
-    step: float = 3.6e-5,
+    step: float = 3.2e-5,
     seeds: Sequence[int] = (0, 1, 2),
 ) -> list[Figure]:
     """Run-off and height of collapsed columns of discs (friction 0.5, rolling friction 0.1, restitution 0.5).
