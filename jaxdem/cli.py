@@ -45,14 +45,14 @@ class Scale(StrEnum):
 
 
 class Color(StrEnum):
-    """What particles are coloured by."""
+    """Quantity that colours the particles."""
 
     velocity = "velocity"
     drag = "drag"
 
 
 class ExportFormat(StrEnum):
-    """What a closure is written as."""
+    """File format of an exported closure."""
 
     c = "c"
     onnx = "onnx"
@@ -85,13 +85,17 @@ class Commands(TyperGroup):
             raise SystemExit(process.BROKEN_PIPE) from None
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
-            terminal.fail(f"{place}{error.strerror or error}. Make room or give access, and try again.", 1)
+            terminal.fail(
+                f"{place}{error.strerror or error}. Free some disk space or correct the permissions, and try again.",
+                1,
+            )
         except (MemoryError, RuntimeError) as error:
             if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
                 raise
             first = (str(error).splitlines() or ["out of memory"])[0]
             terminal.fail(
-                f"Out of memory ({first}). See `jaxdem check` for the estimate; lower the count or cells.", 1
+                f"Out of memory ({first}). `jaxdem check` prints the estimated memory. Use fewer particles or cells.",
+                1,
             )
 
 
@@ -106,14 +110,18 @@ app = typer.Typer(
 
 ClosureFile = Annotated[
     Path | None,
-    typer.Option("--closure", metavar="FILE", help="Learned drag closure; replaces closure.file."),
+    typer.Option(
+        "--closure", metavar="FILE", help="Learned drag closure, in place of closure.file of the scene."
+    ),
 ]
 SubgridFile = Annotated[
     Path | None,
-    typer.Option("--subgrid", metavar="FILE", help="Learned subgrid stress; replaces fluid.subgrid."),
+    typer.Option(
+        "--subgrid", metavar="FILE", help="Learned subgrid stress, in place of fluid.subgrid of the scene."
+    ),
 ]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
-Colour = Annotated[Color, typer.Option("--color", help="What particles are coloured by.")]
+Colour = Annotated[Color, typer.Option("--color", help="Quantity that colours the particles.")]
 
 
 def main() -> None:
@@ -153,7 +161,10 @@ def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
 
 @app.command()
 def check(scene: SceneFile, settings: Settings = None) -> None:
-    """Time-step limits, engineering numbers, wall time, memory, warnings; exit code 2 where `run` would refuse."""
+    """Check a scene without running it: time-step limits, engineering numbers, wall time, memory, warnings.
+
+    The exit code is 2 if `run` would refuse the scene.
+    """
     description = read_scene(scene, settings)
     start_jax(description.precision)
     from jaxdem.check import check_scene
@@ -167,11 +178,11 @@ def check(scene: SceneFile, settings: Settings = None) -> None:
 @app.command()
 def run(
     scene: SceneFile,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Run directory: new or empty.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Run directory; it must be new or empty.")],
     closure: ClosureFile = None,
     subgrid: SubgridFile = None,
     settings: Settings = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint in --out.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a scene and write a run directory."""
@@ -192,7 +203,7 @@ def run(
         command += ["--closure", str(closure)] if closure else []
         command += ["--subgrid", str(subgrid)] if subgrid else []
         command += [part for setting in settings or () for part in ("--set", setting)]
-        hint = f"A checkpoint is in {out}; go on with: {shlex.join([*command, '--resume'])}"
+        hint = f"A checkpoint is in {out}. Continue with: {shlex.join([*command, '--resume'])}"
         terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
     if complete:
         terminal.line(f"The run in {out} is complete; there is nothing to resume.")
@@ -206,19 +217,23 @@ def dataset(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory with samples.h5.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Dataset file to write (HDF5).")],
     coarsen: Annotated[
-        str, typer.Option(metavar="N,N,...", help="Fine cells along a side of the coarse cell.")
+        str,
+        typer.Option(
+            metavar="N,N,...",
+            help="Number of fine cells along a side of a coarse cell; several numbers for several coarse meshes.",
+        ),
     ] = "1,2,4,8",
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="How the coarse runs see, if otherwise: coupling.kernel_width, coupling.void_fraction or coupling.deconvolution.",
+            help="Setting of the coarse runs where it differs from the fine run: coupling.kernel_width, coupling.void_fraction or coupling.deconvolution.",
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Make training data from a run: what the drag law would see on coarser meshes, and should give."""
+    """Make training data from a fine run: inputs of the drag law on coarser meshes, and the drag that it should give."""
     factors = whole_numbers("--coarsen", coarsen, ",")
     changed = overrides(settings)
     prepare_file(out, run)
@@ -246,7 +261,7 @@ def export(
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
 ) -> None:
-    """Write a learned drag closure, base law and fallback included, for use in another program."""
+    """Write a learned drag closure for use in another program, including its base law and fallback."""
     prepare_file(out, closure)
     require_closure("CLOSURE", closure)
     start_jax()
@@ -263,11 +278,15 @@ def export(
 
 @app.command()
 def compare(
-    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Run directory to compare with.")],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv, PNGs.")],
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Run directory of the reference.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Run directories that are compared with it.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv and pictures.")
+    ],
 ) -> None:
-    """Compare runs with a reference: the nine metrics, and error against run time."""
+    """Compare runs with a reference run: errors of nine metrics, and error against run time."""
     from jaxdem.io.access import locked
 
     loaded = [_load_run(path) for path in (reference, *runs)]
@@ -290,11 +309,11 @@ def plot(
         ),
     ] = None,
     time: Annotated[
-        float | None, typer.Option(metavar="T", help="Of the snapshot, s; the last output by default.")
+        float | None, typer.Option(metavar="T", help="Time of the snapshot [s]; the last output by default.")
     ] = None,
     color: Colour = Color.velocity,
 ) -> None:
-    """Draw a run's metrics over time, and its particles and fluid at one time."""
+    """Draw the metrics of a run over time, and its particles and fluid at one time."""
     place = run / "plots" if out is None else out
     loaded = _load_run(run)
     from jaxdem.report.single import is_file, plot_run
@@ -313,10 +332,10 @@ def animate(
     run: RunFolder,
     out: Annotated[Path, typer.Option(metavar="FILE", help=".gif, or .mp4 where ffmpeg is installed.")],
     color: Colour = Color.velocity,
-    fps: Annotated[float, typer.Option(metavar="N", help="Outputs a second.")] = 10.0,
+    fps: Annotated[float, typer.Option(metavar="N", help="Outputs per second of film.")] = 10.0,
     quiet: Quiet = False,
 ) -> None:
-    """Draw a run as a film: particles over the fluid's speed."""
+    """Draw a run as a film: the particles over the speed of the fluid."""
     loaded = _load_run(run)
     prepare_file(out, run)
     from jaxdem import progress
@@ -334,14 +353,14 @@ def sweep(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for sweep.csv and the runs.")],
     vary: Annotated[
         list[str],
-        typer.Option(metavar="KEY=A,B,C", help="A key and its values, as TOML; may be given many times."),
+        typer.Option(metavar="KEY=A,B,C", help="A key and its values in TOML; may be given several times."),
     ],
     settings: Settings = None,
     closure: ClosureFile = None,
     subgrid: SubgridFile = None,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scene with all combinations of some keys; goes on where it was stopped."""
+    """Run a scene with all combinations of the values of some keys. The same command continues a stopped sweep."""
     from jaxdem.io.outputs import refuse_what_is_read
     from jaxdem.scene import named_files
     from jaxdem.sweep import TABLE, check_sweep, parse_variation, run_sweep
@@ -365,7 +384,7 @@ def sweep(
         command += ["--subgrid", str(subgrid)] if subgrid else []
         command += [part for text in vary for part in ("--vary", text)]
         command += [part for text in settings or () for part in ("--set", text)]
-        hint = f"Go on with: {shlex.join(command)}"
+        hint = f"Continue with: {shlex.join(command)}"
         terminal.fail(f"{str(stop).capitalize()} of a run of the sweep. {hint}", 128 + stop.number)
     terminal.print_sweep(result)
     if result.problems:
@@ -379,21 +398,27 @@ def study(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the study, e.g. injection.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html and all runs.")],
     scale: Annotated[
-        Scale, typer.Option(help="A demonstration of minutes, or the paper's size.")
+        Scale, typer.Option(help="demo: a few minutes. paper: the size of the source paper.")
     ] = Scale.demo,
     parts: Annotated[
-        str, typer.Option(metavar="A,B,...", help="Of the paper's size: some of its parts, e.g. mesh,budget.")
+        str,
+        typer.Option(
+            metavar="A,B,...", help="Parts to run, for --scale paper, e.g. mesh,budget; all by default."
+        ),
     ] = "",
     jobs: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="Of the paper's size: processes at once; one a core. 0: tables of what is there.",
+            help="Number of processes at once, for --scale paper; one per core by default. 0 only writes the tables of finished runs.",
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Run, dataset, train, run with the closure, compare: the whole chain; goes on where it was stopped."""
+    """Do a whole study: run, make a dataset, train, run with the closure, compare.
+
+    The same command continues a stopped study.
+    """
     from jaxdem.studies import check_request
 
     chosen = [part.strip() for part in parts.split(",") if part.strip()]
@@ -413,7 +438,7 @@ def study(
         runs = "all its runs" if scale is Scale.paper else f"a run at t = {stop.time:.6g} s"
         hint = shlex.join(command)
         terminal.fail(
-            f"The study was stopped, {runs} with a checkpoint. Go on with: {hint}", 128 + stop.number
+            f"The study was stopped, {runs} with a checkpoint. Continue with: {hint}", 128 + stop.number
         )
     if result.comparison is not None:
         terminal.print_comparison(result.comparison)

@@ -59,52 +59,65 @@ class Trained(StrEnum):
     both = "both"
 
 
-Datasets = Annotated[list[Path], typer.Argument(metavar="DATASET...", help="From `jaxdem dataset`.")]
+Datasets = Annotated[
+    list[Path], typer.Argument(metavar="DATASET...", help="Dataset files written by `jaxdem dataset`.")
+]
 Closure = Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file.", show_default=False)]
 Out = Annotated[Path, typer.Option(metavar="FILE", help="Closure file to write (HDF5).")]
-Seed = Annotated[int | None, typer.Option(min=0, help="Of weights, shuffling and choice of rows.")]
-Epochs = Annotated[int | None, typer.Option(min=1, help="Passes through the data.")]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="Random seed of weights, shuffling and choice of rows.")
+]
+Epochs = Annotated[int | None, typer.Option(min=1, help="Number of passes through the data.")]
 Rows = Annotated[int | None, typer.Option(min=1, help="Largest number of training rows.")]
 Hidden = Annotated[
-    str | None, typer.Option(metavar="N-N-...", help="Widths of the hidden layers: 170-70-30.")
+    str | None, typer.Option(metavar="N-N-...", help="Widths of the hidden layers, e.g. 170-70-30.")
 ]
 
 
 def train(
     datasets: Datasets,
     out: Annotated[Path, typer.Option(metavar="PATH", help="Closure file to write; with --sweep a folder.")],
-    recipe: Annotated[Recipe, typer.Option(help="The source paper's, or the one on filtered inputs.")] = (
-        Recipe.filtered
-    ),
+    recipe: Annotated[
+        Recipe,
+        typer.Option(
+            help="paper: method of the source paper. filtered: learns a factor on the base law, from filtered inputs."
+        ),
+    ] = (Recipe.filtered),
     seed: Seed = None,
     epochs: Epochs = None,
     samples: Rows = None,
     hidden: Hidden = None,
-    activation: Annotated[str | None, typer.Option(help="Of the hidden layers, e.g. elu.")] = None,
-    loss: Annotated[str | None, typer.Option(help="mse, mae, ...; the filtered recipe has its own.")] = None,
+    activation: Annotated[str | None, typer.Option(help="Activation of the hidden layers, e.g. elu.")] = None,
+    loss: Annotated[
+        str | None, typer.Option(help="Loss function: mse, mae, ...; the filtered recipe has its own.")
+    ] = None,
     terms: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="Of the remainder (filtered): void_fraction_gradient, ..."),
+        typer.Option(
+            metavar="A,B",
+            help="Terms added to the drag, for the filtered recipe: void_fraction_gradient, ...",
+        ),
     ] = None,
     ensemble: Annotated[
-        int | None, typer.Option(metavar="N", min=2, help="Train N networks and keep them as one closure.")
+        int | None, typer.Option(metavar="N", min=2, help="Train N networks and write them as one closure.")
     ] = None,
     sweep: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=A,B,C", help="Train all combinations: seed=0,1,2; may be given many times."
+            metavar="KEY=A,B,C",
+            help="Train all combinations of values, e.g. seed=0,1,2; may be given several times.",
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Fit a learned drag closure to datasets; the last dataset's run is held out."""
+    """Train a drag closure on datasets. The run of the last dataset is held out for testing."""
     changes: dict[str, Any] = {
         "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
         "hidden": _widths(hidden),
         "terms": None if terms is None else tuple(terms.split(",")),
     }  # fmt: skip
     if sweep and ensemble is not None:
-        raise InputError("--ensemble", ensemble, "cannot be had with --sweep", "Give one of them.")
+        raise InputError("--ensemble", ensemble, "cannot be combined with --sweep", "Give only one of them.")
     if sweep:
         prepare_folder(out)
     else:
@@ -165,7 +178,7 @@ def _search(
     lost = [network.name for network in found.networks if network.metadata is None]
     if lost:
         terminal.fail(
-            f"{len(lost)} of {len(found.networks)} networks have no finite loss: {', '.join(lost)}", 1
+            f"{len(lost)} of {len(found.networks)} networks did not reach a finite loss: {', '.join(lost)}", 1
         )
 
 
@@ -177,10 +190,13 @@ def distill(
     seed: Seed = None,
     epochs: Epochs = None,
     samples: Rows = None,
-    activation: Annotated[str | None, typer.Option(help="Of the hidden layers; the teacher's.")] = None,
+    activation: Annotated[
+        str | None,
+        typer.Option(help="Activation of the hidden layers; that of the given closure by default."),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Train a smaller network on the forces that a closure gives for the inputs of datasets."""
+    """Train a smaller network to give the same forces as a closure, on the inputs of datasets."""
     changes: dict[str, Any] = {
         "seed": seed, "epochs": epochs, "samples": samples, "activation": activation,
         "hidden": _widths(hidden) or (32, 16),
@@ -203,7 +219,7 @@ def distill(
     for coarsening, value in record["r2_of_teacher"].items():
         against = record["r2_against_teacher"][coarsening]
         terminal.line(
-            f"Coarsening {coarsening}: the teacher has R2 {value:.4f}; against it the student {against:.4f}"
+            f"Coarsening {coarsening}: the R2 of the given closure is {value:.4f}; the R2 of the new one against it is {against:.4f}"
         )
 
 
@@ -211,13 +227,16 @@ def prune(
     closure: Closure,
     datasets: Datasets,
     out: Out,
-    neurons: Annotated[float, typer.Option(help="Part of each layer's neurons that is kept.")] = 0.5,
-    epochs: Annotated[int | None, typer.Option(min=1, help="Train the smaller network so long.")] = None,
+    neurons: Annotated[float, typer.Option(help="Fraction of the neurons of each layer that is kept.")] = 0.5,
+    epochs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of passes through the data to train the smaller network."),
+    ] = None,
     seed: Seed = None,
     samples: Rows = None,
     quiet: Quiet = False,
 ) -> None:
-    """Remove the neurons of a closure that matter least for the inputs of datasets."""
+    """Remove the neurons of a closure that change its result least, on the inputs of datasets."""
     prepare_file(out, closure, *datasets)
     require_closure("CLOSURE", closure)
     require_datasets(datasets)
@@ -235,41 +254,54 @@ def prune(
     _save(out, result)
     widths = ("-".join(map(str, result.metadata[key][name])) for key, name in (
         ("pruned", "hidden_before"), ("settings", "hidden")))  # fmt: skip
-    terminal.line("Hidden layers from {} to {}".format(*widths))
+    terminal.line("Hidden layers reduced from {} to {}".format(*widths))
     for coarsening, value in result.metadata["pruned"]["r2_before"].items():
-        terminal.line(f"Coarsening {coarsening}: R2 was {value:.4f}")
+        terminal.line(f"Coarsening {coarsening}: R2 before pruning was {value:.4f}")
 
 
 def finetune(
     scene: SceneFile,
-    reference: Annotated[Path, typer.Option(metavar="RUN", help="Run directory of a finer run to follow.")],
+    reference: Annotated[
+        Path, typer.Option(metavar="RUN", help="Run directory of the fine run that is the reference.")
+    ],
     out: Annotated[
         Path,
-        typer.Option(metavar="FILE", help="Closure file to write (HDF5); the drag's, if both are trained."),
+        typer.Option(
+            metavar="FILE",
+            help="Closure file to write (HDF5); that of the drag closure, if both are trained.",
+        ),
     ],
     closure: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Drag closure to start from; without: the scene's.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Drag closure to start from; that of the scene by default."),
     ] = None,
     subgrid: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Subgrid stress to start from, or `new`.")
+        str | None, typer.Option(metavar="FILE", help="Learned subgrid stress to start from, or `new`.")
     ] = None,
     trained: Annotated[
-        Trained | None, typer.Option("--train", help="What is trained; without: all that is given.")
+        Trained | None,
+        typer.Option("--train", help="What is trained; by default all closures that are given."),
     ] = None,
     subgrid_out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Subgrid stress to write, if both are trained.")
+        Path | None, typer.Option(metavar="FILE", help="File for the subgrid stress, if both are trained.")
     ] = None,
     horizons: Annotated[
-        str | None, typer.Option(metavar="N,N,...", help="Outputs of the reference to unroll, by stage.")
+        str | None,
+        typer.Option(
+            metavar="N,N,...",
+            help="Length of the training runs in outputs of the reference, one number per stage.",
+        ),
     ] = None,
-    updates: Annotated[int, typer.Option(min=1, help="Of each stage.")] = 10,
-    learning_rate: Annotated[float, typer.Option(help="Of Adam.")] = 3e-3,
-    method: Annotated[Method, typer.Option(help="Adam, or a search on a few parameters.")] = Method.gradient,
-    seed: Annotated[int, typer.Option(min=0, help="Of the order of the start times.")] = 0,
+    updates: Annotated[int, typer.Option(min=1, help="Number of updates in each stage.")] = 10,
+    learning_rate: Annotated[float, typer.Option(help="Learning rate of Adam.")] = 3e-3,
+    method: Annotated[
+        Method, typer.Option(help="gradient: Adam. gradient-free: a search on a few parameters.")
+    ] = Method.gradient,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the order of the start times.")] = 0,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Train closures through runs of a coarse scene, so that they have the statistics of a fine run."""
+    """Train closures through runs of a coarse scene, so that these have the same statistics as a fine run."""
     from jaxdem.scene import named_files
 
     description = read_scene(scene, settings)
@@ -303,7 +335,7 @@ def finetune(
     record = result.metadata[names[0]]["finetune"]
     before, after = record["validation_loss_before"], record["validation_loss"]
     skipped = f", {record['skipped']} updates skipped" if record["skipped"] else ""
-    terminal.line(f"Loss over the longest horizon from {before:.4g} to {after:.4g}{skipped}")
+    terminal.line(f"Loss over the longest horizon: {before:.4g} before, {after:.4g} after{skipped}")
     terminal.line(f"Wrote {' and '.join(map(str, files.values()))} after {record['seconds']:.3g} s")
     if result.stopped:
         terminal.fail(result.stopped, 1)
@@ -339,14 +371,14 @@ def _given(
 def _files(trained: tuple[str, ...], out: Path, subgrid_out: Path | None) -> dict[str, Path]:
     """Where each closure that is trained is written to."""
     if len(trained) == 1 and subgrid_out is not None:
-        limit = f"is for a training of both, here {trained[0]} is trained alone"
-        raise InputError("--subgrid-out", str(subgrid_out), limit, "Give --out alone.")
+        limit = f"is only used where both closures are trained; here only {trained[0]} is trained"
+        raise InputError("--subgrid-out", str(subgrid_out), limit, "Remove --subgrid-out.")
     if len(trained) == 1:
         return {trained[0]: out}
     if subgrid_out is None or subgrid_out.resolve() == out.resolve():
-        limit = "is needed beside --out where both are trained, another file"
+        limit = "is needed where both closures are trained, and must differ from --out"
         raise InputError(
-            "--subgrid-out", str(subgrid_out or ""), limit, "Name a file for the subgrid stress."
+            "--subgrid-out", str(subgrid_out or ""), limit, "Give a file for the subgrid stress."
         )
     return {"drag": out, "subgrid": subgrid_out}
 

@@ -22,11 +22,9 @@ ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene; may be given many times."),
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene; may be given several times."),
 ]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", help="Show no progress: neither a bar nor, in a log, a line now and then.")
-]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress, neither a bar nor lines in a log.")]
 
 
 def prepare_file(path: Path, *inputs: str | Path | None, option: str = "--out") -> None:
@@ -152,7 +150,10 @@ def start_jax(precision: str = "float32") -> None:
         there = ", ".join(sorted({device.platform for device in jax.devices()}))
         reason = f" ({str(error).splitlines()[0]})" if str(error) else ""
         raise InputError(
-            "JAX_PLATFORMS", asked, f"JAX finds no such device here{reason}", f"There is: {there}."
+            "JAX_PLATFORMS",
+            asked,
+            f"JAX finds no such device on this machine{reason}",
+            f"Available: {there}.",
         ) from None
 
 

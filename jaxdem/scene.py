@@ -62,10 +62,9 @@ class Domain(Section):
     """The box.
 
     Attributes:
-        size: side lengths, two or three; the last axis is up [m].
-        depth: extent of the third direction, in 2-D only; one (largest) diameter when not given, 1 m without
-            particles [m].
-        gravity: acceleration, one number per axis; 9.81 downwards when not given. With a fluid it is zero along periodic
+        size: side lengths, two or three numbers; the last axis points up [m].
+        depth: extent in the third direction, in 2-D only. Default: one (largest) diameter, or 1 m without particles [m].
+        gravity: acceleration, one number per axis. Default: 9.81 downwards. With a fluid it must be zero along periodic
             axes [m/s2].
     """
 
@@ -75,18 +74,18 @@ class Domain(Section):
 
 
 class Pack(Section):
-    """Where particles are put at the start.
+    """The arrangement of the particles at the start.
 
     Attributes:
-        kind: "polygon" fills a polygon of the x-vertical plane in rows from below, "lattice" a box; "random"
-            puts particles anywhere in a box, one after the other where there is room, and pushes them apart where it lacks.
-        vertices: corners (x, vertical) of the polygon, in 3-D extruded over the whole second axis [m].
-        start: lower corner of the lattice's or the random pack's box [m].
-        stop: upper corner [m].
-        spacing: distance of neighbours over the (largest) diameter; in a random pack the least distance of two
-            centres over the sum of their radii [-].
-        jitter: largest random displacement over the (smallest) radius; 0.005 when not given, none in a random
-            pack [-].
+        kind: "polygon" fills a polygon in the plane of the first and the vertical axis with rows, from below. "lattice" fills a
+            box. "random" puts particles at random positions in a box; where there is no more room, it pushes overlapping
+            particles apart.
+        vertices: corners (x, vertical) of the polygon. In 3-D the polygon extends over the whole second axis [m].
+        start: lower corner of the box of a lattice or random pack [m].
+        stop: upper corner of this box [m].
+        spacing: distance of neighbouring centres over the (largest) diameter. In a random pack: smallest distance of two centres
+            over the sum of their radii [-].
+        jitter: largest random displacement over the (smallest) radius. Default: 0.005. A random pack has no jitter [-].
     """
 
     kind: Literal["polygon", "lattice", "random"]
@@ -98,21 +97,22 @@ class Pack(Section):
 
 
 class Particles(Section):
-    """The particles: spheres; in 2-D discs with a sphere's mass and inertia.
+    """The particles: spheres; in 2-D discs with the mass and inertia of a sphere.
 
     Attributes:
-        count: how many; with positions it must agree with their number. A polygon or lattice without it is filled.
-        radius: one number, one per particle, or the name of a file (.npy, or text) of one per particle [m].
-        density: one number, one per particle, or the name of a file of one per particle [kg/m3].
-        material: name of one of `[[materials]]`, or one per particle; only in a scene with these.
-        species: parts of the particles with a radius, density or material of their own, mixed by the seed.
-        pack: where they start; or `position`.
-        position: their centres instead of a pack, as rows or the name of a file (.npy, or text, whose first row may name the
-            columns) of rows; in 2-D also in the form of a run's frames, (x, z, 0) [m].
-        velocity: of each at the start, as rows or the name of a file of rows, in the same forms; at rest when not given [m/s].
-        angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file; in 2-D
-            also in the form of a run's frames, (0, 0, scalar); at rest when not given [rad/s].
-        inlet: where more come in while the scene runs.
+        count: number of particles at the start. With `position` it must equal the number of positions. Default: a polygon or
+            lattice is filled.
+        radius: radius of all particles, one number per particle, or the name of a file (.npy or text) with one per particle [m].
+        density: density of all particles, one number per particle, or the name of a file with one per particle [kg/m3].
+        material: name of one of `[[materials]]`, or one name per particle. Only in a scene with `[[materials]]`.
+        species: kinds of particles with their own radius, density or material, mixed at random with the seed.
+        pack: arrangement at the start. Give either this or `position`.
+        position: centres of the particles, as rows or as the name of a file (.npy or text) of rows. The first row of a text file
+            may name the columns. In 2-D also in the form of a run's frames, (x, z, 0) [m].
+        velocity: velocities at the start, as rows or as the name of a file of rows, in the same forms. Default: at rest [m/s].
+        angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file. In 2-D also
+            in the form of a run's frames, (0, 0, scalar). Default: no rotation [rad/s].
+        inlet: inlets through which particles enter during the run.
     """
 
     count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
@@ -128,28 +128,28 @@ class Particles(Section):
 
 
 class Contact(Section):
-    """What happens where particles touch each other and the walls.
+    """Contacts of particles with each other and with walls.
 
     Attributes:
-        law: force law of a contact: Hertz and Mindlin, or linear spring and dashpot.
-        young_modulus: of the particles [Pa].
-        poisson_ratio: of the particles [-].
-        restitution: rebound over approach speed [-].
-        friction: Coulomb coefficient [-].
-        rolling_friction: coefficient of rolling friction; 0 leaves it out [-].
+        law: contact law, "hertz_mindlin" or "linear_spring_dashpot".
+        young_modulus: Young's modulus of the particles [Pa].
+        poisson_ratio: Poisson's ratio of the particles [-].
+        restitution: coefficient of restitution, rebound speed over approach speed [-].
+        friction: coefficient of sliding (Coulomb) friction [-].
+        rolling_friction: coefficient of rolling friction; 0 for none [-].
         rolling_model: "cdt" (constant directional torque) or "epsd" (elastic-plastic spring and dashpot).
-        rolling_damping: of the spring of epsd, over critical [-].
-        wall_young_modulus: of the walls, or "rigid"; the particles' when not given [Pa].
-        wall_poisson_ratio: of the walls; the particles' when not given [-].
-        wall_friction: of particles and walls; the particles' when not given [-].
-        wall_material: name of one of `[[materials]]`, for the walls instead of these three.
-        normal_stiffness: of the linear law [N/m].
-        tangential_stiffness: of the linear law; 2/7 of the normal one when not given [N/m].
-        time_step: of the contacts; "auto" takes what is stable and resolves an impact [s].
-        speed: largest speed expected, for the automatic time step and the overlap; "auto" takes it from
-            the inlet, the initial velocities and a fall through the box [m/s].
-        maximum_overlap: largest expected overlap over the diameter that is accepted [-].
-        skin: extra reach of the neighbour list over the (largest) diameter; "auto" is 0.4 [-].
+        rolling_damping: damping ratio of the spring of "epsd"; 1 is critical [-].
+        wall_young_modulus: Young's modulus of the walls, or "rigid". Default: that of the particles [Pa].
+        wall_poisson_ratio: Poisson's ratio of the walls. Default: that of the particles [-].
+        wall_friction: coefficient of friction between particles and walls. Default: that of the particles [-].
+        wall_material: name of one of `[[materials]]` for the walls, in place of the three `wall_` keys above.
+        normal_stiffness: normal stiffness of the linear law [N/m].
+        tangential_stiffness: tangential stiffness of the linear law. Default: 2/7 of the normal stiffness [N/m].
+        time_step: contact step. "auto" takes a step that is stable and resolves an impact [s].
+        speed: largest expected speed, for the automatic time step and the expected overlap. "auto" computes it from the inlets,
+            the initial velocities and a fall through the box [m/s].
+        maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
+        skin: additional reach of the neighbour list over the (largest) diameter. "auto" is 0.4 [-].
     """
 
     law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
@@ -182,18 +182,18 @@ class Fluid(Section):
 
     Attributes:
         cells: number of cells per axis.
-        density: of the fluid [kg/m3].
-        viscosity: kinematic [m2/s].
-        model: of the volume-averaged equations: "A", pressure and stress act on fluid and particles by their
-            volumes, or "B", on the fluid alone, with the drag over the void fraction.
-        smagorinsky: coefficient of the subgrid viscosity, 0.1 to 0.2 usually; 0 leaves it out [-].
+        density: density of the fluid [kg/m3].
+        viscosity: kinematic viscosity [m2/s].
+        model: volume-averaged equations. "A": pressure gradient and viscous stress act on fluid and particles, in proportion to
+            their volumes. "B": they act on the fluid alone, and the drag is divided by the void fraction.
+        smagorinsky: coefficient of Smagorinsky's subgrid viscosity, usually 0.1 to 0.2; 0 for none [-].
         subgrid: file of a learned subgrid stress, written by `jaxdem finetune --subgrid`.
-        time_step: of the fluid; "auto" is a Courant number of 0.5 at the largest boundary speed, 0.01 s at most [s].
-        advection: "limited" (second order, van Leer), "superbee" (with less numerical viscosity), "central" (second order,
-            none, but waves at fronts) or "central_4" (fourth order, hardly any, waves at fronts), these three for meshes that
-            hardly resolve the flow; or "upwind" (first order).
-        courant_limit: a fluid step is halved, up to three times, until its Courant number is under this [-].
-        velocity: initial interstitial velocity, one number per axis; at rest when not given [m/s].
+        time_step: fluid step. "auto" is a Courant number of 0.5 at the largest boundary speed, but at most 0.01 s [s].
+        advection: advection scheme. "limited" is second order with van Leer's limiter. "superbee" has less numerical diffusion.
+            "central" (second order) has none and "central_4" (fourth order) very little, but both make waves beside steep
+            gradients. These three are for meshes that hardly resolve the flow. "upwind" is first order.
+        courant_limit: largest Courant number of a fluid step. A longer step is halved, up to three times [-].
+        velocity: initial interstitial velocity, one number per axis. Default: at rest [m/s].
     """
 
     cells: tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...] = Field(
@@ -211,7 +211,7 @@ class Fluid(Section):
 
 
 class Width(Section):
-    """Half-width of the deposition kernel, max(diameters d, cells h) per axis.
+    """Half-width of the deposition kernel: the larger of a multiple of the diameter d and a multiple of the cell side h, per axis.
 
     Attributes:
         diameters: multiple of the (largest) diameter d [-].
@@ -229,26 +229,27 @@ class Width(Section):
 
 
 class Coupling(Section):
-    """How particles and fluid meet.
+    """Exchange of forces between particles and fluid.
 
     Attributes:
         drag: name of the drag law, one of `jaxdem.closures.DRAG_LAWS`.
-        void_fraction: how particles are spread over the cells: "kernel" (triangular, smooth), "centre", "divided"
-            or "diffusion" (divided, then smoothed).
-        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples; of
-            diffusion, of the triangle with the variance of its Gaussian.
-        interval: time between exchanges, at whose end particles come and go; "auto" is the fluid step. It divides
-            `time.output_interval`. The one key of this table in a scene without [fluid]; there "auto" is
-            `time.output_interval`, cut into equal parts of 0.01 s at most [s].
-        lift: lift laws, of "saffman_mei" (shear) and "magnus" (rotation).
-        rotational_drag: whether the fluid turns the particles.
-        virtual_mass: coefficient of the virtual mass, 0 for none, 0.5 for a sphere.
-        basset: Basset force with the exact kernel over so many coupling intervals, 0 for none.
-        self_disturbance: whether the drag law is given the slip without the particle's own wake (3-D, "kernel").
-        drag_inputs_coarsened: the drag law sees the fluid averaged to a mesh of so many times fewer cells per axis,
-            through that mesh's kernel; 1 for the fluid's own mesh.
-        deconvolution: a of the velocity u - a h^2 lap(u) that the drag law is shown, which gives back what coarse cells and
-            kernels took from it; 0 for the velocity as it is seen.
+        void_fraction: how the volume of particles is distributed over the cells: "kernel" (triangular kernel), "centre" (all in
+            the cell of the centre), "divided" (by the volume in each cell) or "diffusion" (divided, then smoothed).
+        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples. For "diffusion": half-width
+            of the triangular kernel that has the same variance as the Gaussian.
+        interval: coupling interval, the time between two exchanges; particles enter and leave at its end. It must divide
+            `time.output_interval`. "auto" is the fluid step. In a scene without [fluid] this is the only key of the table, and
+            "auto" divides `time.output_interval` into equal parts of at most 0.01 s [s].
+        lift: list of lift forces: "saffman_mei" (in a shear flow), "magnus" (of a rotating particle).
+        rotational_drag: whether the fluid exerts a torque on the particles.
+        virtual_mass: coefficient of the virtual mass; 0 for none, 0.5 for a sphere.
+        basset: number of coupling intervals for which the Basset force uses the exact kernel; 0 for no Basset force.
+        self_disturbance: whether the particle's own wake is removed from the slip that the drag law receives (3-D, with
+            void_fraction = "kernel").
+        drag_inputs_coarsened: the drag law receives the fluid averaged to a mesh with this many times fewer cells per axis, through
+            the kernel of that mesh; 1 for the mesh of the fluid.
+        deconvolution: coefficient a of the velocity u - a h^2 lap(u) that the drag law receives. It restores a part of what
+            coarse cells and kernels filter out; 0 for the filtered velocity.
     """
 
     drag: str = "koch_hill"
@@ -287,7 +288,7 @@ class Closure(Section):
     """A learned drag closure.
 
     Attributes:
-        file: written by `jaxdem train`, used in place of `coupling.drag`.
+        file: closure file written by `jaxdem train`; it is used in place of `coupling.drag`.
     """
 
     file: str | None = None
@@ -297,8 +298,8 @@ class Time(Section):
     """Duration and output.
 
     Attributes:
-        end: of the simulation [s].
-        output_interval: time between frames and rows of `history.csv`; it divides `end` [s].
+        end: end of the simulation [s].
+        output_interval: time between two frames and between two rows of `history.csv`; it must divide `end` [s].
     """
 
     end: Positive
@@ -306,11 +307,11 @@ class Time(Section):
 
 
 class Output(Section):
-    """What is written beside the fixed files.
+    """Optional output.
 
     Attributes:
-        samples: time between samples of what the drag law saw, or 0 for none [s].
-        checkpoint_interval: wall time after which the next output leaves a checkpoint [s].
+        samples: time between two samples of the inputs and results of the drag law; 0 for none [s].
+        checkpoint_interval: wall time between two checkpoints; a checkpoint is written at the first output after it [s].
     """
 
     samples: NonNegative = 0.0
@@ -318,24 +319,23 @@ class Output(Section):
 
 
 class Scene(Section):
-    """A scene. `[fluid]` left out: contact mechanics alone; `[particles]` left out: a fluid alone.
+    """A scene. Without `[fluid]` it has contact mechanics only; without `[particles]` it has a fluid only.
 
     Attributes:
-        seed: of everything random: jitter, random packs, the order of species, places at inlets.
-        precision: of all arrays; float64 for verification.
+        seed: seed of all random numbers: jitter, random packs, order of species, positions at inlets.
+        precision: floating-point precision of all arrays; float64 is meant for verification.
         domain: the box.
         particles: the particles.
         contact: contacts of particles with each other and with walls.
-        materials: materials beside that of `[contact]`.
-        material_pairs: constants of contacts of two different materials.
-        walls: walls beside the sides of the box.
+        materials: materials other than that of `[contact]`.
+        material_pairs: constants of contacts between two different materials.
+        walls: walls other than the sides of the box.
         fluid: the fluid and its mesh.
-        boundary: the sides of the box by name: left, right, bottom, top, in 3-D front and back; no-slip walls when
-            not given.
-        coupling: exchange of particles and fluid.
+        boundary: the sides of the box by name: left, right, bottom, top; in 3-D also front and back. Default: no-slip walls.
+        coupling: exchange of forces between particles and fluid.
         closure: a learned drag closure.
         time: duration and output.
-        output: what is written beside the fixed files.
+        output: optional output.
     """
 
     seed: Annotated[int, Field(ge=0, lt=2**32, strict=True)] = 0

@@ -23,22 +23,23 @@ Abscissae = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 
 
 class BoundarySide(Section):
-    """One side of the box, or a patch of it; the rest of a patched side is a no-slip wall.
+    """One side of the box, or a patch of it. The rest of a side with a patch is a no-slip wall.
 
     Attributes:
-        kind: what the side is to the fluid; periodic holds for both sides of an axis, and giving it for one is enough.
-        velocity: inlet: superficial velocity, the inward speed or one number per axis, of which those along the side are
-            the fluid's own, whatever the void fraction; moving_wall: the wall's velocity, one number per axis [m/s].
-        from_: corner of the patch in the other axes: a number in 2-D, two in 3-D (key `from`) [m].
-        to: opposite corner [m].
-        ramp_time: over which the velocity rises from zero; 0.05 s for an inlet without times [s].
-        times: of an inlet whose velocity changes in time, increasing; it has `velocities`, no `velocity` [s].
-        velocities: at these times, each as `velocity`; linear between them, held before and after [m/s].
-        profile: of an inlet: "uniform"; "parabolic", of mean 1 and zero at the ends of the patch, along every
-            axis of the side but those on which it reaches between periodic or free-slip sides; "table".
-        positions: of the table along the (last) axis of the side, increasing, over the whole patch [m].
-        values: of the table at these positions, multiples of the velocity; linear between them [-].
-        particles: "screen", a wall to them, or "remove": those whose centre crosses the side are taken out.
+        kind: boundary condition of the fluid. "periodic" holds for both sides of an axis; it is enough to give it for one.
+        velocity: of an inlet: superficial velocity, as the inward speed or as one number per axis. Components along the side are
+            interstitial velocities, at any void fraction. Of a moving_wall: velocity of the wall, one number per axis [m/s].
+        from_: corner of the patch in the other axes: one number in 2-D, two in 3-D (key `from`) [m].
+        to: opposite corner of the patch [m].
+        ramp_time: time in which the velocity rises from zero. Default: 0.05 s for an inlet without `times`, otherwise 0 [s].
+        times: increasing times, for an inlet whose velocity changes in time. Needs `velocities`, excludes `velocity` [s].
+        velocities: velocities at these times, each in the form of `velocity`. Linear between the times, constant before the first
+            and after the last [m/s].
+        profile: profile of an inlet. "uniform". "parabolic": mean 1 and zero at the ends of the patch, along every axis of the
+            side except those on which the inlet spans the whole side between periodic or free-slip sides. "table".
+        positions: for profile = "table": increasing positions along the (last) axis of the side, over the whole patch [m].
+        values: for profile = "table": multiples of the velocity at these positions, linear between them [-].
+        particles: "screen": the side is a wall for particles. "remove": particles whose centre crosses the side are removed.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)

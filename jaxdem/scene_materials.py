@@ -19,15 +19,15 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 class Material(Section):
-    """A material; what is not given follows `[contact]`.
+    """A material. Values that are not given are those of `[contact]`.
 
     Attributes:
-        name: that particles, walls and pairs refer to.
-        young_modulus: of the material [Pa].
-        poisson_ratio: of the material [-].
-        restitution: against itself, rebound over approach speed [-].
-        friction: against itself, Coulomb coefficient [-].
-        rolling_friction: against itself, coefficient of rolling friction [-].
+        name: name that particles, walls and pairs refer to.
+        young_modulus: Young's modulus [Pa].
+        poisson_ratio: Poisson's ratio [-].
+        restitution: coefficient of restitution of two bodies of this material [-].
+        friction: coefficient of sliding (Coulomb) friction of two bodies of this material [-].
+        rolling_friction: coefficient of rolling friction of two bodies of this material [-].
     """
 
     name: Name
@@ -39,13 +39,13 @@ class Material(Section):
 
 
 class MaterialPair(Section):
-    """Constants of a contact of two different materials; what is not given is mixed from the two.
+    """Constants of a contact between two different materials.
 
     Attributes:
-        materials: names of the two; "wall" for walls without a material.
-        restitution: of this pair; the geometric mean of the two when not given [-].
-        friction: of this pair; the geometric mean when not given [-].
-        rolling_friction: of this pair; the geometric mean when not given [-].
+        materials: names of the two materials; "wall" for walls without a material.
+        restitution: coefficient of restitution of this pair. Default: geometric mean of the values of the two materials [-].
+        friction: coefficient of sliding friction of this pair. Default: geometric mean [-].
+        rolling_friction: coefficient of rolling friction of this pair. Default: geometric mean [-].
     """
 
     materials: tuple[Name, Name]
@@ -55,12 +55,12 @@ class MaterialPair(Section):
 
 
 class Species(Section):
-    """A part of the particles; what is not given is that of `[particles]`.
+    """A part of the particles. Values that are not given are those of `[particles]`.
 
     Attributes:
-        share: of their number; the shares of all species add up to 1 [-].
-        radius: of these particles [m].
-        density: of these particles [kg/m3].
+        share: share in the number of particles; the shares of all species add up to 1 [-].
+        radius: radius of these particles [m].
+        density: density of these particles [kg/m3].
         material: name of one of `[[materials]]`.
     """
 

@@ -13,24 +13,25 @@ from jaxdem.scene_materials import Name, Species, check_material, check_species
 
 
 class ParticleInlet(Section):
-    """Particles that come in while the scene runs; what is not given of them is that of `[particles]`.
+    """An inlet through which particles enter during the run. Values that are not given are those of `[particles]`.
 
     Attributes:
-        side: of the box, next to which they come in, in a layer one (largest) diameter thick; or `start` and `stop`.
-        start: lower corner of a box in which they come in, whole [m].
-        stop: its upper corner [m].
+        side: side of the box; particles enter in a layer beside it that is one (largest) diameter thick. Give either this or `start`
+            and `stop`.
+        start: lower corner of a box in which particles enter; they lie wholly inside it [m].
+        stop: upper corner of this box [m].
         from_: corner of a patch of the side, in the other axes (key `from`) [m].
-        to: opposite corner [m].
-        rate: particles per second; or `mass_flow` [1/s].
-        mass_flow: mass per second, instead of `rate` [kg/s].
-        velocity: with which they come in, one number per axis, or the inward speed at a side [m/s].
-        begin: the first is due 1 / rate later [s].
-        end: the last is due by then; `time.end` when not given [s].
-        total: no more than so many.
-        radius: of these particles [m].
-        density: of these particles [kg/m3].
+        to: opposite corner of the patch [m].
+        rate: particles per second. Give either this or `mass_flow` [1/s].
+        mass_flow: mass per second [kg/s].
+        velocity: velocity of the entering particles, one number per axis; at a side also the inward speed [m/s].
+        begin: start of the inlet; the first particle is due 1 / rate later [s].
+        end: end of the inlet; no particle is due later. Default: `time.end` [s].
+        total: largest number of particles.
+        radius: radius of these particles [m].
+        density: density of these particles [kg/m3].
         material: name of one of `[[materials]]`.
-        species: parts with a radius, density or material of their own, drawn by their shares.
+        species: kinds of particles with their own radius, density or material, drawn according to their shares.
     """
 
     side: str | None = None

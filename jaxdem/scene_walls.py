@@ -21,19 +21,19 @@ OPTIONAL = {"plane": ("material",), "cylinder": ("axis", "inside", "material"), 
 
 
 class Wall(Section):
-    """A wall that does not move, with the constants of the walls of the box or a material of its own.
+    """A wall that does not move. It has the constants of the walls of the box, or its own material.
 
     Attributes:
-        kind: "plane", "cylinder" (endless; in 2-D a circle) or "wedge" (two planes, particles between them).
+        kind: "plane", "cylinder" (of infinite length; in 2-D a circle) or "wedge" (two planes with the particles between them).
         point: a point of the plane [m].
-        normal: of the plane towards the particles, of any length.
-        center: a point of the cylinder's axis [m].
-        radius: of the cylinder [m].
-        axis: direction of the cylinder, of any length; 3-D only.
-        inside: whether the particles are inside the cylinder; true when not given.
-        apex: a point of the edge where the planes of a wedge meet [m].
-        directions: along either plane, away from the edge and across it, of any length.
-        material: name of one of `[[materials]]`; `contact.wall_material` when not given.
+        normal: normal of the plane, pointing to the particles; any length.
+        center: a point on the axis of the cylinder [m].
+        radius: radius of the cylinder [m].
+        axis: direction of the cylinder, any length; 3-D only.
+        inside: whether the particles are inside the cylinder. Default: true.
+        apex: a point of the edge where the two planes of a wedge meet [m].
+        directions: two directions, one in each plane of the wedge, at right angles to the edge and away from it; any length.
+        material: name of one of `[[materials]]`. Default: `contact.wall_material`.
     """
 
     kind: Literal["plane", "cylinder", "wedge"]

@@ -486,10 +486,13 @@ def test_train_writes_a_closure_and_says_how_good_it_is(tmp_path):
     # the last was of the filtered recipe
     result = invoke("prune", closure, path, "--neurons", 0.5, "--out", smaller)
     assert result.exit_code == 0, result.output
-    assert "Hidden layers from 4-4 to 2-2" in result.stdout and load_closure(smaller)[0].hidden == (2, 2)
+    assert "Hidden layers reduced from 4-4 to 2-2" in result.stdout and load_closure(smaller)[0].hidden == (
+        2,
+        2,
+    )
     result = invoke("distill", closure, path, "--hidden", "4-4", "--epochs", 2, "--out", smaller)
     assert result.exit_code == 0, result.output
-    assert "the teacher has R2" in result.stdout and load_closure(smaller)[0].hidden == (4, 4)
+    assert "the R2 of the given closure is" in result.stdout and load_closure(smaller)[0].hidden == (4, 4)
 
 
 def test_train_sweeps_and_ensembles(tmp_path):
@@ -550,7 +553,7 @@ def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
     chosen = ("--horizons", "1,2", "--updates", 3)
     result = invoke("finetune", grains, "--reference", done[0], *common, *chosen)
     assert result.exit_code == 1 and "5 updates in a row failed" in result.stderr
-    assert "from 0.5 to 0.25, 5 updates skipped" in result.stdout
+    assert "0.5 before, 0.25 after, 5 updates skipped" in result.stdout
     assert load_closure(out)[1] == {"recipe": "filtered", "finetune": record}
     stress = tmp_path / "stress.h5"
     both = ("--subgrid", "new", "--subgrid-out", stress)
@@ -571,7 +574,7 @@ def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
         (("--subgrid", "none.h5"), ("fluid.subgrid", "none.h5", "is not a file")),
         (("--closure", "c.h5", "--train", "subgrid"), ("--train", "needs --subgrid")),
         (("--closure", "c.h5", "--subgrid", "new"), ("--subgrid-out", "is needed")),
-        (("--subgrid", "new", "--subgrid-out", "s.h5"), ("--subgrid-out", "subgrid is trained alone")),
+        (("--subgrid", "new", "--subgrid-out", "s.h5"), ("--subgrid-out", "only subgrid is trained")),
     ],
 )
 def test_finetune_refuses_what_does_not_go_together(grains, tmp_path, monkeypatch, options, words):

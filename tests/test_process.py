@@ -178,7 +178,7 @@ def test_a_device_that_is_not_there():
     done = command("check", SCENE, environment={"JAX_PLATFORMS": platform})
     assert done.returncode == 2 and not done.stdout
     (message,) = done.stderr.splitlines()
-    assert f"JAX_PLATFORMS = '{platform}'" in message and "There is: " in message
+    assert f"JAX_PLATFORMS = '{platform}'" in message and "Available: " in message
 
 
 def test_an_address_space_that_is_too_small():
