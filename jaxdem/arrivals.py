@@ -61,7 +61,7 @@ def arrivals(scene: Scene) -> tuple[Arrivals, ...]:
         if number > MOST:
             raise InputError(
                 key, inlet.rate or inlet.mass_flow, f"brings up to {number:.3g} particles, the limit is {MOST}",
-                "lower it, or set total",
+                "lower it, or set total of the inlet",
             )  # fmt: skip
         count = max(math.floor(number * (1.0 + ROUNDING) + ROUNDING), 0)
         generator = np.random.default_rng([scene.seed, 2, k])

@@ -33,13 +33,15 @@ def scene_boundary(
     for name, profiles in given.items():
         if name not in scene.sides or scene.boundary[name].kind != "inlet":
             known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
-            raise InputError("inlet_profiles", name, "is no inlet", f"inlets: {', '.join(known) or 'none'}")
+            raise InputError(
+                "inlet_profiles", name, "is not an inlet", f"the inlets are: {', '.join(known) or 'none'}"
+            )
         if len(profiles) != scene.dimension - 1:
             raise InputError(
                 f"inlet_profiles.{name}",
                 len(profiles),
-                f"a side has {scene.dimension - 1} axes of its own",
-                "give a profile, or None, for each",
+                f"a side has {scene.dimension - 1} axes",
+                "give a profile, or None, for each of them",
             )
     sides = []
     for number, name in enumerate(scene.sides):
@@ -65,9 +67,9 @@ def _check_conditions(scene: Scene, own: Mapping[str, SideCondition]) -> None:
     for name in own:
         if name not in ends:
             known = f"sides: {', '.join(ends) or 'none'}"
-            raise InputError("side_conditions", name, "is no side that the fluid ends at", known)
+            raise InputError("side_conditions", name, "is not a side at which the fluid ends", known)
         if scene.boundary[name].from_ is not None:
-            limit = "a condition of one's own holds on the whole side, and this one has a patch"
+            limit = "a condition of the user holds on the whole side, and this side has a patch"
             raise InputError(f"boundary.{name}.from", scene.boundary[name].from_, limit, "remove from and to")
 
 
@@ -84,7 +86,7 @@ def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
                 f"boundary.{name}.from",
                 scene.boundary[name].from_,
                 "the outlet covers less than half of every face of this mesh, and a face is open or closed as a whole",
-                "widen the outlet to a cell at least, or use smaller cells",
+                "widen the outlet to at least one cell, or use smaller cells",
             )
     if boundary.has_outlet or any(side.own is not None for side in boundary.sides):
         return
@@ -92,7 +94,7 @@ def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
         raise InputError(
             "particles.inlet",
             f"{len(scene.particles.inlet)} inlet(s)",
-            "what comes in takes the place of fluid, which has no way out",
+            "entering particles displace fluid, and no side lets fluid out",
             'make a side an outlet: boundary.<side>.kind = "outlet"',
         )
     sides = [scene.boundary[name] for name in scene.sides]
@@ -108,7 +110,7 @@ def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
             key = next(name for name, one in zip(scene.sides, sides, strict=True) if one.kind == "inlet")
             raise InputError(
                 f"boundary.{key}.velocity",
-                f"{net:.4g} m3/s more comes in than goes out at t = {time:g} s",
-                "an incompressible fluid without an outlet cannot take that up",
-                'make a side an outlet (boundary.<side>.kind = "outlet"), or let inlets draw off as much as comes in',
+                f"the inflow exceeds the outflow by {net:.4g} m3/s at t = {time:g} s",
+                "an incompressible fluid without an outlet needs equal inflow and outflow",
+                'make a side an outlet (boundary.<side>.kind = "outlet"), or let the inlets remove as much as they bring',
             )

@@ -225,7 +225,7 @@ def _drag(scene: Scene, closure: DragClosure | None) -> tuple[DragClosure | None
             "closure.file",
             scene.closure.file,
             f"was trained in {trained}-D, the scene is {scene.dimension}-D",
-            "train one on runs of as many dimensions",
+            f"train a closure on {scene.dimension}-D runs",
         )
     return (closure, None) if jax.tree_util.all_leaves([closure]) else (None, closure)
 
@@ -256,7 +256,7 @@ def _dtype(scene: Scene) -> Any:
         raise InputError(
             "precision",
             "float64",
-            "JAX computes in float32 unless told otherwise",
+            "JAX computes in float32 by default",
             'call jax.config.update("jax_enable_x64", True) first (the command line does)',
         )
     return jnp.float64 if scene.precision == "float64" else jnp.float32
@@ -283,7 +283,7 @@ def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
             raise InputError(
                 "coupling.kernel_width",
                 {"diameters": width.diameters, "cells": width.cells},
-                f"the kernel spans {2.0 * half:.4g} m of a periodic side of {length:.4g} m",
+                f"the kernel is {2.0 * half:.4g} m wide, too much for a periodic side of {length:.4g} m",
                 "narrow the kernel, or use more cells along that side",
             )
     if scene.coupling.void_fraction != "kernel":
@@ -294,7 +294,7 @@ def _deposition(scene: Scene, grid: Grid, diameter: float) -> Deposition:
             "coupling.kernel_width",
             {"diameters": width.diameters, "cells": width.cells},
             f"the kernel of a particle reaches {reached:.3g} cells, and may reach {MOST_KERNEL_CELLS:,}",
-            'narrow it, use fewer cells, or coupling.void_fraction = "diffusion", which takes any width',
+            'narrow the kernel, use fewer cells, or set coupling.void_fraction = "diffusion", which allows any width',
         )
     return Kernel(half_width)
 
@@ -312,9 +312,9 @@ def _self_disturbance(
         raise InputError(
             "coupling.kernel_width",
             {"diameters": width.diameters, "cells": width.cells},
-            f"a particle's wake hides {100 * hidden:.3g} % of its slip by Stokes drag, and "
+            f"the wake of a particle hides {100 * hidden:.3g} % of its slip with Stokes drag, and "
             f"coupling.self_disturbance corrects up to {100 * LARGEST_STOKES_SHARE:.3g} %",
-            f"widen the kernel, to a half-width of about {needed:.3g} m",
+            f"widen the kernel to a half-width of about {needed:.3g} m",
         )
     return correction
 
@@ -336,7 +336,7 @@ def _deconvolution(scene: Scene, grid: Grid, deposition: Deposition | None) -> f
         raise InputError(
             "coupling.deconvolution",
             scene.coupling.deconvolution,
-            f"in a dense pack this grows from step to step: the limit with these cells and kernels is {limit:.3g}",
+            f"in a dense pack the flow would grow from step to step; the limit with these cells and kernels is {limit:.3g}",
             "lower it, or widen coupling.kernel_width",
         )
     return scene.coupling.deconvolution

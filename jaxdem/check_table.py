@@ -27,7 +27,7 @@ LIMIT_NAMES = {
 
 
 def render(report: CheckReport) -> Group:
-    """Tables of what, how long a step, how well resolved, how much memory, which parts."""
+    """One table per section: scene, time steps, resolution, engineering numbers, wall time, memory, program, warnings."""
     sections = {
         "Scene": _scene(report),
         "Time steps": _steps(report),
@@ -57,7 +57,7 @@ def render(report: CheckReport) -> Group:
 
 
 def warnings_table(warnings: Iterable[str]) -> Table:
-    """A line each."""
+    """A table with one row per warning."""
     table = Table(
         title="Warnings", title_justify="left", title_style="bold yellow", show_header=False, box=None
     )
@@ -84,33 +84,35 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
     if report.void_fraction is not None:
         low, mean = report.void_fraction
         text = f"min {low:.3f}, mean {mean:.3f}; limit {MINIMUM_VOID_FRACTION} in a cell"
-        yield "void fraction at the start", f"{text}, drag laws are evaluated at {LAW_FLOOR} at least"
+        yield "void fraction at the start", f"{text}, drag laws are evaluated at {LAW_FLOOR} or more"
 
 
 def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
     steps = report.time_steps
     for name, value in report.limits.items():
-        text = f"{value:.4g} s" if math.isfinite(value) else "none (nothing moves, or no viscosity)"
+        text = f"{value:.4g} s" if math.isfinite(value) else "none (no motion, or no viscosity)"
         if name == "courant" and math.isfinite(value):
-            text += " at the largest boundary speed; faster flow is cut into up to 8 fluid steps"
+            text += " at the largest boundary speed; for faster flow an interval has up to 8 fluid steps"
         if name == "contact_duration":
             text += f"; the automatic step is 1/20 of it, {value / 20.0:.4g} s"
         if name == "contact_stability":
-            text += " with every contact that there is room for at the largest overlap expected"
+            text += " with every contact for which there is room, at the largest expected overlap"
         if name == "viscous_model" and math.isfinite(value):
-            text += " at the largest boundary speed over a cell; the run stops where the flow asks for less"
+            text += (
+                " at the largest boundary speed over a cell; the run stops if the flow needs a shorter step"
+            )
         yield LIMIT_NAMES.get(name, name), text
     if "contact" in steps:
         duration = report.limits["contact_duration"] / steps["contact"]
         yield "contact step", f"{steps['contact']:.4g} s, 1/{duration:.0f} of an impact"
         yield "contact steps per interval", f"{steps['contacts_per_interval']:.0f}"
     if "fluid" in steps:
-        yield "fluid step", f"{steps['fluid']:.4g} s, {steps['fluid_substeps']:.0f} per interval at least"
+        yield "fluid step", f"{steps['fluid']:.4g} s, at least {steps['fluid_substeps']:.0f} per interval"
     if report.relaxation_time is not None:
         ratio = report.relaxation_time / steps["fluid"]
-        text = f"{report.relaxation_time:.4g} s, {ratio:.3g} fluid steps (drag is implicit: no limit of stability)"
+        text = f"{report.relaxation_time:.4g} s, {ratio:.3g} fluid steps (no stability limit, because drag is implicit)"
         yield "Stokes relaxation time", text
-    renewed = "; particles come and go at its end" if report.population else ""
+    renewed = "; particles enter and leave at its end" if report.population else ""
     yield "coupling interval", f"{steps['interval']:.4g} s{renewed}"
     total = f"{steps['intervals']:.0f} intervals, {steps['outputs']:.0f} outputs after the first"
     if "contacts_per_interval" in steps:
@@ -120,18 +122,21 @@ def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
 
 def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
     if report.expected_speed is not None and report.expected_overlap is not None:
-        yield "largest speed expected", f"{report.expected_speed:.3g} m/s (contact.speed)"
+        yield "largest expected speed", f"{report.expected_speed:.3g} m/s (contact.speed)"
         text = f"{100 * report.expected_overlap:.2g} % of a diameter"
         if report.maximum_overlap is not None and report.speed_limit is not None:
             text += (
                 f"; limit {100 * report.maximum_overlap:.3g} % (contact.maximum_overlap), reached at "
-                f"{report.speed_limit:.3g} m/s, where the run stops"
+                f"{report.speed_limit:.3g} m/s, at which the run stops"
             )
         yield "overlap at that speed", text
     if report.restitution_error is not None:
         yield "error of the restitution", f"about {report.restitution_error:.2g}"
     if report.slip_error is not None:
-        yield "error of the slip after an impact", f"up to about {report.slip_error:.2g} of that before"
+        yield (
+            "error of the slip after an impact",
+            f"up to about {report.slip_error:.2g} of the slip before it",
+        )
     if report.resting_overlap is not None:
         yield "overlap under own weight", f"{100 * report.resting_overlap:.2g} % of a diameter"
     load = report.screen_load
@@ -139,11 +144,14 @@ def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
         text = (
             f"{100 * load.overlap:.2g} % of a diameter: {load.weights:.2g} times a grain's weight on average"
         )
-        yield f"overlap under flow at {load.side}", f"{text}, if all gather there (chains: up to three times)"
+        yield (
+            f"overlap under flow at {load.side}",
+            f"{text}, if all grains gather there; force chains carry up to three times this load",
+        )
     if report.overlap_resolution is not None:
         text = f"{report.overlap_resolution:.1g} of the overlap under own weight"
         if report.overlap_resolution > 1e-2:
-            text += '; resting grains will tremble: soften the contact or use precision = "float64"'
+            text += '; resting grains will not come fully to rest: soften the contact or use precision = "float64"'
         yield "float32 resolves overlaps to", text
     if report.particles is None:
         yield "particles", "none"
@@ -163,9 +171,9 @@ def _wall_time(report: CheckReport) -> Iterable[tuple[str, str]]:
     parts = [("contacts", cost.contacts), ("fluid and exchange", cost.fluid), ("output", cost.output)]
     shares = ", ".join(f"{name} {_duration(time)}" for name, time in parts if time > 0.0)
     yield "run", f"{_duration(cost.total)} within a factor of {FACTOR:g} ({shares})"
-    yield "before it", f"about {cost.compiling:.2g} s of compiling the first time"
-    text = f"costs per particle, pair and cell that were measured on {cost.basis}"
-    yield "basis", f"{text}; learned closures are not counted"
+    yield "compilation", f"about {cost.compiling:.2g} s the first time, in addition"
+    text = f"costs per particle, pair and cell, measured on {cost.basis}"
+    yield "basis", f"{text}; without learned closures"
 
 
 def _duration(seconds: float) -> str:

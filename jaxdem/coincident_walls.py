@@ -56,8 +56,8 @@ def check_coincident(
                 raise InputError(
                     name,
                     surface,
-                    f"stands on {other} ({apart:.2g} m apart at most): a particle would feel both walls, and rebound as "
-                    f"from one of twice the stiffness and damping",
+                    f"lies on {other} (at most {apart:.2g} m apart): a particle would touch both walls and rebound as "
+                    f"from one wall of twice the stiffness and damping",
                     "remove one of them, or move them apart",
                 )
         earlier.append((name, distance))

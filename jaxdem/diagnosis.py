@@ -17,8 +17,8 @@ STEADY = 1.0
 """A force of the fluid through a side counts as what pushed from this multiple of the particle's weight on [-]."""
 
 REMEDY_OF_A_PRESS = (
-    "it was pressed through, not shot: stiffen the contact (contact.young_modulus, contact.normal_stiffness), or raise "
-    "contact.speed, until the wall holds it (`jaxdem check` has the overlap under the fluid's load)"
+    "the load pressed the particle through the wall: stiffen the contact (contact.young_modulus, contact.normal_stiffness) or raise "
+    "contact.speed until the wall holds (`jaxdem check` prints the overlap under the load of the fluid)"
 )
 
 
@@ -47,13 +47,13 @@ def diagnosis(
     assert reached.particles is not None
     speed = float(np.linalg.norm(np.asarray(reached.particles.velocity[index], float)))
     if flag == Failure.TOO_FAST:
-        where += f", at {speed:.3g} m/s where {simulation.steps.speed_limit or 0.0:.3g} are allowed"
+        where += f", at {speed:.3g} m/s; the limit is {simulation.steps.speed_limit or 0.0:.3g} m/s"
     if flag == Failure.PARTICLE_LOST:
         side, outward = _side_left(simulation, np.asarray(reached.particles.position[index], float))
         where += f", through the {side} side at {speed:.3g} m/s"
         push = _fluid_push(parameters, reached, index, outward)
         if push > STEADY:
-            where += f", the fluid pushing it out with {push:.2g} times its weight"
+            where += f"; the fluid pushes it out with {push:.2g} times its weight"
             if not speed > (simulation.steps.speed_limit or math.inf):
                 remedy = REMEDY_OF_A_PRESS
     return reason, where, remedy

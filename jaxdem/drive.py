@@ -30,7 +30,7 @@ def check_drive(key: str, gravity: Sequence[float], periodic: Sequence[bool]) ->
             raise InputError(
                 key,
                 tuple(gravity),
-                f"has {component:.6g} m/s2 along {name}, where the box is periodic: particles would feel it, the fluid not",
-                f"set that component to 0, or end the box along {name} with walls. A key that drives a fluid through a "
-                "periodic box, fluid.pressure_gradient, is planned and not there yet",
+                f"has {component:.6g} m/s2 along {name}, where the box is periodic: it would act on the particles and not on the fluid",
+                f"set that component to 0, or close the box along {name} with walls. A key that drives a fluid through a "
+                "periodic box, fluid.pressure_gradient, is planned but not there yet",
             )

@@ -185,13 +185,13 @@ def engineering_numbers(scene: Scene, simulation: Simulation, bodies: Bodies) ->
         )
         impact = density / fluid.density * fall * diameter / (9.0 * fluid.viscosity)
         found += [
-            _number("terminal velocity", fall, "m/s", f"one grain, {named}"),
+            _number("terminal velocity", fall, "m/s", f"a single grain, {named}"),
             _number("  its Reynolds number", fall * diameter / fluid.viscosity, "-"),
             _number(
                 "  its Stokes number",
                 impact,
                 "-",
-                "of an impact: no rebound in a liquid under about 10",
+                "of an impact; below about 10 grains do not rebound in a liquid",
             ),
             _number(
                 "minimum fluidisation",
@@ -212,7 +212,9 @@ def _flow_numbers(scene: Scene, diameter: np.ndarray, density: np.ndarray) -> li
     excess = np.abs(density / fluid.density - 1.0)
     relaxation = density * diameter**2 / (18.0 * fluid.density * fluid.viscosity)
     found = [
-        _number("flow speed U", np.full(2, speed), "m/s", "largest of a boundary or the initial fluid"),
+        _number(
+            "flow speed U", np.full(2, speed), "m/s", "largest speed at a boundary or of the initial fluid"
+        ),
         _number("  particle Reynolds number", speed * diameter / fluid.viscosity, "-", "U d / nu"),
         _number(
             "  flow Reynolds number",
@@ -224,9 +226,7 @@ def _flow_numbers(scene: Scene, diameter: np.ndarray, density: np.ndarray) -> li
     ]
     if gravity > 0.0 and excess.min() > 0.0:
         froude = speed / np.sqrt(excess * gravity * diameter)
-        found.append(
-            _number("  densimetric Froude number", froude, "-", "U over the root of the submerged g d")
-        )
+        found.append(_number("  densimetric Froude number", froude, "-", "U / sqrt(|rho_p/rho - 1| g d)"))
     return found
 
 

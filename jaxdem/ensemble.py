@@ -29,7 +29,7 @@ def stack(members: Sequence[Tree]) -> Tree:
         InputError: none is given, or arrays differ in shape or structure.
     """
     if not members:
-        raise InputError("members", [], "at least one", "Give a list of states or parameters.")
+        raise InputError("members", [], "needs at least one member", "Give a list of states or parameters.")
     wanted = _shapes(members[0])
     for number, member in enumerate(members):
         if _shapes(member) != wanted:

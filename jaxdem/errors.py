@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from typing import Any
 
@@ -27,7 +28,7 @@ class InputError(JaxdemError):
     def __init__(self, key: str, value: Any, limit: str, remedy: str):
         self.key, self.value, self.limit, self.remedy = key, value, limit, remedy
         named = visible(key).replace("\n", "\\n")
-        text = f"{cut(named)} = {cut(_repr(value))}: {cut(limit, 600)}. {cut(remedy, 600)}"
+        text = f"{cut(named)} = {cut(_repr(value))}: {cut(limit, 600)}. {sentence(cut(remedy, 600))}"
         super().__init__(visible(text))
 
 
@@ -43,7 +44,14 @@ class RunError(JaxdemError):
 
     def __init__(self, reason: str, where: str, time: float, remedy: str):
         self.reason, self.where, self.time, self.remedy = reason, where, time, remedy
-        super().__init__(visible(f"{reason} ({where}) at t = {time:.6g} s. {remedy}"))
+        super().__init__(visible(f"{reason} ({where}) at t = {time:.6g} s. {sentence(remedy)}"))
+
+
+def sentence(text: str) -> str:
+    """The text with a capital letter and a full stop, where it starts and ends with a plain word."""
+    if re.match(r"(?!jaxdem)[a-z]+[ ,:]", text):
+        text = text[0].upper() + text[1:]
+    return text + "." if re.search(r"[ (][a-z]+\)?$", text) else text
 
 
 def cut(text: str, length: int = 300) -> str:

@@ -33,7 +33,7 @@ class Failure(enum.IntFlag):
 MEANING = {
     Failure.OVERFLOW: (
         "the neighbour list ran out of room",
-        "simulate() enlarges it and repeats the interval; in a rollout allocate it with more room (Simulation.with_room)",
+        "simulate() enlarges the list and repeats the interval; for a rollout allocate a larger list (Simulation.with_room)",
     ),
     Failure.PARTICLES_NOT_FINITE: (
         "a particle's position, velocity or rotation is not finite",
@@ -41,12 +41,12 @@ MEANING = {
     ),
     Failure.PARTICLE_LOST: (
         "a particle's centre has left the box through a wall",
-        "it moved faster than the contact step resolves: raise contact.speed, stiffen the contact or "
+        "the particle moved too fast for the contact step: raise contact.speed, stiffen the contact or "
         "lower contact.time_step",
     ),
     Failure.TOO_FAST: (
         "a particle is so fast that an impact would overlap by more than contact.maximum_overlap",
-        "raise contact.speed to the speeds that occur, stiffen the contact, or look for what drives it",
+        "raise contact.speed to the speeds that occur, stiffen the contact, or find out what accelerates the particle",
     ),
     Failure.FLUID_NOT_FINITE: (
         "the fluid's velocity or pressure is not finite",
@@ -66,7 +66,7 @@ MEANING = {
     ),
     Failure.VOID_FRACTION: (
         "a cell holds almost no fluid",
-        "widen coupling.kernel_width, use larger cells, or a larger domain.depth",
+        "widen coupling.kernel_width, use larger cells, or use a larger domain.depth",
     ),
 }
 """Reason and remedy of every flag."""

@@ -90,7 +90,7 @@ def initial_positions(scene: Scene) -> np.ndarray:
                 "particles.pack",
                 particles.pack.kind,
                 "holds no particle",
-                "enlarge it (all lengths are in m), or set particles.count = 0 for a scene that starts empty",
+                "enlarge the pack (all lengths are in m), or set particles.count = 0 for a scene that starts empty",
             )
         # Rows are filled from below, so a pack that is not full has a level top.
         return packed[: particles.count]
@@ -98,7 +98,10 @@ def initial_positions(scene: Scene) -> np.ndarray:
     assert position is not None
     if particles.count is not None and len(position) != particles.count:
         raise InputError(
-            "particles.count", particles.count, f"there are {len(position)} positions", "make them agree"
+            "particles.count",
+            particles.count,
+            f"there are {len(position)} positions",
+            "give as many positions as particles",
         )
     return position
 
@@ -139,7 +142,7 @@ def check_initial_positions(scene: Scene, position: np.ndarray, allowed: Overlap
             f"particle {index} at {_point(position[index])} m",
             f"it reaches {100 * depth[index, axis]:.2g} % of its diameter into the "
             f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, {allowed}",
-            f"move it into the box, {DEEPER}",
+            f"move the particle into the box, {DEEPER}",
         )
     worst, first, second = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic)
     if worst > allowed.part:
@@ -147,7 +150,7 @@ def check_initial_positions(scene: Scene, position: np.ndarray, allowed: Overlap
             "particles.position",
             f"particles {first} and {second} at {_point(position[first])} and {_point(position[second])} m",
             f"they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
-            f"move them apart, {DEEPER}"
+            f"move the particles apart, {DEEPER}"
             if particles.pack is None
             else "raise particles.pack.spacing, or lower particles.pack.jitter",
         )
@@ -177,7 +180,7 @@ def check_walls(
             "particles.position",
             f"particle {index} at {_point(position[index])} m",
             f"it reaches {100 * depth[wall, index]:.3g} % of its diameter into the wall {surfaces[wall]}, {allowed}",
-            f"move it off the wall, or the wall off it, {DEEPER}",
+            f"move the particle or the wall, {DEEPER}",
         )
 
 
@@ -189,13 +192,15 @@ def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tupl
     start, stop = np.asarray(pack.start), np.asarray(pack.stop)
     dimension = len(start)
     if (stop <= start).any():
-        raise InputError("particles.pack.stop", pack.stop, f"must be above start = {pack.start}", "swap them")
+        raise InputError(
+            "particles.pack.stop", pack.stop, f"must be above start = {pack.start}", "exchange start and stop"
+        )
     if (start < 0.0).any() or (stop > np.asarray(box)).any():
         raise InputError(
             "particles.pack.stop",
             pack.stop,
             f"start and stop must lie in the box, 0 ... {box} m",
-            "move them",
+            "move them into the box",
         )
     radius = np.asarray(sizes)
     fraction = packing.random_solid_fraction(start, stop, radius, pack.spacing)
@@ -204,7 +209,7 @@ def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tupl
         raise InputError(
             "particles.count",
             count,
-            f"with their spacing they fill {100 * fraction:.3g} % of the random pack's box; the limit is "
+            f"the particles, with their spacing, fill {100 * fraction:.3g} % of the box of the random pack; the limit is "
             f"{100 * limit:g} %",
             f"{remedy}, enlarge the box, or lower particles.pack.spacing",
         )
@@ -213,8 +218,8 @@ def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tupl
         raise InputError(
             "particles.count",
             count,
-            f"only {int(placed.sum())} of them have room in the random pack's box, {100 * fraction:.3g} % solid with their "
-            "spacing: a narrow one holds less",
+            f"only {int(placed.sum())} of them have room in the box of the random pack, which they would fill to {100 * fraction:.3g} % with their "
+            "spacing; a narrow box holds less",
             f"{remedy}, or enlarge the box",
         )
     return position
@@ -222,7 +227,9 @@ def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tupl
 
 def _check_corner(name: str, corner: tuple[float, ...] | None, dimension: int) -> None:
     if corner is None or len(corner) != dimension:
-        raise InputError(f"particles.pack.{name}", corner, f"needs {dimension} numbers", "correct it")
+        raise InputError(
+            f"particles.pack.{name}", corner, f"needs {dimension} numbers", f"give {dimension} numbers"
+        )
 
 
 def _check_places(name: str, sides: tuple[float, ...], spacing: float) -> None:
@@ -233,7 +240,7 @@ def _check_places(name: str, sides: tuple[float, ...], spacing: float) -> None:
             f"particles.pack.{name}",
             f"sides of {', '.join(f'{side:.4g}' for side in sides)} m",
             f"the pack has about {places:.3g} places {spacing:.3g} m apart, the limit is {MOST_PLACES}",
-            "make it smaller, or raise particles.radius or particles.pack.spacing",
+            "make the pack smaller, or raise particles.radius or particles.pack.spacing",
         )
 
 
@@ -249,7 +256,7 @@ def _packed(scene: Scene, pack: Pack) -> np.ndarray:
                 "particles.pack.vertices",
                 pack.vertices,
                 "needs at least three corners (x, vertical)",
-                "add corners",
+                "add corners to the polygon",
             )
         vertices = np.asarray(corners, float)
         across = scene.domain.size[1:-1]

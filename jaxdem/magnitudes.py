@@ -47,7 +47,7 @@ def check_magnitudes(scene: Scene, bodies: Bodies) -> None:
             remedy = "correct the value or its unit"
             if scene.precision == "float32":
                 remedy += ', or use precision = "float64"'
-            limit = f"makes {what} of {value:.3g} {unit}, which {scene.precision} does not hold"
+            limit = f"gives {what} of {value:.3g} {unit}, which {scene.precision} cannot represent"
             raise InputError(key, _given(scene, key), limit, remedy)
 
 
@@ -56,7 +56,7 @@ def _check_side(scene: Scene, bodies: Bodies) -> None:
         return
     radii = max(scene.domain.size) / float(np.min(bodies.radius))
     if radii > LONGEST_SIDE:
-        limit = f"a side is {radii:.3g} times the radius of the smallest particle, and may be {LONGEST_SIDE:.0e} times"
+        limit = f"a side is {radii:.3g} times the radius of the smallest particle; the limit is {LONGEST_SIDE:.0e} times"
         raise InputError("domain.size", _given(scene, "domain.size"), limit, "correct the value or its unit")
 
 
@@ -78,7 +78,7 @@ def check_memory(scene: Scene) -> None:
         demands.append(("particles.count", count, count * LEAST_BYTES_PER_PARTICLE * width // 4))
     for key, value, needed in demands:
         if needed > memory:
-            limit = f"needs {needed / 1e9:.3g} GB at least, this machine has {memory / 1e9:.3g} GB"
+            limit = f"needs at least {needed / 1e9:.3g} GB; this machine has {memory / 1e9:.3g} GB"
             raise InputError(key, value, limit, "lower it")
 
 

@@ -106,7 +106,7 @@ def kinetic_energy(
         return energy
     if inertia is None:
         raise InputError(
-            "inertia", None, "needed with an angular velocity", "Give the moment of inertia [kg m2]."
+            "inertia", None, "is needed with an angular velocity", "Give the moment of inertia [kg m2]."
         )
     w = np.asarray(angular_velocity, dtype=np.float64).reshape(len(v), -1)
     return energy + 0.5 * float(np.sum(np.asarray(inertia, dtype=np.float64) * np.sum(w * w, axis=-1)))
@@ -215,11 +215,11 @@ def _finite_part(times: ArrayLike, values: ArrayLike, key: str) -> tuple[Array, 
     t, m = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
     if t.ndim != 1 or t.shape != m.shape:
         raise InputError(
-            key, (t.shape, m.shape), "times and values are two lists of one length", "Give both (T,)."
+            key, (t.shape, m.shape), "times and values must have one length", "Give both with the shape (T,)."
         )
     if np.any(~(np.diff(t) > 0.0)):
         raise InputError(
-            key, "times", "increase strictly", "Look for repeated or unsorted rows in history.csv."
+            key, "times", "must increase strictly", "Look for repeated or unsorted rows in history.csv."
         )
     good = np.isfinite(m)
     if not good.any():

@@ -162,7 +162,7 @@ class StudyDisplay:
         self._progress.console.print(message, markup=False, highlight=False, soft_wrap=True)
 
     def _tell_pieces(self) -> None:
-        self._lines.begin(f"at work on {', '.join(self._pieces) or 'nothing'}")
+        self._lines.begin(f"running: {', '.join(self._pieces) or 'nothing'}")
 
     def _finish(self) -> None:
         """A stage that is over has no time left to show."""

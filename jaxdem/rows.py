@@ -57,7 +57,7 @@ def _of_plane(key: str, rows: np.ndarray, width: int) -> np.ndarray:
         row = int(np.argmax(across))
         form = "(0, 0, scalar)" if width == 1 else "(x, z, 0)"
         raise InputError(
-            key, f"row {row}: {rows[row].tolist()}", f"three components are {form} in 2-D", "correct it"
+            key, f"row {row}: {rows[row].tolist()}", f"three components are {form} in 2-D", "correct the row"
         )
     return rows[:, kept]
 
@@ -76,7 +76,7 @@ def _read_rows(key: str, name: str, width: int, of_frame: bool) -> np.ndarray:
             return _checked(key, rows, width, lambda row: f"row {row} of {name}", name)
         text = read_text(path, TABLE_BYTES)
     except FileNotFoundError:
-        raise InputError(key, name, "no such file", "names are relative to the scene file") from None
+        raise InputError(key, name, "no such file", "give a name relative to the scene file") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         if isinstance(error, UnicodeDecodeError):
@@ -140,7 +140,7 @@ def _numbers(key: str, place: str, line: str, width: int) -> list[float]:
         column = values.index(None)
         what = f"{cut(repr(fields[column]), 60)} is no number" if fields[column] else "nothing"
         limit = f"in {shown}, column {column + 1}: {what}; a row needs {_expected(key, width)}"
-        raise InputError(key, place, limit, "columns are separated by commas or blanks")
+        raise InputError(key, place, limit, "separate columns by commas or blanks")
     if len(values) != width:
         limit = f"{shown} has {len(values)} column(s), a row needs {_expected(key, width)}"
         raise InputError(key, place, limit, "keep the columns that are needed, in this order")
@@ -195,7 +195,7 @@ def _checked(key: str, rows: np.ndarray, width: int, place: Callable[[int], str]
         raise InputError(key, whole, limit, "keep the columns that are needed, in this order")
     finite = np.isfinite(rows).all(axis=1)
     if not finite.all():
-        raise InputError(key, place(int(np.argmin(finite))), "must be finite", "correct it")
+        raise InputError(key, place(int(np.argmin(finite))), "must be finite", "correct the number")
     return rows
 
 

@@ -436,15 +436,17 @@ def _check_depth(tables: dict[str, Any]) -> None:
             if isinstance(inner, dict | list)
         ]
     if level:
-        limit = f"has tables or lists more than {DEEPEST} deep, and no key lies there"
-        raise InputError("SCENE", "...", limit, "check the dotted keys and brackets")
+        limit = f"has tables or lists nested more than {DEEPEST} deep, where no key exists"
+        raise InputError("SCENE", "...", limit, "correct the dotted keys and brackets")
 
 
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
     """`key=value` of an option of the command line, the value as TOML; a word needs no quotes."""
     key, separator, value = text.partition("=")
     if not separator or not key.strip():
-        raise InputError(option, text, "must be key=value", f"for example {option} time.end=1.0")
+        raise InputError(
+            option, text, "must have the form key=value", f"use, for example, {option} time.end=1.0"
+        )
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError, ValueError):
@@ -464,13 +466,15 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError("SCENE", str(path), "no such file", "give the path of a scene file") from None
     except OSError as error:
-        raise InputError("SCENE", str(path), f"cannot be read ({error.strerror})", "check the path") from None
+        raise InputError(
+            "SCENE", str(path), f"cannot be read ({error.strerror})", "correct the path or the permissions"
+        ) from None
     except UnicodeDecodeError:
         raise InputError("SCENE", str(path), "is not UTF-8 text", "save the scene as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError("SCENE", str(path), f"is not valid TOML: {error}", "mend that line") from None
+        raise InputError("SCENE", str(path), f"is not valid TOML: {error}", "correct that line") from None
     except ValueError as error:
-        raise InputError("SCENE", str(path), str(error), "mend the scene") from None
+        raise InputError("SCENE", str(path), str(error), "correct the scene") from None
 
 
 def _completed(scene: Scene) -> Scene:
@@ -478,7 +482,7 @@ def _completed(scene: Scene) -> Scene:
     dimension = scene.dimension
     domain = scene.domain
     if domain.depth is not None and dimension == 3:
-        raise InputError("domain.depth", domain.depth, "is for 2-D scenes only", "remove it")
+        raise InputError("domain.depth", domain.depth, "is for 2-D scenes only", "remove this key")
     gravity = domain.gravity if domain.gravity is not None else (0.0,) * (dimension - 1) + (-9.81,)
     check_entries("domain.gravity", gravity, dimension)
     depth = domain.depth
@@ -508,7 +512,7 @@ def _completed(scene: Scene) -> Scene:
         raise InputError("contact", "...", "needs [particles]", "add [particles] or remove [contact]")
     elif scene.materials or scene.material_pairs:
         name = "materials" if scene.materials else "material_pairs"
-        raise InputError(name, "...", "need [particles]", f"remove [[{name}]]")
+        raise InputError(name, "...", "need [particles]", f"remove [[{name}]], or add [particles]")
     if scene.fluid is not None:
         check_entries("fluid.cells", scene.fluid.cells, dimension)
         velocity = scene.fluid.velocity or (0.0,) * dimension
@@ -521,13 +525,16 @@ def _completed(scene: Scene) -> Scene:
         check_coarse_inputs(update["coupling"], scene.fluid.cells, scene.output.samples)
         if scene.fluid.viscosity == 0.0:
             raise InputError(
-                "fluid.viscosity", 0.0, "drag needs a positive viscosity", "set fluid.viscosity > 0"
+                "fluid.viscosity",
+                0.0,
+                "drag needs a positive viscosity",
+                "set fluid.viscosity to a value above 0",
             )
     else:
         update["coupling"] = _coupling_of_one(scene)
     if scene.fluid is None and scene.particles is None:
         raise InputError(
-            "particles", None, "a scene has particles, a fluid or both", "add [particles] or [fluid]"
+            "particles", None, "a scene needs particles, a fluid or both", "add [particles] or [fluid]"
         )
     check_inlets(scene)
     _check_times(scene)
@@ -549,8 +556,8 @@ def _coupling_of_one(scene: Scene) -> Coupling | None:
     coupling = scene.coupling or Coupling()
     for name in sorted(coupling.model_fields_set - {"interval"}):
         raise InputError(
-            f"coupling.{name}", getattr(coupling, name), "needs [fluid]; without, only coupling.interval means something",
-            "remove it",
+            f"coupling.{name}", getattr(coupling, name), "needs [fluid]; without a fluid the only key of [coupling] is coupling.interval",
+            "remove this key, or add [fluid]",
         )  # fmt: skip
     return coupling
 
@@ -563,15 +570,15 @@ def _check_subgrid(fluid: Fluid) -> None:
         raise InputError(
             "fluid.smagorinsky",
             fluid.smagorinsky,
-            "stands for the same eddies as the learned stress of fluid.subgrid",
-            "set one of them",
+            "models the same unresolved eddies as the learned stress of fluid.subgrid",
+            "set fluid.smagorinsky to 0, or remove fluid.subgrid",
         )
     if fluid.viscosity == 0.0:
         raise InputError(
             "fluid.viscosity",
             0.0,
-            "fluid.subgrid needs a Reynolds number of the cells",
-            "set fluid.viscosity > 0",
+            "the inputs of fluid.subgrid include a Reynolds number of the cells, which needs a viscosity",
+            "set fluid.viscosity to a value above 0",
         )
 
 
@@ -583,7 +590,10 @@ def _completed_contact(contact: Contact) -> Contact:
     """
     if contact.law == "linear_spring_dashpot" and contact.normal_stiffness is None:
         raise InputError(
-            "contact.normal_stiffness", None, "is needed by linear_spring_dashpot", "set it [N/m]"
+            "contact.normal_stiffness",
+            None,
+            "is needed by contact.law = linear_spring_dashpot",
+            "set a stiffness [N/m]",
         )
     if contact.wall_material == WALL:
         # The name of walls without a material.
@@ -593,8 +603,8 @@ def _completed_contact(contact: Contact) -> Contact:
             raise InputError(
                 f"contact.wall_{name}",
                 getattr(contact, f"wall_{name}"),
-                f"the walls have that of contact.wall_material = {contact.wall_material!r}",
-                "remove one of the two",
+                f"the walls already have this constant from contact.wall_material = {contact.wall_material!r}",
+                "remove one of the two keys",
             )
     return contact
 
@@ -604,7 +614,7 @@ def _check_particles(scene: Scene) -> None:
     assert particles is not None
     for name in ("radius", "density"):
         if getattr(particles, name) is None and not particles.species:
-            raise InputError(f"particles.{name}", None, "is missing", "add it to the scene")
+            raise InputError(f"particles.{name}", None, "is missing", "add this key to the scene")
         if isinstance(getattr(particles, name), str):
             column(f"particles.{name}", getattr(particles, name))
     ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
@@ -612,15 +622,15 @@ def _check_particles(scene: Scene) -> None:
         raise InputError(
             "particles.count",
             particles.count,
-            "is the number at the start, and neither particles.pack nor particles.position says where they are",
-            "add one of these, or remove particles.count: the inlets have numbers of their own",
+            "is the number of particles at the start, but neither particles.pack nor particles.position is given",
+            "add one of these, or remove particles.count, which does not count the particles of inlets",
         )
     if len(ways) != 1 and particles.count != 0 and (ways or not particles.inlet):
         raise InputError(
             "particles.pack",
             ways,
-            "give either a pack or positions",
-            "keep one of particles.pack, particles.position",
+            "the start needs either a pack or positions",
+            "give one of particles.pack and particles.position",
         )
 
 
@@ -635,16 +645,20 @@ def _completed_pack(particles: Particles) -> Particles:
             raise InputError(
                 f"particles.pack.{name}",
                 getattr(pack, name),
-                f"a {pack.kind} pack takes {' and '.join(needed)}",
-                "give these keys only",
+                f"a {pack.kind} pack needs {' and '.join(needed)}",
+                "give only these of the keys vertices, start and stop",
             )
     if pack.kind != "random":
         jitter = 0.005 if pack.jitter is None else pack.jitter
         return particles.model_copy(update={"pack": pack.model_copy(update={"jitter": jitter})})
     if pack.jitter is not None:
-        raise InputError("particles.pack.jitter", pack.jitter, "a random pack has no jitter", "remove it")
+        raise InputError(
+            "particles.pack.jitter", pack.jitter, "a random pack has no jitter", "remove this key"
+        )
     if particles.count is None:
-        raise InputError("particles.count", None, "is needed by a random pack", "set it")
+        raise InputError(
+            "particles.count", None, "is needed by a random pack", "give the number of particles"
+        )
     return particles
 
 
@@ -656,7 +670,7 @@ def _check_times(scene: Scene) -> None:
             "time.output_interval",
             interval,
             f"makes {frames:.3g} outputs up to time.end = {end} s, the limit is {MOST_OUTPUTS}",
-            f"raise it, to {end / MOST_OUTPUTS:.3g} at least",
+            f"raise it to at least {end / MOST_OUTPUTS:.3g} s",
         )
     if frames < 1.0 - 1e-9 or abs(frames - round(frames)) > 1e-6 * frames:
         nearest = end / max(1, round(frames))
@@ -664,7 +678,7 @@ def _check_times(scene: Scene) -> None:
             "time.output_interval",
             interval,
             f"must divide time.end = {end} s",
-            f"for example time.output_interval = {nearest:.6g}",
+            f"use, for example, time.output_interval = {nearest:.6g}",
         )
 
 
@@ -685,7 +699,7 @@ def _as_input_error(error: ValidationError, tables: dict[str, Any]) -> InputErro
         remedy = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(allowed)}"
         return InputError(key, value, "unknown key", remedy)
     if first["type"] == "missing":
-        return InputError(key, None, "is missing", "add it to the scene")
+        return InputError(key, None, "is missing", "add this key to the scene")
     reasons = dict.fromkeys(_in_plain_words(found["msg"]) for place, found in problems if place == path)
     return InputError(key, value, " or ".join(reasons), "correct the value")
 
@@ -754,14 +768,24 @@ def _set(tables: dict[str, Any], key: str, value: Any) -> None:
     for part in parents:
         if isinstance(table, list):
             if not part.isdecimal() or int(part) >= len(table):
-                raise InputError(f"--set {key}", value, f"there are {len(table)} tables", "count from 0")
+                raise InputError(
+                    f"--set {key}",
+                    value,
+                    f"there are {len(table)} tables, with numbers from 0",
+                    "give the number of one of them",
+                )
             table = table[int(part)]
         else:
             table = table.setdefault(part, {})
         if not isinstance(table, dict | list):
-            raise InputError(f"--set {key}", value, f"{part} is not a table", "check the dotted key")
+            raise InputError(f"--set {key}", value, f"{part} is not a table", "correct the dotted key")
     if isinstance(table, list):
-        raise InputError(f"--set {key}", value, f"{parents[-1]} is a list of tables", f"--set {key}.KEY")
+        raise InputError(
+            f"--set {key}",
+            value,
+            f"{parents[-1]} is a list of tables",
+            f"name a key of one of them: --set {key}.KEY=VALUE",
+        )
     table[last] = value
 
 

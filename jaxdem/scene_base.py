@@ -34,7 +34,7 @@ class Section(BaseModel):
 def check_entries(key: str, value: tuple[Any, ...], count: int) -> None:
     """Refuses a list that has not `count` numbers."""
     if len(value) != count:
-        raise InputError(key, value, f"needs {count} number(s), got {len(value)}", f"give {count}")
+        raise InputError(key, value, f"needs {count} number(s), got {len(value)}", f"give {count} number(s)")
 
 
 def refuse_unknown(key: str, name: str, allowed: tuple[str, ...]) -> NoReturn:

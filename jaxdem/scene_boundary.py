@@ -90,8 +90,8 @@ def check_inlets(scene: Any) -> None:
             raise InputError(
                 f"boundary.{name}.kind",
                 "inlet",
-                "lets a fluid in, and the scene has none",
-                'add [fluid], or set it to "no_slip"',
+                "is an inlet of fluid, and the scene has no fluid",
+                'add [fluid], or set kind = "no_slip"',
             )
 
 
@@ -124,7 +124,7 @@ def _completed_side(scene: Any, name: str) -> BoundarySide:
     if (side.from_ is None) != (side.to is None):
         given = "from" if side.to is None else "to"
         raise InputError(
-            f"{key}.{given}", side.from_ or side.to, "a patch has from and to", "give both or neither"
+            f"{key}.{given}", side.from_ or side.to, "a patch needs both from and to", "give both or neither"
         )
     lengths = [length for a, length in enumerate(scene.domain.size) if a != axis]
     for label, corner in (("from", side.from_), ("to", side.to)):
@@ -133,16 +133,21 @@ def _completed_side(scene: Any, name: str) -> BoundarySide:
             for value, length in zip(corner, lengths, strict=True):
                 if not 0.0 <= value <= length:
                     raise InputError(
-                        f"{key}.{label}", value, f"must lie in 0 ... {length} m", "move it into the side"
+                        f"{key}.{label}",
+                        value,
+                        f"must lie in 0 ... {length} m",
+                        "move the patch into the side",
                     )
     if side.from_ is not None and side.to is not None:
         if any(a >= b for a, b in zip(side.from_, side.to, strict=True)):
-            raise InputError(f"{key}.from", side.from_, f"must be below to = {side.to}", "swap them")
+            raise InputError(
+                f"{key}.from", side.from_, f"must be below to = {side.to}", "exchange from and to"
+            )
         if side.kind == "periodic":
             raise InputError(f"{key}.from", side.from_, "a periodic side has no patch", "remove from and to")
     if side.kind == "moving_wall" and side.from_ is not None and scene.particles is not None:
         raise InputError(
-            f"{key}.from", side.from_, "a patch that moves would drag the fluid, but no particles", "move the whole side: remove from and to"
+            f"{key}.from", side.from_, "a moving patch would drag the fluid but not the particles", "let the whole side move: remove from and to"
         )  # fmt: skip
     _check_side_velocity(key, side)
     update: dict[str, Any] = {"ramp_time": side.ramp_time}
@@ -167,14 +172,20 @@ def _check_side_velocity(key: str, side: BoundarySide) -> None:
         kinds = ("inlet", "moving_wall") if name == "velocity" else ("inlet",)
         if getattr(side, name) is not None and side.kind not in kinds:
             raise InputError(
-                f"{key}.{name}", getattr(side, name), f"means nothing for kind = {side.kind}", "remove it"
+                f"{key}.{name}",
+                getattr(side, name),
+                f"is not used with kind = {side.kind}",
+                "remove this key",
             )
     _check_table(key, "times", side.times, "velocities", side.velocities)
     if side.kind in ("inlet", "moving_wall") and side.velocity is None and side.times is None:
-        raise InputError(f"{key}.velocity", None, f"is needed by kind = {side.kind}", "set it [m/s]")
+        raise InputError(f"{key}.velocity", None, f"is needed by kind = {side.kind}", "set a velocity [m/s]")
     if side.velocity is not None and side.times is not None:
         raise InputError(
-            f"{key}.velocity", side.velocity, "times have velocities of their own", "remove one of the two"
+            f"{key}.velocity",
+            side.velocity,
+            "cannot be combined with times, which use velocities",
+            "remove velocity, or times and velocities",
         )
 
 
@@ -183,17 +194,22 @@ def _check_table(key: str, name: str, arguments: Any, other: str, values: Any) -
     if (arguments is None) != (values is None):
         given, lacking = (name, other) if values is None else (other, name)
         raise InputError(
-            f"{key}.{given}", arguments or values, f"needs {lacking} as well", f"add {key}.{lacking}"
+            f"{key}.{given}", arguments or values, f"needs {lacking} as well", f"add the key {key}.{lacking}"
         )
     if arguments is None:
         return
     if len(arguments) != len(values):
         raise InputError(
-            f"{key}.{other}", values, f"needs {len(arguments)} entries, as {name}", "make them agree"
+            f"{key}.{other}",
+            values,
+            f"needs {len(arguments)} entries, as many as {name}",
+            "give lists of the same length",
         )
     for a, b in itertools.pairwise(arguments):
         if b <= a:
-            raise InputError(f"{key}.{name}", arguments, f"must increase, {b} follows {a}", "sort them")
+            raise InputError(
+                f"{key}.{name}", arguments, f"must increase, but {b} follows {a}", "sort the entries"
+            )
 
 
 def _check_profile(scene: Any, name: str, side: BoundarySide) -> None:
@@ -203,14 +219,14 @@ def _check_profile(scene: Any, name: str, side: BoundarySide) -> None:
         raise InputError(
             f"{key}.profile",
             side.profile or "uniform",
-            "the table of positions and values belongs to profile = table, and to no other",
-            'set profile = "table" with positions and values, or remove these',
+            "positions and values are needed by profile = table, and are not used with another profile",
+            'set profile = "table" and give positions and values, or remove all three',
         )
     if side.profile == "parabolic" and not any(parabolic_axes(scene, name, side)):
         raise InputError(
             f"{key}.profile",
             side.profile,
-            "the side reaches between periodic or free-slip sides, where the velocity does not fall to zero",
+            "the inlet spans the whole side between periodic or free-slip sides, where the velocity is not zero at the ends",
             'set profile = "uniform", or give a patch (from, to) or walls',
         )
     if side.positions is not None:
@@ -221,8 +237,8 @@ def _check_profile(scene: Any, name: str, side: BoundarySide) -> None:
             raise InputError(
                 f"{key}.positions",
                 side.positions,
-                f"must reach over the inlet, {start} ... {stop} m",
-                "add its ends",
+                f"must cover the whole inlet, {start} ... {stop} m",
+                "add the ends of the inlet",
             )
 
 
@@ -253,5 +269,7 @@ def _vector(
         return tuple(inward if a == axis else 0.0 for a in range(scene.dimension))
     check_entries(key, velocity, scene.dimension)
     if kind == "moving_wall" and velocity[axis] != 0.0:
-        raise InputError(key, velocity, "a moving wall slides in its own plane", "set its normal part to 0")
+        raise InputError(
+            key, velocity, "a moving wall can only move in its own plane", "set the normal component to 0"
+        )
     return velocity

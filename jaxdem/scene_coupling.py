@@ -12,7 +12,7 @@ from jaxdem.errors import InputError
 def _window(value: int) -> int:
     if value == 1:
         raise ValueError(
-            "a window of the Basset force has 2 intervals at least, and 20 for its tail to be small"
+            "the window of the Basset force must have at least 2 intervals; with 20 the error of the remaining history is small"
         )
     return value
 
@@ -29,22 +29,22 @@ def check_self_disturbance(coupling: Any, dimension: int) -> None:
         raise InputError(
             "coupling.self_disturbance",
             True,
-            "needs three dimensions: in a plane a steady wake grows with the box (Stokes' paradox)",
+            "needs three dimensions: in 2-D a steady wake grows with the box (Stokes' paradox)",
             "set it to false, or make the scene 3-D",
         )
     if coupling.deconvolution > 0.0:
         raise InputError(
             "coupling.deconvolution",
             coupling.deconvolution,
-            "would sharpen a particle's own wake, which coupling.self_disturbance takes away",
-            "set one of the two to 0 or false",
+            "would amplify a particle's own wake, which coupling.self_disturbance removes",
+            "set coupling.deconvolution = 0 or coupling.self_disturbance = false",
         )
     if coupling.void_fraction != "kernel":
         raise InputError(
             "coupling.self_disturbance",
             True,
-            f'is known for coupling.void_fraction = "kernel", not for "{coupling.void_fraction}"',
-            "change one of the two",
+            f'is only possible with coupling.void_fraction = "kernel", here it is "{coupling.void_fraction}"',
+            "change one of the two keys",
         )
 
 
@@ -55,12 +55,17 @@ def check_coarse_inputs(coupling: Any, cells: tuple[int, ...], samples: float) -
         return
     key = "coupling.drag_inputs_coarsened"
     if factor > max(cells):
-        raise InputError(key, factor, f"leaves one cell of {cells}", f"lower it, to {max(cells)} at most")
+        raise InputError(
+            key, factor, f"would leave a single cell of the mesh {cells}", f"lower it to at most {max(cells)}"
+        )
     if coupling.self_disturbance:
         raise InputError(
-            key, factor, "a particle's own wake is not known on averaged fields", "set coupling.self_disturbance = false"
+            key, factor, "the wake of a particle is not known on averaged fields", "set coupling.self_disturbance = false"
         )  # fmt: skip
     if samples > 0.0:
         raise InputError(
-            key, factor, "samples are of a law that sees the fluid's own mesh", "set output.samples = 0"
+            key,
+            factor,
+            "training samples are only written for a drag law that uses the mesh of the fluid",
+            "set output.samples = 0",
         )

@@ -75,7 +75,7 @@ def check_materials(materials: tuple[Material, ...], pairs: tuple[MaterialPair, 
     names: list[str] = []
     for k, material in enumerate(materials):
         if material.name == WALL or material.name in names:
-            limit = "is the name of walls without a material" if material.name == WALL else "is taken already"
+            limit = "is reserved for walls without a material" if material.name == WALL else "is used twice"
             raise InputError(f"materials.{k}.name", material.name, limit, "give another name")
         names.append(material.name)
     seen: set[frozenset[str]] = set()
@@ -85,14 +85,18 @@ def check_materials(materials: tuple[Material, ...], pairs: tuple[MaterialPair, 
             check_material(f"{key}.materials", name, (*names, WALL))
         if len(set(pair.materials)) < 2:
             raise InputError(
-                f"{key}.materials", pair.materials, "a material has its constants against itself in its own "
-                "table", "set them in [[materials]]",
+                f"{key}.materials", pair.materials, "a pair needs two different materials; the constants of a "
+                "material against itself are in its own table", "set them in [[materials]]",
             )  # fmt: skip
         if frozenset(pair.materials) in seen:
-            raise InputError(f"{key}.materials", pair.materials, "stands twice", "remove one of the two")
+            raise InputError(
+                f"{key}.materials", pair.materials, "is given twice", "remove one of the two tables"
+            )
         seen.add(frozenset(pair.materials))
         if (pair.restitution, pair.friction, pair.rolling_friction) == (None, None, None):
-            raise InputError(key, pair.materials, "says nothing", "set restitution, friction or both")
+            raise InputError(
+                key, pair.materials, "has no constants", "set restitution, friction or rolling_friction"
+            )
 
 
 def check_material(key: str, name: str | None, known: tuple[str, ...]) -> None:
@@ -117,8 +121,8 @@ def check_species(key: str, species: tuple[Species, ...], particles: Any, names:
         for name in ("radius", "density"):
             if getattr(one, name) is None and not isinstance(getattr(particles, name), float):
                 raise InputError(
-                    f"{key}.{k}.{name}", None, f"is missing, and particles.{name} is not one number",
-                    f"set it, or particles.{name} for all",
+                    f"{key}.{k}.{name}", None, f"is missing, and particles.{name} is not a single number",
+                    f"give it here, or give particles.{name} for all particles",
                 )  # fmt: skip
         given = one.material if one.material is not None else particles.material
         if names and not isinstance(given, str):
@@ -126,7 +130,7 @@ def check_species(key: str, species: tuple[Species, ...], particles: Any, names:
         check_material(f"{key}.{k}.material", one.material, names)
     total = sum(one.share for one in species)
     if species and abs(total - 1.0) > 1e-6:
-        raise InputError(f"{key}.share", total, "the shares must add up to 1", "correct them")
+        raise InputError(f"{key}.share", total, "the shares must add up to 1", "correct the shares")
 
 
 def check_particle_materials(particles: Any, walls: tuple[Any, ...], contact: Any, names: tuple[str, ...]) -> None:  # fmt: skip
@@ -137,7 +141,7 @@ def check_particle_materials(particles: Any, walls: tuple[Any, ...], contact: An
     starts = particles.pack is not None or particles.position is not None
     if names and not particles.species and not given and starts:
         raise InputError(
-            "particles.material", None, "is missing, and the scene has [[materials]]", f"known: {', '.join(names)}"
+            "particles.material", None, "is missing, but the scene has [[materials]]", f"known: {', '.join(names)}"
         )  # fmt: skip
     for k, wall in enumerate(walls):
         check_material(f"walls.{k}.material", wall.material, (*names, WALL))
@@ -146,7 +150,7 @@ def check_particle_materials(particles: Any, walls: tuple[Any, ...], contact: An
         for name, kind in (("radius", float), ("density", float), ("material", str)):
             if getattr(particles, name) is not None and not isinstance(getattr(particles, name), kind):
                 raise InputError(
-                    f"particles.{name}", "one per particle", "the species say which particle has which",
-                    "give one for all or none, or remove [[particles.species]]",
+                    f"particles.{name}", "one per particle", "cannot be given per particle in a scene with [[particles.species]]",
+                    "give one value for all particles or none, or remove [[particles.species]]",
                 )  # fmt: skip
         check_species("particles.species", particles.species, particles, names)

@@ -87,11 +87,17 @@ def completed_inlets(
         key = f"particles.inlet.{k}"
         if (inlet.rate is None) == (inlet.mass_flow is None):
             raise InputError(
-                f"{key}.rate", inlet.rate, "give either rate or mass_flow", "keep one of the two"
+                f"{key}.rate",
+                inlet.rate,
+                "an inlet needs either rate or mass_flow",
+                "give one of the two keys",
             )
         if inlet.species and (inlet.radius or inlet.density or inlet.material):
             raise InputError(
-                f"{key}.species", "...", "have numbers of their own", "remove radius, density, material"
+                f"{key}.species",
+                "...",
+                "have their own radius, density and material",
+                "remove radius, density and material of the inlet",
             )
         check_material(f"{key}.material", inlet.material, names)
         species = inlet.species_of(particles)
@@ -101,7 +107,7 @@ def completed_inlets(
         velocity = _velocity(key, inlet, sides, len(size))
         last = end if inlet.end is None else inlet.end
         if last <= inlet.begin:
-            raise InputError(f"{key}.end", last, f"must be after begin = {inlet.begin} s", "raise it")
+            raise InputError(f"{key}.end", last, f"must be after begin = {inlet.begin} s", "raise the end")
         _check_room(f"{key}.stop", region, size, largest)
         result.append(
             inlet.model_copy(
@@ -119,26 +125,31 @@ def _region(
     """Corners of the box in which the particles come in."""
     if (inlet.side is None) == (inlet.start is None) or (inlet.start is None) != (inlet.stop is None):
         raise InputError(
-            f"{key}.side", inlet.side, "give either a side, or start and stop of a box", "keep one of the two"
+            f"{key}.side",
+            inlet.side,
+            "an inlet needs either a side, or start and stop of a box",
+            "give one of the two",
         )
     if inlet.start is not None and inlet.stop is not None:
         for name, corner in (("start", inlet.start), ("stop", inlet.stop)):
             if len(corner) != len(size):
-                raise InputError(f"{key}.{name}", corner, f"needs {len(size)} numbers", "correct it")
+                raise InputError(
+                    f"{key}.{name}", corner, f"needs {len(size)} numbers", f"give {len(size)} numbers"
+                )
         if inlet.from_ is not None or inlet.to is not None:
             raise InputError(
-                f"{key}.from", inlet.from_ or inlet.to, "belongs to a side", "remove from and to"
+                f"{key}.from", inlet.from_ or inlet.to, "is only used with a side", "remove from and to"
             )
         return inlet.start, inlet.stop
     if inlet.side not in sides:
         raise InputError(f"{key}.side", inlet.side, "there is no such side", f"known: {', '.join(sides)}")
     axis, upper = divmod(sides.index(inlet.side), 2)
     if periodic[axis]:
-        raise InputError(f"{key}.side", inlet.side, "is periodic", "give start and stop of a box")
+        raise InputError(f"{key}.side", inlet.side, "is a periodic side", "give start and stop of a box")
     others = [a for a in range(len(size)) if a != axis]
     if (inlet.from_ is None) != (inlet.to is None):
         raise InputError(
-            f"{key}.from", inlet.from_ or inlet.to, "a patch has from and to", "give both or neither"
+            f"{key}.from", inlet.from_ or inlet.to, "a patch needs both from and to", "give both or neither"
         )
     lower, higher = list(map(float, (0.0,) * len(size))), list(size)
     for position, a in enumerate(others):
@@ -159,11 +170,11 @@ def _check_room(
 ) -> None:
     for low, high, length in zip(*region, size, strict=True):
         if not (low >= 0.0 and high <= length):
-            raise InputError(key, region, "the inlet must lie inside the box", "move it")
+            raise InputError(key, region, "the inlet must lie inside the box", "move the inlet")
         if high - low < 2.0 * largest:
             raise InputError(
                 key, region, f"holds no particle of radius {largest:.4g} m: it needs {2 * largest:.4g} m along "
-                "every axis", "enlarge it",
+                "every axis", "enlarge the inlet",
             )  # fmt: skip
 
 
@@ -173,15 +184,20 @@ def _velocity(key: str, inlet: ParticleInlet, sides: tuple[str, ...], dimension:
     if isinstance(velocity, float):
         if inlet.side is None:
             raise InputError(
-                f"{key}.velocity", velocity, "is a vector where no side says what inward is",
+                f"{key}.velocity", velocity, "must be a vector, because without a side there is no inward direction",
                 f"give {dimension} numbers",
             )  # fmt: skip
         velocity = tuple((-velocity if upper else velocity) if a == axis else 0.0 for a in range(dimension))
     if len(velocity) != dimension:
-        raise InputError(f"{key}.velocity", velocity, f"needs {dimension} numbers", "correct it")
+        raise InputError(
+            f"{key}.velocity", velocity, f"needs {dimension} numbers", f"give {dimension} numbers"
+        )
     if inlet.side is not None and (velocity[axis] >= 0.0 if upper else velocity[axis] <= 0.0):
         raise InputError(
-            f"{key}.velocity", velocity, f"does not point inwards at side {inlet.side}", "turn it round"
+            f"{key}.velocity",
+            velocity,
+            f"does not point into the box at side {inlet.side}",
+            "reverse its direction",
         )
     return velocity
 
@@ -196,11 +212,11 @@ def check_exits(scene: Any) -> None:
         if scene.particles is None:
             reason = "needs [particles]"
         elif side.kind == "periodic":
-            reason = "a periodic side has no outside"
+            reason = "particles cannot leave through a periodic side"
         elif scene.fluid is not None and side.kind != "outlet":
-            reason = f"with a fluid particles leave at an outlet only, and this side is {side.kind}"
+            reason = f"with a fluid, particles can leave only through an outlet, and this side is {side.kind}"
         elif side.from_ is not None:
-            reason = "the whole side removes particles, and this one is a patch"
+            reason = "particles can leave only through a whole side, and this outlet is a patch"
         if reason is not None:
             raise InputError(key, side.particles, reason, 'set it to "screen"')
 
@@ -211,8 +227,8 @@ def check_history(scene: Any) -> None:
         raise InputError(
             "coupling.basset",
             scene.coupling.basset,
-            "its history is kept for particles that are there from the start to the end",
-            "set it to 0, or let no particle come in or leave",
+            "its history is kept only for particles that are present from the start to the end",
+            "set it to 0, or use a scene in which no particle enters or leaves",
         )
 
 

@@ -69,7 +69,9 @@ def _completed(key: str, wall: Wall, dimension: int, periodic: tuple[bool, ...])
     if wall.kind == "cylinder":
         if (wall.axis is None) == (dimension == 3):
             words = "is needed in 3-D" if dimension == 3 else "is for 3-D scenes only"
-            raise InputError(f"{key}.axis", wall.axis, words, "give a direction in 3-D, none in 2-D")
+            raise InputError(
+                f"{key}.axis", wall.axis, words, "give a direction in 3-D, and remove this key in 2-D"
+            )
         across = [
             0.0 if wall.axis and math.hypot(*wall.axis) == abs(wall.axis[k]) else 1.0
             for k in range(dimension)
@@ -90,20 +92,22 @@ def _check_keys(key: str, wall: Wall) -> None:
             raise InputError(
                 f"{key}.{name}",
                 getattr(wall, name),
-                f"a wall of kind {wall.kind} takes {', '.join(known)}",
-                "remove it" if given else "add it",
+                f"the keys of a wall of kind {wall.kind} are {', '.join(known)}",
+                "remove this key" if given else "add this key",
             )
 
 
 def _check_vector(key: str, value: tuple[float, ...] | None, dimension: int) -> None:
     if value is not None and len(value) != dimension:
-        raise InputError(key, value, f"needs {dimension} numbers, got {len(value)}", f"give {dimension}")
+        raise InputError(
+            key, value, f"needs {dimension} numbers, got {len(value)}", f"give {dimension} numbers"
+        )
 
 
 def _check_direction(key: str, value: tuple[float, ...] | None, dimension: int) -> None:
     _check_vector(key, value, dimension)
     if value is not None and math.hypot(*value) == 0.0:
-        raise InputError(key, value, "a direction must not be zero", "give a vector of any other length")
+        raise InputError(key, value, "a direction must not be zero", "give a vector that is not zero")
 
 
 def _check_wedge(key: str, directions: tuple[Any, ...], dimension: int) -> None:
@@ -118,7 +122,7 @@ def _check_wedge(key: str, directions: tuple[Any, ...], dimension: int) -> None:
             key,
             directions,
             "the planes must enclose an angle between 0 and 180 degrees",
-            "turn one of them, or use a plane",
+            "change one of the directions, or use a plane",
         )
 
 
@@ -130,5 +134,5 @@ def _check_periodic(key: str, across: tuple[float, ...], periodic: tuple[bool, .
                 key,
                 f"along axis {axis}",
                 "the wall must be the same all along a periodic axis",
-                "turn the wall, or make the sides across that axis walls",
+                "turn the wall, or do not make that axis periodic",
             )

@@ -223,7 +223,7 @@ class TimeLoop:
     def _leave(self) -> NoReturn:
         """The run as a signal leaves it: with a checkpoint, and a summary for which nothing more is compiled."""
         self._write_checkpoint()
-        message = f"stopped by signal {self.caught[0]}; go on with --resume"
+        message = f"stopped by signal {self.caught[0]}; continue with --resume"
         self.directory.interrupt(self._summary(False, message, split_stages=False))
         raise Interrupted(self.caught[0], self.time)
 
@@ -321,14 +321,14 @@ def samples_every(scene: Scene, simulation: Simulation) -> int:
         raise InputError("output.samples", wanted, "needs both [fluid] and [particles]", "set it to 0")
     if simulation.population is not None:
         raise InputError(
-            "output.samples", wanted, "training samples of particles that come and go are not built", "set it to 0"
+            "output.samples", wanted, "training samples cannot be written where particles enter or leave", "set it to 0"
         )  # fmt: skip
     if wanted > scene.time.end * (1.0 + 1e-9):
         raise InputError(
             "output.samples",
             wanted,
-            f"the scene ends at {scene.time.end:g} s: there would be none",
-            "lower it",
+            f"the scene ends at {scene.time.end:g} s, so there would be no sample",
+            "lower the time between samples",
         )
     ratio = wanted / simulation.interval
     every = max(1, round(ratio))
@@ -337,6 +337,6 @@ def samples_every(scene: Scene, simulation: Simulation) -> int:
             "output.samples",
             wanted,
             f"must be a multiple of the coupling interval, {simulation.interval:.6g} s",
-            f"for example {every * simulation.interval:.6g}",
+            f"use, for example, {every * simulation.interval:.6g}",
         )
     return every

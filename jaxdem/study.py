@@ -307,7 +307,7 @@ def _claim(out: Path, identity: dict[str, Any], known: Collection[str] = ()) -> 
             found = parse_json(read_text(marker))
         except (OSError, ValueError):
             raise InputError(
-                "--out", str(out), "has a study.json that is none", "choose another folder"
+                "--out", str(out), "has a study.json that is not a study's", "choose another folder"
             ) from None
         if found != identity:
             raise InputError("--out", str(out), f"holds the study {found}", "choose another folder")

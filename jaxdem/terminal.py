@@ -63,7 +63,7 @@ def print_run(result: Run) -> None:
     ]
     rows = {
         "valid": "yes" if summary.get("valid") else "no",
-        "run time": f"{run_time(summary):.3g} s, and {compile_time(summary):.3g} s compiling",
+        "run time": f"{run_time(summary):.3g} s, plus {compile_time(summary):.3g} s for compilation",
         "stages": ", ".join(parts),
         "output": str(result.path),
     }
@@ -87,7 +87,7 @@ def fit_table(metadata: dict[str, Any]) -> Table:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """The table, what to beware of, and where the page is."""
+    """The table, the warnings, and the place of the page."""
     from jaxdem.report import terminal_table
 
     show(terminal_table(comparison))

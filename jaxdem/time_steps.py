@@ -86,7 +86,7 @@ def time_steps(scene: Scene) -> TimeSteps:
             "coupling.interval",
             interval,
             f"must divide time.output_interval = {output} s",
-            f"for example coupling.interval = {output / per_output:.6g}",
+            f"use, for example, coupling.interval = {output / per_output:.6g}",
         )
     interval = simulated_time(output, 1, per_output)
     if outputs * per_output > MOST_INTERVALS:
@@ -94,7 +94,7 @@ def time_steps(scene: Scene) -> TimeSteps:
             "time.end",
             scene.time.end,
             f"needs {outputs * per_output:.3g} coupling intervals of {interval:.3g} s, the limit is {MOST_INTERVALS}",
-            "lower time.end, or raise the step that is so short: coupling.interval, fluid.time_step or fluid.viscosity",
+            "lower time.end, or raise the short step: coupling.interval, fluid.time_step, or its limit by fluid.viscosity",
         )
     count = 0
     if scene.particles is not None and scene.contact is not None:
@@ -172,7 +172,10 @@ def _fluid_steps(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
         return given, step
     if step > output * (1.0 + 1e-9):
         raise InputError(
-            "fluid.time_step", step, f"must not exceed time.output_interval = {output} s", "lower it"
+            "fluid.time_step",
+            step,
+            f"must not exceed time.output_interval = {output} s",
+            "lower the fluid step",
         )
     return output / _whole(output / step), step
 
@@ -184,7 +187,7 @@ def _given_interval(scene: Scene) -> float | None:
         return None
     if interval > scene.time.output_interval * (1.0 + 1e-9):
         limit = f"must not exceed time.output_interval = {scene.time.output_interval} s"
-        raise InputError("coupling.interval", interval, limit, "lower it")
+        raise InputError("coupling.interval", interval, limit, "lower the interval")
     return interval
 
 
@@ -226,8 +229,8 @@ def _check_courant(scene: Scene, interval: float) -> None:
         raise InputError(
             "coupling.interval" if _given_interval(scene) is not None else "fluid.time_step",
             interval,
-            f"the fluid passes {interval * max(rates):.3g} cells in it, {SUBSTEPS[-1]} fluid steps of a Courant number "
-            f"of {fluid.courant_limit} pass {SUBSTEPS[-1] * fluid.courant_limit:.3g}",
+            f"the fluid crosses {interval * max(rates):.3g} cells in this time; {SUBSTEPS[-1]} fluid steps with a Courant number "
+            f"of {fluid.courant_limit} allow {SUBSTEPS[-1] * fluid.courant_limit:.3g}",
             f"set it to {allowed:.3g} or less, or use larger cells",
         )
 

@@ -136,7 +136,7 @@ def test_a_scene_that_is_not_there(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("particles.radus=1", ("particles.radus", "did you mean 'radius'")),
+        ("particles.radus=1", ("particles.radus", "Did you mean 'radius'")),
         ("time.end=-1", ("time.end", "greater than 0")),
         ("time.end", ("--set", "key=value")),
         ("contact.time_step=2e-2", ("contact.time_step", "stable step", '"auto"')),
@@ -234,7 +234,7 @@ def test_check_prints_what_a_user_decides_by(grains):
         "contact.maximum_overlap",
         "every contact that there is room for",
         "automatic contact step",
-        "no limit of stability",
+        "no stability limit",
         "float32 resolves overlaps",
         "compiled in particles, contact law HertzMindlin, rolling friction",
         "drag law KochHill",
@@ -428,7 +428,7 @@ def continue_study(out):
             ("--vary", "contact.friction=0.1", "--set", "contact.friction=0.2"),
             ("contact.friction", "given twice"),
         ),
-        (("--vary", "contact.fricton=0.1"), ("contact.fricton", "did you mean 'friction'")),
+        (("--vary", "contact.fricton=0.1"), ("contact.fricton", "Did you mean 'friction'")),
         (("--vary", "contact.friction=0.1,-1"), ("contact.friction", "-1")),
         (("--vary", "precision=float32,float64"), ("precision", "--set")),
         (("--vary", "domain.size=[0.2,0.2],[0.2"), ("TOML",)),

@@ -40,7 +40,9 @@ def test_too_fast_names_the_fast_one_and_not_one_that_has_been_removed(world):
     reason, where, remedy = told(
         world, Failure.TOO_FAST, position=outside, velocity=velocity, active=[False, True, True]
     )
-    assert "so fast" in reason and where.startswith("particle 2, last at (0.3, 0.3) m, at 300 m/s where")
+    assert "so fast" in reason and where.startswith(
+        "particle 2, last at (0.3, 0.3) m, at 300 m/s; the limit is"
+    )
     assert "contact.speed" in remedy
 
 
@@ -58,7 +60,7 @@ def test_the_message_says_that_the_fluid_pushed_and_what_to_stiffen(world):
     position = [[0.1, 0.1], [0.2, 0.401], [0.3, 0.3]]
     force = [[0.0, 0.0], [0.0, 3.2667], [0.0, 0.0]]
     _, where, remedy = told(world, Failure.PARTICLE_LOST, position=position, fluid_force=force)
-    assert "the fluid pushing it out with 30 times its weight" in where
+    assert "the fluid pushes it out with 30 times its weight" in where
     assert "contact.young_modulus" in remedy and "contact.speed" in remedy
 
 

@@ -166,7 +166,7 @@ def test_one_large_grain_among_small_ones_is_dear_and_said_so():
 
 def test_cells_under_a_diameter_are_said():
     (said,) = check_scene(scene_with(fluid={"cells": [20, 40]})).warnings
-    assert said.startswith("fluid.cells: cells of 0.5 of the largest diameter")
+    assert said.startswith("fluid.cells: the cell side is 0.5 of the largest diameter")
 
 
 # --- Units ---------------------------------------------------------------------------------------------

@@ -194,7 +194,7 @@ def test_what_does_not_print_is_shown_as_an_escape():
     assert visible(text) == "a\\x1b[31m \\x9b\\u202e\\udc80\\t\n\xa0ü日"
     assert visible(visible(text)) == visible(text)
     error = InputError("a\x1b\nb", "\x1b", "limit \x1b", "remedy \x07")
-    assert str(error) == "a\\x1b\\nb = '\\x1b': limit \\x1b. remedy \\x07"
+    assert str(error) == "a\\x1b\\nb = '\\x1b': limit \\x1b. Remedy \\x07"
 
 
 def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):

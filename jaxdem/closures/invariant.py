@@ -190,13 +190,15 @@ def check_terms(terms: Sequence[str]) -> None:
     """Raise InputError for a term that is not in `TERMS` or is named twice."""
     unknown = [name for name in terms if name not in TERMS]
     if unknown or len(set(terms)) != len(terms):
-        raise InputError("terms", tuple(terms), f"are some of {TERMS}, each once", "Correct the names.")
+        raise InputError(
+            "terms", tuple(terms), f"must be names from {TERMS}, each once", "Correct the names."
+        )
 
 
 def check_features(features: Sequence[str]) -> None:
     """Raise InputError for features that are not some of `FEATURES` in their order."""
     if not features or tuple(features) != tuple(name for name in FEATURES if name in features):
-        limit = f"are some of {FEATURES}, each once, in this order"
+        limit = f"must be names from {FEATURES}, each once, in this order"
         raise InputError("features", tuple(features), limit, "Correct the names.")
 
 

@@ -294,16 +294,14 @@ class RunDirectory:
             yield
         except OSError as error:
             reason = f"cannot write to the run directory: {reason_of(error)}"
-            remedy = (
-                f"Earlier frames are kept ({self.frames}). Make room or access, then go on with --resume."
-            )
+            remedy = f"Earlier frames are kept ({self.frames}). Free some disk space or correct the permissions, then continue with --resume."
             raise RunError(reason, str(self.path), self._time, remedy) from error
 
     def _require_own_folder(self) -> None:
         """Raise RunError where another folder has taken the place of the one that the run began in."""
         if self._lock is not None and not still_locked(self.path, self._lock):
             reason = f"the run directory was moved, replaced, or its {LOCK} removed while the run wrote to it"
-            remedy = "Nothing more was written. Go on with --resume where the folder is now, or start the run anew."
+            remedy = "Nothing more was written. Continue with --resume in the place of the moved folder, or start a new run."
             raise RunError(reason, str(self.path), self._time, remedy)
 
 
@@ -320,7 +318,7 @@ def _require_same_scene(path: Path, scene_toml: str) -> None:
     )
     if difference is not None:
         key, before, after = difference
-        limit = f"the run in {path} has {before!r}, and --resume goes on with the same scene only"
+        limit = f"the run in {path} has {before!r}, and --resume only continues the same scene"
         raise InputError(key, after, limit, f"Give {key} as stored in {path / SCENE}, or another {OPTION}.")
 
 
@@ -339,7 +337,7 @@ def _just_begun(path: Path) -> bool:
 
 def _occupied(path: Path) -> InputError:
     if (path / CHECKPOINT).is_file() or _just_begun(path):
-        remedy = "Give another folder, or --resume to go on with the run in it."
+        remedy = "Give another folder, or --resume to continue the run in it."
     else:
         remedy = "Give another folder, or empty this one (there is no checkpoint to --resume from)."
     return InputError(OPTION, str(path), "is not empty", remedy)

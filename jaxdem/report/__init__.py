@@ -62,12 +62,14 @@ def compare(
             do not increase, parity arrays of unlike shape.
     """
     if not runs:
-        raise InputError("runs", list(runs), "at least one", "Name a run to compare with the reference.")
+        raise InputError(
+            "runs", list(runs), "needs at least one run", "Name a run to compare with the reference."
+        )
     chosen = numbers.choose_names(reference, runs, names)
     cost = {name: float(seconds) for name, seconds in (training_cost or {}).items()}
     for key, given in (("training_cost", cost), ("packs", packs or {})):
         if unknown := [name for name in given if name not in chosen[1:]]:
-            limit = f"names of runs: {', '.join(chosen[1:])}"
+            limit = f"must have names of runs: {', '.join(chosen[1:])}"
             raise InputError(key, unknown, limit, "Use the names of the runs.")
     figures.check_parity(parity or {})
     roles = ["reference"] + ["run"] * len(runs)

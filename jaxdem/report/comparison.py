@@ -168,7 +168,10 @@ def choose_names(reference: RunLike, runs: Sequence[RunLike], names: Sequence[st
     if names is not None:
         if len(names) not in (len(runs), len(runs) + 1):
             raise InputError(
-                "names", list(names), f"one a run, {len(runs)}", "Or one more, the reference's first."
+                "names",
+                list(names),
+                f"must have one name for each of {len(runs)} run(s)",
+                "Give that many, or one more with the name of the reference first.",
             )
         chosen = [str(n) for n in names]
         if len(chosen) == len(runs):
@@ -176,7 +179,7 @@ def choose_names(reference: RunLike, runs: Sequence[RunLike], names: Sequence[st
                 0, _default_name(reference) if _default_name(reference) not in chosen else "reference"
             )
         if len(set(chosen)) < len(chosen):
-            raise InputError("names", chosen, "all different", "Rename one of the two.")
+            raise InputError("names", chosen, "must all be different", "Rename one of the two.")
         return chosen
     chosen = [_default_name(run) for run in (reference, *runs)]
     longer = [

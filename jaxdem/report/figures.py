@@ -165,7 +165,7 @@ def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: P
                 label="Pareto front (run time)",
             )
         for level in noise:
-            axis.axhline(level, color=style.NOISE, linewidth=1.6, zorder=1, label="noise floor")
+            axis.axhline(level, color=style.NOISE, linewidth=1.6, zorder=1, label="noise")
         if comparison.reference.run_time_s > 0:
             axis.axvline(comparison.reference.run_time_s, color=style.REFERENCE, linewidth=1.2, zorder=1)
             axis.plot([], [], color=style.REFERENCE, label="reference (error 0)")

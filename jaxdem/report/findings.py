@@ -102,11 +102,11 @@ def _or_inf(value: float) -> float:
 def _reference_sentence(reference: Row) -> str:
     took = f", which took {duration(reference.run_time_s)}" if math.isfinite(reference.run_time_s) else ""
     return (
-        f"Reference is {reference.name}"
+        f"The reference is {reference.name}"
         + (f" on {reference.cells_text} cells" if reference.cells else " (no fluid)")
         + took
-        + ". Run times are without compiling. Error means the time integral of the difference from it over the time integral"
-        " of its own size, averaged over the metrics."
+        + ". Run times do not include compilation. The error of a run in a metric is the time integral of the difference from the reference, divided by"
+        " the time integral of the reference's absolute value. The mean error is the mean over the metrics."
     )
 
 
@@ -114,38 +114,38 @@ def _noise_sentences(comparison: Comparison) -> list[str]:
     noise, floor = comparison.error_noise, comparison.noise_mean
     if not math.isfinite(noise):
         return [
-            "The noise is not known, for no run was done with another pack: a small difference between two errors may mean "
-            "nothing."
+            "The noise is not known, because no run was repeated with another pack. A small difference between two errors may be due to "
+            "chance."
         ]
     result = []
     if math.isfinite(floor):
         used = sum(row.ranked for row in comparison.noise_rows)
         result.append(
-            f"Runs of the reference that differ only in a small jitter of the pack already differ by {percent(floor)} "
-            f"({used} run(s)): no model can be expected to do better than this noise floor."
+            f"Reference runs that differ only in a small jitter of the pack differ by {percent(floor)} "
+            f"({used} run(s)). This is the noise; no model can be expected to have a smaller error."
         )
-    result.append(f"Two mean errors that differ by {percent(noise)} or less are the same within the noise.")
+    result.append(f"Two mean errors that differ by {percent(noise)} or less count as equal within the noise.")
     if math.isfinite(comparison.time_noise):
         result.append(
-            f"Run times of the same work with other packs vary by {percent(comparison.time_noise)} about their middle: a smaller "
-            "difference between two run times means nothing."
+            f"Run times of the same work with other packs vary by {percent(comparison.time_noise)} about their median. A smaller "
+            "difference between two run times is not significant."
         )
     return result
 
 
 def _run_sentence(row: Row, comparison: Comparison) -> str:
     if not math.isfinite(row.mean_error):
-        return f"{row.name}: no error can be given ({row.status})."
+        return f"{row.name}: the error is not known ({row.status})."
     known = {name: error for name, error in row.errors.items() if math.isfinite(error)}
     worst, best = max(known, key=known.__getitem__), min(known, key=known.__getitem__)
-    parts = [f"{row.name} errs by {percent(row.mean_error)} on average"]
+    parts = [f"{row.name} has a mean error of {percent(row.mean_error)}"]
     if len(row.packs) > 1:
         parts.append(f", {_range(row)}")
     if math.isfinite(row.error_over_noise):
-        parts.append(f" ({times(row.error_over_noise)} times the noise floor)")
+        parts.append(f" ({times(row.error_over_noise)} times the noise)")
     if len(known) > 1:
         parts.append(
-            f", most in {LABEL[worst]} ({percent(known[worst])}) and least in {LABEL[best]} ({percent(known[best])})"
+            f", largest in {LABEL[worst]} ({percent(known[worst])}) and smallest in {LABEL[best]} ({percent(known[best])})"
         )
     ratio = time_ratio(row, comparison.reference, comparison.time_noise)
     if math.isfinite(ratio) and row.ranked:
@@ -184,11 +184,11 @@ def twin_without_closure(row: Row, comparison: Comparison) -> Row | None:
 
 OUTCOME = {
     Verdict.LOWER: "On {cells} cells the closure lowers the mean error",
-    Verdict.HIGHER: "On {cells} cells the closure does not help, it raises the mean error",
-    Verdict.SAME: "On {cells} cells the learned closure is no better than none, the difference is within the noise",
-    Verdict.MAYBE_LOWER: "On {cells} cells the mean error is lower with the closure, and as the noise is not known this may be chance",
-    Verdict.MAYBE_HIGHER: "On {cells} cells the mean error is higher with the closure, and as the noise is not known this may be chance",
-    Verdict.UNKNOWN: "On {cells} cells the closure cannot be judged",
+    Verdict.HIGHER: "On {cells} cells the closure raises the mean error",
+    Verdict.SAME: "On {cells} cells the run with the learned closure is no better than the run without it; the difference is within the noise",
+    Verdict.MAYBE_LOWER: "On {cells} cells the mean error is lower with the closure; because the noise is not known, this may be chance",
+    Verdict.MAYBE_HIGHER: "On {cells} cells the mean error is higher with the closure; because the noise is not known, this may be chance",
+    Verdict.UNKNOWN: "On {cells} cells it is not known whether the closure helps",
 }
 """What is said of a closure."""
 
@@ -198,7 +198,7 @@ def _closure_sentence(row: Row, comparison: Comparison) -> str:
     twin = twin_without_closure(row, comparison)
     if twin is None:
         return (
-            f"Whether the closure helps {row.name} cannot be said: there is no valid run on the same mesh "
+            f"It is not known whether the closure improves {row.name}: there is no valid run on the same mesh "
             f"({row.cells_text}) without a closure.{_cost(row, None, comparison)}"
         )
     pairs = [(row.errors[name], twin.errors[name]) for name in LABEL]
@@ -211,7 +211,7 @@ def _closure_sentence(row: Row, comparison: Comparison) -> str:
     noise = f"; the noise is {percent(comparison.error_noise)}" if verdict is Verdict.SAME else ""
     return (
         f"{OUTCOME[verdict].format(cells=row.cells_text)}: {percent(row.mean_error)} with it{with_it} against "
-        f"{percent(twin.mean_error)} without{without}, smaller in {better} of {len(pairs)} metrics{noise}."
+        f"{percent(twin.mean_error)} without{without}, with a smaller error in {better} of {len(pairs)} metrics{noise}."
         f"{_cost(row, verdict, comparison)}"
     )
 
@@ -220,19 +220,19 @@ def _cost(row: Row, verdict: Verdict | None, comparison: Comparison) -> str:
     """What the training took, and when it pays: only where it made the run better. "" without a training."""
     if not math.isfinite(row.training_cost_s):
         return ""
-    start = f" Its training took {duration(row.training_cost_s)} besides"
+    start = f" Its training took {duration(row.training_cost_s)}"
     if verdict is None or verdict is Verdict.UNKNOWN:
-        return start + "; whether that pays cannot be said."
+        return start + "; it is not known whether this time is regained."
     if verdict not in (Verdict.LOWER, Verdict.MAYBE_LOWER):
-        return start + ", which is not earned back: the run without the closure needs none."
+        return start + ", which is not regained, because the run without the closure needs no training."
     ratio = time_ratio(row, comparison.reference, comparison.time_noise)
     if not math.isfinite(ratio):
-        return start + "; run times are not recorded, so when it pays cannot be said."
+        return start + "; run times are not recorded, so it is not known when this time is regained."
     if ratio <= 1.0:
-        return start + " and, as the run is no faster than the reference, is never earned back."
+        return start + ". This time is never regained, because the run is no faster than the reference."
     runs = math.ceil(row.training_cost_s / (comparison.reference.run_time_s - row.run_time_s))
-    sure = "" if verdict is Verdict.LOWER else " if the gain is none by chance"
-    return start + f"; against the reference's run time it is earned back after {runs} run(s){sure}."
+    sure = "" if verdict is Verdict.LOWER else ", if the gain is not due to chance"
+    return start + f"; compared with the run time of the reference it is regained after {runs} run(s){sure}."
 
 
 def _front_sentence(comparison: Comparison, runs: Sequence[Row]) -> list[str]:
@@ -243,7 +243,7 @@ def _front_sentence(comparison: Comparison, runs: Sequence[Row]) -> list[str]:
     order = " (cheapest first)" if len(front) > 1 else ""
     if not math.isfinite(comparison.error_noise):
         return [
-            f"On the Pareto front of error against run time{order}: {names}. It counts every difference, for the noise is not known."
+            f"On the Pareto front of error against run time{order}: {names}. Every difference counts, because the noise is not known."
         ]
     alike = [
         row.name
@@ -251,7 +251,7 @@ def _front_sentence(comparison: Comparison, runs: Sequence[Row]) -> list[str]:
         if row.ranked and not row.pareto and any(_alike(row, other, comparison) for other in front)
     ]
     return [
-        f"On the Pareto front of error against run time{order}: {names}; its points differ by more than the noise."
+        f"On the Pareto front of error against run time{order}: {names}. Its points differ by more than the noise."
         + (f" Within the noise of a point on it: {', '.join(alike)}." if alike else "")
     ]
 
@@ -268,7 +268,7 @@ def warnings(comparison: Comparison, entries: Sequence[Entry], until: float | No
     result = []
     if not reference.ranked:
         result.append(
-            f"The reference itself is not sound ({reference.status}): no error below can be trusted."
+            f"The reference is not valid and complete ({reference.status}): do not trust any error on this page."
         )
     bad = [row for row in (*runs, *comparison.noise_rows) if not row.ranked]
     if bad:
@@ -279,10 +279,10 @@ def warnings(comparison: Comparison, entries: Sequence[Entry], until: float | No
         done, used = 1 + len(by_name[row.name].packs), len(row.packs)
         if used < done:
             result.append(
-                f"{row.name}: {used} of {done} packs are counted, the others are invalid or incomplete."
+                f"{row.name}: {used} of {done} packs are counted; the others are invalid or incomplete."
             )
     if comparison.noise_rows and not math.isfinite(comparison.noise_mean):
-        result.append("No noise run is valid and complete: there is no noise floor.")
+        result.append("No noise run is valid and complete, so the noise is not known.")
     spans = {(row.compared_from, row.compared_until) for row in runs if math.isfinite(row.compared_until)}
     short = [row for row in runs if math.isfinite(row.compared_until) and row.end_time != reference.end_time]
     if len(spans) > 1 or short:
@@ -290,12 +290,12 @@ def warnings(comparison: Comparison, entries: Sequence[Entry], until: float | No
             f"{row.name} {row.compared_from:.4g} to {row.compared_until:.4g} s" for row in short
         )
         result.append(
-            "The runs differ in length. Each is compared with the reference over the span the two share"
+            "The runs differ in length. Each is compared with the reference over the time that both cover"
             + (f": {listed}" if listed else "")
-            + ". Final values are those at each run's own last output."
+            + ". Final values are those at the last output of each run."
         )
     if until is not None:
-        result.append(f"Nothing after {until:.4g} s is compared.")
+        result.append(f"The comparison ends at {until:.4g} s.")
     return result + _unlike(comparison, entries)
 
 
@@ -305,7 +305,7 @@ def _unlike(comparison: Comparison, entries: Sequence[Entry]) -> list[str]:
     result = []
     sizes = {read.domain_size(entry.run) for entry in entries} - {None}
     if len(sizes) > 1:
-        result.append("The runs are of boxes of different size: errors compare different scenes.")
+        result.append("The runs have boxes of different size, so the errors compare different scenes.")
     counts = {row.particles for row in rows if math.isfinite(row.particles)}
     if len(counts) > 1:
         result.append(
@@ -314,22 +314,22 @@ def _unlike(comparison: Comparison, entries: Sequence[Entry]) -> list[str]:
     devices = {read.text(read.lookup(entry.run.summary, "device")) for entry in entries}
     if len(devices) > 1:
         result.append(
-            f"Run times are from different machines ({'; '.join(sorted(devices))}) and not comparable."
+            f"Run times are from different machines ({'; '.join(sorted(devices))}) and cannot be compared."
         )
     untimed = [row.name for row in rows if not math.isfinite(row.run_time_s)]
     if untimed:
         result.append(
-            f"No run time recorded, so not in the plot of error against run time: {', '.join(untimed)}."
+            f"Not in the plot of error against run time, because no run time is recorded: {', '.join(untimed)}."
         )
     counted = {row.metrics_counted for row in rows[1:] if row.metrics_counted}
     if len(counted) > 1:
         listed = ", ".join(f"{row.name} {row.metrics_counted}" for row in rows[1:])
-        result.append(f"The mean error is not over the same number of metrics in all runs: {listed}.")
+        result.append(f"The mean errors are over different numbers of metrics: {listed}.")
     infinite = sorted(
         {LABEL[name] for row in rows for name, error in row.errors.items() if math.isinf(error)}
     )
     if infinite:
         result.append(
-            f"The reference is zero in {', '.join(infinite)}: no relative error there, left out of the mean."
+            f"The reference is zero in {', '.join(infinite)}. There is no relative error for it, and the mean error leaves it out."
         )
     return result

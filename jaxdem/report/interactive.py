@@ -138,8 +138,8 @@ def _add_lines(figure: go.Figure, comparison: Comparison, points: Sequence[Row],
     levels = [max(row.mean_error, floor) for row in points] + [noise] * (noise > 0)
     if noise > 0 and costs:
         figure.add_scatter(
-            x=[0.9 * min(costs), 1.1 * max(costs)], y=[noise, noise], mode="lines", name="noise floor",
-            line={"color": style.NOISE, "width": 2}, hovertemplate="noise floor %{y:.3g}<extra></extra>",
+            x=[0.9 * min(costs), 1.1 * max(costs)], y=[noise, noise], mode="lines", name="noise",
+            line={"color": style.NOISE, "width": 2}, hovertemplate="noise %{y:.3g}<extra></extra>",
         )  # fmt: skip
     if reference > 0 and levels:
         figure.add_scatter(

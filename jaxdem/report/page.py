@@ -87,8 +87,8 @@ def write_page(
         "<h2>Error against run time</h2>",
         interactive.error_plot(comparison, styles),
         _caption(
-            "Each point is a run; down and to the left is better. Run time is without compiling. Error is the mean over the "
-            "metrics; small points are the same run with other packs; a hollow point adds the time of training. The reference has error zero by definition and is the vertical line."
+            "Each point is a run. Lower and further to the left is better. The run time does not include compilation. The error is the mean over the "
+            "metrics. Small points are the same run with other packs. A hollow point includes the training time. The vertical line is the run time of the reference, whose error is zero by definition."
         ),
         "<h2>Errors by metric</h2>",
         _error_table(comparison, styles),
@@ -97,21 +97,21 @@ def write_page(
         "<h2>The nine metrics over time</h2>",
         interactive.metrics_plot(entries, comparison, styles),
         _caption(
-            "Click a name in the legend to hide that run in all panels; drag to zoom, double-click to go back."
+            "Click a name in the legend to hide that run in all panels. Drag to zoom in; double-click to zoom out."
         ),
         *_animations(entries, comparison, styles),
         *_image(
             comparison,
             "snapshots",
             "Snapshots",
-            "Particles are discs of their true radius; one colour scale for all panels.",
+            "Particles are drawn with their true radius. All panels have the same colour scale.",
         ),
-        *_image(comparison, "parity", "Force by closure and base law against the target", ""),
+        *_image(comparison, "parity", "Force from the closure and from its base law against the target", ""),
         *(["<h2>Notes</h2>", _list(comparison.notes, "notes")] if comparison.notes else []),
         *map(_section, sections),
-        "<h2>What differs from the reference's scene</h2>",
+        "<h2>Differences from the scene of the reference</h2>",
         _difference_table(entries),
-        "<h2>Versions, machine, state of the runs</h2>",
+        "<h2>Versions, machines and state of the runs</h2>",
         _machine_table(comparison, entries),
     ]
     page = (
@@ -144,7 +144,7 @@ def _caption(text: str) -> str:
 def _warnings(comparison: Comparison) -> str:
     if not comparison.warnings:
         return ""
-    return f'<div class="warning"><strong>Beware</strong>{_list(comparison.warnings, "notes")}</div>'
+    return f'<div class="warning"><strong>Warnings</strong>{_list(comparison.warnings, "notes")}</div>'
 
 
 def _image(comparison: Comparison, name: str, heading: str, caption: str) -> list[str]:
@@ -211,8 +211,8 @@ def _error_table(comparison: Comparison, styles: dict[str, RunStyle]) -> str:
         *(metric.label for metric in METRICS),
         "mean",
     ]
-    head += ["over packs"] if packs else []
-    head += ["over noise floor"] if noise else []
+    head += ["range over packs"] if packs else []
+    head += ["mean over noise"] if noise else []
     body = []
     for row in comparison.rows[1:]:
         speed_up = comparison.reference.run_time_s / row.run_time_s if row.run_time_s > 0 else math.nan
@@ -225,10 +225,11 @@ def _error_table(comparison: Comparison, styles: dict[str, RunStyle]) -> str:
     if math.isfinite(comparison.noise_mean):
         floor = [percent(comparison.noise_floor[metric.name]) for metric in METRICS]
         floor += [percent(comparison.noise_mean), *([""] if packs else []), "1"]
-        body.append(("noise", ["noise floor", "", "", "", "", *floor]))
+        body.append(("noise", ["noise", "", "", "", "", *floor]))
     return _table(head, body) + _caption(
-        "Bold: the smallest error of a sound run in that metric. Run time is without compiling; loading a program from the "
-        "cache counts as compiling." + (" Errors are means over the packs, times medians." if packs else "")
+        "Bold: the smallest error in that metric among valid, complete runs. The run time does not include compilation; loading a program from "
+        "the cache counts as compilation."
+        + (" Errors are means over the packs, times are medians." if packs else "")
     )
 
 
@@ -257,7 +258,7 @@ def _difference_table(entries: Sequence[Entry]) -> str:
             values = [escape(_short(value)) for value in (here, there)]
             body.append(("", [escape(entry.name), escape(key), *values]))
     if not body:
-        return _caption("Nothing: all scenes are the same.")
+        return _caption("None: all scenes are the same.")
     return _table(["run", "key", "value", "in the reference"], body, text_columns=(1, 2, 3))
 
 
@@ -274,7 +275,7 @@ def _machine_table(comparison: Comparison, entries: Sequence[Entry]) -> str:
         "compile time",
         "time steps [s]",
         "closure",
-        "out of its range",
+        "out of range",
         "residuals",
         "precision",
         "device",

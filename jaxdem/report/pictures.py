@@ -140,7 +140,7 @@ def require(run: RunLike, quantity: str) -> None:
         limit = "has no output that can be read yet"
         raise InputError("RUN", str(run.path), limit, "Wait for its first output, or run the scene again.")
     if quantity == "drag" and (run.fluid(0) is None or not run.particles(0)):
-        limit = f"{run.path} has no drag: it lacks particles or a fluid"
+        limit = f"{run.path} has no drag, because it has no particles or no fluid"
         raise InputError("--color", quantity, limit, "Colour by velocity.")
 
 

@@ -240,11 +240,15 @@ def _html(
 
 
 def _caption(entries: Sequence[Entry], outputs: Array, times: Array) -> str:
-    parts = ["Discs have their true radius, but are never under a pixel wide; one colour scale for all runs."]
+    parts = [
+        "Discs have their true radius, but are at least one pixel wide. All runs have the same colour scale."
+    ]
     if any(entry.run.dimension == 3 for entry in entries):
-        parts.append("3-D runs are seen from the front, the fluid's speed and walls averaged over the depth.")
+        parts.append(
+            "3-D runs are seen from the front. The speed of the fluid and the walls are averaged over the depth."
+        )
     if any(openings(entry.run.scene, read.domain_size(entry.run) or ()) for entry in entries):
-        parts.append("Green lines are inlets, pink ones outlets.")
+        parts.append("Green lines are inlets, pink lines are outlets.")
     if len(times) < len(outputs):
-        parts.append(f"{len(times)} of {len(outputs)} outputs, so that the page stays small.")
+        parts.append(f"To keep the page small, {len(times)} of {len(outputs)} outputs are shown.")
     return " ".join(parts)

@@ -15,13 +15,13 @@ from jaxdem.report.findings import error_range, percent
 def terminal_table(comparison: Comparison) -> Table:
     """Run, mesh, run and compile time, mean error with its range over packs, final run-off and height, state.
 
-    It fits 80 columns; why a run is unsound stands below the table.
+    It fits 80 columns. The reason for which a run is not ranked is printed below the table.
     """
     noise = math.isfinite(comparison.noise_mean)
     packs = any(len(row.packs) > 1 for row in comparison.rows)
     every = (*comparison.rows, *comparison.noise_rows)
     reasons = [f"{escape(row.name)}: {escape(row.status)}" for row in every if not row.ranked]
-    front = "* on the Pareto front of error against run time"
+    front = "*: on the Pareto front of error against run time"
     if not math.isfinite(comparison.error_noise):
         front += "; the noise is not known"
     caption = "\n".join([front, *reasons])

@@ -29,13 +29,13 @@ def check_request(name: str, scale: str, out: Path, parts: Sequence[str], jobs: 
             raise InputError(key, value, "is not known", f"known: {', '.join(sorted(known))}")
     if scale == "demo" and (parts or jobs is not None):
         key, value = ("--parts", ",".join(parts)) if parts else ("--jobs", str(jobs))
-        raise InputError(key, value, "is for the full size", "Give --scale paper as well.")
+        raise InputError(key, value, "is only used at full size", "Give --scale paper as well.")
     if jobs is not None and jobs < 0:
         raise InputError(
             "--jobs",
             jobs,
-            "must be at least 1, or 0 for the tables of what is there",
-            "Leave it out for one a core.",
+            "must be at least 1, or 0 for the tables of finished runs",
+            "Leave it out to use one process per core.",
         )
     try:
         if out.exists() and not out.is_dir():

@@ -76,7 +76,12 @@ def make_dataset(
     samples = _samples(source)
     for key, value in (overrides or {}).items():
         if not key.startswith(SEEING):
-            raise InputError(key, value, f"a dataset has {' and '.join(SEEING)} to set", "leave it out")
+            raise InputError(
+                key,
+                value,
+                f"the keys that can be set for a dataset are {' and '.join(SEEING)}",
+                "leave this key out",
+            )
     # Closures are trained in single precision, whatever the run had.
     single = {"precision": "float32"}
     scene, coarse_scene = (
@@ -85,12 +90,14 @@ def make_dataset(
     )
     assert scene.coupling is not None
     if scene.coupling.self_disturbance:
-        limit = "its law had the slip without the particle's own wake, which no sample holds"
+        limit = "its drag law received the slip without the wake of the particle, and samples do not contain this slip"
         raise InputError(
             "coupling.self_disturbance", True, limit, "Run the scene without it for training data."
         )
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
-        raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "for example 1,2,4,8")
+        raise InputError(
+            "--coarsen", coarsen, "needs different factors of at least 1", "use, for example, 1,2,4,8"
+        )
     groups, done, numbers = {}, 0, range(0, len(samples.times), every)
     for factor in coarsen:
         # The run's own mesh is seen as the run saw it: its forces belong to that.
@@ -217,6 +224,6 @@ def _samples(run: Run) -> Samples:
             "RUN",
             str(run.path),
             "holds no samples",
-            "run the scene again with --set output.samples=0.05 (a multiple of the coupling interval)",
+            "run the scene again with --set output.samples=0.05 (any multiple of the coupling interval)",
         )
     return run.samples

@@ -28,7 +28,7 @@ import optax
 from jax import Array
 from scipy.optimize import minimize
 
-from jaxdem.errors import InputError, RunError
+from jaxdem.errors import InputError, RunError, sentence
 from jaxdem.failures import Failure, first_meaning
 from jaxdem.io import load_run
 from jaxdem.particles.neighbors import Neighbors, Room
@@ -88,7 +88,7 @@ class FinetuneSettings:
                 raise InputError(name, getattr(self, name), "must be positive", "Raise it.")
         if self.horizons is not None and (not self.horizons or min(self.horizons) < 1):
             raise InputError(
-                "--horizons", self.horizons, "needs outputs, at least one each", "For example 1,2,4."
+                "--horizons", self.horizons, "needs at least one output in each stage", "For example 1,2,4."
             )
 
     def stages(self, outputs: int) -> tuple[int, ...]:
@@ -300,7 +300,9 @@ class Training:
         value, code = self._held_out_loss(self.best)
         if code or not math.isfinite(value):
             reason, remedy = (
-                first_meaning(code) if code else ("its loss is not finite", "Look at the closure.")
+                first_meaning(code)
+                if code
+                else ("its loss is not finite", "Check that a plain run with this closure works.")
             )
             where = f"run with the closures as given, {max(self.stages)} outputs"
             raise RunError(reason, where, 0.0, remedy)
@@ -439,4 +441,4 @@ def _no_gradient(code: int, horizon: int) -> str:
     reason, remedy = first_meaning(code) if code else (
         "the gradient is not finite", "Lower the learning rate or the horizons."
     )  # fmt: skip
-    return f"{PATIENCE} updates in a row over {horizon} outputs failed: {reason}. {remedy[0].upper()}{remedy[1:]}"
+    return f"{PATIENCE} updates in a row over {horizon} outputs failed: {reason}. {sentence(remedy)}"

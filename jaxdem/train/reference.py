@@ -158,7 +158,7 @@ def follow(scene: Scene, run: Run, closures: Closures) -> Course:
     per_output = _intervals_per_output(time_steps(scene).interval, run)
     simulation, parameters = build(scene, closures.drag, subgrid=closures.subgrid)
     if simulation.population is not None:
-        limit = "training where particles come and go is not built"
+        limit = "training is not possible where particles enter or leave"
         raise InputError("particles", "inlets or exits", limit, "Take them out of the scene.")
     template, _ = initial_state(scene, simulation, parameters)
     course = Course(scene, simulation, parameters, run, template, per_output, targets=None)  # type: ignore[arg-type]
@@ -211,7 +211,7 @@ def _check_scene(scene: Scene, closures: Closures) -> None:
             "Set it to 0 for the training.",
         )
     if closures.subgrid is not None and scene.fluid.smagorinsky > 0.0:
-        limit = "stands for the same eddies as the learned subgrid stress"
+        limit = "models the same unresolved eddies as the learned subgrid stress"
         raise InputError("fluid.smagorinsky", scene.fluid.smagorinsky, limit, "Set it to 0.")
     if isinstance(closures.drag, PaperNetwork) and closures.drag.dimension != scene.dimension:
         limit = f"was trained in {closures.drag.dimension}-D, the scene is {scene.dimension}-D"
@@ -221,7 +221,7 @@ def _check_scene(scene: Scene, closures: Closures) -> None:
 def _check_reference(scene: Scene, run: Run) -> None:
     path = str(run.path)
     if not run.has_particles or not run.has_fluid or run.number_of_frames < 2:
-        limit = "needs frames of particles and fluid, two at least"
+        limit = "needs at least two frames of particles and fluid"
         raise InputError(OPTION, path, limit, "Give the run directory of a finer run.")
     if run.summary.get("valid") is False:
         reason = run.summary.get("reason", "")
@@ -234,7 +234,7 @@ def _check_reference(scene: Scene, run: Run) -> None:
         )
     assert scene.fluid is not None and run.cells is not None
     if any(coarse > fine for coarse, fine in zip(scene.fluid.cells, run.cells, strict=True)):
-        limit = f"finer than the reference's {run.cells}"
+        limit = f"is finer than the {run.cells} of the reference"
         raise InputError("fluid.cells", scene.fluid.cells, limit, "Give as many cells as it has, or fewer.")
 
 
@@ -248,7 +248,7 @@ def _check_grains(scene: Scene, run: Run) -> None:
     radius = np.broadcast_to(scene_bodies(scene).radius, count)
     if not np.allclose(radius, frame["radius"], rtol=1e-5):
         raise InputError(
-            "particles.radius", radius[:1].tolist(), "the reference's grains have others", remedy
+            "particles.radius", radius[:1].tolist(), "the grains of the reference have other radii", remedy
         )
 
 
@@ -261,8 +261,8 @@ def _intervals_per_output(interval: float, run: Run) -> int:
         raise InputError(
             "time.output_interval",
             f"{spacing:.6g} s in the reference",
-            f"must be a multiple of the coarse run's coupling interval, {interval:.6g} s, all outputs "
-            "at even distance",
+            f"must be a multiple of the coarse run's coupling interval, {interval:.6g} s, and "
+            "the outputs must be equally spaced",
             "Set coupling.interval, or run the reference with another time.output_interval.",
         )
     return per_output

@@ -360,7 +360,7 @@ def test_resumed_it_is_the_same_bit_for_bit(streams):
         ({"velocity": 1.0}, "particles.inlet.0.velocity", "vector"),
         ({"rate": 1.0}, "particles.inlet.0.rate", "brings no particle"),
         ({"rate": 1e12, "total": None}, "particles.inlet.0.rate", "up to 3e+11"),
-        ({"ratte": 1.0}, "particles.inlet.0.ratte", "did you mean 'rate'"),
+        ({"ratte": 1.0}, "particles.inlet.0.ratte", "Did you mean 'rate'"),
         ({"begin": 0.2, "end": 0.1}, "particles.inlet.0.end", "after begin"),
         ({"material": "glass"}, "particles.inlet.0.material", "no such material"),
     ],
@@ -398,7 +398,7 @@ def test_the_depth_is_that_of_the_largest_that_comes():
     scene = jaxdem.load_scene({**SHEET, "particles": {**SHEET["particles"], "inlet": [
         {**SHEET["particles"]["inlet"][0], "radius": 0.05}]}})  # fmt: skip
     assert scene.domain.depth == 2.0 * largest_radius(scene.particles) == 0.1
-    with pytest.raises(InputError, match="come and go"):
+    with pytest.raises(InputError, match="enter or leave"):
         tables = {**STREAM, "output": {"samples": 0.02}}
         jaxdem.simulate(jaxdem.load_scene(tables), "unused")
 

@@ -339,12 +339,12 @@ def test_sizes_and_densities_from_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("particles", "tables", "key", "words"),
     [
-        ({"material": "sot"}, {}, "particles.material", "did you mean 'soft'"),
+        ({"material": "sot"}, {}, "particles.material", "Did you mean 'soft'"),
         ({}, {}, "particles.material", "missing"),
         ({"material": "soft"}, {"materials": []}, "particles.material", "known: none"),
         ({"species": [{"share": 0.5, "material": "soft"}]}, {}, "particles.species.share", "add up to 1"),
         ({"species": [{"share": 1.0}]}, {}, "particles.species.0.material", "missing"),
-        ({"species": [{"share": 1.0, "radios": 1.0}]}, {}, "particles.species.0.radios", "did you mean 'radius'"),
+        ({"species": [{"share": 1.0, "radios": 1.0}]}, {}, "particles.species.0.radios", "Did you mean 'radius'"),
         ({"material": "soft"}, {"contact": {"wall_material": "steel"}}, "contact.wall_material", "known"),
         ({"material": "soft"}, {"contact": {"wall_material": "soft", "wall_friction": 0.1}}, "contact.wall_friction", "remove one"),
         ({"material": "soft"}, {"material_pairs": [{"materials": ["soft", "hard"]}]}, "material_pairs.0", "says nothing"),

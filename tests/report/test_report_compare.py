@@ -121,7 +121,7 @@ def test_invalid_and_short_runs_are_marked_and_not_ranked(
     words = " ".join(result.warnings)
     assert "failed" in words and "short 0 to 1 s" in words and "last output" in words and "killed" in words
     page = (tmp_path / "report.html").read_text()
-    assert "failed (INVALID)" in page and "short (incomplete)" in page and "Beware" in page
+    assert "failed (INVALID)" in page and "short (incomplete)" in page and "Warnings" in page
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(terminal_table(result))
     shown = console.export_text()
@@ -152,19 +152,19 @@ def test_no_two_findings_contradict_each_other(
     differs = abs(gain) > (0.02 if noisy else 0.0) + 1e-12
     said = {
         "lowers the mean error": noisy and differs and gain > 0,
-        "does not help, it raises": noisy and differs and gain < 0,
-        "is no better than none": not differs,
+        "the closure raises the mean error": noisy and differs and gain < 0,
+        "is no better than the run without it": not differs,
         "is lower with the closure": not noisy and differs and gain > 0,
         "is higher with the closure": not noisy and differs and gain < 0,
-        "not earned back": not differs or gain < 0,
-        "never earned back": differs and gain > 0 and wall is not None and wall >= 26.0,
-        "is earned back after": differs and gain > 0 and wall is not None and wall < 26.0,
-        "when it pays cannot be said": differs and gain > 0 and wall is None,
+        "is not regained": not differs or gain < 0,
+        "never regained": differs and gain > 0 and wall is not None and wall >= 26.0,
+        "is regained after": differs and gain > 0 and wall is not None and wall < 26.0,
+        "not known when this time is regained": differs and gain > 0 and wall is None,
         "the noise is not known": not noisy,
     }
     assert {phrase: phrase in words for phrase in said} == said, words
     assert sum(phrase in words for phrase in list(said)[:5]) == 1
-    if said["is earned back after"]:
+    if said["is regained after"]:
         assert f"after {math.ceil(1000 / (26 - wall))} run(s)" in words
     front = {row.name for row in result.rows if row.pareto}
     if wall is not None and differs and gain < 0:
@@ -184,10 +184,10 @@ def test_a_closure_without_a_twin_is_not_judged(make: Any, tmp_path: Path, no_pa
     learned, cost = make("learned", closure="c.h5"), {"learned": 10.0}
     words = " ".join(compare(make("fine"), [learned], tmp_path, training_cost=cost).sentences)
     assert (
-        "Whether the closure helps learned cannot be said" in words
-        and "whether that pays cannot be said" in words
+        "It is not known whether the closure improves learned" in words
+        and "not known whether this time is regained" in words
     )
-    assert "earned back" not in words
+    assert "is regained after" not in words and "is not regained" not in words
 
 
 def test_run_time_is_without_compiling(make: Any, tmp_path: Path) -> None:
@@ -273,8 +273,8 @@ def test_what_makes_runs_unlike_is_said(make: Any, tmp_path: Path, no_page: None
     result = compare(zero, [make("b")], tmp_path)
     assert result.rows[1].metrics_counted == 8 and "zero in mean drag force" in " ".join(result.warnings)
     unsound = compare(make("fine", valid=False), [make("b")], tmp_path)
-    assert "no error below can be trusted" in " ".join(unsound.warnings)
-    assert "no noise floor" in " ".join(
+    assert "do not trust any error" in " ".join(unsound.warnings)
+    assert "the noise is not known" in " ".join(
         compare(make("a"), [make("b")], tmp_path, noise=[make("n", valid=False)]).warnings
     )
 
@@ -284,7 +284,7 @@ def test_until_cuts_all_runs(make: Any, tmp_path: Path, no_page: None) -> None:
     run.history["height"][11:] *= 50.0
     result = compare(make("fine"), [run, make("short", end=1.0, outputs=11)], tmp_path, until=1.0)
     assert result.rows[1].errors["height"] == 0.0 and result.rows[1].end_time == 1.0
-    assert result.rows[2].ranked and "after 1 s" in " ".join(result.warnings)
+    assert result.rows[2].ranked and "comparison ends at 1 s" in " ".join(result.warnings)
 
 
 def test_mean_pressure_of_a_box_without_outlet_is_not_compared(
