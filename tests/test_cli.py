@@ -146,7 +146,10 @@ def test_a_scene_that_is_not_there(tmp_path):
         ("output.samples=0.01", ("output.samples", "[fluid]")),
         ("closure.file=none.h5", ("closure.file",)),
         ("fluid={cells=[4,4], subgrid='none.h5'}", ("fluid.subgrid", "none.h5", "is not a file")),
-        ("fluid={cells=[4,4], subgrid='s.h5', smagorinsky=0.1}", ("fluid.smagorinsky", "same eddies")),
+        (
+            "fluid={cells=[4,4], subgrid='s.h5', smagorinsky=0.1}",
+            ("fluid.smagorinsky", "same unresolved eddies"),
+        ),
     ],
 )
 @pytest.mark.parametrize("command", ["check", "run"])
@@ -232,7 +235,7 @@ def test_check_prints_what_a_user_decides_by(grains):
         "void fraction at the start",
         "limit 0.05 in a cell, drag laws are evaluated at 0.2",
         "contact.maximum_overlap",
-        "every contact that there is room for",
+        "every contact for which there is room",
         "automatic contact step",
         "no stability limit",
         "float32 resolves overlaps",

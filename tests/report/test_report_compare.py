@@ -223,7 +223,7 @@ def test_packs_give_means_and_their_range(make: Any, tmp_path: Path) -> None:
     assert row.pack_errors == pytest.approx((0.1, 0.2, 0.3)) and row.run_time_s == pytest.approx(5.0)
     assert result.error_noise == pytest.approx(0.1) and result.time_noise == pytest.approx(0.2)
     words = " ".join(result.sentences)
-    assert "10-30 % over 3 packs" in words and "differ by 10 % or less are the same" in words
+    assert "10-30 % over 3 packs" in words and "differ by 10 % or less count as equal" in words
     assert "3 of 4 packs are counted" in " ".join(result.warnings)
     assert [row.pareto for row in result.rows] == [False, True, False]
     record = read_csv(tmp_path / "comparison.csv")[1]
