@@ -51,7 +51,7 @@ def sentence(text: str) -> str:
     """The text with a capital letter and a full stop, where it starts and ends with a plain word."""
     if re.match(r"(?!jaxdem)[a-z]+[ ,:]", text):
         text = text[0].upper() + text[1:]
-    return text + "." if re.search(r"[ (][a-z]+\)?$", text) else text
+    return text + "." if re.search(r"[a-z]\)?$", text) else text
 
 
 def cut(text: str, length: int = 300) -> str:

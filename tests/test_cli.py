@@ -98,7 +98,7 @@ def test_a_run_ends_with_a_summary_and_no_bar(done):
     labels = [line[:10].strip() for line in result.stdout.splitlines()]
     assert labels == ["valid", "run time", "stages", "output"]
     assert str(out) in result.stdout
-    assert "compiling" in result.stdout
+    assert "compilation" in result.stdout
     assert load_run(out).summary["valid"]
 
 

@@ -118,7 +118,7 @@ def test_pictures_and_tables_are_whole_or_absent(tmp_path, full_disk):
 
 def test_a_study_with_a_marker_that_is_none_is_refused(tmp_path):
     (tmp_path / "study.json").write_text("{")
-    with pytest.raises(InputError, match="study.json that is none"):
+    with pytest.raises(InputError, match="study.json that is not a study"):
         study._claim(tmp_path, {"study": "injection"})
 
 
@@ -149,7 +149,7 @@ def test_products_that_the_floats_do_not_hold_are_refused():
     scene = load_scene(hostile.ROWS)
     small = Bodies(np.asarray(1e-9), np.asarray(2650.0), np.asarray(0))
     with pytest.raises(
-        InputError, match=r"moment of inertia of 4\.\d+e-42 kg m2, which float32 does not hold"
+        InputError, match=r"moment of inertia of 4\.\d+e-42 kg m2, which float32 cannot represent"
     ):
         check_magnitudes(scene, small)
     check_magnitudes(load_scene(hostile.changed(hostile.ROWS, "precision", "float64")), small)
@@ -217,7 +217,7 @@ def test_a_run_killed_before_its_first_checkpoint_starts_over(tmp_path):
     path = tmp_path / "run"
     RunDirectory.create(path, DOMAIN).close()
     (path / ".checkpoint.h5.tmp").write_bytes(b"half")
-    with pytest.raises(InputError, match="--resume to go on"):
+    with pytest.raises(InputError, match="--resume to continue"):
         RunDirectory.create(path, DOMAIN)
     with RunDirectory.resume(path, DOMAIN) as run:
         assert not run.has_checkpoint

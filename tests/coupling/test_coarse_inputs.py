@@ -148,9 +148,9 @@ def test_it_is_compiled_in_where_it_is_asked_for_only():
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ({"coupling": {"drag_inputs_coarsened": 9}}, "leaves one cell"),
+        ({"coupling": {"drag_inputs_coarsened": 9}}, "leave a single cell"),
         ({"coupling": {"drag_inputs_coarsened": 0}}, "greater than"),
-        ({"output": {"samples": 0.01}}, "samples are of a law"),
+        ({"output": {"samples": 0.01}}, "training samples are only written"),
     ],
 )
 def test_what_makes_no_sense_is_refused(more, told):

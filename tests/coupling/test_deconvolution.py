@@ -163,7 +163,7 @@ def test_it_is_compiled_in_where_it_is_asked_for_only(box):
 @pytest.mark.parametrize(
     ("strength", "more", "words"),
     [
-        (5.0, {}, "the limit with these cells and kernels.*lower it"),
+        (5.0, {}, "the limit with these cells and kernels.*Lower it"),
         (0.2, {"void_fraction": "centre"}, "the limit.*0.125"),
         (-0.1, {}, "greater than or equal to 0"),
     ],

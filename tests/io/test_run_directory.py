@@ -168,7 +168,7 @@ def test_complete_means_valid_and_complete(tmp_path):
 
 def test_create_refuses_a_folder_in_use_for_something(tmp_path):
     new_run(tmp_path / "run", 1, 1)
-    with pytest.raises(InputError, match="--resume to go on") as caught:
+    with pytest.raises(InputError, match="--resume to continue") as caught:
         RunDirectory.create(tmp_path / "run", SCENE_2D)
     assert caught.value.key == "--out"
     (tmp_path / "other").mkdir()

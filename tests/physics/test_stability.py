@@ -53,10 +53,10 @@ def test_predicted_contact_limit_is_safe_and_within_a_factor_of_two(name, materi
     ("name", "words"),
     [
         ("the paper: E 70 GPa, step 2e-4 s", ("contact.time_step = 0.0002", "the stable step is", '"auto"')),
-        ("start: full overlap", ("particles 0 and 1", "100 %", "move them apart")),
-        ("viscosity: 0 with particles", ("fluid.viscosity = 0.0", "set fluid.viscosity > 0")),
+        ("start: full overlap", ("particles 0 and 1", "100 %", "Move the particles apart")),
+        ("viscosity: 0 with particles", ("fluid.viscosity = 0.0", "Set fluid.viscosity to a value above 0")),
         ("viscosity: 10 m2/s, step 5 ms", ("fluid.time_step", "viscous limit", "larger cells")),
-        ("impact: 100 m/s, 70 MPa", ("200 m/s", "the limit is 20 %", "stiffen")),
+        ("impact: 100 m/s, 70 MPa", ("200 m/s", "the limit is 20 %", "Stiffen")),
         ("Courant number: 20 in an interval", ("fluid.time_step = 0.8", "8 fluid steps", "larger cells")),
         ("void fraction: all-solid cell", ("void fraction", "above 0.05", "kernel_width")),
     ],

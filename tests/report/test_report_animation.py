@@ -40,7 +40,7 @@ def test_what_cannot_be_plotted_is_refused(make: Any, tmp_path: Path) -> None:
     for options, words in (
         ({"time": 2.8}, "--time"),
         ({"time": float("nan")}, "--time"),
-        ({"color": "drag"}, "lacks particles or a fluid"),
+        ({"color": "drag"}, "has no particles or no fluid"),
     ):
         with pytest.raises(InputError, match=words):
             single.plot_run(run, tmp_path / "plots", **options)
