@@ -319,7 +319,7 @@ def _unsteady_parts(fluid: FluidInterval) -> list[tuple[str, bool]]:
     wake, correction = "self-disturbance correction", fluid.self_disturbance
     if correction is not None:
         wake = f"{wake} (mobility {correction.mobility:.4g}/m over viscosity)"
-    view, averaged = fluid.coarse_inputs, "drag law's inputs averaged"
+    view, averaged = fluid.coarse_inputs, "inputs of the drag law averaged"
     if view is not None:
         averaged = f"{averaged} to {' x '.join(str(count) for count in view.grid.cells)} cells"
     sharper = "deconvolved velocity"
@@ -362,6 +362,6 @@ def _materials(scene: Scene) -> str:
 
 def _walls_beside_the_box(scene: Scene) -> str:
     if not scene.walls:
-        return "walls beside the box"
-    kinds = f"walls beside the box: {', '.join(wall.kind for wall in scene.walls)}"
-    return f"{kinds} (for particles; the fluid does not see them)" if scene.fluid is not None else kinds
+        return "additional walls"
+    kinds = f"additional walls: {', '.join(wall.kind for wall in scene.walls)}"
+    return f"{kinds} (for particles only; they do not affect the fluid)" if scene.fluid is not None else kinds

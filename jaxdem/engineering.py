@@ -191,13 +191,13 @@ def engineering_numbers(scene: Scene, simulation: Simulation, bodies: Bodies) ->
                 "  its Stokes number",
                 impact,
                 "-",
-                "of an impact; below about 10 grains do not rebound in a liquid",
+                "for an impact: below about 10, grains do not rebound in a liquid",
             ),
             _number(
                 "minimum fluidisation",
                 lift,
                 "m/s",
-                f"superficial, at a solid fraction of {solid:.2g}, {named}",
+                f"superficial velocity, at a solid fraction of {solid:.2g}, {named}",
             ),
         ]
     return (*found, *_flow_numbers(scene, diameter, density))

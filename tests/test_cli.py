@@ -281,9 +281,7 @@ def test_check_bounds_the_viscous_limit_of_the_models(grains, option):
 def test_check_of_grains_alone_has_no_fluid(grains):
     text = " ".join(invoke("check", grains).stdout.split())
     assert "Courant" not in text
-    parts = (
-        "rolling friction, rolling springs, radius per particle, density per particle, walls beside the box"
-    )
+    parts = "rolling friction, rolling springs, radius per particle, density per particle, additional walls"
     assert f"left out {parts}, fluid" in text
 
 

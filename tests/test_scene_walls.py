@@ -189,11 +189,11 @@ def test_overrides_reach_a_wall_by_its_number():
 
 def test_the_check_names_the_walls():
     report = check_scene(load_scene(tables(PLANE, WEDGE)))
-    assert "walls beside the box: plane, wedge" in report.compiled_in
-    assert "walls beside the box" in check_scene(load_scene(tables())).left_out
+    assert "additional walls: plane, wedge" in report.compiled_in
+    assert "additional walls" in check_scene(load_scene(tables())).left_out
     fluid = {"fluid": {"cells": [8, 8], "viscosity": 1e-6}}
     parts = check_scene(load_scene(tables(PLANE) | fluid)).compiled_in
-    assert "walls beside the box: plane (for particles; the fluid does not see them)" in parts
+    assert "additional walls: plane (for particles only; they do not affect the fluid)" in parts
 
 
 def test_a_run_with_walls_of_both_sorts(tmp_path):

@@ -140,7 +140,10 @@ def tables(**more):
 
 def test_it_is_compiled_in_where_it_is_asked_for_only():
     """The check names the mesh; without the key the simulation has no view of another mesh."""
-    assert "drag law's inputs averaged to 4 x 4 cells" in check_scene(jaxdem.load_scene(tables())).compiled_in
+    assert (
+        "inputs of the drag law averaged to 4 x 4 cells"
+        in check_scene(jaxdem.load_scene(tables())).compiled_in
+    )
     simulation, _ = jaxdem.build(jaxdem.load_scene(tables(coupling={})))
     assert simulation.fluid.coarse_inputs is None
 

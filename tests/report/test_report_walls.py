@@ -181,7 +181,7 @@ def test_all_pictures_of_a_run_have_its_walls(
     snapshots.snapshots_figure(entries, result, looks, tmp_path / "snapshots.png")
     assert len(calls) == 4 + 6
     page = player(entries, {row.name: row for row in result.rows}, looks)
-    assert page is not None and "pink ones outlets" in page.caption
+    assert page is not None and "pink lines are outlets" in page.caption
     data = json.loads(re.search(r'id="player-data">(.*?)</script>', page.html)[1])["runs"][1]
     nx, nz = data["walls"]["points"]
     share = np.frombuffer(zlib.decompress(base64.b64decode(data["walls"]["share"])), np.uint8).reshape(nz, nx)
