@@ -24,9 +24,7 @@ GRACE = 0.5
 PATIENCE = 1.0
 """A program that saves its work for longer says so after this time [s]."""
 
-SAVING = (
-    "jaxdem: stopping at the end of this coupling interval, with a checkpoint; another signal ends at once\n"
-)
+SAVING = "jaxdem: the run stops after this coupling interval and writes a checkpoint; a second signal ends it at once\n"
 
 
 def run(commands: Callable[[], Any]) -> NoReturn:

@@ -190,8 +190,8 @@ class Fluid(Section):
         subgrid: file of a learned subgrid stress, written by `jaxdem finetune --subgrid`.
         time_step: fluid step. "auto" is a Courant number of 0.5 at the largest boundary speed, but at most 0.01 s [s].
         advection: advection scheme. "limited" is second order with van Leer's limiter. "superbee" has less numerical diffusion.
-            "central" (second order) has none and "central_4" (fourth order) very little, but both make waves beside steep
-            gradients. These three are for meshes that hardly resolve the flow. "upwind" is first order.
+            "central" (second order) has no numerical diffusion and "central_4" (fourth order) very little, but both make waves
+            beside steep gradients. These three are for meshes that hardly resolve the flow. "upwind" is first order.
         courant_limit: largest Courant number of a fluid step. A longer step is halved, up to three times [-].
         velocity: initial interstitial velocity, one number per axis. Default: at rest [m/s].
     """

@@ -35,8 +35,9 @@ class BoundarySide(Section):
         times: increasing times, for an inlet whose velocity changes in time. Needs `velocities`, excludes `velocity` [s].
         velocities: velocities at these times, each in the form of `velocity`. Linear between the times, constant before the first
             and after the last [m/s].
-        profile: profile of an inlet. "uniform". "parabolic": mean 1 and zero at the ends of the patch, along every axis of the
-            side except those on which the inlet spans the whole side between periodic or free-slip sides. "table".
+        profile: velocity profile of an inlet: "uniform", "parabolic" or "table" (`positions`, `values`). "parabolic" has mean 1 and is zero
+            at the ends of the patch, along every axis of the side except those on which the inlet spans the whole side between
+            periodic or free-slip sides.
         positions: for profile = "table": increasing positions along the (last) axis of the side, over the whole patch [m].
         values: for profile = "table": multiples of the velocity at these positions, linear between them [-].
         particles: "screen": the side is a wall for particles. "remove": particles whose centre crosses the side are removed.

@@ -105,7 +105,7 @@ def _reference_sentence(reference: Row) -> str:
         f"The reference is {reference.name}"
         + (f" on {reference.cells_text} cells" if reference.cells else " (no fluid)")
         + took
-        + ". Run times do not include compilation. The error of a run in a metric is the time integral of the difference from the reference, divided by"
+        + ". Run times do not include compilation. The error of a run in a metric is the time integral of the absolute difference from the reference, divided by"
         " the time integral of the reference's absolute value. The mean error is the mean over the metrics."
     )
 
