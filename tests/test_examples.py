@@ -68,7 +68,7 @@ def test_a_kind_of_side_of_ones_own(quickly_compiled):
 def test_every_key_of_a_scene_is_described():
     reference = load(ROOT / "docs" / "tools" / "scene_reference.py")
     text = reference.markdown()
-    assert "| `viscosity` | number ≥ 0 | m²/s | `1e-06` | Kinematic. |" in text
+    assert "| `viscosity` | number ≥ 0 | m²/s | `1e-06` | Kinematic viscosity. |" in text
     assert "## `[[particles.inlet]]`" in text
 
     class Undescribed(Section):

@@ -13,6 +13,7 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
@@ -29,8 +30,8 @@ ENDLESS = 10**6
 os.fsync = lambda descriptor: None
 
 
-def write_on(path: Path, last: int) -> None:
-    """Start the run or go on with it, up to frame `last`."""
+def write_on(path: Path, last: int, begun: Callable[[], object] = lambda: None) -> None:
+    """Start the run or go on with it, up to frame `last`; `begun` is called after every new frame."""
     first = 0
     try:
         run = RunDirectory.resume(path, SCENE_2D)
@@ -45,6 +46,7 @@ def write_on(path: Path, last: int) -> None:
         run.write_checkpoint({"step": np.array(0)}, {"frames": 0, "samples": 0})
     for index in range(first, last):
         write_frames(run, index, index + 1)
+        begun()
         if index % 3 == 2:
             run.write_checkpoint({"step": np.array(index + 1)}, {"frames": index + 1, "samples": index + 1})
         if index % 10 == 9:
@@ -134,7 +136,8 @@ def child(work) -> int:
 
 
 def kills(path: Path, seed: int, number: int) -> None:
-    """Kill `number` writers, every other inside a write, each going on with what the last one left."""
+    """Kill `number` writers, each going on with what the last one left: in turns at any moment, or once there are new frames, and
+    inside a write."""
     generator = random.Random(seed)
     reached, survived = 0, 0
     while survived < number:
@@ -142,17 +145,23 @@ def kills(path: Path, seed: int, number: int) -> None:
         frames = reached
 
         moment = generator.randint(1, 60)
+        told, tell = os.pipe()
 
-        def work(inside=inside, moment=moment):
+        def work(inside=inside, moment=moment, tell=tell):
             if inside:
                 die_in_write(moment)
-            write_on(path, ENDLESS)
+            write_on(path, ENDLESS, lambda: os.write(tell, b"."))
 
         process = child(work)
         if not inside:
-            time.sleep(generator.uniform(0.0, 0.3))
+            if (
+                survived % 4 == 0
+            ):  # however busy the machine is: three new frames, of which a checkpoint follows
+                os.read(told, 1), os.read(told, 1), os.read(told, 1)
+            time.sleep(generator.uniform(0.0, 0.12))
             os.kill(process, signal.SIGKILL)
         status = os.waitpid(process, 0)[1]
+        os.close(told), os.close(tell)
         assert os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL, status
         reached = check(path, 5)
         # What was there at the last checkpoint is never lost: at most three frames are done again.
