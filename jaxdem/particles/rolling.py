@@ -77,9 +77,10 @@ class ConstantDirectionalTorque:
         rate = vectors.length(rolling)
         stopping = 0.4 * contact.effective_mass * contact.effective_radius**2 / (contact.sharing * time_step)
         full = material.rolling_friction * force.elastic * contact.effective_radius
-        turning = rate > 0
-        coefficient = jnp.minimum(stopping, full / jnp.where(turning, rate, 1.0))
-        return vectors.scale(-jnp.where(turning, coefficient, stopping), rolling), ()
+        # Divided only where it limits: a rotation that dies out, to 1e-163 rad/s, would have an infinite slope in the other branch.
+        limited = full < stopping * rate
+        coefficient = jnp.where(limited, full / jnp.where(limited, rate, 1.0), stopping)
+        return vectors.scale(-coefficient, rolling), ()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import types
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases.worlds import advance, constants, forces, world
-from jaxdem.particles.contact import HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.contact import Contact, ContactForce, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 
 RADIUS = 0.01
@@ -101,3 +102,24 @@ def test_both_loops_give_the_same_numbers(differentiated):
     here = jax.jit(lambda: advance(pair("in a corner, overlapping", law), 1e-5, STEPS).state)()
     np.testing.assert_allclose(here.position, there.position, rtol=1e-13)
     np.testing.assert_allclose(here.velocity, there.velocity, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize("spin", [0.0, 1e-300, 1e-163, 1e-20, 1.0])
+def test_slope_of_a_rotation_that_dies_out_is_finite(spin):
+    """Rolling friction that stops a rotation within the step is -I w / dt, whose slope is -I / dt down to the smallest spin."""
+    mass, radius, step = 1e-3, 0.01, 1e-4
+    one = jnp.ones(1)
+    contact = Contact(1e-5 * one, 0.0 * one, (0.0 * one,), (0.0 * one,), radius * one, mass * one, one)
+    force = ContactForce(one, one, (one,), (one,))
+    material = types.SimpleNamespace(rolling_friction=jnp.asarray(0.1))
+
+    def torque(value):
+        normal = (0.0 * one, one)
+        torque, _ = ConstantDirectionalTorque()(
+            contact, force, material, normal, (value * one,), (), jnp.asarray(step)
+        )
+        return torque[0][0]
+
+    slope = float(jax.grad(torque)(spin))
+    stopping = 0.4 * mass * radius**2 / step
+    assert slope == (pytest.approx(-stopping, rel=1e-12) if spin < 0.1 * radius / stopping else 0.0)
