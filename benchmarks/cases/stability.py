@@ -334,7 +334,7 @@ def fluid_limit(name: str, stream: tuple[float, float], viscosity: float, advect
     scene = jaxdem.load_scene(
         {
             "precision": "float64",
-            "domain": {"size": [1.0, 1.0]},
+            "domain": {"size": [1.0, 1.0], "gravity": [0.0, 0.0]},
             "fluid": {
                 "cells": [16, 16],
                 "viscosity": viscosity,
