@@ -30,8 +30,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # run as a script from anywhere
 
 from benchmarks import harness  # noqa: E402
-from benchmarks.cases import damage, hostile  # noqa: E402
 from jaxdem.io import RunDirectory, load_run  # noqa: E402
+from tests.cases import damage, hostile  # noqa: E402
 
 PATIENCE = 3600
 """For all damaged files of a kind [s]; a hang of the HDF5 library would be one of the whole process."""
@@ -72,7 +72,7 @@ import sys
 from pathlib import Path
 sys.path[:0] = [sys.argv[1], sys.argv[1] + "/tests/io"]
 from deaths import die_in_write
-from jaxdem.cli import app
+from jaxdem.cli.main import app
 die_in_write(int(sys.argv[2]))
 app(sys.argv[3:], prog_name="jaxdem")
 """
@@ -195,7 +195,7 @@ def files(number: int, bits: int, seed: int) -> dict[str, Any]:
     """Damaged copies of every kind of file read by a process of its own, which may be killed by a hang."""
     result: dict[str, Any] = {}
     for kind in damage.KINDS:
-        command = [sys.executable, "-m", "benchmarks.cases.damage", kind, str(number), str(bits), str(seed)]
+        command = [sys.executable, "-m", "tests.cases.damage", kind, str(number), str(bits), str(seed)]
         try:
             done = subprocess.run(
                 command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PATIENCE

@@ -104,7 +104,7 @@ def build_seconds(simulation: Any, particles: Any, neighbors: Any, repetitions: 
     """Seconds of one rebuild of the list and its history, as the contact loop does it when the list is stale."""
     import jax
 
-    from jaxdem.particles import vectors
+    from jaxdem.numerics import vectors
     from jaxdem.particles.integrate import split_low
     from jaxdem.particles.neighbors import carry_history
 

@@ -23,7 +23,7 @@ import jax
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from benchmarks import harness
-from benchmarks.cases import extremes, stability
+from tests.cases import extremes, stability
 
 LIMITS = Path(__file__).parents[1] / "docs" / "limits.md"
 START, END = "<!-- stability table -->", "<!-- end of the stability table -->"

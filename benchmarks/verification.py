@@ -34,8 +34,8 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 from benchmarks import harness  # noqa: E402 - after the settings
-from benchmarks.cases import collect  # noqa: E402
-from benchmarks.cases.registry import Case, Figure  # noqa: E402
+from tests.cases import collect  # noqa: E402
+from tests.cases.registry import Case, Figure  # noqa: E402
 
 PAGE = Path(__file__).parents[1] / "docs" / "verification.md"
 BEGIN, END = "<!-- table: benchmarks/verification.py -->", "<!-- end of the table -->"

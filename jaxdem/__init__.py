@@ -5,19 +5,17 @@ answers `--help` and refuses wrong input at once.
 """
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from jaxdem.version import __version__
 
 if TYPE_CHECKING:
-    from jaxdem.build import build, initial_state
     from jaxdem.errors import InputError, RunError
     from jaxdem.io import load_run
-    from jaxdem.rollout import Rollout, rollout
+    from jaxdem.run.rollout import Rollout, rollout
+    from jaxdem.run.simulate import simulate
     from jaxdem.scene import Scene, load_scene
-    from jaxdem.simulate import simulate
+    from jaxdem.setup.build import build, initial_state
     from jaxdem.simulation import Simulation
 
 __all__ = [
@@ -26,6 +24,7 @@ __all__ = [
     "RunError",
     "Scene",
     "Simulation",
+    "__version__",
     "build",
     "initial_state",
     "load_run",
@@ -36,16 +35,16 @@ __all__ = [
 
 _MODULES = {
     "InputError": "errors",
-    "Rollout": "rollout",
+    "Rollout": "run.rollout",
     "RunError": "errors",
     "Scene": "scene",
     "Simulation": "simulation",
-    "build": "build",
-    "initial_state": "build",
+    "build": "setup.build",
+    "initial_state": "setup.build",
     "load_run": "io",
     "load_scene": "scene",
-    "rollout": "rollout",
-    "simulate": "simulate",
+    "rollout": "run.rollout",
+    "simulate": "run.simulate",
 }
 """The module that each public name comes from."""
 
@@ -54,7 +53,7 @@ def __getattr__(name: str) -> Any:
     """A public name, or a module of the package, at its first use."""
     if name in _MODULES:
         value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-        setattr(sys.modules[__name__], name, value)
+        globals()[name] = value
         return value
     module = f"{__name__}.{name}"
     try:
@@ -68,16 +67,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-class _Package(ModuleType):
-    """`jaxdem.simulate` is the function, also after Python has put the module of that name in its place."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        # After loading jaxdem/simulate.py Python sets the package's attribute `simulate` to that module.
-        if name in _MODULES and isinstance(value, ModuleType):
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

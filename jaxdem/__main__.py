@@ -1,13 +1,13 @@
 """`python -m jaxdem`, the same as the command `jaxdem`."""
 
-from jaxdem import process
+from jaxdem.cli import process
 
 
 def main() -> None:
     """Entry point of the console script: the process first, so that a signal while the rest is loaded is handled."""
 
     def commands() -> None:
-        from jaxdem.cli import app
+        from jaxdem.cli.main import app
 
         app(prog_name="jaxdem")
 

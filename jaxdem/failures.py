@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.coupling.exchange import VISCOUS_STABLE
+from jaxdem.fluid.interval import VISCOUS_STABLE
 from jaxdem.state import Diagnostics
-
-if TYPE_CHECKING:
-    from jaxdem.simulation import Simulation
+from jaxdem.structure import Structure
 
 
 class Failure(enum.IntFlag):
@@ -78,7 +75,7 @@ MINIMUM_VOID_FRACTION = 0.05
 """Below this void fraction the volume-averaged equations mean nothing."""
 
 
-def failures(simulation: Simulation, diagnostics: Diagnostics) -> Array:
+def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
     """() int32, the flags of a step; jittable."""
     code = jnp.zeros((), jnp.int32)
 
@@ -98,7 +95,9 @@ def failures(simulation: Simulation, diagnostics: Diagnostics) -> Array:
         code = raise_flag(code, ~(fluid.courant <= 1.001 * simulation.fluid.courant_limit), Failure.COURANT)
         code = raise_flag(code, ~(fluid.viscous <= VISCOUS_STABLE), Failure.VISCOUS)
         code = raise_flag(code, ~fluid.converged, Failure.SOLVER)
-        code = raise_flag(code, ~(fluid.void_fraction >= MINIMUM_VOID_FRACTION), Failure.VOID_FRACTION)
+    if diagnostics.exchange is not None:
+        lowest = diagnostics.exchange.void_fraction
+        code = raise_flag(code, ~(lowest >= MINIMUM_VOID_FRACTION), Failure.VOID_FRACTION)
     return code
 
 

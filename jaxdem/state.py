@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jax import Array
 
-from jaxdem.coupling.exchange import FluidDiagnostics, FluidForces
+from jaxdem.closures.base import DragClosure
+from jaxdem.coupling.coupled import Mixture
+from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
+from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
@@ -37,7 +40,7 @@ class Parameters(NamedTuple):
         contact: elastic constants, restitution, friction.
         fluid: density, viscosity, boundary velocities.
         drag_scale: () factor on the drag, 1 for the law as it is [-].
-        closure: a learned drag closure with its weights; None for a correlation, which has none.
+        closure: the drag law: a correlation, which has no numbers to differentiate by, or a learned closure with its weights.
         inlet_velocity: (D,) with which particles come in, of each inlet [m/s].
         side_velocity: (D,) of every side of the box in a scene without fluid where one moves, else (); a fluid has its
             own [m/s].
@@ -48,9 +51,16 @@ class Parameters(NamedTuple):
     contact: ContactParameters | SeveralMaterials | None
     fluid: FluidProperties | None
     drag_scale: Array | None
-    closure: Any
+    closure: DragClosure | None
     inlet_velocity: tuple[Array, ...] = ()
     side_velocity: tuple[Array, ...] = ()
+
+    @property
+    def mixture(self) -> Mixture:
+        """What the exchange between fluid and particles needs; for a scene that has both."""
+        assert self.closure is not None and self.drag_scale is not None
+        assert self.fluid is not None and self.bodies is not None
+        return Mixture(self.closure, self.drag_scale, self.fluid, self.bodies, self.gravity)
 
 
 class ParticleDiagnostics(NamedTuple):
@@ -81,9 +91,11 @@ class Diagnostics(NamedTuple):
     Attributes:
         particles: None without particles.
         fluid: None without a fluid.
+        exchange: how exact the exchange was; None unless both exist.
         forces: mean fluid forces over the interval and what the drag law saw; None unless both exist.
     """
 
     particles: ParticleDiagnostics | None
     fluid: FluidDiagnostics | None
+    exchange: ExchangeDiagnostics | None
     forces: FluidForces | None

@@ -2,7 +2,7 @@
 
 A stage that is done is not done again; a run that was stopped goes on from its checkpoint. Everything that
 a stage needs is in the study's folder, so that it can be looked at, moved, and gone on with. The demonstration is here;
-the study at full size, which has many runs and shares them among processes, is in `jaxdem.studies`.
+the study at full size, which has many runs and shares them among processes, is in `studies`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 
 from jaxdem.closures import load_closure
 from jaxdem.errors import InputError
-from jaxdem.files import parse_json, read_text
+from jaxdem.files.reading import parse_json, read_text
 from jaxdem.io import Run
 from jaxdem.io.access import locked
 from jaxdem.io.durable import write_bytes
 from jaxdem.report import Comparison, compare
+from jaxdem.run.simulate import Progress, simulate_once
 from jaxdem.scene import Scene, load_scene
-from jaxdem.simulate import Progress, simulate_once
 from jaxdem.studies import check_request
 from jaxdem.studies.arrays import read_stored
 from jaxdem.studies.driver import FullStudy, default_jobs

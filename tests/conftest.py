@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from figure_texts import watched  # noqa: E402
 
-from benchmarks.cases.worlds import runner  # noqa: E402
+from tests.cases.worlds import runner  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ import pytest
 import jaxdem
 from jaxdem.ensemble import stack, stack_states
 from jaxdem.errors import InputError
-from jaxdem.particles.batches import cond_in_batch
+from jaxdem.numerics.batches import cond_in_batch
 
 SCENE = {
     "precision": "float64",

@@ -18,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jaxdem import __version__, load_run
-from jaxdem.cli import app
+from jaxdem.cli.main import app
 from jaxdem.closures import (
     EnsembleClosure,
     InvariantClosure,
@@ -28,8 +28,8 @@ from jaxdem.closures import (
     save_closure,
 )
 from jaxdem.io.access import acquire_lock
+from jaxdem.run.sweep import _name, parse_variation
 from jaxdem.study import DEMOS
-from jaxdem.sweep import _name, parse_variation
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 from jaxdem.train.finetune import FinetuneResult
 
@@ -607,7 +607,7 @@ def test_an_unknown_study_is_refused(tmp_path):
 
 def start(grains, out):
     """The program itself, on a run that would take minutes."""
-    command = [sys.executable, "-m", "jaxdem.cli", "run", str(grains), "--out", str(out)]
+    command = [sys.executable, "-m", "jaxdem", "run", str(grains), "--out", str(out)]
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     return subprocess.Popen(
         [*command, "--set", "time.end=2000.0"],

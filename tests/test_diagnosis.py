@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import pytest
 
 from jaxdem import build, initial_state, load_scene
-from jaxdem.diagnosis import diagnosis
 from jaxdem.failures import Failure
+from jaxdem.run.diagnosis import diagnosis
 
 SCENE = {
     "precision": "float64",

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from jaxdem import build, load_scene
-from jaxdem.cautions import cautions
-from jaxdem.check import check_scene
-from jaxdem.closures import DRAG_LAWS
-from jaxdem.engineering import (
+from jaxdem.check.cautions import cautions
+from jaxdem.check.check import check_scene
+from jaxdem.check.engineering import (
     minimum_fluidisation_velocity,
     screen_load,
     stokes_multiple,
     terminal_velocity,
 )
-from jaxdem.initial import scene_bodies
+from jaxdem.check.run_cost import FACTOR, run_cost
+from jaxdem.check.unit_warnings import unit_warnings
+from jaxdem.closures import DRAG_LAWS
 from jaxdem.particles.neighbors import Room
-from jaxdem.run_cost import FACTOR, run_cost
-from jaxdem.unit_warnings import unit_warnings
+from jaxdem.setup.initial import scene_bodies
 
 SCENES = Path(__file__).parents[1] / "scenes"
 DIAMETER, DENSITY, FLUID, VISCOSITY = np.array([1e-4, 2e-2]), np.array([2650.0, 1200.0]), 1000.0, 1e-6

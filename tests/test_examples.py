@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 
-from jaxdem.scene_base import Section
+from jaxdem.scene.base import Section
 
 ROOT = Path(__file__).parent.parent
 

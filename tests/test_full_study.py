@@ -13,7 +13,7 @@ import pytest
 
 import jaxdem
 from jaxdem.errors import InputError
-from jaxdem.simulate import Interrupted
+from jaxdem.run.simulate import Interrupted
 from jaxdem.studies import paper
 from jaxdem.studies.driver import PARTS, FullStudy
 from jaxdem.studies.injection import injection_plan

@@ -10,7 +10,7 @@ from jax.extend import core
 import jaxdem
 from jaxdem.closures import InvariantClosure, PaperNetwork, save_closure
 from jaxdem.closures.ensemble import EnsembleClosure
-from jaxdem.products import along_axis
+from jaxdem.numerics.products import along_axis
 from jaxdem.step import step
 from jaxdem.train.fit_network import network_columns
 

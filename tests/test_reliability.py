@@ -13,19 +13,20 @@ import numpy as np
 import pytest
 
 import jaxdem
-from benchmarks.cases import damage, hostile
-from jaxdem import build, hdf5, load_scene, study
-from jaxdem.bodies import Bodies
+from jaxdem import build, load_scene, study
 from jaxdem.closures import KochHill, load_closure, save_closure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.errors import InputError
+from jaxdem.files import hdf5
 from jaxdem.io import RunDirectory
-from jaxdem.magnitudes import check_magnitudes
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid
 from jaxdem.report import style
 from jaxdem.report.comparison import Comparison, Row, write_csv
-from jaxdem.restart import origin, require_same_origin
-from jaxdem.time_steps import time_steps
+from jaxdem.run.restart import origin, require_same_origin
+from jaxdem.setup.bodies import Bodies
+from jaxdem.setup.magnitudes import check_magnitudes
+from jaxdem.setup.time_steps import time_steps
+from tests.cases import damage, hostile
 
 DOMAIN = "[domain]\nsize = [0.4, 0.3]\n"
 

@@ -16,10 +16,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from jaxdem import InputError, build, initial_state, load_scene, rollout
-from jaxdem.initial import check_initial_positions, initial_positions
+from jaxdem.run.simulate import samples_every
 from jaxdem.scene import parse_override
-from jaxdem.simulate import samples_every
-from jaxdem.time_steps import time_steps
+from jaxdem.setup.initial import check_initial_positions, initial_positions
+from jaxdem.setup.time_steps import time_steps
 
 VALID = {
     "seed": 3,

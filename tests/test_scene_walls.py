@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from jaxdem import InputError, build, initial_state, load_scene, simulate
-from jaxdem.check import check_scene
-from jaxdem.initial import initial_positions
+from jaxdem.check.check import check_scene
 from jaxdem.particles.packing import REACHABLE
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane
-from jaxdem.time_steps import time_steps
+from jaxdem.setup.initial import initial_positions
+from jaxdem.setup.time_steps import time_steps
 
 PLANE = {"kind": "plane", "point": [0.0, 0.1], "normal": [0.0, 2.0]}
 CIRCLE = {"kind": "cylinder", "center": [0.2, 0.2], "radius": 0.15}

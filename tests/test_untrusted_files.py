@@ -9,17 +9,18 @@ import h5py
 import numpy as np
 import pytest
 
-from benchmarks.cases import damage
-from jaxdem import hdf5, load_run, load_scene
+from jaxdem import load_run, load_scene
 from jaxdem.closures import EnsembleClosure, load_closure, save_closure
 from jaxdem.closures.export import files_written
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.errors import InputError
-from jaxdem.files import parse_json, parse_toml, read_arrays
+from jaxdem.files import hdf5
+from jaxdem.files.reading import parse_json, parse_toml, read_arrays
 from jaxdem.io.outputs import refuse_what_is_read
-from jaxdem.rows import rows_of
+from jaxdem.scene.rows import rows_of
 from jaxdem.train.dataset import make_dataset
+from tests.cases import damage
 
 RUN_FILES = ("scene.toml", "summary.json", "history.csv", "particles.vtkhdf", "fluid.vtkhdf", "samples.h5")
 HDF5_FILES = ("closure", "dataset", "checkpoint", "particles.vtkhdf", "fluid.vtkhdf", "samples.h5")

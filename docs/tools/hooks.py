@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import scene_reference
 
-from jaxdem.cli import app
+from jaxdem.cli.main import app
 from jaxdem.closures import DRAG_LAWS
 
 MARKER = re.compile(r"<!-- generated: (\w+) -->")

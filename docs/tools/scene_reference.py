@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from jaxdem.scene import Scene
-from jaxdem.scene_base import Section
+from jaxdem.scene.base import Section
 
 NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 LIMITS = {

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple, Protocol, cast
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -79,8 +82,29 @@ class Drag(NamedTuple):
 
 
 class DragClosure(Protocol):
-    """A drag closure: an immutable object, registered as a pytree if it has weights."""
+    """A drag closure: an immutable object and a pytree; its leaves are the weights, if it has any."""
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """Drag for every particle from what the law sees."""
         ...
+
+
+@jax.tree_util.register_static
+@dataclasses.dataclass(frozen=True)
+class FixedClosure:
+    """A function of `DragInputs` as a drag closure without weights.
+
+    Attributes:
+        function: gives the `Drag`; two of these are the same law if they are the same object.
+    """
+
+    function: Callable[[DragInputs], Drag]
+
+    def __call__(self, inputs: DragInputs) -> Drag:
+        """See `DragClosure`."""
+        return self.function(inputs)
+
+
+def as_closure(law: Callable[[DragInputs], Drag]) -> DragClosure:
+    """The law as a pytree: as it is where it is one, else a `FixedClosure`."""
+    return FixedClosure(law) if jax.tree_util.all_leaves([law]) else cast(DragClosure, law)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -19,8 +21,12 @@ class Correlation(ABC):
     force = 3 pi mu d F (u - v), with the interstitial slip u - v and Re = g rho |u - v| d / mu.
     A subclass implements `stokes_multiple` and names its source; nothing else is needed.
     All laws here are of model A: the pressure gradient force is not part of them. The exchange converts them
-    for model B.
+    for model B. Every subclass is a pytree without leaves: a part of the program, not of its numbers.
     """
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        super().__init_subclass__(**given)
+        jax.tree_util.register_static(cls)
 
     @abstractmethod
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
@@ -44,7 +50,7 @@ class Correlation(ABC):
         return Drag(inputs.stokes_coefficient * factor, None, inputs.solid_fraction > limit)
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other)
+        return type(self) is type(other) and vars(self) == vars(other)
 
     def __hash__(self) -> int:
         return hash(type(self))

@@ -22,9 +22,9 @@ from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.closures.subgrid import SubgridClosure
 from jaxdem.errors import InputError, cut
-from jaxdem.files import parse_json
-from jaxdem.hdf5 import CLOSURE as FORMAT
-from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import CLOSURE as FORMAT
+from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
+from jaxdem.files.reading import parse_json
 
 VERSION = 1
 KEY, SUBGRID_KEY = "closure.file", "fluid.subgrid"

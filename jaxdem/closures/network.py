@@ -18,7 +18,7 @@ from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.koch_hill import KochHill
 from jaxdem.errors import InputError
-from jaxdem.products import PRECISION
+from jaxdem.numerics.products import PRECISION
 
 ROWS_AT_ONCE = 5000
 """Particles that a network treats at once on a CPU: what passes between its layers then stays in the cache."""

@@ -12,7 +12,7 @@ from jax import Array
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.deposition import Deposition
-from jaxdem.coupling.forces import deconvolved, drag_inputs
+from jaxdem.coupling.inputs import deconvolved, drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, share_to_faces
-from jaxdem.products import PRECISION, along_axis
+from jaxdem.numerics.products import PRECISION, along_axis
 
 
 class KernelWidth(NamedTuple):

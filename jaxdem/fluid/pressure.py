@@ -18,7 +18,7 @@ from jax import Array, lax
 from jaxdem.fluid.boundary import Boundary, open_fraction
 from jaxdem.fluid.grid import FaceField, Grid, along, divergence
 from jaxdem.fluid.transforms import End, Row
-from jaxdem.products import PRECISION
+from jaxdem.numerics.products import PRECISION
 
 MAXIMUM_ITERATIONS = 200
 

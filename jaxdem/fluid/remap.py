@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.fluid.grid import Grid
-from jaxdem.products import along_axis
+from jaxdem.numerics.products import along_axis
 
 Field = TypeVar("Field", np.ndarray, Array)
 

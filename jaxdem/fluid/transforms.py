@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxdem.products import along_axis
+from jaxdem.numerics.products import along_axis
 
 FAST_FROM = 128
 """Cells from which a fast transform takes less time than a product with the matrix of eigenvectors."""

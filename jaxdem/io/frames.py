@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.hdf5 import create, image_of, in_memory, open_for_reading, store
+from jaxdem.files.hdf5 import create, image_of, in_memory, open_for_reading, store
 from jaxdem.io.access import reason_of
 from jaxdem.io.durable import PatientFile, aside, sync_directory, write_bytes
 

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.hdf5 import attributes_of, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import attributes_of, open_for_reading, store, write_attributes
 from jaxdem.io.frames import UNREADABLE, Entries, Frame, FrameSeries, extend
 
 FORMAT_NAME = "jaxdem samples"

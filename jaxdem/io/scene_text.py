@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxdem.errors import InputError
-from jaxdem.files import parse_toml, read_text
+from jaxdem.files.reading import parse_toml, read_text
 
 _ABSENT = "(not set)"
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.files import parse_json, read_text
+from jaxdem.files.reading import parse_json, read_text
 from jaxdem.io.durable import write_bytes
 
 SUMMARY = "summary.json"

@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from jaxdem.hdf5 import store
+from jaxdem.files.hdf5 import store
 from jaxdem.io.frames import Entries, Frame, extend
 
 ROOT = "VTKHDF"

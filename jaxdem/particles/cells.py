@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.pairs import WRITTEN_OUT, at, last_up_to
-from jaxdem.particles.vectors import Vector
 
 WORD = 32
 """Bits of a word; a cell with more slots takes several words."""

@@ -21,8 +21,8 @@ from typing import NamedTuple, Protocol
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.particles import vectors
-from jaxdem.particles.vectors import Vector
+from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
 
 
 class ContactMaterial(NamedTuple):

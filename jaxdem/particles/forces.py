@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.particles import tangent, vectors, walls
+from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles import tangent, walls
 from jaxdem.particles.contact import Contact, ContactLaw, ContactMaterial
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
@@ -17,7 +19,6 @@ from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.rolling import RollingFriction
 from jaxdem.particles.stages import stage
 from jaxdem.particles.surfaces import Surface, surface_contacts
-from jaxdem.particles.vectors import Vector
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.particles import compensated, vectors
-from jaxdem.particles.compensated import Low
-from jaxdem.particles.vectors import Vector
+from jaxdem.numerics import compensated, vectors
+from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.vectors import Vector
 
 
 class ParticleState(NamedTuple):

@@ -9,8 +9,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxdem.particles import vectors
-from jaxdem.particles.batches import cond_in_batch
+from jaxdem.numerics import vectors
+from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.forces import ContactModel, Surroundings, contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.neighbors import (
@@ -20,7 +21,6 @@ from jaxdem.particles.neighbors import (
     displacement_since_build,
     out_of_date,
 )
-from jaxdem.particles.vectors import Vector
 
 
 class ContactInterval(NamedTuple):

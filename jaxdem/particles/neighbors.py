@@ -22,12 +22,12 @@ import numpy as np
 from jax import Array, lax
 from scipy.spatial import KDTree
 
-from jaxdem.particles import compensated, vectors
+from jaxdem.numerics import compensated, vectors
+from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
-from jaxdem.particles.compensated import Low
 from jaxdem.particles.packing import into_period
 from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, pairs_of, place_of
-from jaxdem.particles.vectors import Vector
 
 EXTRA_CAPACITY = 1.25
 """Slots are allocated for this multiple of the largest number of neighbours found."""

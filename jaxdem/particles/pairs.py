@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxdem.particles.vectors import Vector
+from jaxdem.numerics.vectors import Vector
 
 UNROLL = 4
 """Slots that loops over the slots treat at once: half the time of one by one, and the program stays short."""

@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxdem.particles import vectors
-from jaxdem.particles.batches import cond_in_batch
+from jaxdem.numerics import vectors
+from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch, carry_history
 from jaxdem.particles.surfaces import Surface, surface_contacts

@@ -8,9 +8,10 @@ from typing import Protocol
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.particles import tangent, vectors
+from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles import tangent
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
-from jaxdem.particles.vectors import Vector
 
 
 class RollingFriction(Protocol):

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxdem.particles.batches import in_any
+from jaxdem.numerics.batches import in_any
 
 Result = TypeVar("Result")
 

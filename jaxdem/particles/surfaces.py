@@ -21,9 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.particles import compensated, vectors
-from jaxdem.particles.compensated import Low, Pair
-from jaxdem.particles.vectors import Vector
+from jaxdem.numerics import compensated, vectors
+from jaxdem.numerics.compensated import Low, Pair
+from jaxdem.numerics.vectors import Vector
 
 
 class Surface(Protocol):

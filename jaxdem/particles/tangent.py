@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxdem.particles import vectors
-from jaxdem.particles.vectors import Vector
+from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
 
 
 def part_in_plane(vector: Vector, normal: Vector) -> Vector:

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import DTypeLike
 
-from jaxdem.particles.compensated import Low
-from jaxdem.particles.vectors import Vector
+from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.vectors import Vector
 
 
 class BoxSide(NamedTuple):

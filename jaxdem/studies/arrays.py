@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.files import read_arrays
+from jaxdem.files.reading import read_arrays
 from jaxdem.io.access import reason_of
 
 

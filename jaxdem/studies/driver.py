@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from jaxdem.errors import InputError
-from jaxdem.records import versions
 from jaxdem.report import Comparison, compare
+from jaxdem.run.records import versions
 from jaxdem.studies.evidence import Evidence
 from jaxdem.studies.measure import screen_time
 from jaxdem.studies.part_budget import budget_part

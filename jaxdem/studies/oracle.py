@@ -26,15 +26,15 @@ from jax import Array
 
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import Drag, DragInputs
-from jaxdem.coupling.exchange import exchange
+from jaxdem.coupling.coupled import Mixture
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import cell_average
 from jaxdem.io import Run
 from jaxdem.metrics import history_row
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
+from jaxdem.setup.time_steps import simulated_time
 from jaxdem.studies.arrays import read_stored
-from jaxdem.time_steps import simulated_time
 from jaxdem.train.dataset import CoarseView
 
 FLUID_METRICS = ("fluid_pressure_mean", "fluid_velocity_mean", "fluid_velocity_median")
@@ -175,17 +175,16 @@ class _Track:
         self, fluid: Any, position: Array, velocity: Array, coefficient: Array, remainder: Array, time: Array
     ) -> tuple[Any, Array]:
         """The fluid after an interval, and the mismatch of momentum."""
-        p, interval = self.parameters, self.simulation.fluid
+        p, coupling = self.parameters, self.simulation.coupling
         assert (
-            interval is not None and p.bodies is not None and p.fluid is not None and p.drag_scale is not None
+            coupling is not None and p.bodies is not None and p.fluid is not None and p.drag_scale is not None
         )
         nothing = jnp.zeros_like(velocity)
         particles = ParticleState(position, None, velocity, nothing[:, :0], (), (), nothing, nothing)
         bodies = p.bodies._replace(density=p.bodies.density * HEAVY)
         drag = GivenDrag(coefficient, remainder)
-        fluid, _, report = exchange(
-            interval, drag, p.drag_scale, p.fluid, bodies, jnp.zeros_like(p.gravity), fluid, particles, time,
-        )  # fmt: skip
+        mixture = Mixture(drag, p.drag_scale, p.fluid, bodies, jnp.zeros_like(p.gravity))
+        fluid, _, _, report = coupling.advance(mixture, fluid, particles, time)
         return fluid, report.momentum
 
     def _frame(self, time: float, fluid: Any) -> tuple[Any, ...]:

@@ -20,8 +20,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from jaxdem.signals import noted_signals
-from jaxdem.simulate import Interrupted
+from jaxdem.run.signals import noted_signals
+from jaxdem.run.simulate import Interrupted
 from jaxdem.studies.work import CORE
 
 POLL = 0.2
@@ -50,7 +50,7 @@ class Piece:
 
     Attributes:
         name: shown, and of the log file.
-        work: what `jaxdem.studies.work` is told; "kind" and what that kind needs.
+        work: what `studies.work` is told; "kind" and what that kind needs.
         total: how long it is, in its own unit: simulated time, epochs, samples.
         needs: names of pieces that must be done before.
         done: whether there is nothing to do.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxdem.errors import InputError
-from jaxdem.files import parse_json, read_text
+from jaxdem.files.reading import parse_json, read_text
 from jaxdem.io.access import reason_of
 from jaxdem.io.durable import write_bytes
 from jaxdem.report.page import PageSection, PageTable

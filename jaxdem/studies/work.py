@@ -1,6 +1,6 @@
 """What the processes of a study do: one piece of work each, read as JSON from standard input, told of in JSON lines.
 
-`python -m jaxdem.studies.work` with CORE in the environment stays on that core. Lines are {"done": how much}, then
+`python -m studies.work` with CORE in the environment stays on that core. Lines are {"done": how much}, then
 {"finished": true} or {"failed": why} or {"stopped": signal number}.
 """
 
@@ -22,8 +22,8 @@ CORE = "JAXDEM_STUDY_CORE"
 
 def do_run(work: dict[str, Any], report: Report) -> None:
     """A run: `scene` (tables), `out`."""
+    from jaxdem.run.simulate import simulate_once
     from jaxdem.scene import load_scene
-    from jaxdem.simulate import simulate_once
 
     simulate_once(load_scene(work["scene"]), Path(work["out"]), lambda: lambda time, _: report(time))
 
@@ -216,14 +216,14 @@ def main() -> int:
     core = os.environ.get(CORE)
     if core is not None and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {int(core)})
-    from jaxdem.compilation_cache import use_compilation_cache
     from jaxdem.errors import JaxdemError
+    from jaxdem.run.compilation_cache import use_compilation_cache
 
     work = json.load(sys.stdin)
     use_compilation_cache()
     import jax
 
-    from jaxdem.simulate import Interrupted
+    from jaxdem.run.simulate import Interrupted
 
     if work.get("scene", {}).get("precision") == "float64":
         jax.config.update("jax_enable_x64", True)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.files import read_text
+from jaxdem.files.reading import read_text
 from jaxdem.io.durable import write_bytes
 from jaxdem.train.fit_settings import FitSettings
 

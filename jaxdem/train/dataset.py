@@ -23,10 +23,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.build import build
 from jaxdem.coupling.coarse_inputs import CoarseInputs
-from jaxdem.coupling.forces import drag_of_model_a
 from jaxdem.coupling.interpolation import interpolate_faces
+from jaxdem.coupling.model_b import drag_of_model_a
 from jaxdem.errors import InputError
 from jaxdem.fluid.diffusion import stress_divergence
 from jaxdem.fluid.grid import face_average
@@ -37,6 +36,7 @@ from jaxdem.io.outputs import refuse_what_is_read
 from jaxdem.io.samples import Samples
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene, named_files
+from jaxdem.setup.build import build
 from jaxdem.simulation import Simulation
 from jaxdem.train.dataset_file import SEEING, write_dataset
 
@@ -175,27 +175,23 @@ class CoarseView:
     def group(self, collected: list[dict[str, np.ndarray]]) -> dict[str, Any]:
         """The samples of all times, one after the other, with the group's attributes."""
         arrays = {name: np.concatenate([rows[name] for rows in collected]) for name in collected[0]}
-        assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
+        assert self.simulation.coupling is not None
         return arrays | {
             "filter_size": self.coarse.filter_size,
-            "kernel_width": float(np.mean(self.simulation.fluid.deposition.half_width)),
+            "kernel_width": float(np.mean(self.simulation.coupling.deposition.half_width)),
         }
 
     def _seen(
         self, flux: tuple[Array, ...], pressure: Array, position: Array, velocity: Array, time: Array
     ) -> tuple[dict[str, Array], FluidState]:
         """Inputs of the drag law on the coarse mesh, the force that this mesh applies by itself, and its fluid."""
-        assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
+        coupling = self.simulation.coupling
+        assert coupling is not None
         bodies, fluid = self.parameters.bodies, self.parameters.fluid
         assert bodies is not None and fluid is not None
-        solver = self.simulation.fluid.solver
+        solver = coupling.interval.solver
         dtype = position.dtype
-        view = CoarseInputs(
-            self.coarse,
-            solver.boundary,
-            self.simulation.fluid.deposition,
-            self.simulation.fluid.deconvolution,
-        )
+        view = CoarseInputs(self.coarse, solver.boundary, coupling.deposition, coupling.drag.deconvolution)
         particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
         averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
         inputs, state, weights = view.seen(*averaged, particles, bodies, fluid)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.file import UNREADABLE, write_aside
 from jaxdem.errors import InputError
-from jaxdem.hdf5 import DATASET as FORMAT
-from jaxdem.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import DATASET as FORMAT
+from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 
 VERSION = 1
 KEY = "dataset"

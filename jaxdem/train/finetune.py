@@ -32,7 +32,7 @@ from jaxdem.errors import InputError, RunError, sentence
 from jaxdem.failures import Failure, first_meaning
 from jaxdem.io import load_run
 from jaxdem.particles.neighbors import Neighbors, Room
-from jaxdem.rollout import measured_rollout
+from jaxdem.run.rollout import measured_rollout
 from jaxdem.scene import Scene
 from jaxdem.state import Diagnostics, State
 from jaxdem.train.closures import Closures, Weights, few_parameters

@@ -15,7 +15,7 @@ from jax import Array
 from jax.lax import optimization_barrier
 
 from jaxdem.closures.network import ACTIVATIONS
-from jaxdem.products import PRECISION
+from jaxdem.numerics.products import PRECISION
 
 
 @jax.custom_vjp

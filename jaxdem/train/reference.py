@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.build import build, initial_state
 from jaxdem.closures import PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
@@ -19,15 +18,16 @@ from jaxdem.fluid.boundary import set_normal_velocity
 from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
-from jaxdem.initial import initial_positions, scene_bodies
 from jaxdem.io import Run
-from jaxdem.particles import vectors
+from jaxdem.numerics import vectors
 from jaxdem.particles.integrate import split_low
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
+from jaxdem.setup.build import build, initial_state
+from jaxdem.setup.initial import initial_positions, scene_bodies
+from jaxdem.setup.time_steps import time_steps
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
-from jaxdem.time_steps import time_steps
 from jaxdem.train.closures import Closures
 from jaxdem.train.observables import Grains, Observables, observe_fluid, observe_particles
 
@@ -128,9 +128,10 @@ class Course:
     @cached_property
     def _deposited(self) -> Any:
         """Void fraction of the cells and of the faces as a function of the positions, compiled."""
-        assert self.simulation.fluid is not None and self.simulation.fluid.deposition is not None
+        assert self.simulation.coupling is not None
         assert self.parameters.bodies is not None
-        grid, deposition = self.simulation.fluid.solver.grid, self.simulation.fluid.deposition
+        coupling = self.simulation.coupling
+        grid, deposition = coupling.interval.solver.grid, coupling.deposition
         bodies = self.parameters.bodies
 
         @jax.jit

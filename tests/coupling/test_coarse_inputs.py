@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.check import check_scene
+from jaxdem.check.check import check_scene
 from jaxdem.closures.base import Drag
-from jaxdem.coupling.exchange import exchange
+from jaxdem.coupling.coupled import Mixture
 from jaxdem.coupling.interpolation import kernel_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
@@ -47,14 +47,16 @@ class Box:
             )
         )
         simulation, self.parameters = jaxdem.build(scene)
-        self.fluid = simulation.fluid
-        self.grid = self.fluid.solver.grid
+        self.coupling = simulation.coupling
+        self.grid = self.coupling.interval.solver.grid
         self.void_fraction = jax.jit(self._void_fraction)
         self.step = jax.jit(self._step)
 
     def _step(self, fluid, particles):
         p, now = self.parameters, jnp.zeros(())
-        return exchange(self.fluid, law, p.drag_scale, p.fluid, p.bodies, p.gravity, fluid, particles, now)
+        mixture = Mixture(law, p.drag_scale, p.fluid, p.bodies, p.gravity)
+        fluid, forces, _, report = self.coupling.advance(mixture, fluid, particles, now)
+        return fluid, forces, report
 
     def state(self, position, velocity, faces):
         # NumPy arrays: one type for all states, so that nothing is compiled twice.
@@ -65,7 +67,7 @@ class Box:
         ), particles
 
     def _void_fraction(self, position):
-        weights = kernel_weights(self.grid, self.fluid.deposition.half_width, position)
+        weights = kernel_weights(self.grid, self.coupling.deposition.half_width, position)
         return 1.0 - solid_fraction(self.grid, weights, self.parameters.bodies.volume)
 
     def even(self):
@@ -145,7 +147,7 @@ def test_it_is_compiled_in_where_it_is_asked_for_only():
         in check_scene(jaxdem.load_scene(tables())).compiled_in
     )
     simulation, _ = jaxdem.build(jaxdem.load_scene(tables(coupling={})))
-    assert simulation.fluid.coarse_inputs is None
+    assert simulation.coupling.drag.coarse_inputs is None
 
 
 @pytest.mark.parametrize(

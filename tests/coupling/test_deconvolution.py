@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.check import check_scene
+from jaxdem.check.check import check_scene
 from jaxdem.closures.base import Drag
-from jaxdem.coupling.exchange import exchange
+from jaxdem.coupling.coupled import Mixture
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid, face_average, face_total, second_differences
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.stability import deconvolution_limit
+from jaxdem.setup.stability import deconvolution_limit
 
 CELLS, SIDE, DURATION, STRENGTH = 12, 0.24, 0.01, 0.2
 
@@ -41,19 +41,25 @@ def tables(strength=STRENGTH, **coupling):
     )
 
 
+def deconvolving(coupling, strength):
+    return dataclasses.replace(coupling, drag=dataclasses.replace(coupling.drag, deconvolution=strength))
+
+
 class Box:
     """A particle in the middle of every cell of a periodic box, through one fluid step."""
 
     def __init__(self):
         self.scene = jaxdem.load_scene(tables())
         simulation, self.parameters = jaxdem.build(self.scene)
-        self.fluid, self.grid = simulation.fluid, simulation.fluid.solver.grid
+        self.coupling, self.grid = simulation.coupling, simulation.fluid.solver.grid
         self.position = np.asarray(tables()["particles"]["position"])
         self.step = jax.jit(self._step, static_argnums=0)
 
-    def _step(self, interval, fluid, particles, scale):
+    def _step(self, coupling, fluid, particles, scale):
         p, now = self.parameters, jnp.zeros(())
-        return exchange(interval, law, scale, p.fluid, p.bodies, p.gravity, fluid, particles, now)
+        mixture = Mixture(law, scale, p.fluid, p.bodies, p.gravity)
+        fluid, forces, _, report = coupling.advance(mixture, fluid, particles, now)
+        return fluid, forces, report
 
     def shear(self, wave):
         """u = cos(k z), a crest in the first cell: no component varies along itself, so a particle sees it through the kernel alone."""
@@ -74,7 +80,7 @@ def box():
 def test_a_wave_is_raised_by_its_second_difference(box, wave):
     """1 + a (2 - 2 cos k h) times what the kernel leaves of it: to first order what it took away."""
     fluid, particles = box.shear(wave)
-    _, forces, _ = box.step(box.fluid, fluid, particles, 1.0)
+    _, forces, _ = box.step(box.coupling, fluid, particles, 1.0)
     kh = 2 * np.pi * wave / CELLS
     cosine = np.cos(kh * (box.position[:, 1] / (SIDE / CELLS) - 0.5))
     seen = (
@@ -99,7 +105,7 @@ def test_momentum_is_conserved(box):
     """What the sharper velocity adds is taken from the faces, as all drag is."""
     fluid, particles = box.shear(2)
     fluid = fluid._replace(face_velocity=(fluid.face_velocity[0] + 0.3, fluid.face_velocity[1]))
-    after, forces, report = box.step(box.fluid, fluid, particles, 1.0)
+    after, forces, report = box.step(box.coupling, fluid, particles, 1.0)
 
     def momentum(state):
         faces = face_average(box.grid, state.void_fraction)
@@ -118,7 +124,7 @@ def test_under_the_limit_nothing_grows_however_strong_the_drag(box, varies):
 
     The particles stand in the middle of cells, where kernels let most through, and are so heavy that the fluid cannot carry them along.
     """
-    limit = deconvolution_limit(box.fluid.deposition.half_width, box.grid.spacing)
+    limit = deconvolution_limit(box.coupling.deposition.half_width, box.grid.spacing)
     heavy = box.parameters.bodies._replace(density=box.parameters.bodies.density * 1e9)
     p = box.parameters
 
@@ -127,11 +133,11 @@ def test_under_the_limit_nothing_grows_however_strong_the_drag(box, varies):
 
     def after(strength, waves):
         """Largest speed after a step, over waves of size one."""
-        interval = dataclasses.replace(box.fluid, deconvolution=strength)
+        coupling = deconvolving(box.coupling, strength)
         scale, now, particles = jnp.asarray(1e6), jnp.zeros(()), box.shear(1)[1]
         run = jax.jit(
-            lambda f: exchange(
-                interval, law if varies else even, scale, p.fluid, heavy, p.gravity, f, particles, now
+            lambda f: coupling.advance(
+                Mixture(law if varies else even, scale, p.fluid, heavy, p.gravity), f, particles, now
             )
         )
         return max(np.abs(u).max() for wave in waves for u in run(box.shear(wave)[0])[0].face_velocity)

@@ -9,9 +9,10 @@ import pytest
 
 import jaxdem
 from jaxdem.coupling.deposition import Kernel
-from jaxdem.coupling.lift import LiftInputs, Magnus, SaffmanMei, rotational_drag, vorticity
+from jaxdem.coupling.forces.lift import Magnus, SaffmanMei
+from jaxdem.coupling.forces.rotation import FlowAround, rotational_drag, vorticity
 from jaxdem.fluid.grid import Grid
-from jaxdem.particles import vectors
+from jaxdem.numerics import vectors
 from jaxdem.step import step
 
 D, RHO, MU = 2e-3, 1000.0, 1e-3
@@ -19,7 +20,7 @@ D, RHO, MU = 2e-3, 1000.0, 1e-3
 
 def inputs(slip, curl, spin, viscosity=MU):
     as_vector = lambda values: tuple(jnp.asarray([v], jnp.float64) for v in values)  # noqa: E731
-    return LiftInputs(
+    return FlowAround(
         as_vector(slip),
         as_vector(curl),
         as_vector(spin),
@@ -35,7 +36,7 @@ def test_saffman_at_small_reynolds_number():
     Mei's factor is 1 - 0.33 sqrt(b) - Re/10: 0.998 here.
     """
     viscosity, slip, shear = 10.0, 0.02, 1e-3
-    force = SaffmanMei()(inputs((slip, 0.0), (-shear,), (0.0,), viscosity))  # u = (shear y, 0)
+    force = SaffmanMei().force(inputs((slip, 0.0), (-shear,), (0.0,), viscosity))  # u = (shear y, 0)
     expected = 6.46 * viscosity * (D / 2) ** 2 * slip * math.sqrt(shear * RHO / viscosity)
     assert float(force[1][0]) == pytest.approx(expected, rel=4e-3)
     assert abs(float(force[0][0])) == 0.0
@@ -51,8 +52,8 @@ def test_saffman_with_meis_factor(slip, shear):
     )
     expected = 1.615 * MU * D * slip * math.sqrt(D**2 * shear * RHO / MU) * factor
     # In 3-D the same flow in another plane: u = (0, 0, shear x), slip along z; the force is along x.
-    flat = SaffmanMei()(inputs((slip, 0.0), (-shear,), (0.0,)))
-    solid = SaffmanMei()(inputs((0.0, 0.0, slip), (0.0, -shear, 0.0), (0.0, 0.0, 0.0)))
+    flat = SaffmanMei().force(inputs((slip, 0.0), (-shear,), (0.0,)))
+    solid = SaffmanMei().force(inputs((0.0, 0.0, slip), (0.0, -shear, 0.0), (0.0, 0.0, 0.0)))
     assert float(flat[1][0]) == pytest.approx(expected, rel=1e-12)
     assert float(solid[0][0]) == pytest.approx(expected, rel=1e-12)
 
@@ -60,7 +61,7 @@ def test_saffman_with_meis_factor(slip, shear):
 def test_magnus_at_small_reynolds_number():
     """Rubinow and Keller's pi r^3 rho omega x v, for a sphere that moves and turns in still fluid."""
     velocity, spin, viscosity = np.array([1e-3, 0.0]), 0.3, 10.0
-    force = Magnus()(inputs(-velocity, (0.0,), (spin,), viscosity))
+    force = Magnus().force(inputs(-velocity, (0.0,), (spin,), viscosity))
     expected = math.pi * (D / 2) ** 3 * RHO * spin * velocity[0]
     assert float(force[1][0]) == pytest.approx(expected, rel=1e-3)
     assert float(force[0][0]) == pytest.approx(0.0, abs=1e-30)
@@ -71,10 +72,10 @@ def test_magnus_of_oesterle_and_bui_dinh(speed, spin):
     re, rotation = RHO * speed * D / MU, RHO * spin * D**2 / MU
     factor = 0.45 + (rotation / re - 0.45) * math.exp(-0.05684 * rotation**0.4 * re**0.3)
     expected = 0.5 * RHO * math.pi / 4 * D**2 * factor * speed**2
-    force = Magnus()(inputs((-speed, 0.0), (0.0,), (spin,)))
+    force = Magnus().force(inputs((-speed, 0.0), (0.0,), (spin,)))
     assert float(force[1][0]) == pytest.approx(expected, rel=1e-12)
     # A sphere that turns with the fluid, at half its vorticity, has none.
-    assert float(Magnus()(inputs((-speed, 0.0), (2 * spin,), (spin,)))[1][0]) == 0.0
+    assert float(Magnus().force(inputs((-speed, 0.0), (2 * spin,), (spin,)))[1][0]) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -94,8 +95,8 @@ def test_rotational_drag(spin, factor):
 @pytest.mark.parametrize("law", [SaffmanMei(), Magnus()])
 def test_gradients_are_finite_without_slip_and_without_rotation(law):
     def total(slip, curl):
-        force = law(
-            LiftInputs(
+        force = law.force(
+            FlowAround(
                 (slip, slip), (curl,), (curl * 0.0,), jnp.asarray(D), jnp.asarray(RHO), jnp.asarray(MU)
             )
         )
@@ -201,10 +202,10 @@ def test_lift_and_torque_in_a_run(tmp_path, sheared):
     rotation = 1000 * abs(relative) * d**2 / mu
     factor = 0.45 + (rotation / re - 0.45) * math.exp(-0.05684 * rotation**0.4 * re**0.3)
     magnus = math.pi / 8 * d**2 * 1000 * factor * slip**2 * math.copysign(1, relative)
-    lift = np.asarray(report.forces.lift[0])
+    lift = sum(np.asarray(mean.given[0]) for mean in report.forces.further.values())
     assert lift[1] == pytest.approx(saffman + magnus, rel=1e-9)
     assert abs(lift[0]) < 1e-12 * abs(lift[1])
-    assert float(report.fluid.momentum) < 1e-12
+    assert float(report.exchange.momentum) < 1e-12
     torque = float(report.forces.torque[0, 0])
     inertia = float(parameters.bodies.inertia)
     decay = math.pi * mu * d**3 / inertia * 1e-3
@@ -221,5 +222,5 @@ def test_lift_and_torque_in_a_run(tmp_path, sheared):
 def test_without_the_options_there_is_neither(tmp_path, sheared):
     """Negative control: no lift, no torque, and the spin stays."""
     _, new, report = sheared(shear_scene(tmp_path))
-    assert report.forces.lift is None and report.forces.torque is None
+    assert report.forces.further == {} and report.forces.torque is None
     assert float(new.particles.angular_velocity[0, 0]) == 3.0

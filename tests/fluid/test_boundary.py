@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.flows import random_faces
 from jaxdem import build, load_scene
 from jaxdem.errors import InputError
 from jaxdem.fluid.advection import Upwind, VanLeer, advection
@@ -25,6 +24,7 @@ from jaxdem.fluid.boundary import (
 from jaxdem.fluid.grid import Grid, divergence
 from jaxdem.fluid.inlet import LinearTable, Parabola
 from jaxdem.fluid.side_conditions import FreeSlip
+from tests.cases.flows import random_faces
 
 
 def box(cells, kinds, periodic=(False, False), velocity=None, **patch):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jaxdem
-from benchmarks.cases.flows import PERIODIC, Flow, linear_faces
-from jaxdem.coupling.exchange import SUBSTEPS, VISCOUS_LIMIT, VISCOUS_STABLE, advance_fluid
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.grid import Grid, face_total
+from jaxdem.fluid.interval import SUBSTEPS, VISCOUS_LIMIT, VISCOUS_STABLE
 from jaxdem.fluid.subgrid import eddy_viscosity
+from tests.cases.flows import PERIODIC, Flow, linear_faces
 
 CS, A, SIZE = 0.17, 3.0, (0.7, 0.9, 1.2)
 TIME = jnp.asarray(0.0)
@@ -134,7 +134,7 @@ def test_the_viscous_limit_is_that_of_the_shortest_pressure_wave():
 def test_the_viscosity_number_counts_the_subgrid_viscosity(coefficient):
     """nu t (1/hx^2 + 1/hz^2) with nu + (C_s Delta)^2 a: 1.1, for which the two steps of the Courant limit are few."""
     interval, parameters, fluid = sheared(smagorinsky=coefficient)
-    state, report = jax.jit(lambda p, f: advance_fluid(interval, p, f, TIME))(parameters.fluid, fluid)
+    state, report = jax.jit(lambda p, f: interval.advance(p, f, TIME))(parameters.fluid, fluid)
     hx, hz = interval.solver.grid.spacing
     nu = 1e-4 + coefficient**2 * hx * hz * A
     whole = nu * 0.1 * (1.0 / hx**2 + 1.0 / hz**2)
@@ -151,5 +151,5 @@ def test_the_viscosity_number_counts_the_subgrid_viscosity(coefficient):
 def test_without_a_coefficient_there_is_no_subgrid_viscosity_in_the_program(coefficient):
     """Its root is the only one of a fluid alone."""
     interval, parameters, fluid = sheared(smagorinsky=coefficient)
-    program = jax.jit(lambda p, f: advance_fluid(interval, p, f, TIME)).lower(parameters.fluid, fluid)
+    program = jax.jit(lambda p, f: interval.advance(p, f, TIME)).lower(parameters.fluid, fluid)
     assert ("stablehlo.sqrt" in program.as_text()) == (coefficient > 0.0)

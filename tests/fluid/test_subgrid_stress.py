@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import jaxdem
-from benchmarks.cases.flows import linear_faces, random_faces
 from jaxdem.closures import SubgridClosure
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid, face_total
 from jaxdem.fluid.subgrid_stress import subgrid_acceleration, subgrid_flow, subgrid_stress
+from tests.cases.flows import linear_faces, random_faces
 
 C1, CN, SIZE = 0.03, 0.07, (0.7, 0.9, 1.2)
 TIME, VISCOSITY = jnp.asarray(0.0), jnp.asarray(1e-6)

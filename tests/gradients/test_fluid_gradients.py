@@ -8,7 +8,6 @@ import numpy as np
 
 import jaxdem
 from jaxdem.closures import SubgridClosure
-from jaxdem.coupling.exchange import advance_fluid
 
 TIMES = (0.0, 0.02, 0.05)
 
@@ -54,7 +53,7 @@ def test_gradient_by_subgrid_coefficients_and_velocities_in_time():
         )
 
         def body(state, k):
-            return advance_fluid(interval, fluid, state, k * interval.duration)[0], None
+            return interval.advance(fluid, state, k * interval.duration)[0], None
 
         state, _ = jax.lax.scan(body, start, jnp.arange(4.0))
         return sum(jnp.sum(u**2) for u in state.face_velocity)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxdem.particles import compensated
+from jaxdem.numerics import compensated
 
 GENERATOR = np.random.default_rng(7)
 

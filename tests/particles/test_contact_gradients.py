@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.worlds import advance, constants, forces, world
 from jaxdem.particles.contact import Contact, ContactForce, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.rolling import ConstantDirectionalTorque
+from tests.cases.worlds import advance, constants, forces, world
 
 RADIUS = 0.01
 PLACES = {

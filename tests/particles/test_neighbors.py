@@ -1,4 +1,4 @@
-"""The neighbour list and the contact history through rebuilds; list against all pairs: `benchmarks/cases/lists.py`."""
+"""The neighbour list and the contact history through rebuilds; list against all pairs: `tests/cases/lists.py`."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from benchmarks.cases.lists import listed_pairs, pairs_within
-from benchmarks.cases.worlds import constants, track, world
 from jaxdem.particles import cells, loop, neighbors
 from jaxdem.particles import pairs as pair_list
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid, neighbors_in_cells
 from jaxdem.particles.neighbors import Room, carry_history
 from jaxdem.particles.pairs import Pairs, pairs_of, place_of, sum_over_pairs
+from tests.cases.lists import listed_pairs, pairs_within
+from tests.cases.worlds import constants, track, world
 
 
 def gas(rebuild):

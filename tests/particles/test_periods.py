@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.worlds import world
 from jaxdem.particles.integrate import Motion, centres_in_box
+from tests.cases.worlds import world
 
 RADIUS, OVERLAP, LENGTHS, PERIODS = 0.01, 1e-5, (0.3, 2.3), (0, 1, -1, 333, 1001, 4097)
 

@@ -1,6 +1,6 @@
-"""What plain float32 would do to contacts; what ours does: `benchmarks/cases/conservation.py`."""
+"""What plain float32 would do to contacts; what ours does: `tests/cases/conservation.py`."""
 
-from benchmarks.cases.conservation import worst
+from tests.cases.conservation import worst
 
 
 def test_plain_float32_fails():

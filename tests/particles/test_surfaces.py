@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.particles import compensated
+from jaxdem.numerics import compensated
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, surface_contacts, wedge
 
 RADIUS, COUNT, TUBE = float(np.float32(0.01)), 500, 3.3

@@ -1,6 +1,6 @@
 """The references of the contact cases checked once more, and controls: what breaks them on purpose.
 
-The cases themselves, MFIX DEM01-04, Hertz and restitution, are in `benchmarks/cases/contact.py`.
+The cases themselves, MFIX DEM01-04, Hertz and restitution, are in `tests/cases/contact.py`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.cases.contact import (
+from jaxdem.particles import contact, loop
+from tests.cases.contact import (
     DROP_RADIUS,
     GRAVITY,
     drop_mass,
@@ -17,9 +18,8 @@ from benchmarks.cases.contact import (
     head_on,
     soft_sphere,
 )
-from benchmarks.cases.registry import table
-from benchmarks.cases.worlds import track
-from jaxdem.particles import contact, loop
+from tests.cases.registry import table
+from tests.cases.worlds import track
 
 
 def test_soft_sphere_form_is_that_of_the_table():

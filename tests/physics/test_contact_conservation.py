@@ -1,12 +1,12 @@
-"""What would break the conservation of momentum; that, and of energy: `benchmarks/cases/conservation.py`."""
+"""What would break the conservation of momentum; that, and of energy: `tests/cases/conservation.py`."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.cases.conservation import cluster, totals
-from benchmarks.cases.worlds import track
 from jaxdem.particles import forces
+from tests.cases.conservation import cluster, totals
+from tests.cases.worlds import track
 
 
 def test_full_arm_would_lose_angular_momentum(monkeypatch):

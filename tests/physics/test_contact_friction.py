@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jaxdem
-from benchmarks.cases.worlds import batch, constants, track, world
 from jaxdem.particles import tangent
 from jaxdem.particles.rolling import ConstantDirectionalTorque
+from tests.cases.worlds import batch, constants, track, world
 
 RADIUS, DENSITY, MODULUS, POISSON, GRAVITY = 0.01, 2500.0, 1e7, 0.3, 9.81
 MASS = DENSITY * 4 / 3 * np.pi * RADIUS**3

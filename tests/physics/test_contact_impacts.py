@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.contact import PHASES, after_impact, oblique_step, thrown
-from benchmarks.cases.worlds import batch, constants, track, world
-from jaxdem.check import restitution_error, slip_error
+from jaxdem.check.check import restitution_error, slip_error
 from jaxdem.particles import forces
 from jaxdem.particles.contact import LinearSpringDashpot
 from jaxdem.particles.rolling import ConstantDirectionalTorque
+from tests.cases.contact import PHASES, after_impact, oblique_step, thrown
+from tests.cases.worlds import batch, constants, track, world
 
 RADIUS, SIDEWAYS = 0.01, np.sin(np.radians(15))
 

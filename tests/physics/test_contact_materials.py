@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 import jaxdem
-from benchmarks.cases.worlds import advance, batch, forces, track, world
-from jaxdem import check
-from jaxdem.bodies import material_table
+from jaxdem.check import check
 from jaxdem.errors import InputError
-from jaxdem.initial import initial_positions, scene_bodies
 from jaxdem.particles.forces import MaterialIndex
 from jaxdem.particles.materials import SeveralMaterials, surroundings
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.surfaces import Plane
-from jaxdem.stability import hertz_duration
-from jaxdem.time_steps import time_steps
+from jaxdem.setup.bodies import material_table
+from jaxdem.setup.initial import initial_positions, scene_bodies
+from jaxdem.setup.stability import hertz_duration
+from jaxdem.setup.time_steps import time_steps
+from tests.cases.worlds import advance, batch, forces, track, world
 
 ELASTIC = {"soft": (1e9, 0.2), "hard": (1e10, 0.4)}
 TABLES = {

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.worlds import batch, constants, track, world
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
+from tests.cases.worlds import batch, constants, track, world
 
 RADIUS, DENSITY, MODULUS, POISSON, GRAVITY = 0.01, 2500.0, 1e7, 0.3, 9.81
 MASS = DENSITY * 4 / 3 * np.pi * RADIUS**3

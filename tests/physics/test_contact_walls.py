@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.worlds import advance, batch, constants, track, world
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, wedge
+from tests.cases.worlds import advance, batch, constants, track, world
 
 RADIUS, DENSITY, MODULUS, POISSON, GRAVITY = 0.01, 2500.0, 1e7, 0.3, 9.81
 MASS = DENSITY * 4 / 3 * np.pi * RADIUS**3

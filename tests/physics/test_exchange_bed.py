@@ -7,10 +7,11 @@ import pytest
 from jax import lax
 
 import jaxdem
-from benchmarks.cases.beds import DEPTH, INTERVAL, LAWS, RAMP, RHO, Column, H, ergun_drop, pressure_slope
-from benchmarks.cases.correlations import PLAIN
-from benchmarks.cases.exchange import settled
-from jaxdem.coupling import exchange as exchange_module
+from jaxdem.coupling import drag as drag_module
+from jaxdem.fluid.momentum import FluidSolver
+from tests.cases.beds import DEPTH, INTERVAL, LAWS, RAMP, RHO, Column, H, ergun_drop, pressure_slope
+from tests.cases.correlations import PLAIN
+from tests.cases.exchange import settled
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def test_fixed_bed_pressure_drop_is_erguns_in_model_b_too(column_b, speed):
 
 def test_drag_that_is_not_converted_fails_the_bed_in_model_b(column_b, monkeypatch):
     """Negative control: the law of model A as it is gives g times the pressure drop."""
-    monkeypatch.setattr(exchange_module, "drag_of_model_b", lambda drag, solid_fraction: drag)
+    monkeypatch.setattr(drag_module, "drag_of_model_b", lambda drag, solid_fraction: drag)
     fluid, _, _ = column_b.run("ergun", 0.009, 1e-3, 1e-5, 200, run=column_b.compiled())
     s = column_b.solid(0.009)
     assert pressure_slope(fluid) == pytest.approx(-(1.0 - s) * ergun_drop(s, 0.018, 1e-5, 1e-3), rel=1e-3)
@@ -57,12 +58,13 @@ def test_pressure_drives_all_of_an_accelerating_flow_in_model_b(column_b):
 
 def test_square_of_the_void_fraction_would_fail_the_bed(column, monkeypatch):
     """Negative control: g^2 for g in the pressure's weight is far outside the gate."""
-    right = exchange_module._substep
+    right = FluidSolver.step
 
-    def wrong(interval, properties, bodies, weights, drag, response, steady, g, weighting, *rest):
-        return right(interval, properties, bodies, weights, drag, response, steady, g, weighting**2, *rest)
+    def wrong(solver, *arguments):
+        *others, weighting = arguments
+        return right(solver, *others, weighting**2)
 
-    monkeypatch.setattr(exchange_module, "_substep", wrong)
+    monkeypatch.setattr(FluidSolver, "step", wrong)
     fluid, _, _ = column.run("ergun", 0.009, 1e-3, 1e-5, 200, run=column.compiled())
     expected = ergun_drop(column.solid(0.009), 0.018, 1e-5, 1e-3)
     assert abs(pressure_slope(fluid) / -expected - 1.0) > 0.2

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.suspensions import CELLS, DEPTH, RADIUS, SIDE, STOKES_TIME, Suspension
 from jaxdem.coupling import exchange as exchange_module
 from jaxdem.coupling.interpolation import kernel_weights
 from jaxdem.failures import Failure
+from tests.cases.suspensions import CELLS, DEPTH, RADIUS, SIDE, STOKES_TIME, Suspension
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_viscous_force_in_a_shear_wave(suspension):
     parameters = suspension.given(viscosity=viscosity, drag=0.0)
     state = suspension.state(position, fluid=(0.0, 0.01 * np.tile(wave[:, None], (1, CELLS + 1))))
     _, code, forces, _ = suspension.run(parameters, state, 1)
-    weights = kernel_weights(suspension.grid, suspension.simulation.fluid.deposition.half_width, position)
+    weights = kernel_weights(suspension.grid, suspension.simulation.coupling.deposition.half_width, position)
     cell = np.repeat(wave, CELLS)[np.asarray(weights.index)]
     seen = 0.01 * np.sum(np.asarray(weights.weight) * cell, axis=1)
     volume = float(parameters.bodies.volume)
@@ -147,7 +147,7 @@ def test_viscous_force_of_the_subgrid_viscosity_in_a_shear_wave(suspension):
     eddy = (0.8 * h) ** 2 * np.sqrt(0.5 * (slope**2 + np.roll(slope, -1) ** 2))
     stress = (1e-5 + 0.5 * (eddy + np.roll(eddy, 1))) * slope
     force = np.repeat((np.roll(stress, -1) - stress) / h, CELLS)
-    weights = kernel_weights(suspension.grid, suspension.simulation.fluid.deposition.half_width, position)
+    weights = kernel_weights(suspension.grid, suspension.simulation.coupling.deposition.half_width, position)
     seen = np.sum(np.asarray(weights.weight) * force[np.asarray(weights.index)], axis=1)
     expected = float(parameters.bodies.volume) * 1000.0 * seen
     assert int(code) == 0 and eddy.max() > 10 * 1e-5

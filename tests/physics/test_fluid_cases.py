@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.cases import checked, names
+from tests.cases import checked, names
 
 
 @pytest.mark.parametrize("name", names("fluid"))

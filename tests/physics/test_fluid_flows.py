@@ -1,4 +1,4 @@
-"""The fluid alone against invariants and closed forms; those of the verification page: `benchmarks/cases/fluid.py`."""
+"""The fluid alone against invariants and closed forms; those of the verification page: `tests/cases/fluid.py`."""
 
 import jax
 import jax.numpy as jnp
@@ -7,12 +7,12 @@ import pytest
 from jax import lax
 
 import jaxdem
-from benchmarks.cases.flows import PERIODIC, Flow, random_faces
-from benchmarks.cases.fluid import VISCOSITY, flow_rates, poiseuille
 from jaxdem.fluid.advection import Central, CentralFourth, Superbee, Upwind, VanLeer, advection
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid, divergence, face_average
 from jaxdem.fluid.inlet import LinearTable
+from tests.cases.flows import PERIODIC, Flow, random_faces
+from tests.cases.fluid import VISCOSITY, flow_rates, poiseuille
 
 
 @pytest.fixture(scope="module")

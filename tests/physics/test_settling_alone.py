@@ -1,4 +1,4 @@
-"""A sphere that drags its fluid along: the correction for its own wake, coarse; all cases in benchmarks/cases."""
+"""A sphere that drags its fluid along: the correction for its own wake, coarse; all cases in tests/cases."""
 
 import math
 
@@ -11,8 +11,7 @@ from scipy.integrate import quad
 from scipy.special import erfcx
 
 import jaxdem
-from benchmarks.cases import settling
-from jaxdem.check import check_scene
+from jaxdem.check.check import check_scene
 from jaxdem.closures import SchillerNaumann
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.coupling.self_disturbance import (
@@ -22,7 +21,8 @@ from jaxdem.coupling.self_disturbance import (
     oseen_factor,
 )
 from jaxdem.errors import InputError
-from jaxdem.step import fluid_part
+from jaxdem.step import advance_fluid
+from tests.cases import settling
 
 CELLS = 12
 
@@ -44,7 +44,7 @@ def fall():
             state, neighbors, _, good = carry
             state, neighbors, report = simulation.step(parameters, state, neighbors)
             seen = report.forces.inputs.slip_velocity[0, 2]
-            good = good & report.fluid.converged & (report.fluid.momentum < 1e-12)
+            good = good & report.fluid.converged & (report.exchange.momentum < 1e-12)
             return state, neighbors, seen, good
 
         return lax.fori_loop(0, 45, body, (start, neighbors, jnp.zeros(()), jnp.asarray(True)))
@@ -155,7 +155,7 @@ def test_off_compiles_nothing_of_it():
         scene = jaxdem.load_scene(settling.settling_scene(3.3, 1.0, corrected, (4, 4, 4)))
         simulation, parameters = jaxdem.build(scene)
         state, _ = jaxdem.initial_state(scene, simulation, parameters)
-        program = str(jax.make_jaxpr(lambda p, s, of=simulation: fluid_part(of, p, s))(parameters, state))
+        program = str(jax.make_jaxpr(lambda p, s, of=simulation: advance_fluid(of, p, s))(parameters, state))
         powers.append(program.count("= pow "))
         report = check_scene(scene)
         names = report.compiled_in if corrected else report.left_out

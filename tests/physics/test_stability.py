@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from benchmarks.cases import extremes, stability
-from jaxdem.stability import LinearContact, contact_stability_limit
+from jaxdem.setup.stability import LinearContact, contact_stability_limit
+from tests.cases import extremes, stability
 
 SMOOTH = LinearContact(3.0, 0.0, 0.0, 0.0)
 ROUGH = LinearContact(3.0, 2.5, 0.0, 0.0)

@@ -19,12 +19,12 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
 from jaxdem import load_scene
-from jaxdem.build import _of_wall
 from jaxdem.report import animation, pictures, single, snapshots, style, walls
 from jaxdem.report.comparison import Entry, build
 from jaxdem.report.player import player
 from jaxdem.report.runs import history_until
-from jaxdem.scene_walls import NEEDED
+from jaxdem.scene.walls import NEEDED
+from jaxdem.setup.build import _of_wall
 
 WALLS = {
     2: (

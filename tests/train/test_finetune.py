@@ -28,7 +28,7 @@ from jaxdem.fluid.subgrid_stress import subgrid_acceleration, subgrid_flow, subg
 from jaxdem.io import RunDirectory
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Room
-from jaxdem.rollout import measured_rollout
+from jaxdem.run.rollout import measured_rollout
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
 from jaxdem.train.closures import Closures, few_parameters
 from jaxdem.train.finetune import ENLARGEMENTS, PATIENCE, FinetuneSettings, Training, Unrolled
@@ -76,7 +76,11 @@ class ToyWorld:
         report = ParticleDiagnostics(
             nothing, jnp.zeros((), int), short, jnp.all(jnp.isfinite(velocity)), jnp.zeros((), int), nothing
         )
-        return State(moved, None, state.step + 1), neighbors, Diagnostics(report, None, SimpleForces(drag))
+        return (
+            State(moved, None, state.step + 1),
+            neighbors,
+            Diagnostics(report, None, None, SimpleForces(drag)),
+        )
 
 
 class SimpleForces(NamedTuple):

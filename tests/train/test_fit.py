@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.cases.drag_samples import DIAMETER, known_factor, make_dataset, make_group, write
 from jaxdem.closures import InvariantClosure, load_closure, save_closure
 from jaxdem.errors import InputError, RunError
 from jaxdem.train.dataset_file import SCALARS, VECTORS, read_dataset, write_dataset
 from jaxdem.train.fit import FitSettings, filtered_problem, fit_filtered, fit_paper
 from jaxdem.train.fit_evaluate import r_squared, split_by_run
 from jaxdem.train.fit_loop import LOSSES
+from tests.cases.drag_samples import DIAMETER, known_factor, make_dataset, make_group, write
 
 QUICK = FitSettings.filtered(epochs=60, batch=250)
 

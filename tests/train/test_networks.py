@@ -6,7 +6,6 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks.cases.drag_samples import known_factor, make_dataset
 from jaxdem.closures import EnsembleClosure, InvariantClosure, load_closure, save_closure
 from jaxdem.errors import InputError
 from jaxdem.studies.driver import FullStudy
@@ -22,6 +21,7 @@ from jaxdem.train.ensemble import fit_ensemble
 from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper, fit_together, paper_problem
 from jaxdem.train.fit_evaluate import learned_force, map_rows
 from jaxdem.train.fit_problem import solve
+from tests.cases.drag_samples import known_factor, make_dataset
 
 SMALL = FitSettings(hidden=(6, 4), epochs=4, batch=50, samples=300, learning_rate=3e-3)
 # One shape for all trainings on filtered inputs: they share compiled programs.

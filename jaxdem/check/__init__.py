@@ -1,0 +1,1 @@
+"""What `jaxdem check` finds out about a scene without running it."""

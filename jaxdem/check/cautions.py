@@ -1,0 +1,84 @@
+"""What a scene may ask for and what seldom does what was meant: sentences for `jaxdem check`. Host side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jaxdem.check.engineering import ScreenLoad
+from jaxdem.check.run_cost import RunCost
+from jaxdem.scene import Scene
+from jaxdem.setup.bodies import Bodies
+
+UNEQUAL = 1.2
+"""Largest over smallest diameter from which grains are of several sizes to a drag law [-]."""
+
+DEAR = 3.0
+"""Cost of a contact step over that of equal grains from which it is worth a word [-]."""
+
+
+def cautions(
+    scene: Scene,
+    bodies: Bodies,
+    spacing: tuple[float, ...] | None,
+    load: ScreenLoad | None,
+    cost: RunCost,
+) -> tuple[str, ...]:
+    """Sentences, each with a key and what to do.
+
+    Args:
+        scene: that is looked over.
+        bodies: of its particles.
+        spacing: of the mesh [m]; None without a fluid.
+        load: on a side that holds grains in a stream.
+        cost: of the run.
+    """
+    if bodies.radius.size == 0:
+        return ()
+    smallest, largest = 2.0 * float(np.min(bodies.radius)), 2.0 * float(np.max(bodies.radius))
+    return (
+        *_cells(spacing, largest),
+        *_sizes(scene, smallest, largest, cost),
+        *_screen(scene, load),
+    )
+
+
+def _cells(spacing: tuple[float, ...] | None, diameter: float) -> Iterator[str]:
+    if spacing is not None and min(spacing) < diameter:
+        yield (
+            f"fluid.cells: the cell side is {min(spacing) / diameter:.2g} of the largest diameter. The equations of the fluid are averaged over the "
+            f"grains and the kernel (coupling.kernel_width). Cells smaller than a diameter add cost but no detail; 2 to 4 diameters are usual."
+        )
+
+
+def _sizes(scene: Scene, smallest: float, largest: float, cost: RunCost) -> Iterator[str]:
+    ratio = largest / smallest
+    if cost.over_equal > DEAR:
+        yield (
+            f"particles.radius: diameters range from {smallest:.3g} to {largest:.3g} m (1 : {ratio:.3g}). The neighbour list of every "
+            f"grain has the reach of the largest one and up to {cost.slots} entries. A contact step costs about "
+            f"{cost.over_equal:.2g} times as much as with equal grains. Use sizes that differ less, or a wall in place of the largest grains."
+        )
+    if scene.coupling is not None and ratio > UNEQUAL:
+        law = "the closure" if scene.closure.file is not None else f"coupling.drag = {scene.coupling.drag!r}"
+        yield (
+            f"{law}: this is a drag law for equal grains, but the diameters are 1 : {ratio:.3g}. In a dense mixture small grains get too "
+            f"much drag and large ones too little (see the page Limits: for 1 : 2 at a solid fraction of 0.5 it is 1.5 and 0.5 times the drag of a "
+            f"law for mixtures)."
+        )
+
+
+def _screen(scene: Scene, load: ScreenLoad | None) -> Iterator[str]:
+    contact = scene.contact
+    if load is None or contact is None or load.overlap <= contact.maximum_overlap:
+        return
+    hertz = contact.law == "hertz_mindlin"
+    key = "contact.young_modulus" if hertz else "contact.normal_stiffness"
+    stiffness = contact.young_modulus if hertz else contact.normal_stiffness or 0.0
+    needed = stiffness * (load.overlap / contact.maximum_overlap) ** (1.5 if hertz else 1.0)
+    yield (
+        f"{key} = {stiffness:.3g}: the flow can press grains against the {load.side} side, on average with {load.weights:.2g} "
+        f"times their weight. They would overlap by {100 * load.overlap:.3g} % of a diameter; the limit is "
+        f"{100 * contact.maximum_overlap:.3g} %. Grains may be lost through this side. Set {key} to {needed:.2g} or more."
+    )

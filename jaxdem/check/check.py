@@ -1,0 +1,364 @@
+"""What a scene will be before it runs: limits, resolution, memory, and what is compiled in or left out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.check.cautions import cautions
+from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
+from jaxdem.check.run_cost import RunCost, run_cost
+from jaxdem.check.unit_warnings import unit_warnings
+from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
+from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.forces import FORCES
+from jaxdem.fluid.interval import VISCOUS_LIMIT
+from jaxdem.run.simulate import samples_every
+from jaxdem.scene import Scene
+from jaxdem.setup import stability
+from jaxdem.setup.bodies import material_table
+from jaxdem.setup.build import build, initial_state
+from jaxdem.setup.initial import scene_bodies
+from jaxdem.setup.time_steps import boundary_speed
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+
+WORKING_COPIES = 3
+"""Copies of a state that a compiled step is taken to need: before, after, and in between."""
+
+FLOAT32_ROUNDING = 2.0**-24
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckReport:
+    """Plain data about a scene; lengths in m, times in s, memory in bytes. None where a part does not exist.
+
+    Attributes:
+        precision: of the arrays.
+        size: of the box.
+        periodic: whether each axis is periodic.
+        particles: number of particles.
+        cells: of the mesh, per axis.
+        spacing: size of a cell.
+        cells_per_diameter: smallest and largest cell side over the largest diameter [-].
+        kernel_half_width: of the deposition, per axis.
+        void_fraction: initial minimum and mean [-].
+        time_steps: contact, contacts_per_interval, interval, fluid, fluid_substeps, outputs, intervals.
+        limits: named time-step limits.
+        expected_speed: of particles, that the contact limits stand on [m/s].
+        speed_limit: at which a particle stops the run, for an impact then overlaps by `maximum_overlap` [m/s].
+        expected_overlap: at the expected speed, over the diameter [-].
+        maximum_overlap: that is accepted, over the diameter [-].
+        restitution_error: to expect from the contact step's length [-].
+        slip_error: the same, of the slip after an oblique impact over that before [-].
+        resting_overlap: of a grain under its own weight, over the diameter [-].
+        overlap_resolution: rounding of a listed pair's overlap over the resting overlap [-].
+        relaxation_time: of the lightest particle by Stokes drag.
+        numbers: what an engineer knows the scene by.
+        screen_load: of the stream on a side that holds grains; None where there is none.
+        cost: estimated wall time.
+        warnings: sentences on what looks like another unit, or seldom does what was meant.
+        memory: estimates by name.
+        population: what is known beforehand of particles that come and go, as (name, text).
+        compiled_in: parts of the model that are in the program.
+        left_out: parts that are not.
+    """
+
+    precision: str
+    size: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    particles: int | None
+    cells: tuple[int, ...] | None
+    spacing: tuple[float, ...] | None
+    cells_per_diameter: tuple[float, float] | None
+    kernel_half_width: tuple[float, ...] | None
+    void_fraction: tuple[float, float] | None
+    time_steps: dict[str, float]
+    limits: dict[str, float]
+    expected_speed: float | None
+    speed_limit: float | None
+    expected_overlap: float | None
+    maximum_overlap: float | None
+    restitution_error: float | None
+    slip_error: float | None
+    resting_overlap: float | None
+    overlap_resolution: float | None
+    relaxation_time: float | None
+    numbers: tuple[Number, ...]
+    screen_load: ScreenLoad | None
+    cost: RunCost
+    warnings: tuple[str, ...]
+    memory: dict[str, int]
+    population: tuple[tuple[str, str], ...]
+    compiled_in: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def check_scene(scene: Scene) -> CheckReport:
+    """Look a scene over without running it; nothing large is compiled.
+
+    Raises:
+        InputError: whatever `simulate` would refuse before its first step.
+    """
+    simulation, parameters = build(scene)
+    samples_every(scene, simulation)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    steps, fluid = simulation.steps, simulation.fluid
+    time_steps: dict[str, float] = {
+        "interval": steps.interval,
+        "intervals": steps.outputs * steps.intervals_per_output,
+        "outputs": steps.outputs,
+    }
+    if steps.contact is not None:
+        time_steps |= {"contact": steps.contact, "contacts_per_interval": steps.contacts_per_interval}
+    if fluid is not None:
+        time_steps |= {"fluid": steps.interval / steps.fluid_substeps, "fluid_substeps": steps.fluid_substeps}
+    spacing = fluid.solver.grid.spacing if fluid is not None else None
+    bodies = scene_bodies(scene)
+    diameter = 2.0 * float(np.max(bodies.radius)) if scene.particles else None
+    count = 0 if state.particles is None else len(state.particles.position)
+    load = screen_load(scene, simulation, parameters, bodies, count)
+    cost = run_cost(simulation, neighbors)
+    void = state.fluid.void_fraction if state.fluid is not None else None
+    compiled_in, left_out = _parts(scene, simulation, parameters)
+    return CheckReport(
+        precision=scene.precision,
+        size=scene.domain.size,
+        periodic=scene.periodic,
+        particles=None if state.particles is None else state.particles.position.shape[0],
+        cells=None if scene.fluid is None else scene.fluid.cells,
+        spacing=spacing,
+        cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter)
+        if spacing and diameter
+        else None,
+        kernel_half_width=simulation.half_width,
+        void_fraction=None if void is None else (float(jnp.min(void)), float(jnp.mean(void))),
+        time_steps=time_steps,
+        limits=dict(steps.limits)
+        | _model_viscous_limit(scene, simulation, None if void is None else float(void.min())),
+        expected_speed=steps.expected_speed,
+        speed_limit=steps.speed_limit,
+        expected_overlap=steps.expected_overlap,
+        maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
+        numbers=engineering_numbers(scene, parameters, bodies),
+        screen_load=load,
+        cost=cost,
+        warnings=(*unit_warnings(scene), *cautions(scene, bodies, spacing, load, cost)),
+        memory=_memory(simulation, state, neighbors),
+        population=_population(scene, simulation, state),
+        compiled_in=compiled_in,
+        left_out=left_out,
+        **_particle_figures(scene, simulation),
+    )
+
+
+def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | None) -> dict[str, float]:
+    """Viscous limit [s] with what a subgrid viscosity and model B add to nu, as far as that is known beforehand.
+
+    nu_t = (C_s Delta)^2 sqrt(2 S:S) for a shear of the largest boundary speed over the smallest cell side, where
+    sqrt(2 S:S) = U/h; model B: over the smallest void fraction of the start. A learned stress is taken at its bounds,
+    over that void fraction in either model. While running, the true ones decide.
+    """
+    fluid = scene.fluid
+    model_b = (
+        simulation.fluid is not None and not simulation.fluid.solver.shares_stress and lowest is not None
+    )
+    if fluid is None or simulation.fluid is None or not (fluid.smagorinsky > 0.0 or fluid.subgrid or model_b):
+        return {}
+    grid = simulation.fluid.solver.grid
+    width = math.prod(grid.spacing) ** (1.0 / grid.dimension)
+    shear = boundary_speed(scene) / min(grid.spacing)
+    eddies = (fluid.smagorinsky * width) ** 2 * shear
+    viscosity = (fluid.viscosity + eddies) / (lowest if model_b and lowest else 1.0)
+    if fluid.subgrid is not None:
+        largest = LARGEST_VISCOSITY * width**2 + 2.0 * LARGEST_GRADIENT * max(grid.spacing) ** 2
+        viscosity += largest * shear / (lowest or 1.0)
+    return {"viscous_model": stability.viscous_time(viscosity, grid.spacing, VISCOUS_LIMIT)}
+
+
+def restitution_error(contact_steps: float) -> float:
+    """Error of the restitution to expect with so many steps in a contact: 0.02 at 20, 0.005 at 100 [-].
+
+    A power law through these two measured points; about 1/n^0.86.
+    """
+    return 0.02 * (20.0 / contact_steps) ** (math.log(4.0) / math.log(5.0))
+
+
+def slip_error(contact_steps: float) -> float:
+    """Error of the slip that an oblique impact leaves, over the slip before, with so many steps in a contact [-].
+
+    0.09 at 20, 0.02 at 100: the largest of impacts at 5 to 75 degrees with friction 0.1 to 1 and restitution 0.2 to 1,
+    against steps a hundred times shorter; in the mean of these less than half. It is of first order, for the tangential
+    dashpot knows the spin at the start of a step (`jaxdem.particles.loop`).
+    """
+    return 0.09 * (20.0 / contact_steps) ** 0.92
+
+
+def _particle_figures(scene: Scene, simulation: Simulation) -> dict[str, float | None]:
+    """Errors of restitution and slip, resting overlap and its resolution, relaxation time; None without particles."""
+    names = ("restitution_error", "slip_error", "resting_overlap", "overlap_resolution", "relaxation_time")
+    figures: dict[str, float | None] = dict.fromkeys(names)
+    particles, contact = scene.particles, scene.contact
+    steps = simulation.steps
+    if particles is None or contact is None or simulation.contact is None or steps.contact is None:
+        return figures
+    bodies = scene_bodies(scene)
+    radius, density = float(np.min(bodies.radius)), float(np.min(bodies.density))
+    mass = 4.0 / 3.0 * math.pi * radius**3 * density
+    table = material_table(scene)
+    moduli = contact.young_modulus / (1.0 - contact.poisson_ratio**2)
+    if table is not None:  # the stiffest has the smallest overlap to resolve
+        used = np.unique(bodies.material)
+        moduli = float(np.max(table.young_modulus[used] / (1.0 - table.poisson_ratio[used] ** 2)))
+    contact_steps = steps.limits["contact_duration"] / steps.contact
+    figures["restitution_error"] = restitution_error(contact_steps)
+    rough = contact.friction > 0.0 if table is None else bool(table.friction.max() > 0.0)
+    figures["slip_error"] = slip_error(contact_steps) if rough else None
+    weight = mass * math.hypot(*(scene.domain.gravity or (0.0,)))
+    if contact.law == "hertz_mindlin":
+        modulus = 0.5 * moduli
+        overlap = stability.hertz_resting_overlap(weight, 0.5 * radius, modulus)
+    else:
+        overlap = weight / (contact.normal_stiffness or math.inf)
+    if overlap > 0.0:
+        figures["resting_overlap"] = overlap / (2.0 * radius)
+        if scene.precision == "float32":
+            # Between two builds of the list a particle moves half a skin at most.
+            moved = 0.5 * simulation.search.geometry.skin
+            figures["overlap_resolution"] = FLOAT32_ROUNDING * moved / overlap
+    if scene.fluid is not None and scene.fluid.viscosity > 0.0:
+        viscosity = scene.fluid.density * scene.fluid.viscosity
+        figures["relaxation_time"] = stability.stokes_relaxation_time(mass, radius, viscosity)
+    return figures
+
+
+def _memory(simulation: Simulation, state: State, neighbors: Any) -> dict[str, int]:
+    """Estimates in bytes."""
+    memory = {"particles": _bytes(state.particles), "neighbour list": _bytes(neighbors)}
+    coupling = simulation.coupling
+    memory["fluid"] = _bytes(state.fluid)
+    memory["kernel weights"] = 0
+    if coupling is not None and state.particles is not None:
+        grid, deposition = coupling.interval.solver.grid, coupling.deposition
+        radius = simulation.search.radius
+        shapes = jax.eval_shape(lambda x: deposition.weights(grid, x, radius), state.particles.position)
+        memory["kernel weights"] = sum(math.prod(s.shape) * s.dtype.itemsize for s in jax.tree.leaves(shapes))
+    memory = {name: size for name, size in memory.items() if size}
+    return memory | {"total while running": WORKING_COPIES * sum(memory.values())}
+
+
+def _bytes(tree: Any) -> int:
+    return sum(leaf.nbytes for leaf in jax.tree.leaves(tree) if hasattr(leaf, "nbytes"))
+
+
+def _parts(
+    scene: Scene, simulation: Simulation, parameters: Parameters
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Parts of the model that the compiled program has, and those that it has not."""
+    parts: list[tuple[str, bool]] = [("particles", simulation.contact is not None)]
+    if simulation.contact is not None:
+        model = simulation.contact.model
+        parts += [
+            (f"contact law {type(model.law).__name__}", True),
+            ("rolling friction", model.rolling is not None),
+            ("rolling springs", model.rolling is not None and model.rolling.has_spring),
+            ("radius per particle", simulation.search.radius.ndim > 0),
+            ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
+            (f"contact with {len(model.sides)} walls", bool(model.sides)),
+            (_walls_beside_the_box(scene), bool(model.surfaces)),
+            ("positions in pairs of floats", scene.precision == "float32"),
+        ]
+    parts.append(("fluid", simulation.fluid is not None))
+    if simulation.fluid is not None and parameters.fluid is not None:
+        solver = simulation.fluid.solver
+        parts += [
+            (f"advection {type(solver.advection).__name__}", True),
+            ("viscous stress", solver.viscous),
+            ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
+            ("learned subgrid stress", parameters.fluid.subgrid is not None),
+            ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
+            ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
+            ("coupling of particles and fluid", simulation.coupling is not None),
+            ("model B", simulation.coupling is not None and solver.model == "B"),
+        ]
+    if simulation.coupling is not None:
+        closure, learned = parameters.closure, bool(jax.tree.leaves(parameters.closure))
+        parts += _coupling_parts(simulation.coupling)
+        law = f"{'learned drag' if learned else 'drag law'} {type(closure).__name__}"
+        parts += [(law, True)] if learned else [(law, True), ("learned drag", False)]
+    for axis, wraps in enumerate(scene.periodic):
+        pair = scene.sides[2 * axis : 2 * axis + 2]
+        kinds = sorted({scene.boundary[name].kind for name in pair})
+        between = f"{pair[0]}-{pair[1]}"
+        parts.append((f"{between}: {'periodic' if wraps else ', '.join(kinds)}", True))
+    if simulation.contact is not None:
+        population = simulation.population
+        parts += [
+            (_materials(scene), simulation.contact.model.materials is not None),
+            ("removal of particles", population is not None and bool(population.exits)),
+            ("particle inlets", population is not None and bool(population.inlets)),
+        ]
+    return (
+        tuple(name for name, present in parts if present),
+        tuple(name for name, present in parts if not present),
+    )
+
+
+def _coupling_parts(coupling: Coupling) -> list[tuple[str, bool]]:
+    """How fluid and particles act on each other: what there is and what there is not."""
+    drag, there = coupling.drag, {type(force): force for force in coupling.forces}
+    wake, correction = "self-disturbance correction", drag.self_disturbance
+    if correction is not None:
+        wake = f"{wake} (mobility {correction.mobility:.4g}/m over viscosity)"
+    view, averaged = drag.coarse_inputs, "inputs of the drag law averaged"
+    if view is not None:
+        averaged = f"{averaged} to {' x '.join(str(count) for count in view.grid.cells)} cells"
+    sharper = "deconvolved velocity"
+    if drag.deconvolution > 0.0:
+        sharper = f"{sharper} (a = {drag.deconvolution:g})"
+    forces = [(str(there[kind]) if kind in there else kind.label, kind in there) for kind in FORCES]
+    return [
+        (f"void fraction {type(coupling.deposition).__name__}", True),
+        *forces,
+        (sharper, drag.deconvolution > 0.0),
+        (wake, correction is not None),
+        (averaged, view is not None),
+    ]
+
+
+def _population(scene: Scene, simulation: Simulation, state: State) -> tuple[tuple[str, str], ...]:
+    """Who is there at the start, who comes in and when, and where they leave."""
+    population, particles = simulation.population, state.particles
+    if population is None or particles is None:
+        return ()
+    rows = [("present at the start", str(int(np.sum(np.asarray(particles.active)))))]
+    assert scene.particles is not None
+    for inlet, table in zip(population.inlets, scene.particles.inlet, strict=True):
+        times = (int(inlet.due[0]) * simulation.interval, int(inlet.due[-1]) * simulation.interval)
+        flow = f"{table.rate:.4g} 1/s" if table.rate is not None else f"{table.mass_flow:.4g} kg/s"
+        rows.append(
+            (
+                f"inlet {len(rows) - 1}",
+                f"{len(inlet.due)} particles at {flow}, due from {times[0]:.4g} to {times[1]:.4g} s, "
+                f"up to {inlet.batch} at once",
+            )
+        )
+    sides = [name for name in scene.sides if scene.boundary[name].particles == "remove"]
+    return (*rows, ("removed at", ", ".join(sides) or "no side"))
+
+
+def _materials(scene: Scene) -> str:
+    names = ", ".join(material.name for material in scene.materials)
+    return f"materials by pair: {names}" if names else "materials by pair"
+
+
+def _walls_beside_the_box(scene: Scene) -> str:
+    if not scene.walls:
+        return "additional walls"
+    kinds = f"additional walls: {', '.join(wall.kind for wall in scene.walls)}"
+    return f"{kinds} (for particles only; they do not affect the fluid)" if scene.fluid is not None else kinds

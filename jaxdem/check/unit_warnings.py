@@ -1,0 +1,191 @@
+"""Numbers of a scene that look as if they were in another unit. All are possible; a warning names the likely meaning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from jaxdem.scene import Scene
+from jaxdem.scene.particles import radius_range
+from jaxdem.scene.sizes import column
+
+LARGE_GRAIN = 0.25
+"""Radius from which grains are more likely given in mm [m]."""
+
+LONG_BOX = 100.0
+"""Side from which a box is more likely given in mm, where it is `MANY_DIAMETERS` long too [m]."""
+
+MANY_DIAMETERS = 5000.0
+
+LIGHT, HEAVY = 23.0, 23_000.0
+"""Densities between which all solid grains lie: from foam to osmium (22,590) [kg/m3]."""
+
+SOFT, STIFF = 1e5, 1.3e12
+"""Young's moduli between which solids lie, softened ones included: a soft gel, diamond [Pa]."""
+
+THIN = 3e-6
+"""Dynamic viscosity below which there is no fluid at room temperature; that of gases is 8e-6 and more [Pa s]."""
+
+FAST_FLUID, FAST_GRAIN = 100.0, 300.0
+"""Speeds from which mm/s are more likely; at 100 m/s gases are compressible [m/s]."""
+
+
+class Fluid(NamedTuple):
+    """A fluid at 20 degrees: name, density [kg/m3], dynamic [Pa s] and kinematic viscosity [m2/s]."""
+
+    name: str
+    density: float
+    dynamic: float
+    kinematic: float
+
+
+WATER, AIR = Fluid("water", 998.0, 1.0e-3, 1.0e-6), Fluid("air", 1.2, 1.8e-5, 1.5e-5)
+
+MISTAKEN = {
+    WATER: (("dynamic, in Pa s", 1e-3), ("in St (cm2/s)", 1e-2), ("in cSt (mm2/s) or cP", 1.0)),
+    AIR: (
+        ("dynamic, in P", 1.8e-4),
+        ("dynamic, in cP", 1.8e-2),
+        ("in St (cm2/s)", 0.15),
+        ("in cSt (mm2/s)", 15.0),
+    ),
+}
+"""What the viscosity of a fluid is in other units."""
+
+
+def unit_warnings(scene: Scene) -> tuple[str, ...]:
+    """Sentences, each with key, value and what was likely meant."""
+    return (*_lengths(scene), *_densities(scene), *_moduli(scene), *_viscosity(scene), *_speeds(scene))
+
+
+def _warning(key: str, value: float, unit: str, why: str, meant: str) -> str:
+    return f"{key} = {value:.6g} {unit}: {why}. If it is {meant}."
+
+
+def _lengths(scene: Scene) -> Iterator[str]:
+    if scene.particles is None:
+        return
+    smallest, largest = radius_range(scene.particles)
+    longest = max(scene.domain.size)
+    if largest >= LARGE_GRAIN:
+        meant = f"in mm, write {largest / 1e3:.6g} (in cm, {largest / 100.0:.6g}), and change the other lengths too"
+        yield _warning(
+            "particles.radius", largest, "m", f"this is a grain of {2.0 * largest:.3g} m diameter", meant
+        )
+    if longest >= LONG_BOX and longest >= MANY_DIAMETERS * 2.0 * smallest:
+        why = f"this box is {longest / (2.0 * smallest):.3g} diameters long"
+        yield _warning("domain.size", longest, "m", why, f"in mm, write {longest / 1e3:.6g}")
+    gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
+    for unit, factor in (("mm/s2", 1e3), ("cm/s2", 100.0)):
+        if abs(gravity / (9.81 * factor) - 1.0) < 0.05:
+            why = f"this is {factor:.0f} times the gravity of the earth"
+            yield _warning("domain.gravity", gravity, "m/s2", why, f"in {unit}, write {gravity / factor:.6g}")
+
+
+def _densities(scene: Scene) -> Iterator[str]:
+    found: list[tuple[str, float]] = []
+    if scene.particles is not None:
+        given = [(f"particles.species.{k}.density", s.density) for k, s in enumerate(scene.particles.species)]
+        if scene.particles.density is not None:
+            densities = column("particles.density", scene.particles.density)
+            given += [
+                ("particles.density", float(densities.min())),
+                ("particles.density", float(densities.max())),
+            ]
+        found = list(dict.fromkeys((key, value) for key, value in given if value is not None))
+    for key, value in found:
+        if value < LIGHT:
+            yield _warning(
+                key, value, "kg/m3", "this is lighter than foam", f"in g/cm3, write {value * 1e3:.6g}"
+            )
+        elif value > HEAVY:
+            yield _warning(
+                key, value, "kg/m3", "this is denser than any metal", f"in g/m3, write {value / 1e3:.6g}"
+            )
+    fluid = scene.fluid
+    if fluid is None or fluid.viscosity == 0.0:
+        return
+    if fluid.density * fluid.viscosity < THIN and 0.5 <= fluid.density <= 2.0:
+        why = f"its dynamic viscosity would be {fluid.density * fluid.viscosity:.2g} Pa s, less than that of any gas"
+        yield _warning(
+            "fluid.density", fluid.density, "kg/m3", why, f"in g/cm3, write {fluid.density * 1e3:.6g}"
+        )
+    elif fluid.density > HEAVY:
+        meant = f"in g/m3, write {fluid.density / 1e3:.6g}"
+        yield _warning("fluid.density", fluid.density, "kg/m3", "this is denser than any liquid", meant)
+
+
+def _moduli(scene: Scene) -> Iterator[str]:
+    contact = scene.contact
+    if contact is None or contact.law != "hertz_mindlin":
+        return
+    given: list[tuple[str, object]] = [("contact.young_modulus", contact.young_modulus)]
+    if contact.wall_young_modulus != contact.young_modulus:
+        given.append(("contact.wall_young_modulus", contact.wall_young_modulus))
+    if scene.materials:
+        given = [(f"materials.{k}.young_modulus", m.young_modulus) for k, m in enumerate(scene.materials)]
+    for key, value in given:
+        if not isinstance(value, float):
+            continue
+        if value < SOFT:
+            meant = [f"{unit}, write {value * f:.3g}" for unit, f in _multiples(value)]
+            yield _warning(
+                key, value, "Pa", "this is softer than any solid grain", "in " + "; in ".join(meant)
+            )
+        elif value > STIFF:
+            yield _warning(
+                key, value, "Pa", "this is stiffer than diamond", f"in mPa, write {value / 1e3:.3g}"
+            )
+
+
+def _multiples(modulus: float) -> list[tuple[str, float]]:
+    """Units that make a modulus one of a solid."""
+    units = [("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3)]
+    return [(unit, f) for unit, f in units if 1e6 <= modulus * f <= STIFF] or [units[0]]
+
+
+def _viscosity(scene: Scene) -> Iterator[str]:
+    fluid = scene.fluid
+    if fluid is None:
+        return
+    for known, mistaken in MISTAKEN.items():
+        if not 0.8 <= fluid.density / known.density <= 1.25:
+            continue
+        for unit, value in mistaken:
+            if 0.7 <= fluid.viscosity / value <= 1.4:
+                why = f"this is {fluid.viscosity / known.kinematic:,.0f} times the kinematic viscosity of {known.name}"
+                meant = f"that of {known.name} {unit}, write {known.kinematic:.2g}"
+                yield _warning("fluid.viscosity", fluid.viscosity, "m2/s", why, meant)
+
+
+def _speeds(scene: Scene) -> Iterator[str]:
+    found: list[tuple[str, float, float]] = []
+    for name in scene.sides:
+        side = scene.boundary[name]
+        for velocity in (side.velocity, *(side.velocities or ())):
+            if isinstance(velocity, tuple):
+                found.append((f"boundary.{name}.velocity", math.hypot(*velocity), FAST_FLUID))
+    if scene.fluid is not None and scene.fluid.velocity is not None:
+        found.append(("fluid.velocity", math.hypot(*scene.fluid.velocity), FAST_FLUID))
+    if scene.particles is not None:
+        for row in scene.particles.velocity if isinstance(scene.particles.velocity, tuple) else ():
+            found.append(("particles.velocity", math.hypot(*row), FAST_GRAIN))
+        for k, inlet in enumerate(scene.particles.inlet):
+            if isinstance(inlet.velocity, tuple):
+                found.append((f"particles.inlet.{k}.velocity", math.hypot(*inlet.velocity), FAST_GRAIN))
+    if scene.contact is not None and isinstance(scene.contact.speed, float):
+        found.append(("contact.speed", scene.contact.speed, FAST_GRAIN))
+    largest: dict[str, tuple[float, float]] = {}
+    for key, speed, limit in found:
+        largest[key] = max(largest.get(key, (0.0, limit)), (speed, limit))
+    for key, (speed, limit) in largest.items():
+        if speed >= limit:
+            why = (
+                "this is about the speed of sound in air"
+                if speed < 400.0
+                else "this is faster than sound in air"
+            )
+            if speed < 300.0:
+                why = "at this speed a gas is compressible, but the fluid here is not"
+            yield _warning(key, speed, "m/s", why, f"in mm/s, write {speed / 1e3:.6g}")

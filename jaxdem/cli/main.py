@@ -1,0 +1,457 @@
+"""The command line: reads files and options, calls the library, says what happened.
+
+Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SIGINT and SIGTERM.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from jaxdem.cli import networks, process, terminal
+from jaxdem.cli.options import (
+    Quiet,
+    SceneFile,
+    Settings,
+    overrides,
+    prepare_file,
+    prepare_folder,
+    read_scene,
+    require_closure,
+    start_jax,
+    whole_numbers,
+)
+from jaxdem.errors import InputError, JaxdemError
+
+if TYPE_CHECKING:
+    from jaxdem.io import Run
+    from jaxdem.scene import Scene
+
+OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
+
+
+class Scale(StrEnum):
+    """Size of a study."""
+
+    demo = "demo"
+    paper = "paper"
+
+
+class Color(StrEnum):
+    """Quantity that colours the particles."""
+
+    velocity = "velocity"
+    drag = "drag"
+
+
+class ExportFormat(StrEnum):
+    """File format of an exported closure."""
+
+    c = "c"
+    onnx = "onnx"
+    stablehlo = "stablehlo"
+
+
+class Commands(TyperGroup):
+    """The commands; what jaxdem raises on purpose becomes one message and an exit code."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The first sentence of each, as many lines as it needs."""
+        rows = [(name, self.commands[name].get_short_help_str(limit=200)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Read the arguments; `--help` and `--version` are printed here."""
+        try:
+            return super().make_context(*args, **options)
+        except BrokenPipeError:
+            raise SystemExit(process.BROKEN_PIPE) from None
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except JaxdemError as error:
+            terminal.fail(str(error), error.exit_code)
+        except BrokenPipeError:  # who read the output has gone
+            raise SystemExit(process.BROKEN_PIPE) from None
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            terminal.fail(
+                f"{place}{error.strerror or error}. Free some disk space or correct the permissions, and try again.",
+                1,
+            )
+        except (MemoryError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
+                raise
+            first = (str(error).splitlines() or ["out of memory"])[0]
+            terminal.fail(
+                f"Out of memory ({first}). `jaxdem check` prints the estimated memory. Use fewer particles or cells.",
+                1,
+            )
+
+
+app = typer.Typer(
+    cls=Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: rich's takes longer to load than all the rest
+    help="Particles in a fluid (unresolved CFD-DEM), with learned drag closures.",
+)
+
+ClosureFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--closure", metavar="FILE", help="Learned drag closure, in place of closure.file of the scene."
+    ),
+]
+SubgridFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--subgrid", metavar="FILE", help="Learned subgrid stress, in place of fluid.subgrid of the scene."
+    ),
+]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
+Colour = Annotated[Color, typer.Option("--color", help="Quantity that colours the particles.")]
+
+
+def main() -> None:
+    """The command line of this process, with its exit code."""
+    process.run(lambda: app(prog_name="jaxdem"))
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from jaxdem.version import __version__
+
+        typer.echo(f"jaxdem {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@contextmanager
+def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
+    """Where a scene is refused, what of it looks like another unit: the refusal itself names a consequence."""
+    from jaxdem.check.unit_warnings import unit_warnings
+
+    try:
+        yield
+    except InputError:
+        for warning in unit_warnings(description):
+            terminal.warn(warning)
+        raise
+
+
+@app.command()
+def check(scene: SceneFile, settings: Settings = None) -> None:
+    """Check a scene without running it: time-step limits, engineering numbers, wall time, memory, warnings.
+
+    The exit code is 2 if `run` would refuse the scene.
+    """
+    description = read_scene(scene, settings)
+    start_jax(description.precision)
+    from jaxdem.check.check import check_scene
+    from jaxdem.cli.check_table import render
+
+    with _units_beside_a_refusal(description):
+        report = check_scene(description)
+    terminal.show(render(report))
+
+
+@app.command()
+def run(
+    scene: SceneFile,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Run directory; it must be new or empty.")],
+    closure: ClosureFile = None,
+    subgrid: SubgridFile = None,
+    settings: Settings = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint in --out.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a scene and write a run directory."""
+    description = read_scene(scene, settings, closure, subgrid)
+    from jaxdem.io import RunDirectory
+
+    RunDirectory.check(out, description.to_toml(), resume)
+    complete = resume and RunDirectory.is_complete(out)
+    start_jax(description.precision)
+    from jaxdem.cli import progress
+    from jaxdem.run.simulate import Interrupted, simulate
+
+    try:
+        with _units_beside_a_refusal(description), progress.simulated_time(quiet) as report:
+            result = simulate(description, out, resume=resume, progress=report)
+    except Interrupted as stop:
+        command = ["jaxdem", "run", str(scene), "--out", str(out)]
+        command += ["--closure", str(closure)] if closure else []
+        command += ["--subgrid", str(subgrid)] if subgrid else []
+        command += [part for setting in settings or () for part in ("--set", setting)]
+        hint = f"A checkpoint is in {out}. Continue with: {shlex.join([*command, '--resume'])}"
+        terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
+    if complete:
+        terminal.line(f"The run in {out} is complete; there is nothing to resume.")
+    terminal.print_run(result)
+    if not result.summary.get("valid"):
+        terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
+
+
+@app.command()
+def dataset(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory with samples.h5.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Dataset file to write (HDF5).")],
+    coarsen: Annotated[
+        str,
+        typer.Option(
+            metavar="N,N,...",
+            help="Number of fine cells along a side of a coarse cell; several numbers for several coarse meshes.",
+        ),
+    ] = "1,2,4,8",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Setting of the coarse runs where it differs from the fine run: coupling.kernel_width, coupling.void_fraction or coupling.deconvolution.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Make training data from a fine run: inputs of the drag law on coarser meshes, and the drag that it should give."""
+    factors = whole_numbers("--coarsen", coarsen, ",")
+    changed = overrides(settings)
+    prepare_file(out, run)
+    _load_run(run)  # refused before JAX is there
+    start_jax()
+    from jaxdem.cli import progress
+    from jaxdem.train.dataset import make_dataset
+
+    with progress.counted("sample", quiet) as report:
+        make_dataset(run, out, factors, progress=report, overrides=changed)
+    terminal.line(f"Wrote {out}")
+
+
+app.command()(networks.train)
+app.command()(networks.distill)
+app.command()(networks.prune)
+app.command()(networks.finetune)
+
+
+@app.command()
+def export(
+    closure: Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")],
+    form: Annotated[
+        ExportFormat, typer.Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
+) -> None:
+    """Write a learned drag closure for use in another program, including its base law and fallback."""
+    prepare_file(out, closure)
+    require_closure("CLOSURE", closure)
+    start_jax()
+    from jaxdem.closures import load_closure
+    from jaxdem.closures.export import export_closure, files_written
+    from jaxdem.version import __version__
+
+    for file in files_written(form.value, out):
+        prepare_file(file, closure)
+
+    for path in export_closure(*load_closure(closure), form.value, out, __version__):
+        terminal.line(f"Wrote {path}")
+
+
+@app.command()
+def compare(
+    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Run directory of the reference.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Run directories that are compared with it.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv and pictures.")
+    ],
+) -> None:
+    """Compare runs with a reference run: errors of nine metrics, and error against run time."""
+    from jaxdem.io.access import locked
+
+    loaded = [_load_run(path) for path in (reference, *runs)]
+    prepare_folder(out)
+    from jaxdem.report import compare as compare_runs
+
+    with locked(out):
+        comparison = compare_runs(loaded[0], loaded[1:], out)
+    terminal.print_comparison(comparison)
+
+
+@app.command()
+def plot(
+    run: RunFolder,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            help="Folder for metrics.png and snapshot.png, or one .png, .pdf, .svg. [RUN/plots]",
+        ),
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="T", help="Time of the snapshot [s]; the last output by default.")
+    ] = None,
+    color: Colour = Color.velocity,
+) -> None:
+    """Draw the metrics of a run over time, and its particles and fluid at one time."""
+    place = run / "plots" if out is None else out
+    loaded = _load_run(run)
+    from jaxdem.report.single import is_file, plot_run
+
+    if is_file(place):
+        prepare_file(place, run)
+    else:
+        prepare_folder(place)
+    files = plot_run(loaded, place, time=time, color=color.value)
+    for file in files:
+        terminal.line(f"Wrote {file}")
+
+
+@app.command()
+def animate(
+    run: RunFolder,
+    out: Annotated[Path, typer.Option(metavar="FILE", help=".gif, or .mp4 where ffmpeg is installed.")],
+    color: Colour = Color.velocity,
+    fps: Annotated[float, typer.Option(metavar="N", help="Outputs per second of film.")] = 10.0,
+    quiet: Quiet = False,
+) -> None:
+    """Draw a run as a film: the particles over the speed of the fluid."""
+    loaded = _load_run(run)
+    prepare_file(out, run)
+    from jaxdem.cli import progress
+    from jaxdem.report.animation import animate as make_film
+
+    with progress.counted("picture", quiet) as report:
+        number = make_film(loaded, out, color=color.value, fps=fps, progress=report)
+    text = f"Wrote {out}: {number} of {loaded.number_of_frames} outputs"
+    terminal.line(text)
+
+
+@app.command()
+def sweep(
+    scene: SceneFile,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for sweep.csv and the runs.")],
+    vary: Annotated[
+        list[str],
+        typer.Option(metavar="KEY=A,B,C", help="A key and its values in TOML; may be given several times."),
+    ],
+    settings: Settings = None,
+    closure: ClosureFile = None,
+    subgrid: SubgridFile = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a scene with all combinations of the values of some keys. The same command continues a stopped sweep."""
+    from jaxdem.io.outputs import refuse_what_is_read
+    from jaxdem.run.sweep import TABLE, check_sweep, parse_variation, run_sweep
+    from jaxdem.scene import named_files
+
+    variations = [parse_variation(text) for text in vary]
+    # What is wrong without variations is said here.
+    description = read_scene(scene, settings, closure, subgrid)
+    refuse_what_is_read("--out", out / TABLE, (scene, *named_files(description.model_dump())))
+    changed = overrides(settings, closure, subgrid)
+    check_sweep(scene, changed, variations, out)
+    start_jax(description.precision)
+    from jaxdem.cli import progress
+    from jaxdem.run.simulate import Interrupted
+
+    try:
+        with progress.study_display(quiet) as display:
+            result = run_sweep(scene, changed, variations, out, display)
+    except Interrupted as stop:
+        command = ["jaxdem", "sweep", str(scene), "--out", str(out)]
+        command += ["--closure", str(closure)] if closure else []
+        command += ["--subgrid", str(subgrid)] if subgrid else []
+        command += [part for text in vary for part in ("--vary", text)]
+        command += [part for text in settings or () for part in ("--set", text)]
+        hint = f"Continue with: {shlex.join(command)}"
+        terminal.fail(f"{str(stop).capitalize()} of a run of the sweep. {hint}", 128 + stop.number)
+    terminal.print_sweep(result)
+    if result.problems:
+        names = ", ".join(run.name for run in result.problems)
+        code = 2 if all(run.refused for run in result.problems) else 1
+        terminal.fail(f"{len(result.problems)} of {len(result.runs)} runs are not valid: {names}", code)
+
+
+@app.command()
+def study(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the study, e.g. injection.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html and all runs.")],
+    scale: Annotated[
+        Scale, typer.Option(help="demo: a few minutes. paper: the size of the source paper.")
+    ] = Scale.demo,
+    parts: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B,...", help="Parts to run, for --scale paper, e.g. mesh,budget; all by default."
+        ),
+    ] = "",
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Number of processes at once, for --scale paper; one per core by default. 0 only writes the tables of finished runs.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Do a whole study: run, make a dataset, train, run with the closure, compare.
+
+    The same command continues a stopped study.
+    """
+    from jaxdem.studies import check_request
+
+    chosen = [part.strip() for part in parts.split(",") if part.strip()]
+    check_request(name, scale.value, out, chosen, jobs)
+    start_jax()
+    from jaxdem.cli import progress
+    from jaxdem.run.simulate import Interrupted
+    from jaxdem.study import run_study
+
+    try:
+        with progress.study_display(quiet) as display:
+            result = run_study(name, scale.value, out, display, chosen, jobs)
+    except Interrupted as stop:
+        command = ["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)]
+        command += ["--parts", parts] if parts else []
+        command += ["--jobs", str(jobs)] if jobs is not None else []
+        runs = "all its runs" if scale is Scale.paper else f"a run at t = {stop.time:.6g} s"
+        hint = shlex.join(command)
+        terminal.fail(
+            f"The study was stopped, {runs} with a checkpoint. Continue with: {hint}", 128 + stop.number
+        )
+    if result.comparison is not None:
+        terminal.print_comparison(result.comparison)
+    if result.problems:
+        lines = "\n".join(f"  {piece}: {why}" for piece, why in result.problems.items())
+        terminal.fail(f"{len(result.problems)} pieces of the study are not done:\n{lines}", 1)
+
+
+def _load_run(path: Path) -> Run:
+    from jaxdem.io import load_run
+
+    return load_run(path)
+
+
+if __name__ == "__main__":
+    main()

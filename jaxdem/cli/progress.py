@@ -1,0 +1,185 @@
+"""How long work goes on: bars where standard output is a terminal, else now and then a line on standard error."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
+from rich.text import Text
+
+from jaxdem.cli.console import output
+from jaxdem.errors import visible
+
+FIRST_LINE, LONGEST_PAUSE = 30.0, 600.0
+"""The first line comes after so long, the next after as long again, at most after the second [s]."""
+
+
+def pace(done: float, end: float, rate: float, unit: str) -> str:
+    """How fast it goes, and the time left."""
+    hours, rest = divmod(round((end - done) / rate), 3600)
+    speed = f"{rate:.3g} {unit}/s  " if unit else ""
+    return f"{speed}{hours:d}:{rest // 60:02d}:{rest % 60:02d} left"
+
+
+class _Rate(ProgressColumn):
+    """Progress per second of wall time and the time left, counted from the first report."""
+
+    def __init__(self, unit: str):
+        super().__init__()
+        self.unit = unit
+
+    def render(self, task: Task) -> Text:
+        """Text of the column."""
+        rate = task.speed
+        if not rate or task.total is None or task.finished or task.stop_time is not None:
+            return Text("")
+        return Text(pace(task.completed, task.total, rate, self.unit))
+
+
+class Lines:
+    """Lines of a log: what is under way, how far it is, and how long it still takes.
+
+    A thread writes them, so that work that does not report, such as compiling, is told of too.
+    """
+
+    def __init__(self, unit: str, what: str, silent: bool = False):
+        self._unit, self._what, self._silent = unit, what, silent
+        self._done = self._end = 0.0
+        self._first: tuple[float, float] | None = None
+        self._over = threading.Event()
+
+    def __enter__(self) -> Lines:
+        if not self._silent:
+            threading.Thread(target=self._write, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+
+    def begin(self, what: str, end: float = 0.0) -> None:
+        """Other work is under way."""
+        self._what, self._done, self._end, self._first = what, 0.0, end, None
+
+    def report(self, done: float, end: float, what: str) -> None:
+        """So much of the work is done."""
+        if self._first is None:
+            self._first = (clock.monotonic(), done)
+        self._done, self._end, self._what = done, end, what
+
+    def text(self) -> str:
+        """The line."""
+        what = self._what
+        if self._first is None:
+            return what
+        since, start = self._first
+        seconds = clock.monotonic() - since
+        if self._done <= start or seconds <= 0.0:
+            return what
+        return f"{what}, {pace(self._done, self._end, (self._done - start) / seconds, self._unit)}"
+
+    def _write(self) -> None:
+        pause = FIRST_LINE
+        while not self._over.wait(pause):
+            try:
+                print(f"jaxdem: {visible(self.text())}", file=sys.stderr, flush=True)
+            except (OSError, ValueError):
+                return  # nobody listens
+            pause = min(2.0 * pause, LONGEST_PAUSE)
+
+
+@contextmanager
+def _bar(unit: str, pattern: str, waiting: str, quiet: bool) -> Iterator[Callable[[float, float, str], None]]:
+    """A function that is told how far the work is."""
+    bar = sys.stdout.isatty() and not quiet
+    with _progress(unit, bar) as progress, Lines(unit, waiting, silent=bar or quiet) as lines:
+        task = progress.add_task(waiting, total=None)
+
+        def report(done: float, end: float, note: str) -> None:
+            what = pattern.format(done, end) + note
+            if bar:
+                progress.update(task, total=end, completed=done, description=what)
+            else:
+                lines.report(done, end, what)
+
+        yield report
+
+
+@contextmanager
+def simulated_time(quiet: bool = False) -> Iterator[Callable[[float, float], None]]:
+    """Progress of a run: a function of the simulated time and the end [s]."""
+    with _bar("s", "t = {:.4g} of {:g} s", "preparing and compiling", quiet) as report:
+        yield lambda time, end: report(time, end, "")
+
+
+@contextmanager
+def counted(what: str, quiet: bool = False) -> Iterator[Callable[..., None]]:
+    """Progress of counted work: a function of the number done, the number in all and, for a fit, the loss."""
+    with _bar(what, what + " {:g} of {:g}", "starting", quiet) as report:
+        yield lambda done, total, loss=None: report(done, total, "" if loss is None else f", loss {loss:.4g}")
+
+
+class StudyDisplay:
+    """Shows the stages of a study: a bar each where standard output is a terminal, the messages always."""
+
+    def __init__(self, progress: Progress, lines: Lines):
+        self._progress, self._lines = progress, lines
+        self._task: TaskID | None = None
+        self._pieces: dict[str, TaskID] = {}
+
+    def stage(self, name: str, total: float) -> Callable[[float], None]:
+        """A stage of the given length starts; the result is called with how much of it is done."""
+        self._finish()
+        task = self._task = self._progress.add_task(name, total=total)
+        self._lines.begin(name)
+
+        def advance(done: float) -> None:
+            if self._progress.disable:
+                self._lines.report(done, total, f"{name}, {done / total:.0%}")
+            else:
+                self._progress.update(task, completed=done)
+
+        return advance
+
+    def begin(self, name: str, total: float) -> Callable[[float], None]:
+        """One of several pieces of work at once starts; its bar goes when it is over."""
+        self._finish()
+        task = self._pieces[name] = self._progress.add_task(name, total=total)
+        self._tell_pieces()
+        return lambda done: self._progress.update(task, completed=done)
+
+    def end(self, name: str) -> None:
+        """That piece is over."""
+        self._progress.remove_task(self._pieces.pop(name))
+        self._tell_pieces()
+
+    def say(self, message: str) -> None:
+        """A line for the reader."""
+        self._finish()
+        self._progress.console.print(message, markup=False, highlight=False, soft_wrap=True)
+
+    def _tell_pieces(self) -> None:
+        self._lines.begin(f"running: {', '.join(self._pieces) or 'nothing'}")
+
+    def _finish(self) -> None:
+        """A stage that is over has no time left to show."""
+        if self._task is not None:
+            self._progress.stop_task(self._task)
+            self._task = None
+
+
+@contextmanager
+def study_display(quiet: bool = False) -> Iterator[StudyDisplay]:
+    """Display of a study; no bars where standard output is not a terminal."""
+    bar = sys.stdout.isatty() and not quiet
+    with _progress("", bar) as progress, Lines("", "starting", silent=bar or quiet) as lines:
+        yield StudyDisplay(progress, lines)
+
+
+def _progress(unit: str, shown: bool) -> Progress:
+    # The rate is a mean over the last minute, as far as there are not more than a thousand reports in it.
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), _Rate(unit))
+    return Progress(*columns, console=output(), speed_estimate_period=60.0, disable=not shown)

@@ -1,0 +1,121 @@
+"""What the command line shows: messages and tables. Rich is imported when something is shown: `--help` does without."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from jaxdem.io import Run
+    from jaxdem.report import Comparison
+    from jaxdem.run.sweep import Sweep
+
+
+def show(content: RenderableType) -> None:
+    """A table, or another thing that rich can draw, on standard output."""
+    from jaxdem.cli.console import output
+
+    output().print(content)
+
+
+def line(text: str) -> None:
+    """A line as it is on standard output, however long."""
+    from jaxdem.cli.console import output
+
+    output().print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def fail(message: str, code: int) -> NoReturn:
+    """One message on standard error, and the exit code."""
+    from rich.text import Text
+
+    from jaxdem.cli.console import errors
+
+    errors().print(Text.assemble(("jaxdem: ", "bold red"), message))
+    raise typer.Exit(code)
+
+
+def warn(message: str) -> None:
+    """One line on standard error."""
+    from rich.text import Text
+
+    from jaxdem.cli.console import errors
+
+    errors().print(Text.assemble(("jaxdem: ", "bold yellow"), message))
+
+
+def print_run(result: Run) -> None:
+    """Whether the run is valid, its run and compile time, the time by stage and its folder."""
+    from jaxdem.metrics import compile_time, run_time
+
+    summary = result.summary
+    stages = summary.get("stages_s", {})
+    marked = summary.get("estimated", ())
+    parts = [
+        f"{name} {seconds:.3g} s{' (estimated)' if name in marked else ''}"
+        for name, seconds in stages.items()
+        if seconds is not None and name != "compile"
+    ]
+    rows = {
+        "valid": "yes" if summary.get("valid") else "no",
+        "run time": f"{run_time(summary):.3g} s, plus {compile_time(summary):.3g} s for compilation",
+        "stages": ", ".join(parts),
+        "output": str(result.path),
+    }
+    for label, text in rows.items():
+        line(f"{label:<10}{text}")
+
+
+def fit_table(metadata: dict[str, Any]) -> Table:
+    """R2 on held-out rows by coarsening."""
+    from rich.table import Table
+
+    table = Table(title="R2 on held-out rows", title_justify="left")
+    names = ("closure", "base", "regression")
+    headings = ("coarsening", "closure", metadata["base_law"], "regression", "out of range", "rows")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for coarsening, row in metadata["r2"].items():
+        values = [f"{row[name]:.4f}" for name in names]
+        table.add_row(str(coarsening), *values, f"{100 * row['out_of_range']:.2g} %", str(row["samples"]))
+    return table
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """The table, the warnings, and the place of the page."""
+    from jaxdem.report import terminal_table
+
+    show(terminal_table(comparison))
+    for warning in comparison.warnings:
+        line(f"Note: {warning}")
+    line(f"Report: {comparison.files['html']}")
+
+
+def print_sweep(sweep: Sweep) -> None:
+    """One line a run: what was varied, whether it is valid, run time and metrics at the end; then where the table is."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from jaxdem.metrics import METRICS
+
+    table = Table(title="Metrics at the end, SI", title_justify="left", pad_edge=False)
+    shown = [m for m in METRICS if any(math.isfinite(run.final[m.name]) for run in sweep.runs)]
+    for key in sweep.keys:
+        table.add_column(escape(key), overflow="fold")
+    for heading in ("valid", "run [s]", "compile [s]", *(metric.label for metric in shown)):
+        table.add_column(escape(heading), justify="right")
+    for run in sweep.runs:
+        values = [escape(text) for text in run.texts.values()]
+        state = "refused" if run.refused else "yes" if run.valid else "no"
+        numbers = [run.run_time_s, run.compile_time_s, *(run.final[metric.name] for metric in shown)]
+        cells = [f"{number:.3g}" if math.isfinite(number) else "-" for number in numbers]
+        table.add_row(*values, state, *cells, style=None if run.valid else "red")
+    show(table)
+    for run in sweep.problems:
+        line(f"{run.name}: {run.reason}")
+    line(f"Table: {sweep.table}")

@@ -1,0 +1,216 @@
+"""Fluid and particles over one coupling interval: the front door of this package."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.closures.base import DragClosure, DragInputs
+from jaxdem.coupling.deposition import Deposition
+from jaxdem.coupling.drag import DragModel, IntervalDrag, interval_drag
+from jaxdem.coupling.exchange import Exchange, ExchangeDiagnostics, FluidForces, plus, total
+from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart
+from jaxdem.coupling.inputs import drag_inputs
+from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.presence import present_weights
+from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval, diagnostics
+from jaxdem.fluid.momentum import FluidProperties, FluidState
+from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box
+
+
+class Mixture(NamedTuple):
+    """Numbers of fluid and particles, and the drag law; traced.
+
+    Attributes:
+        closure: the drag law.
+        drag_scale: () factor on the drag, 1 for the law as it is [-].
+        properties: of the fluid.
+        bodies: of the particles.
+        gravity: (D,) [m/s2].
+    """
+
+    closure: DragClosure
+    drag_scale: Array
+    properties: FluidProperties
+    bodies: ParticleProperties
+    gravity: Array
+
+    @property
+    def submerged_mass(self) -> Array:
+        """Mass less that of the fluid displaced [kg]: gravity on it is weight less hydrostatic buoyancy."""
+        return self.bodies.mass - self.properties.density * self.bodies.volume
+
+    @property
+    def buoyancy(self) -> Array:
+        """(1, D) or (N, D) of the fluid's hydrostatic pressure [N]."""
+        return -self.properties.density * as_column(self.bodies.volume) * self.gravity[None]
+
+
+class Seen(NamedTuple):
+    """The fluid at the particles, at the start of an interval.
+
+    Attributes:
+        weights: of the particles on the cells.
+        solids: solid fraction of the cells, of the particles where they are [-].
+        inputs: of a drag law, on the fluid's own mesh.
+        of_law: as the law sees them; the same where it sees that mesh as it is.
+    """
+
+    weights: Weights
+    solids: Array
+    inputs: DragInputs
+    of_law: DragInputs
+
+
+@dataclasses.dataclass(frozen=True)
+class Coupling:
+    """How fluid and particles act on each other; static.
+
+    Attributes:
+        interval: the fluid's steps.
+        deposition: of the particles on the cells.
+        drag: how the drag law is applied.
+        forces: the further forces.
+    """
+
+    interval: FluidInterval
+    deposition: Deposition
+    drag: DragModel
+    forces: tuple[FluidForce, ...] = ()
+
+    def advance(
+        self, mixture: Mixture, fluid: FluidState, particles: ParticleState, time: Array
+    ) -> tuple[FluidState, FluidForces, FluidDiagnostics, ExchangeDiagnostics]:
+        """Fluid advanced by one interval among particles, and the mean forces on these.
+
+        The new state's pressure is the mean over the interval, as the forces are; velocity and void fraction are those at
+        its end.
+
+        Args:
+            mixture: numbers of both, and the drag law.
+            fluid: state at `time`.
+            particles: state at `time`.
+            time: () [s].
+        """
+        exchange = self.begin(mixture, fluid, particles, time)
+        carry, record = self.interval.loop(
+            exchange.substeps.number,
+            lambda carry, k: exchange.fluid_step(carry, k, time),
+            exchange.first(fluid),
+        )
+        # The first fluid step takes the whole push of particles that stand elsewhere than in the last interval: the pressure
+        # that acts is the mean. The last void fraction is the deposited one itself, without the rounding of its steps.
+        fluid = carry.fluid._replace(
+            pressure=carry.pressure / exchange.substeps.number, void_fraction=exchange.void_fraction
+        )
+        report = diagnostics(exchange.substeps, record, fluid)
+        return fluid, exchange.forces(carry), report, exchange.diagnostics(carry)
+
+    def begin(self, mixture: Mixture, fluid: FluidState, particles: ParticleState, time: Array) -> Exchange:
+        """The exchange of the interval that begins at `time`."""
+        bodies = mixture.bodies
+        assert fluid.void_fraction is not None
+        seen = self.see(mixture, fluid, particles)
+        start = self.start(mixture, fluid, particles, seen)
+        memory = particles.fluid_memory or {}
+        given = {force.name: force.begin(start, memory.get(force.name)) for force in self.forces}
+        drag = self.drag_over(mixture, start, seen, given)
+        substeps = self.interval.choose(mixture.properties, fluid, time)
+        slip_mass = total(c.slip_mass for c in given.values())
+        coefficient = plus(substeps.step * drag.coefficient, slip_mass)
+        yielding = 1.0 / (1.0 + coefficient / bodies.mass)
+        reported = seen.inputs if self.drag.coarse_inputs is not None else seen.of_law
+        return Exchange(
+            self.interval, self.forces, start, fluid.void_fraction, 1.0 - seen.solids, reported, drag, given,
+            steady_force(mixture, particles), substeps, slip_mass, yielding, coefficient * yielding,
+        )  # fmt: skip
+
+    def see(self, mixture: Mixture, fluid: FluidState, particles: ParticleState) -> Seen:
+        """The fluid at the particles, on its own mesh and as the drag law sees it."""
+        solver, bodies, properties = self.interval.solver, mixture.bodies, mixture.properties
+        grid = solver.grid
+        centres = centres_in_box(particles, grid.size, grid.periodic)
+        weights = present_weights(self.deposition.weights(grid, centres, bodies.radius), particles.active)
+        solids = solid_fraction(grid, weights, bodies.volume)
+        slope = pressure_gradient(grid, solver.boundary, fluid.pressure, continued=True)
+        inputs = drag_inputs(
+            grid, weights, particles.velocity, 2.0 * bodies.radius, fluid.face_velocity, slope, solids,
+            properties.density, properties.viscosity,
+        )  # fmt: skip
+        seen = Seen(weights, solids, inputs, inputs)
+        start = self.start(mixture, fluid, particles, seen)
+        return seen._replace(of_law=self.drag.seen(start, inputs, fluid, solids))
+
+    def start(
+        self, mixture: Mixture, fluid: FluidState, particles: ParticleState, seen: Seen
+    ) -> IntervalStart:
+        """What forces may look at."""
+        duration = jnp.asarray(self.interval.duration, particles.velocity.dtype)
+        return IntervalStart(
+            self.interval.solver.grid, seen.weights, fluid.face_velocity, seen.inputs.slip_velocity, particles,
+            mixture.bodies, mixture.properties, duration,
+        )  # fmt: skip
+
+    def drag_over(
+        self, mixture: Mixture, start: IntervalStart, seen: Seen, given: dict[str, Contribution]
+    ) -> IntervalDrag:
+        """The drag over the interval, beside what the further forces give."""
+        bodies = mixture.bodies
+        others = plus(steady_force(mixture, start.particles), *(c.force for c in given.values()))
+        impulses = (c.impulse for c in given.values() if c.impulse is not None)
+        others = plus(others, *(impulse / start.duration for impulse in impulses))
+        if self.interval.solver.shares_stress:
+            others = others - as_column(bodies.volume) * seen.inputs.pressure_gradient
+        mass = plus(bodies.mass, total(c.slip_mass for c in given.values()))
+        law = self.drag.law(mixture.closure, mixture.drag_scale, start)
+        return interval_drag(law, start, seen.inputs, seen.of_law, mass, others)
+
+    def remember(
+        self, mixture: Mixture, forces: FluidForces, before: ParticleState, after: ParticleState
+    ) -> ParticleState:
+        """The particles at the end of an interval with the force that has acted and what forces keep for the next one.
+
+        Args:
+            mixture: numbers of both.
+            forces: over the interval.
+            before: particles at its start.
+            after: at its end.
+        """
+        if not self.forces:
+            return after
+        duration = jnp.asarray(self.interval.duration, before.velocity.dtype)
+        end = IntervalEnd(mixture.bodies, mixture.properties, after.velocity - before.velocity, duration)
+        acted, memory = after.fluid_force, {}
+        assert acted is not None
+        for force in self.forces:
+            mean = forces.further[force.name]
+            own, kept = force.end(mean, end)
+            if mean.drive is not None:  # the others are in the total of the forces
+                acted = plus(acted, own)
+            if kept is not None:
+                memory[force.name] = kept
+        return after._replace(fluid_force=acted, fluid_memory=memory or None)
+
+    def with_moving_fluid(
+        self, mixture: Mixture, forces: FluidForces, load: Array
+    ) -> tuple[ParticleProperties, Array]:
+        """The bodies that the contact steps move, heavier by the fluid that moves with them, and the force on these.
+
+        Args:
+            mixture: numbers of both.
+            forces: over the interval.
+            load: (N, D) force on the particles alone [N].
+        """
+        added = total(force.added_density(mixture.properties) for force in self.forces)
+        bodies = mixture.bodies if added is None else mixture.bodies._replace(added_density=added)
+        return bodies, plus(load, *(mean.drive for mean in forces.further.values()))
+
+
+def steady_force(mixture: Mixture, particles: ParticleState) -> Array:
+    """(N, D) force that does not change over the interval: contacts, and weight less hydrostatic buoyancy [N]."""
+    return particles.contact_force + as_column(mixture.submerged_mass) * mixture.gravity[None]

@@ -1,0 +1,123 @@
+"""The drag of a coupling interval: what the law sees, what it gives, and the coefficient that acts implicitly."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from jax import Array
+
+from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.coupling.coarse_inputs import CoarseInputs
+from jaxdem.coupling.forces.protocol import IntervalStart
+from jaxdem.coupling.inputs import deconvolved
+from jaxdem.coupling.model_b import drag_of_model_b
+from jaxdem.coupling.presence import present_drag
+from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
+from jaxdem.coupling.stiff_drag import settling_coefficient
+from jaxdem.fluid.momentum import FluidState
+from jaxdem.particles.integrate import as_column
+
+Law = Callable[[DragInputs], Drag]
+
+
+@dataclasses.dataclass(frozen=True)
+class DragModel:
+    """How the drag law is applied; static.
+
+    Attributes:
+        form: of the equations, "A" or "B".
+        self_disturbance: correction that gives the law the undisturbed slip, None for none.
+        coarse_inputs: coarser mesh through which the law sees the fluid, None for the fluid's own.
+        deconvolution: see `deconvolved`, 0 for none; without `coarse_inputs`, which have their own [-].
+    """
+
+    form: str = "A"
+    self_disturbance: SelfDisturbance | None = None
+    coarse_inputs: CoarseInputs | None = None
+    deconvolution: float = 0.0
+
+    def seen(self, start: IntervalStart, inputs: DragInputs, fluid: FluidState, solids: Array) -> DragInputs:
+        """The fluid as the law sees it.
+
+        Args:
+            start: of the interval.
+            inputs: the fluid at the particles, on its own mesh.
+            fluid: its state.
+            solids: solid fraction of the cells [-].
+        """
+        if self.coarse_inputs is not None:
+            return self.coarse_inputs(
+                start.grid, fluid, solids, start.particles, start.bodies, start.properties
+            )
+        if self.deconvolution > 0.0:
+            return deconvolved(start.grid, start.weights, inputs, start.face_velocity, self.deconvolution)
+        return inputs
+
+    def law(self, closure: DragClosure, scale: Array, start: IntervalStart) -> Law:
+        """The drag law in the form of the equations, scaled, and of the undisturbed slip if asked for."""
+
+        def scaled(inputs: DragInputs) -> Drag:
+            drag = closure(inputs)
+            if self.form == "B":
+                drag = drag_of_model_b(drag, inputs.solid_fraction)
+            remainder = None if drag.remainder is None else scale * drag.remainder
+            return Drag(scale * drag.coefficient, remainder, drag.out_of_range)
+
+        correction, volume = self.self_disturbance, start.bodies.volume
+        if correction is None:
+            return scaled
+        own = own_solid_fraction(start.grid, start.weights, volume)
+        return lambda inputs: correction(scaled, inputs, own, volume)
+
+
+class IntervalDrag(NamedTuple):
+    """The drag over a coupling interval: force = coefficient (u - v) + remainder, u of the fluid's own mesh.
+
+    Attributes:
+        coefficient: (N,) implicit, see `settling_coefficient` [kg/s].
+        remainder: (N, D) explicit; None for none [N].
+        law: (N, D) the force that the law gave at the start of the interval [N].
+        out_of_range: (N,) bool, see `Drag`.
+    """
+
+    coefficient: Array
+    remainder: Array | None
+    law: Array
+    out_of_range: Array
+
+
+def interval_drag(
+    law: Law,
+    start: IntervalStart,
+    inputs: DragInputs,
+    seen: DragInputs,
+    mass: Array,
+    others: Array,
+) -> IntervalDrag:
+    """The drag of an interval.
+
+    Where the law sees another velocity than that of the faces, which the coefficient acts on implicitly, the remainder makes
+    up for the difference.
+
+    Args:
+        law: see `DragModel.law`.
+        start: of the interval.
+        inputs: the fluid at the particles, on its own mesh.
+        seen: the fluid as the law sees it.
+        mass: () or (N,) inertia of the particles, with slip masses [kg].
+        others: (N, D) all other forces on the particles [N].
+    """
+    drag = present_drag(law(seen), start.particles.active)
+    force = drag.coefficient[:, None] * seen.slip_velocity
+    remainder: Any = drag.remainder
+    if remainder is not None:
+        others, force = others + remainder, force + remainder
+    coefficient = settling_coefficient(
+        lambda later: law(later).coefficient, seen, drag.coefficient, mass, others, start.duration
+    )
+    if seen is not inputs:
+        offset = as_column(coefficient) * (seen.fluid_velocity - inputs.fluid_velocity)
+        remainder = offset if remainder is None else remainder + offset
+    return IntervalDrag(coefficient, remainder, force, drag.out_of_range)

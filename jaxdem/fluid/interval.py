@@ -1,0 +1,187 @@
+"""The fluid steps of one coupling interval: how many there are, and their loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.fluid.boundary import coverage, largest_inflow
+from jaxdem.fluid.grid import along
+from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState, FluidStep
+from jaxdem.numerics.batches import cond_in_batch
+
+SUBSTEPS = (1, 2, 4, 8)
+"""Numbers of fluid steps that a coupling interval may be cut into."""
+
+VISCOUS_STABLE = 0.375
+"""Viscosity number nu t sum(1/h^2) up to which a fluid step is stable.
+
+Velocities would be up to 0.5, by Heun's method. But a pressure p left over from the last step enters the trial velocity,
+whose stress changes the prediction by -t^2/2 (4/3) nu lap(grad p): the projection leaves a pressure of (8/3) nu t
+sum(1/h^2) times the old one in its shortest waves. 4/3 is of the deviatoric stress. Derived here."""
+
+VISCOUS_LIMIT = 0.3
+"""Viscosity number that fluid steps are chosen for: a fifth under `VISCOUS_STABLE`."""
+
+Carry = TypeVar("Carry")
+
+
+class FluidDiagnostics(NamedTuple):
+    """What happened to the fluid in an interval; all ().
+
+    Attributes:
+        substeps: number of fluid steps taken.
+        courant: largest sum over the axes of |u| t / h of a fluid step.
+        viscous: viscosity number nu t sum(1/h^2) of a fluid step with the largest nu, molecular and subgrid;
+            see `VISCOUS_STABLE`.
+        iterations: of the pressure solver, most of any step.
+        divergence: largest after projection, in units of U/h.
+        converged: bool, every pressure solve reached its tolerance.
+        finite: bool, no velocity and no pressure is NaN or infinite.
+    """
+
+    substeps: Array
+    courant: Array
+    viscous: Array
+    iterations: Array
+    divergence: Array
+    converged: Array
+    finite: Array
+
+
+class Substeps(NamedTuple):
+    """How an interval is cut into fluid steps; all ().
+
+    Attributes:
+        number: int32, one of `SUBSTEPS`.
+        step: length of a fluid step [s].
+        courant, viscous: Courant and viscosity number of one of these steps.
+    """
+
+    number: Array
+    step: Array
+    courant: Array
+    viscous: Array
+
+
+class SolverRecord(NamedTuple):
+    """The worst of the pressure solves of an interval; all (). See `FluidDiagnostics`."""
+
+    iterations: Array
+    divergence: Array
+    converged: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class FluidInterval:
+    """A coupling interval seen by the fluid; static.
+
+    Attributes:
+        solver: of the fluid.
+        duration: of the interval [s].
+        substeps: smallest number of fluid steps.
+        courant_limit: a fluid step is cut until its Courant number is under this.
+        reversible: loops that reverse-mode differentiation can run backwards.
+    """
+
+    solver: FluidSolver
+    duration: float
+    substeps: int
+    courant_limit: float
+    reversible: bool = False
+
+    def advance(
+        self, properties: FluidProperties, state: FluidState, time: Array
+    ) -> tuple[FluidState, FluidDiagnostics]:
+        """A fluid without particles after the interval that begins at `time` [s]."""
+        substeps = self.choose(properties, state, time)
+
+        def step(state: FluidState, k: Array) -> tuple[FluidState, SolverRecord]:
+            result = self.solver.step(properties, state, None, time + k * substeps.step, substeps.step)
+            return result.state, solver_record(result)
+
+        state, record = self.loop(substeps.number, step, state)
+        return state, diagnostics(substeps, record, state)
+
+    def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:
+        """The fluid steps that Courant and viscosity number ask for, at least `substeps` of them."""
+        courant = self.duration * self._rate(properties, state, time)
+        viscous = self._viscous_rate(properties, state, time)
+        needed = jnp.maximum(courant / self.courant_limit, viscous / VISCOUS_LIMIT)
+        needed = lax.stop_gradient(jnp.maximum(needed, self.substeps))
+        choices = jnp.asarray(SUBSTEPS)
+        count = choices[
+            jnp.minimum(jnp.searchsorted(choices.astype(needed.dtype), needed), len(SUBSTEPS) - 1)
+        ]
+        step = jnp.asarray(self.duration, state.pressure.dtype) / count
+        courant, viscous = lax.stop_gradient(courant), lax.stop_gradient(viscous)
+        return Substeps(count, step, courant / count, viscous / count)
+
+    def loop(
+        self, count: Array, step: Callable[[Carry, Array], tuple[Carry, SolverRecord]], carry: Carry
+    ) -> tuple[Carry, SolverRecord]:
+        """`step` done `count` times with the step's number, and the worst of the solver's records."""
+        dtype = next(
+            leaf.dtype for leaf in jax.tree.leaves(carry) if jnp.issubdtype(leaf.dtype, jnp.floating)
+        )
+        worst = SolverRecord(jnp.zeros((), jnp.int32), jnp.zeros((), dtype), jnp.ones((), bool))
+
+        def advance(both: tuple[Carry, SolverRecord], k: Array) -> tuple[Carry, SolverRecord]:
+            carry, (iterations, divergence, converged) = both
+            carry, record = step(carry, k)
+            return carry, SolverRecord(
+                jnp.maximum(iterations, record.iterations),
+                jnp.maximum(divergence, record.divergence),
+                converged & record.converged,
+            )
+
+        if not self.reversible:
+            return lax.fori_loop(0, count, lambda k, both: advance(both, k), (carry, worst))
+
+        @jax.checkpoint
+        def body(both: Any, k: Array) -> tuple[Any, None]:
+            return cond_in_batch(k < count, lambda b: advance(b, k), both), None
+
+        return lax.scan(body, (carry, worst), jnp.arange(SUBSTEPS[-1]))[0]
+
+    def _rate(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
+        """Largest sum over the axes of |u| / h, inlets that are switched on within the interval included [1/s]."""
+        grid = self.solver.grid
+        speeds = [jnp.max(jnp.abs(u)) / h for u, h in zip(state.face_velocity, grid.spacing, strict=True)]
+        for side in self.solver.boundary.sides:
+            if side.kind != "inlet":
+                continue
+            velocity = properties.side_velocity[2 * side.axis + side.upper]
+            inflow = largest_inflow(side, velocity, time, time + self.duration)
+            if state.void_fraction is not None:
+                # An inlet's velocity is superficial: between particles it is higher.
+                beside = along(state.void_fraction, side.axis, *((-1, None) if side.upper else (0, 1)))
+                inflow = inflow / jnp.min(jnp.where(coverage(grid, side) > 0.0, beside, 1.0))
+            speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
+        return jnp.sum(jnp.stack(speeds))
+
+    def _viscous_rate(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
+        """Viscosity number of the whole interval [-]."""
+        dtype = state.pressure.dtype
+        if not self.solver.viscous:
+            return jnp.zeros((), dtype)
+        largest = self.solver.largest_viscosity(properties, state, time)
+        return jnp.asarray(self.duration * largest * sum(1.0 / h**2 for h in self.solver.grid.spacing), dtype)
+
+
+def solver_record(result: FluidStep) -> SolverRecord:
+    """What is kept of the pressure solve of one fluid step."""
+    return SolverRecord(result.solver.iterations, result.divergence, result.solver.converged)
+
+
+def diagnostics(substeps: Substeps, record: SolverRecord, state: FluidState) -> FluidDiagnostics:
+    """Figures of an interval that ends with `state`."""
+    finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
+    return FluidDiagnostics(
+        substeps.number, substeps.courant, substeps.viscous, *record, jnp.all(jnp.asarray(finite))
+    )

@@ -1,0 +1,184 @@
+"""Several coupling intervals as one compiled program: the step that is differentiated, with one look of the host."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.failures import failures
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.simulation import Simulation
+from jaxdem.state import Diagnostics, Parameters, State
+from jaxdem.step import advance_fluid, advance_particles
+
+CHUNK = 64
+"""Most intervals of a chunk. All chunks of a run share one program, whatever their length."""
+
+LONGEST = 0.5
+"""A chunk is cut so that the host looks for signals and shows progress after about this time [s]."""
+
+
+class Records(NamedTuple):
+    """Figures of every interval of a chunk, (CHUNK,) each; None for a part that the scene has not.
+
+    Attributes:
+        collision_force, fastest, builds, waiting: see `ParticleDiagnostics`.
+        substeps, courant, iterations, divergence: see `FluidDiagnostics`.
+        momentum, volume, out_of_range: see `ExchangeDiagnostics`.
+    """
+
+    collision_force: Array | None = None
+    fastest: Array | None = None
+    builds: Array | None = None
+    waiting: Array | None = None
+    substeps: Array | None = None
+    courant: Array | None = None
+    iterations: Array | None = None
+    divergence: Array | None = None
+    momentum: Array | None = None
+    volume: Array | None = None
+    out_of_range: Array | None = None
+
+
+class Chunk(NamedTuple):
+    """What a chunk came to.
+
+    Attributes:
+        state, neighbors: after the last interval that was done, the one that failed included.
+        diagnostics: of that interval.
+        records: of all intervals; those beyond `done` are zero.
+        code: () int32, flags of the last interval, see `jaxdem.failures`; 0 where all went well.
+        done: () int32, intervals done, the one that failed included.
+    """
+
+    state: State
+    neighbors: Neighbors | None
+    diagnostics: Diagnostics
+    records: Records
+    code: Array
+    done: Array
+
+
+class Program(Protocol):
+    """Coupling intervals, compiled for the capacities of a state and its list."""
+
+    @property
+    def most(self) -> int:
+        """Most intervals that a call may be asked for."""
+        ...
+
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int
+    ) -> Chunk:
+        """Up to `count` intervals; it ends early with one that raises a flag."""
+        ...
+
+
+class ChunkProgram:
+    """The program that runs use; compiled when it is made."""
+
+    def __init__(
+        self, simulation: Simulation, parameters: Parameters, state: State, neighbors: Neighbors | None
+    ) -> None:
+        program = jax.jit(partial(advance, simulation))
+        self._compiled = program.lower(parameters, state, neighbors, jnp.int32(1)).compile()
+        self._seconds = math.inf
+
+    @property
+    def most(self) -> int:
+        """See `Program`: as many as take about `LONGEST`."""
+        return max(1, min(CHUNK, int(LONGEST / self._seconds)))
+
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int
+    ) -> Chunk:
+        """See `Program`."""
+        begin = clock.perf_counter()
+        chunk = jax.block_until_ready(self._compiled(parameters, state, neighbors, jnp.int32(count)))
+        self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
+        return chunk
+
+
+class ProfiledProgram:
+    """Fluid and particles as programs of their own, timed in every interval as the stages `fluid_part` and `particle_part`."""
+
+    most = 1
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        parameters: Parameters,
+        state: State,
+        neighbors: Neighbors | None,
+        timed: Callable[[str], AbstractContextManager[None]],
+    ) -> None:
+        self._simulation, self._timed = simulation, timed
+        fluid = jax.jit(partial(advance_fluid, simulation))
+        forces = jax.eval_shape(fluid, parameters, state)[1]
+        self._fluid = fluid.lower(parameters, state).compile()
+        particles = jax.jit(partial(advance_particles, simulation))
+        self._particles = particles.lower(parameters, state, neighbors, forces).compile()
+
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int
+    ) -> Chunk:
+        """See `Program`."""
+        with self._timed("fluid_part"):
+            fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
+        with self._timed("particle_part"):
+            moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces))
+        particles, neighbors, of_particles = moved
+        diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces)
+        records = jax.tree.map(lambda value: value[None], _records(diagnostics))
+        code = failures(self._simulation, diagnostics)
+        return Chunk(
+            State(particles, fluid, state.step + 1), neighbors, diagnostics, records, code, jnp.int32(1)
+        )
+
+
+def advance(
+    simulation: Simulation, parameters: Parameters, state: State, neighbors: Neighbors | None, count: Array
+) -> Chunk:
+    """`count` coupling intervals, up to `CHUNK` of them; it ends early with one that raises a flag.
+
+    Args:
+        simulation: from `jaxdem.build`.
+        parameters: its numbers.
+        state: to start from.
+        neighbors: its list.
+        count: () int32.
+    """
+    # Compiled by itself, so that finding the shapes of what it reports does not trace it a second time.
+    step = jax.jit(simulation.step)
+    shapes = jax.eval_shape(step, parameters, state, neighbors)[2]
+    blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
+    records = jax.tree.map(lambda a: jnp.zeros((CHUNK, *a.shape), a.dtype), _records(shapes))
+    zero = jnp.zeros((), jnp.int32)
+
+    def interval(chunk: Chunk) -> Chunk:
+        state, neighbors, diagnostics = step(parameters, chunk.state, chunk.neighbors)
+        records = jax.tree.map(
+            lambda all_, one: all_.at[chunk.done].set(one), chunk.records, _records(diagnostics)
+        )
+        code = failures(simulation, diagnostics)
+        return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1)
+
+    start = Chunk(state, neighbors, blank, records, zero, zero)
+    return lax.while_loop(lambda chunk: (chunk.done < count) & (chunk.code == 0), interval, start)
+
+
+def _records(diagnostics: Diagnostics) -> Records:
+    """The figures of an interval."""
+    found: dict[str, Array] = {}
+    for part in (diagnostics.particles, diagnostics.fluid, diagnostics.exchange):
+        if part is not None:
+            found |= {name: value for name, value in part._asdict().items() if name in Records._fields}
+    return Records(**found)

@@ -1,0 +1,190 @@
+"""State, neighbour list and counters as named arrays and back, so that a resumed run is the same bit for bit."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.io import scene_text
+from jaxdem.io.checkpoint import read_checkpoint
+from jaxdem.io.run_directory import CHECKPOINT
+from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+from jaxdem.version import __version__
+
+COLUMN_MARGIN = 8
+"""A column of the search's table has room for all particles at most when it is made; it grows with the list's other capacities."""
+
+OTHER_INPUTS = (
+    "another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files "
+    "hold now"
+)
+
+
+def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Named arrays of everything that a run goes on from.
+
+    Args:
+        state: of the simulation.
+        neighbors: its list.
+        extra: name -> number or array, counters of the time loop.
+    """
+    arrays = _named("state", state)
+    if neighbors is not None:
+        arrays |= _named("neighbors", neighbors)
+        arrays["room"] = np.asarray(neighbors.room)
+    return arrays | {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
+
+
+def from_arrays(
+    simulation: Simulation, template: State, arrays: dict[str, np.ndarray]
+) -> tuple[State, Neighbors | None, dict[str, np.ndarray]]:
+    """The inverse of `to_arrays`.
+
+    Args:
+        simulation: of the same scene.
+        template: a state of that scene, for the structure.
+        arrays: from a checkpoint.
+
+    Raises:
+        InputError: an array is missing or has another shape.
+    """
+    neighbors = None
+    if template.particles is not None:
+        room = _room(arrays)
+        particles = template.particles
+        blank = jnp.zeros(room.pairs, particles.position.dtype)
+        springs = (blank,) * len(particles.contact_spring)
+        template = template._replace(particles=particles._replace(contact_spring=springs))
+    state = _restored("state", template, arrays)
+    if state.particles is not None:
+        positions = state.particles.position
+        dimension = positions.shape[1]
+        reference = tuple(jnp.asarray(_get(arrays, f"neighbors.reference[{k}]")) for k in range(dimension))
+        low: Any = (None,) * dimension
+        if state.particles.position_low is not None:
+            low = tuple(jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
+        fresh = simulation.search.allocate(reference, low, room)
+        neighbors = _restored("neighbors", fresh, arrays)
+    extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
+    return state, neighbors, extra
+
+
+def origin(scene_toml: str, parameters: Parameters) -> dict[str, str]:
+    """What a checkpoint belongs to, as attributes of it.
+
+    Args:
+        scene_toml: the scene, as it writes itself; in which folders its closures lie does not count.
+        parameters: that go with it; they hold what the scene only names, the weights of a closure and the sizes
+            in a file.
+    """
+    digest = hashlib.sha256()
+    for name, array in sorted(_named("parameters", parameters).items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
+    scene = json.dumps(scene_text.without_folders(tomllib.loads(scene_toml)), sort_keys=True)
+    return {
+        "jaxdem": __version__,
+        "scene": hashlib.sha256(scene.encode()).hexdigest(),
+        "parameters": digest.hexdigest(),
+    }
+
+
+def require_same_origin(attributes: Mapping[str, Any], here: Mapping[str, str]) -> None:
+    """Refuses a checkpoint that was put into the folder of another run, or whose inputs have changed since.
+
+    Args:
+        attributes: of the checkpoint.
+        here: `origin` of the run that wants to go on from it.
+
+    Raises:
+        InputError: it is of another version or scene, or a file that the scene names has other content now.
+    """
+    version = attributes.get("jaxdem")
+    for name, limit, remedy in (
+        ("jaxdem", f"was written by jaxdem {version}, this is {here['jaxdem']}", "Resume with that version"),
+        ("scene", "was written by a run of another scene", "Put this run's own checkpoint back"),
+        (
+            "parameters",
+            f"was written with {OTHER_INPUTS}",
+            "Put the files that the scene names back as they were",
+        ),
+    ):
+        if attributes.get(name) != here[name]:
+            remedy = f"{remedy}, or start the run anew in another folder."
+            raise InputError("checkpoint.h5", attributes.get(name), limit, remedy)
+
+
+def require_same_parameters(out: str | Path, here: Mapping[str, str]) -> None:
+    """Refuses a complete run whose closure, or a file that its scene names, has other content now.
+
+    Nothing is asked of a run of another version, or whose checkpoint is not there any more.
+
+    Args:
+        out: its folder.
+        here: `origin` of the run that would be taken for done.
+
+    Raises:
+        InputError: they differ, or the checkpoint is damaged.
+    """
+    path = Path(out) / CHECKPOINT
+    if not path.is_file():
+        return
+    attributes = read_checkpoint(path)[1]
+    if attributes.get("jaxdem") == here["jaxdem"] and attributes.get("parameters") != here["parameters"]:
+        raise InputError(
+            "RUN",
+            str(out),
+            f"is complete, of {OTHER_INPUTS}",
+            "Run it anew in another folder, or put the files that the scene names back as they were.",
+        )
+
+
+def _room(arrays: dict[str, np.ndarray]) -> Room:
+    """The room of the neighbour list, which is made anew: not more than the stored list has."""
+    room = Room(*map(int, _get(arrays, "room")))
+    slots, count = _get(arrays, "neighbors.index").shape
+    pairs = len(_get(arrays, "neighbors.overlap"))
+    if (room.slots, room.pairs) != (slots, pairs) or not 0 < room.cell <= COLUMN_MARGIN * (count + 1):
+        stored = f"the list in it has {slots} slots and {pairs} pairs of {count} particles"
+        raise InputError("checkpoint.h5", tuple(room), stored, "Start the run anew in another folder.")
+    return room
+
+
+def _named(prefix: str, tree: Any) -> dict[str, np.ndarray]:
+    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+    return {prefix + jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+
+
+def _restored(prefix: str, template: Any, arrays: dict[str, np.ndarray]) -> Any:
+    leaves, structure = jax.tree_util.tree_flatten_with_path(template)
+    restored = []
+    for path, leaf in leaves:
+        name = prefix + jax.tree_util.keystr(path)
+        value = _get(arrays, name)
+        if value.shape != leaf.shape or value.dtype != leaf.dtype:
+            raise InputError(
+                "checkpoint.h5",
+                f"{name}: {value.dtype}{list(value.shape)}",
+                f"this scene has {leaf.dtype}{list(leaf.shape)}",
+                "resume with the scene and version that wrote the checkpoint",
+            )
+        restored.append(jnp.asarray(value))
+    return jax.tree_util.tree_unflatten(structure, restored)
+
+
+def _get(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
+    if name not in arrays:
+        raise InputError(
+            "checkpoint.h5", name, "is missing", "resume with the scene and version that wrote the checkpoint"
+        )
+    return arrays[name]

@@ -1,0 +1,125 @@
+"""Many coupled steps as one pure function, for gradients through the whole simulation and for batches of scenes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxdem.failures import failures
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.scene.drive import check_drive
+from jaxdem.simulation import Simulation
+from jaxdem.state import Diagnostics, Parameters, State
+
+KEPT_STEPS = 128
+"""Up to this length reverse mode keeps the state of every step. The contact steps within a single interval
+keep 50 to 250 states anyway; a second level of checkpoints costs a fourth forward run, and its compilation."""
+
+
+class Rollout(NamedTuple):
+    """Result of a rollout.
+
+    Attributes:
+        state: after the last step.
+        neighbors: list at the end.
+        failures: () int32 flags of all steps together, see `jaxdem.failures`; 0 for a sound rollout.
+        observations: what `observe` gave after each step, stacked; None without it.
+    """
+
+    state: State
+    neighbors: Neighbors | None
+    failures: Array
+    observations: Any
+
+
+def rollout(
+    simulation: Simulation,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors | None,
+    steps: int,
+    observe: Callable[[State], Any] | None = None,
+    reversible: bool = True,
+) -> Rollout:
+    """The simulation run for `steps` coupling intervals; pure, for jit, grad and vmap.
+
+    Reverse mode keeps the state of every step of a rollout up to `KEPT_STEPS`; of a longer one it keeps about
+    sqrt(steps) states and computes the stretches between them again, so memory grows with the square root of
+    the length. Nothing is raised inside: look at `failures`.
+
+    Args:
+        simulation: from `jaxdem.build`.
+        parameters: what one may differentiate by.
+        state: to start from.
+        neighbors: its neighbour list.
+        steps: number of coupling intervals.
+        observe: function of the state, evaluated after each step.
+        reversible: False for a rollout that is not differentiated in reverse mode: the numbers are the same to
+            rounding, in about half the time.
+
+    Raises:
+        InputError: gravity has a component along a periodic axis in a scene with a fluid, see `jaxdem.scene.drive`. That is
+            seen where gravity is a number; traced (as an argument under jit, grad or vmap) it has no value to look at.
+    """
+    if simulation.fluid is not None and not isinstance(parameters.gravity, jax.core.Tracer):
+        check_drive("parameters.gravity", np.asarray(parameters.gravity).tolist(), simulation.periodic)
+    if reversible:
+        simulation = simulation.reversible()
+    measure = None if observe is None else (lambda state, _: observe(state))
+    return measured_rollout(simulation, parameters, state, neighbors, steps, measure)
+
+
+def measured_rollout(
+    simulation: Simulation,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors | None,
+    steps: int,
+    measure: Callable[[State, Diagnostics], Any] | None,
+    stop: Array | None = None,
+) -> Rollout:
+    """`rollout` with observations that also need what a step reports, such as the forces on the particles.
+
+    Args:
+        simulation: `Simulation.reversible` if the result is differentiated in reverse mode.
+        parameters, state, neighbors, steps: as for `rollout`.
+        measure: function of the state after a step and of its diagnostics.
+        stop: () int32, the steps after so many are left out and their observations are zero; so runs of all lengths
+            share one program, with the memory of the longest. None takes all `steps`.
+    """
+
+    def one(carry: Any) -> tuple[Any, Any]:
+        state, neighbors, code = carry
+        state, neighbors, diagnostics = simulation.step(parameters, state, neighbors)
+        seen = None if measure is None else measure(state, diagnostics)
+        return (state, neighbors, code | failures(simulation, diagnostics)), seen
+
+    length = steps if steps <= KEPT_STEPS else math.isqrt(steps)
+    count = -(-steps // max(length, 1))
+
+    def none(carry: Any) -> tuple[Any, Any]:
+        return carry, jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(one, carry)[1])
+
+    @jax.checkpoint
+    def checked(carry: Any, number: Array) -> tuple[Any, Any]:
+        # The last stretch is filled up with steps left out: a loop of its own would compile it all once more.
+        if stop is None and count * length == steps:
+            return one(carry)
+        return lax.cond(number < (steps if stop is None else stop), one, none, carry)
+
+    def stretch(carry: Any, numbers: Array) -> tuple[Any, Any]:
+        return lax.scan(checked, carry, numbers)
+
+    carry, numbers = (state, neighbors, jnp.zeros((), jnp.int32)), jnp.arange(count * length)
+    if count <= 1:
+        carry, observations = stretch(carry, numbers)
+        return Rollout(*carry, observations)
+    carry, seen = lax.scan(jax.checkpoint(stretch), carry, numbers.reshape(count, length))
+    observations = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:steps], seen)
+    return Rollout(*carry, observations)

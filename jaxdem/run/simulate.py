@@ -1,0 +1,375 @@
+"""The time loop: coupled steps on the device, errors, output, checkpoints and progress on the host."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import jax
+import numpy as np
+from jax import Array
+
+from jaxdem.closures.base import DragClosure
+from jaxdem.closures.ensemble import EnsembleClosure
+from jaxdem.coupling.exchange import FluidForces
+from jaxdem.errors import InputError, RunError
+from jaxdem.failures import OF_PARTICLES, Failure
+from jaxdem.fluid.inlet import InletProfile
+from jaxdem.fluid.side_conditions import SideCondition
+from jaxdem.fluid.subgrid_stress import SubgridLaw
+from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io.run_directory import SCENE
+from jaxdem.particles.contact import ContactLaw
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program
+from jaxdem.run.diagnosis import diagnosis
+from jaxdem.run.records import (
+    ensemble_spread,
+    frame_of,
+    history_of,
+    run_summary,
+    sample_attributes,
+    sample_of,
+)
+from jaxdem.run.restart import (
+    from_arrays,
+    origin,
+    require_same_origin,
+    require_same_parameters,
+    to_arrays,
+)
+from jaxdem.run.signals import Caught, Stopped, noted_signals
+from jaxdem.run.totals import Totals
+from jaxdem.scene import Scene
+from jaxdem.setup.build import build, initial_state
+from jaxdem.setup.time_steps import simulated_time
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+
+Progress = Callable[[float, float], None]
+"""Called with the simulated time and the end [s]."""
+
+
+class Interrupted(Exception):
+    """The run was asked to stop; a checkpoint was written.
+
+    Attributes:
+        number: of the signal; the command line returns 128 + number.
+        time: simulated time reached [s].
+    """
+
+    def __init__(self, number: int, time: float):
+        self.number, self.time = number, time
+        super().__init__(f"stopped at t = {time:.6g} s")
+
+
+def simulate(
+    scene: Scene,
+    out: str | Path,
+    *,
+    closure: DragClosure | None = None,
+    walls: Sequence[Callable[[Array], Array]] = (),
+    contact_law: ContactLaw | None = None,
+    inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
+    subgrid: SubgridLaw | None = None,
+    side_conditions: Mapping[str, SideCondition] | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    profile: bool = False,
+) -> Run:
+    """Runs a scene to its end and writes the run directory.
+
+    Args:
+        scene: from `jaxdem.load_scene`.
+        out: run directory; must be new or empty unless `resume`.
+        closure: drag law or learned closure in place of the scene's, see `jaxdem.build`. This and the next four are
+            not in the scene file: a resumed run must be given the same.
+        walls: signed distances of further walls.
+        contact_law: in place of the scene's.
+        inlet_profiles: in place of the scene's, by the side's name.
+        subgrid: closure of the subgrid stress in place of the scene's.
+        side_conditions: in place of the scene's kinds of sides, by the side's name.
+        resume: go on from the directory's checkpoint.
+        progress: called now and then, at every output at least.
+        profile: compile fluid and particles apart and measure both in every interval, for `stages_s` of the summary; slower.
+
+    Returns:
+        The run, as `jaxdem.load_run` gives it.
+
+    Raises:
+        InputError: the scene or the directory cannot be used; nothing was started.
+        RunError: the run could not go on; what was done is kept, with `valid: false` in the summary.
+        Interrupted: SIGINT or SIGTERM; a checkpoint was written.
+    """
+    complete = resume and RunDirectory.is_complete(out)
+    if complete:
+        RunDirectory.require_same_scene(out, scene.to_toml())
+    simulation, parameters = build(
+        scene, closure, walls, contact_law, inlet_profiles, subgrid, side_conditions
+    )
+    if complete:
+        require_same_parameters(out, origin(scene.to_toml(), parameters))
+        return load_run(out)
+    every = samples_every(scene, simulation)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    attributes = sample_attributes(scene, simulation) if every else None
+    opener = RunDirectory.resume if resume else RunDirectory.create
+    # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
+    with noted_signals() as caught, opener(out, scene.to_toml(), attributes) as directory:
+        loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, every, profile)
+        if directory.has_checkpoint:
+            loop.restore()
+        loop.run(progress, caught)
+    return load_run(out)
+
+
+def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run:
+    """The run of a scene in `out`: made, gone on with from its checkpoint, or taken as it is where it is complete.
+
+    Args:
+        scene: from `jaxdem.load_scene`.
+        out: run directory; one that was stopped before its first checkpoint is begun anew.
+        begin: called where there is something to compute; gives `progress` of `simulate`.
+
+    Raises:
+        InputError, RunError, Interrupted: see `simulate`.
+    """
+    if RunDirectory.is_complete(out):
+        require_same_parameters(out, origin(scene.to_toml(), build(scene)[1]))
+        return load_run(out)
+    return simulate(scene, out, resume=(out / SCENE).is_file(), progress=begin())
+
+
+@dataclasses.dataclass
+class TimeLoop:
+    """The loop of one run.
+
+    Attributes:
+        sample_every: number of coupling intervals between samples, 0 for none.
+        profile: whether the parts of a step are compiled and timed one by one.
+        done: coupling intervals so far.
+        caught: signals that came.
+        forces: of the fluid in the last interval, None before the first and without fluid or particles.
+    """
+
+    scene: Scene
+    simulation: Simulation
+    parameters: Parameters
+    directory: RunDirectory
+    state: State
+    neighbors: Neighbors | None
+    sample_every: int
+    profile: bool = False
+    totals: Totals = dataclasses.field(default_factory=Totals)
+    done: int = 0
+    caught: Caught = dataclasses.field(default_factory=Caught)
+    forces: FluidForces | None = None
+    program: Program = dataclasses.field(init=False)
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._time_after(self.done)
+
+    def _time_after(self, intervals: int) -> float:
+        per_output = self.simulation.steps.intervals_per_output
+        return simulated_time(self.scene.time.output_interval, intervals, per_output)
+
+    @property
+    def last(self) -> int:
+        """Number of coupling intervals of the whole run."""
+        return self.simulation.steps.outputs * self.simulation.steps.intervals_per_output
+
+    def run(self, progress: Progress | None, caught: Caught) -> None:
+        """From the present state to the end of the scene, with everything written.
+
+        Args:
+            progress: called at every output at least.
+            caught: signals that came; at the first the interval is finished, or compiling given up, and a checkpoint left.
+        """
+        self.totals.begin()
+        self.caught = caught
+        try:
+            if not self.directory.has_checkpoint:  # first of all: a kill while compiling loses nothing either
+                self._write_checkpoint()
+            try:
+                self._compile()
+                if self.done == 0 and self.directory.frames == 0:
+                    self._write_frame()
+                self._advance_to_end(progress)
+            except Stopped:
+                self._leave()
+        except RunError as error:
+            # A disk that is full refuses the summary too; what it refused first is what to tell.
+            with contextlib.suppress(RunError):
+                self.directory.interrupt(self._summary(False, str(error)))
+            raise
+        self.directory.finish(self._summary(True, ""))
+
+    def restore(self) -> None:
+        """State, list and counters from the directory's checkpoint, files cut back to it."""
+        arrays, attributes = self.directory.checkpoint()
+        require_same_origin(attributes, self._origin())
+        state, neighbors, extra = from_arrays(self.simulation, self.state, arrays)
+        self.state, self.neighbors = state, neighbors
+        self.totals.load(extra)
+        self.done = int(extra["done"])
+        self.directory.cut_back(int(attributes["frames"]), int(attributes["samples"]))
+
+    def _advance_to_end(self, progress: Progress | None) -> None:
+        saved = clock.perf_counter()
+        while self.done < self.last:
+            before, done = self.state, self.done
+            self._advance(self._next_stop() - done)
+            if self._is_sampled(self.done) and self.done > done:
+                self._write_sample(before)
+            if self.done % self.simulation.steps.intervals_per_output == 0 and self.done > done:
+                self._write_frame()
+                due = clock.perf_counter() - saved >= self.scene.output.checkpoint_interval
+                if due or self.done == self.last:
+                    self._write_checkpoint()
+                    saved = clock.perf_counter()
+            if progress is not None:
+                progress(self.time, self.scene.time.end)
+            if self.caught:
+                raise Stopped
+
+    def _next_stop(self) -> int:
+        """Number of intervals after which the host has to look: at an output, before and after a sampled interval."""
+        per_output = self.simulation.steps.intervals_per_output
+        stops = [self.last, (self.done // per_output + 1) * per_output]
+        if self.sample_every:
+            sampled = (self.done // self.sample_every + 1) * self.sample_every
+            stops.append(sampled if self.done == sampled - 1 else sampled - 1)
+        return min(stops)
+
+    def _is_sampled(self, number: int) -> bool:
+        return self.sample_every > 0 and number % self.sample_every == 0 and self.forces is not None
+
+    def _leave(self) -> NoReturn:
+        """The run as a signal leaves it: with a checkpoint, and a summary for which nothing more is compiled."""
+        self._write_checkpoint()
+        message = f"stopped by signal {self.caught[0]}; continue with --resume"
+        self.directory.interrupt(self._summary(False, message, split_stages=False))
+        raise Interrupted(self.caught[0], self.time)
+
+    def _advance(self, count: int) -> None:
+        """Up to `count` intervals; more room where the neighbour list ran out of it; an error where an interval failed.
+
+        The intervals before one that failed are done again by themselves: it is judged, and gone on from, alone.
+        """
+        count = min(count, self.program.most)
+        with self.totals.timed("step"):
+            chunk = jax.block_until_ready(self.program(self.parameters, self.state, self.neighbors, count))
+            code, done = int(chunk.code), int(chunk.done)
+            if code and done > 1:
+                chunk = jax.block_until_ready(
+                    self.program(self.parameters, self.state, self.neighbors, done - 1)
+                )
+                code, done = int(chunk.code), int(chunk.done)
+        if not code:
+            self.state, self.neighbors = chunk.state, chunk.neighbors
+            self.forces, self.done = chunk.diagnostics.forces, self.done + done
+            self.totals.add(chunk.records, done)
+        # What else is wrong with particles that missed some of their contacts may come of it.
+        elif code & Failure.OVERFLOW and not code & ~OF_PARTICLES and self.neighbors is not None:
+            self._enlarge(self.neighbors)
+        else:
+            self._raise(code, chunk.state)
+
+    def _raise(self, code: int, reached: State) -> NoReturn:
+        """The error of the interval from the present state to `reached`."""
+        reason, where, remedy = diagnosis(self.simulation, self.parameters, code, self.state, reached)
+        raise RunError(reason, where, self.time, remedy)
+
+    def _enlarge(self, neighbors: Neighbors) -> None:
+        """A neighbour list with half as much room again; the contact history moves along."""
+        self.state, self.neighbors = self.simulation.with_room(
+            self.state, neighbors, neighbors.room.enlarged()
+        )
+        self.totals.resizes += 1
+        self._compile()
+
+    def _compile(self) -> None:
+        """The step, compiled for the present capacities; given up at a signal."""
+        with self.totals.timed("compile"), self.caught.raised():
+            given = (self.simulation, self.parameters, self.state, self.neighbors)
+            self.program = self.caught.wait_for(
+                lambda: ProfiledProgram(*given, self.totals.timed) if self.profile else ChunkProgram(*given)
+            )
+
+    def _write_sample(self, before: State) -> None:
+        """What the drag law saw and gave in the interval that began with `before`."""
+        assert self.forces is not None and self.parameters.bodies is not None
+        with self.totals.timed("output"):
+            volume = np.asarray(self.parameters.bodies.volume)
+            sample = sample_of(self.simulation, before, self.state, self.forces, volume)
+            self.directory.write_sample(self.directory.samples, self._time_after(self.done - 1), sample)
+
+    def _write_frame(self) -> None:
+        with self.totals.timed("output"):
+            particles, fluid = frame_of(self.simulation, self.parameters, self.state, self.forces)
+            mean = self.totals.collision_mean()
+            row = history_of(self.simulation, self.parameters, self.state, self.forces, self.time, mean)
+            if self.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
+                spread, force = ensemble_spread(self.parameters.closure, self.forces)
+                self.totals.add_spread(float(spread), float(force))
+            self.directory.write_frame(self.directory.frames, self.time, particles, fluid, None, row)
+
+    def _write_checkpoint(self) -> None:
+        with self.totals.timed("output"):
+            extra = self.totals.save() | {"done": self.done}
+            arrays = to_arrays(self.state, self.neighbors, extra)
+            attributes = {"frames": self.directory.frames, "samples": self.directory.samples} | self._origin()
+            self.directory.write_checkpoint(arrays, attributes)
+
+    def _origin(self) -> dict[str, str]:
+        return origin(self.scene.to_toml(), self.parameters)
+
+    def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
+        return run_summary(
+            self.scene,
+            self.simulation,
+            self.parameters,
+            self.state,
+            self.neighbors,
+            self.totals,
+            valid=valid,
+            reason=reason,
+            time=self.time,
+            split_stages=split_stages,
+        )
+
+
+def samples_every(scene: Scene, simulation: Simulation) -> int:
+    """Number of coupling intervals between samples, 0 for none."""
+    wanted = scene.output.samples
+    if wanted == 0.0:
+        return 0
+    if scene.fluid is None or scene.coupling is None:
+        raise InputError("output.samples", wanted, "needs both [fluid] and [particles]", "set it to 0")
+    if simulation.population is not None:
+        raise InputError(
+            "output.samples", wanted, "training samples cannot be written where particles enter or leave", "set it to 0"
+        )  # fmt: skip
+    if wanted > scene.time.end * (1.0 + 1e-9):
+        raise InputError(
+            "output.samples",
+            wanted,
+            f"the scene ends at {scene.time.end:g} s, so there would be no sample",
+            "lower the time between samples",
+        )
+    ratio = wanted / simulation.interval
+    every = max(1, round(ratio))
+    if abs(every - ratio) > 1e-6 * every:
+        raise InputError(
+            "output.samples",
+            wanted,
+            f"must be a multiple of the coupling interval, {simulation.interval:.6g} s",
+            f"use, for example, {every * simulation.interval:.6g}",
+        )
+    return every

@@ -1,0 +1,130 @@
+"""Sums and extremes over a run, and where its wall time went."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time as clock
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from jaxdem.run.chunk import Records
+from jaxdem.run.compile_time import compile_clock
+
+NOT_KEPT = ("stages", "start", "compiled")
+"""Fields of `Totals` that a checkpoint has under other names or not at all."""
+
+
+STAGES = ("step", "fluid_part", "particle_part", "output", "compile")
+"""What a run measures; the parts of a step only where they are timed one by one."""
+
+LARGEST = {
+    "courant": "courant",
+    "mass": "divergence",
+    "momentum": "momentum",
+    "volume": "volume",
+    "fastest": "fastest",
+}
+"""Fields of `Totals` that are the largest value of a record."""
+
+
+@dataclasses.dataclass
+class Totals:
+    """Sums and extremes over a run; they belong to a checkpoint."""
+
+    start: float = 0.0
+    compiled: float = 0.0
+    resizes: int = 0
+    intervals: int = 0
+    fluid_steps: int = 0
+    collision: float = 0.0
+    collision_intervals: int = 0
+    out_of_range: float = 0.0
+    spread: float = 0.0
+    ensemble_force: float = 0.0
+    iterations: int = 0
+    courant: float = 0.0
+    mass: float = 0.0
+    momentum: float = 0.0
+    volume: float = 0.0
+    fastest: float = 0.0
+    builds: int = 0
+    waiting: int = 0
+    waiting_most: int = 0
+    waited: int = 0
+    wall: float = 0.0
+    stages: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    def begin(self) -> None:
+        """The run starts, or goes on, now."""
+        self.start, self.compiled = clock.perf_counter(), compile_clock().total
+
+    @contextlib.contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Adds the wall time of a block to a stage, without what was compiled in it."""
+        begin, compiled = clock.perf_counter(), compile_clock().total
+        yield
+        self.stages[stage] += clock.perf_counter() - begin - (compile_clock().total - compiled)
+
+    def add(self, records: Records, count: int) -> None:
+        """The first `count` coupling intervals of a chunk."""
+        told = {
+            name: np.asarray(value)[:count] for name, value in records._asdict().items() if value is not None
+        }
+        self.intervals += count
+        if records.collision_force is not None:
+            for force in told["collision_force"]:
+                self.collision += float(force)
+            self.collision_intervals += count
+            self.builds = int(told["builds"][-1])
+        if records.waiting is not None:
+            self.waiting = int(told["waiting"][-1])
+            self.waiting_most = max(self.waiting_most, int(told["waiting"].max()))
+            self.waited += int(told["waiting"].sum())
+        if records.substeps is not None:
+            self.fluid_steps += int(told["substeps"].sum())
+            self.iterations = max(self.iterations, int(told["iterations"].max()))
+        if records.out_of_range is not None:
+            self.out_of_range += float(told["out_of_range"].sum())
+        for total, name in LARGEST.items():
+            if name in told:
+                # NaN where one of them is, so that a figure that was lost shows.
+                setattr(self, total, float(np.maximum(getattr(self, total), told[name].max())))
+
+    def add_spread(self, spread: float, force: float) -> None:
+        """Mean spread and mean force of an ensemble's members in the last interval, at an output [N]."""
+        self.spread += spread
+        self.ensemble_force += force
+
+    def collision_mean(self) -> float | None:
+        """Mean collision force since the last call [N]; zero before the first interval."""
+        mean = self.collision / self.collision_intervals if self.collision_intervals else 0.0
+        self.collision, self.collision_intervals = 0.0, 0
+        return mean
+
+    def elapsed(self) -> float:
+        """Wall time of the run, that of the runs before a restart included [s]."""
+        return self.wall + clock.perf_counter() - self.start
+
+    def compile_seconds(self) -> float:
+        """Time spent compiling, wherever in the run that was; that of the runs before a restart included [s].
+
+        The stage `compile` has what Python does in it beside what JAX reports.
+        """
+        return self.stages["compile"] + compile_clock().total - self.compiled
+
+    def save(self) -> dict[str, Any]:
+        """Names and values for a checkpoint."""
+        fields = [f.name for f in dataclasses.fields(self) if f.name not in NOT_KEPT]
+        values = {name: getattr(self, name) for name in fields} | {"wall": self.elapsed()}
+        stages = self.stages | {"compile": self.compile_seconds()}
+        return values | {f"stage_{name}": value for name, value in stages.items()}
+
+    def load(self, values: dict[str, Any]) -> None:
+        """The inverse of `save`."""
+        for field in dataclasses.fields(self):
+            if field.name not in NOT_KEPT:
+                setattr(self, field.name, type(getattr(self, field.name))(values[field.name]))
+        self.stages = {name: float(values[f"stage_{name}"]) for name in self.stages}

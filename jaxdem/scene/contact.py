@@ -1,0 +1,92 @@
+"""The table `[contact]`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from jaxdem.errors import InputError
+from jaxdem.scene.base import (
+    NonNegative,
+    Positive,
+    Section,
+)
+from jaxdem.scene.materials import WALL
+
+
+class Contact(Section):
+    """Contacts of particles with each other and with walls.
+
+    Attributes:
+        law: contact law, "hertz_mindlin" or "linear_spring_dashpot".
+        young_modulus: Young's modulus of the particles [Pa].
+        poisson_ratio: Poisson's ratio of the particles [-].
+        restitution: coefficient of restitution, rebound speed over approach speed [-].
+        friction: coefficient of sliding (Coulomb) friction [-].
+        rolling_friction: coefficient of rolling friction; 0 for none [-].
+        rolling_model: "cdt" (constant directional torque) or "epsd" (elastic-plastic spring and dashpot).
+        rolling_damping: damping ratio of the spring of "epsd"; 1 is critical [-].
+        wall_young_modulus: Young's modulus of the walls, or "rigid". Default: that of the particles [Pa].
+        wall_poisson_ratio: Poisson's ratio of the walls. Default: that of the particles [-].
+        wall_friction: coefficient of friction between particles and walls. Default: that of the particles [-].
+        wall_material: name of one of `[[materials]]` for the walls, in place of the three `wall_` keys above.
+        normal_stiffness: normal stiffness of the linear law [N/m].
+        tangential_stiffness: tangential stiffness of the linear law. Default: 2/7 of the normal stiffness [N/m].
+        time_step: contact step. "auto" takes a step that is stable and resolves an impact [s].
+        speed: largest expected speed, for the automatic time step and the expected overlap. "auto" computes it from the inlets,
+            the initial velocities and a fall through the box [m/s].
+        maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
+        skin: additional reach of the neighbour list over the (largest) diameter. "auto" is 0.4 [-].
+    """
+
+    law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
+    young_modulus: Positive = 7e7
+    poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] = 0.3
+    restitution: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.7
+    friction: NonNegative = 0.5
+    rolling_friction: NonNegative = 0.0
+    rolling_model: Literal["cdt", "epsd"] = "cdt"
+    rolling_damping: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.3
+    wall_young_modulus: Positive | Literal["rigid"] | None = None
+    wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] | None = None
+    wall_friction: NonNegative | None = None
+    wall_material: str | None = None
+    normal_stiffness: Positive | None = None
+    tangential_stiffness: NonNegative | None = None
+    time_step: Positive | Literal["auto"] = "auto"
+    speed: Positive | Literal["auto"] = "auto"
+    maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
+    skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
+
+    def of_walls(self, name: str) -> Any:
+        """A constant of the walls; the particles' where none is given."""
+        own = getattr(self, f"wall_{name}")
+        return getattr(self, name) if own is None else own
+
+
+def completed_contact(contact: Contact) -> Contact:
+    """The contact with the walls' material by one name, checked.
+
+    What follows another key where it is not given (constants of the walls, the tangential stiffness) is not written in: it
+    would be a number of its own, to be changed and differentiated by apart from the one that it follows.
+    """
+    if contact.law == "linear_spring_dashpot" and contact.normal_stiffness is None:
+        raise InputError(
+            "contact.normal_stiffness",
+            None,
+            "is needed by contact.law = linear_spring_dashpot",
+            "set a stiffness [N/m]",
+        )
+    if contact.wall_material == WALL:
+        # The name of walls without a material.
+        contact = contact.model_copy(update={"wall_material": None})
+    for name in ("young_modulus", "poisson_ratio", "friction"):
+        if contact.wall_material is not None and getattr(contact, f"wall_{name}") is not None:
+            raise InputError(
+                f"contact.wall_{name}",
+                getattr(contact, f"wall_{name}"),
+                f"the walls already have this constant from contact.wall_material = {contact.wall_material!r}",
+                "remove one of the two keys",
+            )
+    return contact

@@ -1,0 +1,179 @@
+"""The tables `[coupling]` and `[closure]`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from jaxdem.errors import InputError
+from jaxdem.scene.base import (
+    NonNegative,
+    Positive,
+    Section,
+)
+
+
+def _window(value: int) -> int:
+    if value == 1:
+        raise ValueError(
+            "the window of the Basset force must have at least 2 intervals; with 20 the error of the remaining history is small"
+        )
+    return value
+
+
+BassetWindow = Annotated[int, Field(ge=0, le=1000, strict=True), AfterValidator(_window)]
+"""Number of coupling intervals, 0 for no Basset force."""
+
+
+class Width(Section):
+    """Half-width of the deposition kernel: the larger of a multiple of the diameter d and a multiple of the cell side h, per axis.
+
+    Attributes:
+        diameters: multiple of the (largest) diameter d [-].
+        cells: multiple of the cell side h [-].
+    """
+
+    diameters: NonNegative = 1.5
+    cells: Annotated[float, Field(ge=0.0, le=20.0, strict=True)] = 1.0
+
+    @model_validator(mode="after")
+    def _positive(self) -> Width:
+        if self.diameters == 0.0 and self.cells == 0.0:
+            raise ValueError("diameters and cells must not both be zero")
+        return self
+
+
+class Coupling(Section):
+    """Exchange of forces between particles and fluid.
+
+    Attributes:
+        drag: name of the drag law, one of `jaxdem.closures.DRAG_LAWS`.
+        void_fraction: how the volume of particles is distributed over the cells: "kernel" (triangular kernel), "centre" (all in
+            the cell of the centre), "divided" (by the volume in each cell) or "diffusion" (divided, then smoothed).
+        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples. For "diffusion": half-width
+            of the triangular kernel that has the same variance as the Gaussian.
+        interval: coupling interval, the time between two exchanges; particles enter and leave at its end. It must divide
+            `time.output_interval`. "auto" is the fluid step. In a scene without [fluid] this is the only key of the table, and
+            "auto" divides `time.output_interval` into equal parts of at most 0.01 s [s].
+        lift: list of lift forces: "saffman_mei" (in a shear flow), "magnus" (of a rotating particle).
+        rotational_drag: whether the fluid exerts a torque on the particles.
+        virtual_mass: coefficient of the virtual mass; 0 for none, 0.5 for a sphere.
+        basset: number of coupling intervals for which the Basset force uses the exact kernel; 0 for no Basset force.
+        self_disturbance: whether the particle's own wake is removed from the slip that the drag law receives (3-D, with
+            void_fraction = "kernel").
+        drag_inputs_coarsened: the drag law receives the fluid averaged to a mesh with this many times fewer cells per axis, through
+            the kernel of that mesh; 1 for the mesh of the fluid.
+        deconvolution: coefficient a of the velocity u - a h^2 lap(u) that the drag law receives. It restores a part of what
+            coarse cells and kernels filter out; 0 for the filtered velocity.
+    """
+
+    drag: str = "koch_hill"
+    void_fraction: Literal["kernel", "centre", "divided", "diffusion"] = "kernel"
+    kernel_width: Width = Width()
+    interval: Positive | Literal["auto"] = "auto"
+    lift: tuple[Literal["saffman_mei", "magnus"], ...] = ()
+    rotational_drag: bool = Field(default=False, strict=True)
+    virtual_mass: Annotated[NonNegative, Field(le=10.0)] = 0.0
+    basset: BassetWindow = 0
+    self_disturbance: bool = Field(default=False, strict=True)
+    drag_inputs_coarsened: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
+    deconvolution: NonNegative = 0.0
+
+    @field_validator("lift")
+    @classmethod
+    def _each_once(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(value)) < len(value):
+            raise ValueError("names a lift law twice; name each once")
+        return value
+
+    @field_validator("kernel_width", mode="before")
+    @classmethod
+    def _one_number(cls, value: Any) -> Any:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return {"diameters": value, "cells": value}
+        return value
+
+    @field_validator("drag", mode="before")
+    @classmethod
+    def _spelling(cls, value: Any) -> Any:
+        return value.strip().lower().replace("-", "_").replace(" ", "_") if isinstance(value, str) else value
+
+
+class Closure(Section):
+    """A learned drag closure.
+
+    Attributes:
+        file: closure file written by `jaxdem train`; it is used in place of `coupling.drag`.
+    """
+
+    file: str | None = None
+
+
+def check_self_disturbance(coupling: Coupling, dimension: int) -> None:
+    """Refuse the correction where nothing is known to correct by."""
+    if not coupling.self_disturbance:
+        return
+    if dimension == 2:
+        raise InputError(
+            "coupling.self_disturbance",
+            True,
+            "needs three dimensions: in 2-D a steady wake grows with the box (Stokes' paradox)",
+            "set it to false, or make the scene 3-D",
+        )
+    if coupling.deconvolution > 0.0:
+        raise InputError(
+            "coupling.deconvolution",
+            coupling.deconvolution,
+            "would amplify a particle's own wake, which coupling.self_disturbance removes",
+            "set coupling.deconvolution = 0 or coupling.self_disturbance = false",
+        )
+    if coupling.void_fraction != "kernel":
+        raise InputError(
+            "coupling.self_disturbance",
+            True,
+            f'is only possible with coupling.void_fraction = "kernel", here it is "{coupling.void_fraction}"',
+            "change one of the two keys",
+        )
+
+
+def check_coarse_inputs(coupling: Coupling, cells: tuple[int, ...], samples: float) -> None:
+    """Refuse coarsened inputs of the drag law where nothing would be left of them, or they would be mistaken."""
+    factor = coupling.drag_inputs_coarsened
+    if factor == 1:
+        return
+    key = "coupling.drag_inputs_coarsened"
+    if factor > max(cells):
+        raise InputError(
+            key, factor, f"would leave a single cell of the mesh {cells}", f"lower it to at most {max(cells)}"
+        )
+    if coupling.self_disturbance:
+        raise InputError(
+            key, factor, "the wake of a particle is not known on averaged fields", "set coupling.self_disturbance = false"
+        )  # fmt: skip
+    if samples > 0.0:
+        raise InputError(
+            key,
+            factor,
+            "training samples are only written for a drag law that uses the mesh of the fluid",
+            "set output.samples = 0",
+        )
+
+
+def coupling_of_one(scene: Any) -> Coupling | None:
+    """What is left of the coupling in a scene of particles or of a fluid alone: of particles, the interval."""
+    if scene.closure.file is not None:
+        raise InputError(
+            "closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]"
+        )
+    if scene.particles is None:
+        if scene.coupling is not None:
+            raise InputError("coupling", "...", "needs [particles]", "remove [coupling]")
+        return None
+    coupling = scene.coupling or Coupling()
+    for name in sorted(coupling.model_fields_set - {"interval"}):
+        raise InputError(
+            f"coupling.{name}", getattr(coupling, name), "needs [fluid]; without a fluid the only key of [coupling] is coupling.interval",
+            "remove this key, or add [fluid]",
+        )  # fmt: skip
+    return coupling

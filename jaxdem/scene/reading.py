@@ -1,0 +1,168 @@
+"""Scenes from TOML files and from tables, with single keys changed."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from jaxdem.errors import InputError
+from jaxdem.files.reading import parse_toml, read_text
+from jaxdem.scene.messages import as_input_error
+from jaxdem.scene.scene import Scene, completed
+
+DEEPEST = 20
+"""Tables and lists inside each other."""
+
+
+FILE_KEYS = (
+    ("particles", "radius"),
+    ("particles", "density"),
+    ("particles", "position"),
+    ("particles", "velocity"),
+    ("particles", "angular_velocity"),
+    ("closure", "file"),
+    ("fluid", "subgrid"),
+)
+"""Tables and keys that may name a file."""
+
+
+def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | None = None) -> Scene:
+    """A scene from a TOML file, or from the tables as a dict.
+
+    Args:
+        source: path, or tables.
+        overrides: dotted key -> value, set after reading.
+
+    Raises:
+        InputError: naming key, value, limit and remedy.
+    """
+    folder = Path(".")
+    if isinstance(source, dict):
+        tables = _copy(source)
+    else:
+        folder = Path(source).parent
+        tables = _read_toml(Path(source))
+    for key, value in (overrides or {}).items():
+        _set(tables, key, value)
+    _check_depth(tables)
+    tables = _absolute_files(tables, folder)
+    try:
+        scene = Scene.model_validate(tables)
+    except ValidationError as error:
+        raise as_input_error(error, tables) from None
+    return completed(scene)
+
+
+def named_files(tables: dict[str, Any]) -> list[str]:
+    """Files that the tables of a scene name."""
+    values = [tables[table].get(key) for table, key in FILE_KEYS if tables.get(table)]
+    return [value for value in values if isinstance(value, str)]
+
+
+def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
+    """`key=value` of an option of the command line, the value as TOML; a word needs no quotes."""
+    key, separator, value = text.partition("=")
+    if not separator or not key.strip():
+        raise InputError(
+            option, text, "must have the form key=value", f"use, for example, {option} time.end=1.0"
+        )
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError):
+        if any(mark in value for mark in "[]{}=\"'"):
+            raise InputError(
+                f"{option} {key}",
+                value,
+                "must be a TOML value",
+                f"quote strings: {option} coupling.drag='\"koch_hill\"'",
+            ) from None
+        return key.strip(), value.strip()
+
+
+def _check_depth(tables: dict[str, Any]) -> None:
+    """Refuses tables in tables without end, at which Python's own stack would: no key of a scene lies so deep."""
+    level: list[Any] = [tables]
+    for _ in range(DEEPEST):
+        level = [
+            inner
+            for outer in level
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+            if isinstance(inner, dict | list)
+        ]
+    if level:
+        limit = f"has tables or lists nested more than {DEEPEST} deep, where no key exists"
+        raise InputError("SCENE", "...", limit, "correct the dotted keys and brackets")
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return parse_toml(read_text(path))
+    except FileNotFoundError:
+        raise InputError("SCENE", str(path), "no such file", "give the path of a scene file") from None
+    except OSError as error:
+        raise InputError(
+            "SCENE", str(path), f"cannot be read ({error.strerror})", "correct the path or the permissions"
+        ) from None
+    except UnicodeDecodeError:
+        raise InputError("SCENE", str(path), "is not UTF-8 text", "save the scene as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("SCENE", str(path), f"is not valid TOML: {error}", "correct that line") from None
+    except ValueError as error:
+        raise InputError("SCENE", str(path), str(error), "correct the scene") from None
+
+
+def _set(tables: dict[str, Any], key: str, value: Any) -> None:
+    *parents, last = key.split(".")
+    table = tables
+    for part in parents:
+        if isinstance(table, list):
+            if not part.isdecimal() or int(part) >= len(table):
+                raise InputError(
+                    f"--set {key}",
+                    value,
+                    f"there are {len(table)} tables, with numbers from 0",
+                    "give the number of one of them",
+                )
+            table = table[int(part)]
+        else:
+            table = table.setdefault(part, {})
+        if not isinstance(table, dict | list):
+            raise InputError(f"--set {key}", value, f"{part} is not a table", "correct the dotted key")
+    if isinstance(table, list):
+        raise InputError(
+            f"--set {key}",
+            value,
+            f"{parents[-1]} is a list of tables",
+            f"name a key of one of them: --set {key}.KEY=VALUE",
+        )
+    table[last] = value
+
+
+def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """File names in a scene are relative to it; the scene as run holds absolute ones."""
+    tables = _copy(tables)
+    for table, key in FILE_KEYS:
+        holder = tables.get(table)
+        if isinstance(holder, dict) and isinstance(holder.get(key), str):
+            try:
+                holder[key] = str((folder / holder[key]).resolve())
+            except (OSError, ValueError, RuntimeError) as error:
+                raise InputError(
+                    f"{table}.{key}",
+                    holder[key],
+                    f"cannot be the name of a file ({error})",
+                    "correct the name",
+                ) from None
+    return tables
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _copy(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_copy(v) for v in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,116 @@
+"""The sides of the box from a scene, and whether a fluid can flow through them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.fluid.boundary import Boundary, Side, net_inflow, open_fraction
+from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.inlet import InletProfile
+from jaxdem.fluid.side_conditions import SideCondition
+from jaxdem.scene import Scene
+from jaxdem.setup.time_steps import inlet_profiles
+
+
+def scene_boundary(
+    scene: Scene, given: Mapping[str, Sequence[InletProfile | None]], own: Mapping[str, SideCondition]
+) -> Boundary:
+    """The sides of the box.
+
+    Args:
+        scene: the scene.
+        given: profiles of inlets in place of the scene's, by the side's name.
+        own: conditions in place of the scene's kinds, by the side's name.
+
+    Raises:
+        InputError: of a profile or condition that does not fit its side.
+    """
+    _check_conditions(scene, own)
+    for name, profiles in given.items():
+        if name not in scene.sides or scene.boundary[name].kind != "inlet":
+            known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
+            raise InputError(
+                "inlet_profiles", name, "is not an inlet", f"the inlets are: {', '.join(known) or 'none'}"
+            )
+        if len(profiles) != scene.dimension - 1:
+            raise InputError(
+                f"inlet_profiles.{name}",
+                len(profiles),
+                f"a side has {scene.dimension - 1} axes",
+                "give a profile, or None, for each of them",
+            )
+    sides = []
+    for number, name in enumerate(scene.sides):
+        side = scene.boundary[name]
+        sides.append(
+            Side(
+                number // 2,
+                bool(number % 2),
+                side.kind,
+                side.from_,
+                side.to,
+                side.ramp_time or 0.0,
+                tuple(given[name]) if name in given else inlet_profiles(scene, name),
+                side.times,
+                own.get(name),
+            )
+        )
+    return Boundary(tuple(sides))
+
+
+def _check_conditions(scene: Scene, own: Mapping[str, SideCondition]) -> None:
+    ends = [side for number, side in enumerate(scene.sides) if not scene.periodic[number // 2]]
+    for name in own:
+        if name not in ends:
+            known = f"sides: {', '.join(ends) or 'none'}"
+            raise InputError("side_conditions", name, "is not a side at which the fluid ends", known)
+        if scene.boundary[name].from_ is not None:
+            limit = "a condition of the user holds on the whole side, and this side has a patch"
+            raise InputError(f"boundary.{name}.from", scene.boundary[name].from_, limit, "remove from and to")
+
+
+def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
+    """Refuses sides that no incompressible fluid can flow through.
+
+    Raises:
+        InputError: an outlet that no face of the mesh is open at; more comes in than goes out without an outlet;
+            particles come in without one.
+    """
+    for name, side in zip(scene.sides, boundary.sides, strict=True):
+        if side.condition.sets_pressure and not open_fraction(grid, side).any():
+            raise InputError(
+                f"boundary.{name}.from",
+                scene.boundary[name].from_,
+                "the outlet covers less than half of every face of this mesh, and a face is open or closed as a whole",
+                "widen the outlet to at least one cell, or use smaller cells",
+            )
+    if boundary.has_outlet or any(side.own is not None for side in boundary.sides):
+        return
+    if scene.particles is not None and scene.particles.inlet:
+        raise InputError(
+            "particles.inlet",
+            f"{len(scene.particles.inlet)} inlet(s)",
+            "entering particles displace fluid, and no side lets fluid out",
+            'make a side an outlet: boundary.<side>.kind = "outlet"',
+        )
+    sides = [scene.boundary[name] for name in scene.sides]
+    velocities = [np.asarray(one.velocities or one.velocity or (0.0,) * scene.dimension) for one in sides]
+    # A ramp times a table that is linear between its times: zero at three points of a piece is zero in all of it.
+    bends = {0.0, scene.time.end, *(one.ramp_time or 0.0 for one in sides)}
+    bends.update(time for one in sides for time in one.times or ())
+    ends = sorted(time for time in bends if 0.0 <= time <= scene.time.end)
+    middles = [0.5 * (a + b) for a, b in itertools.pairwise(ends)]
+    for time in sorted((*ends, *middles)):
+        net, gross = net_inflow(grid, boundary, velocities, time)
+        if abs(net) > 1e-5 * gross:
+            key = next(name for name, one in zip(scene.sides, sides, strict=True) if one.kind == "inlet")
+            raise InputError(
+                f"boundary.{key}.velocity",
+                f"the inflow exceeds the outflow by {net:.4g} m3/s at t = {time:g} s",
+                "an incompressible fluid without an outlet needs equal inflow and outflow",
+                'make a side an outlet (boundary.<side>.kind = "outlet"), or let the inlets remove as much as they bring',
+            )

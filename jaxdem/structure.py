@@ -1,0 +1,141 @@
+"""The static structure of a scene: which parts there are and how they work together."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.coupling.coupled import Coupling
+from jaxdem.fluid.boundary import Boundary, ramp
+from jaxdem.fluid.interval import FluidInterval
+from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.neighbors import Neighbors, NeighborSearch
+from jaxdem.particles.population import Population, renewed
+from jaxdem.state import Parameters, ParticleDiagnostics, State
+
+
+class TimeSteps(NamedTuple):
+    """The steps of a run and what they were chosen from; None where a part does not exist.
+
+    Attributes:
+        interval: coupling interval, the step of the time loop [s].
+        intervals_per_output: number of intervals between frames.
+        outputs: number of frames after the first.
+        contact: contact step [s].
+        contacts_per_interval: number of contact steps in an interval.
+        fluid_substeps: smallest number of fluid steps in an interval.
+        limits: named limits [s], for the check and the summary.
+        expected_speed: that the contact limits stand on [m/s].
+        expected_overlap: at that speed, over the diameter [-].
+        speed_limit: at which an impact reaches `contact.maximum_overlap`; faster particles stop a run [m/s].
+    """
+
+    interval: float
+    intervals_per_output: int
+    outputs: int
+    contact: float | None
+    contacts_per_interval: int
+    fluid_substeps: int
+    limits: dict[str, float]
+    expected_speed: float | None
+    expected_overlap: float | None
+    speed_limit: float | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Structure:
+    """What is compiled of a scene. Numbers one may differentiate by are `Parameters`.
+
+    Attributes:
+        interval: coupling interval [s].
+        steps: time steps and limits.
+        box: side lengths [m].
+        periodic: whether each axis is periodic.
+        boundary: the sides of the box.
+        contact: contact model and steps, None without particles.
+        fluid: solver and its steps, None without a fluid.
+        coupling: how fluid and particles act on each other, None unless both exist.
+        population: how the number of particles changes, None where it does not.
+    """
+
+    interval: float
+    steps: TimeSteps
+    box: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    boundary: Boundary
+    contact: ContactInterval | None
+    fluid: FluidInterval | None
+    coupling: Coupling | None
+    population: Population | None = None
+
+    def time(self, parameters: Parameters, state: State) -> Array:
+        """() simulated time of a state [s]."""
+        return state.step * jnp.asarray(self.interval, parameters.gravity.dtype)
+
+    def contact_time_step(self, dtype: Any) -> Array:
+        """() contact step [s]."""
+        return jnp.asarray(self.steps.contact, dtype)
+
+    def wall_velocity(self, parameters: Parameters, time: Array) -> tuple[Array, ...]:
+        """(D,) velocity of every wall at a time [m/s]; moving sides of the box drag grains along too."""
+        still = jnp.zeros_like(parameters.gravity)
+        if self.contact is None:
+            return ()
+        model = self.contact.model
+        given = parameters.side_velocity if parameters.fluid is None else parameters.fluid.side_velocity
+        velocities = []
+        for wall in model.sides:
+            number = 2 * wall.axis + (wall.inward < 0)
+            side = self.boundary.sides[number]
+            velocities.append(ramp(side, time) * given[number] if side.kind == "moving_wall" else still)
+        return (*velocities, *(still,) * len(model.surfaces))
+
+    def renewed(
+        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+    ) -> tuple[ParticleState, Neighbors]:
+        """Particles and list after those that leave and come at the end of interval number `step`."""
+        assert self.population is not None and self.contact is not None
+        return renewed(
+            self.population, self.search, self.contact.model.surfaces, parameters.inlet_velocity,
+            particles, neighbors, step,
+        )  # fmt: skip
+
+    def particle_report(
+        self, particles: ParticleState, neighbors: Neighbors, collision: Array, step: Array
+    ) -> ParticleDiagnostics:
+        """Flags and figures of the particles after `step` intervals."""
+        position, velocity = particles.position, particles.velocity
+        box = jnp.asarray(self.box, position.dtype)
+        outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
+        if particles.active is not None:
+            outside = outside & particles.active[:, None]
+        waiting = None
+        if self.population is not None and self.population.inlets:
+            waiting = self.population.waiting(particles.inserted, step)
+        squared = jnp.sum(velocity**2, axis=1)
+        return ParticleDiagnostics(
+            collision,
+            neighbors.builds,
+            neighbors.overflow,
+            jnp.all(jnp.isfinite(position))
+            & jnp.all(jnp.isfinite(velocity))
+            & jnp.all(jnp.isfinite(particles.angular_velocity)),
+            jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
+            jnp.sqrt(jnp.max(squared, initial=0.0)),
+            waiting,
+        )
+
+    @property
+    def half_width(self) -> tuple[float, ...] | None:
+        """How far a particle reaches in the deposition, along every axis; None without an exchange [m]."""
+        return None if self.coupling is None else self.coupling.deposition.half_width
+
+    @property
+    def search(self) -> NeighborSearch:
+        """Builder of the neighbour list of a scene with particles."""
+        assert self.contact is not None and self.contact.search is not None
+        return self.contact.search

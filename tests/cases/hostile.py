@@ -1,0 +1,412 @@
+"""Bad scenes: every key of every table, missing, misspelt and with every kind of wrong value.
+
+The keys are read from the description itself (`jaxdem.scene`), so a key that is added is tried without a line here;
+`untouched_keys` names those that no base scene reaches.
+"""
+
+from __future__ import annotations
+
+import copy
+import datetime
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple, get_args
+
+import jax
+import numpy as np
+from pydantic import BaseModel
+
+from jaxdem.errors import InputError
+from jaxdem.failures import failures, first_meaning
+from jaxdem.scene import Scene, load_scene
+from jaxdem.setup.build import build, initial_state
+from jaxdem.setup.initial import check_initial_positions, initial_positions
+from jaxdem.setup.time_steps import time_steps
+
+Tables = dict[str, Any]
+
+LONG = 3000
+"""Contact steps in an interval that are not worth the wait."""
+
+COUPLED: Tables = {
+    "seed": 3,
+    "precision": "float32",
+    "domain": {"size": [0.2, 0.2], "depth": 0.04, "gravity": [0.0, -9.81]},
+    "particles": {
+        "count": 4,
+        "radius": 0.01,
+        "density": 2650.0,
+        "pack": {
+            "kind": "lattice",
+            "start": [0.05, 0.05],
+            "stop": [0.15, 0.15],
+            "spacing": 1.2,
+            "jitter": 0.01,
+        },
+        "velocity": [[0.0, 0.0], [0.1, 0.0], [0.0, 0.1], [0.0, 0.0]],
+        "angular_velocity": [0.0, 1.0, 0.0, 0.0],
+    },
+    "contact": {
+        "law": "hertz_mindlin",
+        "young_modulus": 5e6,
+        "poisson_ratio": 0.3,
+        "restitution": 0.7,
+        "friction": 0.4,
+        "rolling_friction": 0.1,
+        "rolling_model": "epsd",
+        "rolling_damping": 0.3,
+        "wall_young_modulus": 1e7,
+        "wall_poisson_ratio": 0.2,
+        "wall_friction": 0.3,
+        "time_step": "auto",
+        "speed": 2.0,
+        "maximum_overlap": 0.2,
+        "skin": 0.2,
+    },
+    "fluid": {
+        "cells": [4, 4],
+        "density": 1000.0,
+        "viscosity": 1e-6,
+        "model": "A",
+        "smagorinsky": 0.1,
+        "time_step": 0.005,
+        "advection": "limited",
+        "courant_limit": 0.7,
+        "velocity": [0.0, 0.0],
+    },
+    "boundary": {
+        "left": {
+            "kind": "inlet",
+            "velocity": 0.1,
+            "from": 0.0,
+            "to": 0.1,
+            "ramp_time": 0.01,
+            "profile": "uniform",
+        },
+        "right": {"kind": "outlet", "particles": "remove"},
+        "top": {"kind": "moving_wall", "velocity": [0.1, 0.0]},
+    },
+    "coupling": {
+        "drag": "koch_hill",
+        "void_fraction": "kernel",
+        "kernel_width": {"diameters": 1.5, "cells": 1.0},
+        "interval": 0.005,
+        "lift": ["saffman_mei"],
+        "rotational_drag": True,
+        "virtual_mass": 0.5,
+        "basset": 0,
+        "self_disturbance": False,
+        "drag_inputs_coarsened": 1,
+        "deconvolution": 0.1,
+    },
+    "closure": {},
+    "time": {"end": 0.02, "output_interval": 0.01},
+    "output": {"samples": 0.0, "checkpoint_interval": 60.0},
+}
+"""Grains and water in a plane."""
+
+GRAINS: Tables = {
+    "domain": {"size": [0.2, 0.2, 0.2]},
+    "materials": [
+        {"name": "glass", "young_modulus": 5e6, "poisson_ratio": 0.2, "restitution": 0.6, "friction": 0.2,
+         "rolling_friction": 0.1},
+        {"name": "steel"},
+    ],
+    "material_pairs": [
+        {"materials": ["glass", "steel"], "restitution": 0.5, "friction": 0.1, "rolling_friction": 0.05}
+    ],
+    "particles": {
+        "count": 3,
+        "radius": 0.01,
+        "density": 2650.0,
+        "material": "glass",
+        "pack": {"kind": "polygon", "vertices": [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]]},
+        "species": [
+            {"share": 0.5, "radius": 0.012, "density": 3000.0, "material": "steel"},
+            {"share": 0.5},
+        ],
+        "inlet": [
+            {"side": "top", "from": [0.05, 0.05], "to": [0.15, 0.15], "rate": 100.0, "velocity": 1.0,
+             "begin": 0.0, "end": 0.02, "total": 5, "radius": 0.01, "density": 2000.0, "material": "steel"},
+            {"start": [0.05, 0.05, 0.15], "stop": [0.15, 0.15, 0.2], "mass_flow": 1.0, "velocity": [0.0, 0.0, -1.0],
+             "species": [{"share": 1.0, "radius": 0.01, "density": 2000.0, "material": "glass"}]},
+        ],
+    },
+    "contact": {
+        "law": "linear_spring_dashpot",
+        "normal_stiffness": 1e4,
+        "tangential_stiffness": 3e3,
+        "wall_material": "steel",
+        "young_modulus": 5e6,
+        "speed": 3.0,
+    },
+    "walls": [
+        {"kind": "plane", "point": [0.0, 0.0, -0.01], "normal": [0.0, 0.0, 1.0], "material": "glass"},
+        {"kind": "cylinder", "center": [0.1, 0.1, 0.0], "radius": 0.5, "axis": [0.0, 0.0, 1.0], "inside": True},
+        {"kind": "wedge", "apex": [0.0, 0.0, -0.1], "directions": [[-1.0, 0.0, 0.1], [1.0, 0.0, 0.1]]},
+    ],
+    "boundary": {"left": {"particles": "remove"}},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Grains of several materials that come and go, in a box with walls of its own."""
+
+STREAM: Tables = {
+    "domain": {"size": [0.4, 0.2, 0.2]},
+    "fluid": {"cells": [4, 3, 3], "viscosity": 1e-4, "time_step": "auto"},
+    "boundary": {
+        "left": {"kind": "inlet", "times": [0.0, 0.1], "velocities": [0.0, 0.2], "profile": "table",
+                 "positions": [0.0, 0.2], "values": [1.0, 2.0]},
+        "right": {"kind": "outlet"},
+        "front": {"kind": "periodic"},
+        "back": {"kind": "periodic"},
+    },
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""A fluid alone, from an inlet that has tables."""
+
+RANDOM: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {
+        "count": 5,
+        "radius": [0.01, 0.01, 0.01, 0.008, 0.008],
+        "density": [2650.0, 2650.0, 2650.0, 2650.0, 2000.0],
+        "pack": {"kind": "random", "start": [0.0, 0.0], "stop": [0.2, 0.2], "spacing": 1.1},
+    },
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+"""A random pack of grains that have a size each."""
+
+ROWS: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]]},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+"""Grains with positions."""
+
+BASES = {"coupled": COUPLED, "grains": GRAINS, "stream": STREAM, "random": RANDOM, "rows": ROWS}
+
+MISSING = object()
+
+VALUES: dict[str, Any] = {
+    "missing": MISSING,
+    "nan": math.nan,
+    "inf": math.inf,
+    "-inf": -math.inf,
+    "zero": 0,
+    "zero float": 0.0,
+    "minus zero": -0.0,
+    "-1": -1,
+    "-1.5": -1.5,
+    "1": 1,
+    "2.5": 2.5,
+    "1e-300": 1e-300,
+    "1e-45": 1e-45,
+    "1e-19": 1e-19,
+    "1e-9": 1e-9,
+    "1e-4": 1e-4,
+    "1e4": 1e4,
+    "1e9": 1e9,
+    "1e19": 1e19,
+    "1e300": 1e300,
+    "whole 1e5": 10**5,
+    "whole 1e8": 10**8,
+    "whole 2^31": 2**31,
+    "whole 2^63": 2**63,
+    "whole 1e400": 10**400,
+    "whole 1e9000": 16**9000,
+    "true": True,
+    "false": False,
+    "empty text": "",
+    "text": "abc",
+    "auto": "auto",
+    "nul": "a\0b",
+    "long text": "x" * 5000,
+    "number as text": "1.0",
+    "brackets": "[red]",
+    "device": "/dev/null",
+    "folder": "/",
+    "empty list": [],
+    "list of nan": [math.nan, math.nan],
+    "list of inf": [math.inf, 1.0],
+    "list of text": ["a", "b"],
+    "two": [1.0, 1.0],
+    "two zeros": [0.0, 0.0],
+    "two negative": [-1.0, -1.0],
+    "two huge": [1e19, 1e19],
+    "two tiny": [1e-19, 1e-19],
+    "two whole huge": [100_000, 100_000],
+    "three": [0.1, 0.1, 0.1],
+    "falling": [1.0, 0.5],
+    "long list": [0.5] * 1000,
+    "rows": [[0.1, 0.1], [0.15, 0.15]],
+    "ragged rows": [[0.1, 0.1], [0.1]],
+    "rows of nan": [[math.nan, 0.1], [0.1, 0.1]],
+    "empty rows": [[], []],
+    "deep list": [[[[[[1.0]]]]]],
+    "empty table": {},
+    "table": {"a": 1},
+    "kind table": {"kind": "inlet", "velocity": 1e6},
+    "list of tables": [{"a": 1}],
+    "empty tables": [{}, {}],
+    "date": datetime.date(2020, 1, 1),
+}
+"""Kind -> value; a wrong value for most keys, and a strange but right one for some."""
+
+
+class BadScene(NamedTuple):
+    """A base scene with one key changed.
+
+    Attributes:
+        base: name of the base.
+        key: dotted.
+        kind: of change.
+        tables: the scene.
+    """
+
+    base: str
+    key: str
+    kind: str
+    tables: Tables
+
+
+def keys_of(tables: Tables, prefix: str = "") -> Iterator[str]:
+    """Dotted keys of all tables and all that is in them, with numbers for lists of tables."""
+    for key, value in tables.items():
+        yield prefix + key
+        if isinstance(value, dict):
+            yield from keys_of(value, f"{prefix}{key}.")
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            for number, table in enumerate(value):
+                yield from keys_of(table, f"{prefix}{key}.{number}.")
+
+
+def schema_keys(model: type[BaseModel] = Scene, prefix: str = "") -> Iterator[str]:
+    """Dotted keys of the description, with `*` for the number in a list of tables and for a side."""
+    for name, field in model.model_fields.items():
+        key = prefix + (field.alias or name)
+        yield key
+        for inner, many in _models(field.annotation):
+            yield from schema_keys(inner, f"{key}.*." if many else f"{key}.")
+
+
+def _models(annotation: Any, many: bool = False) -> Iterator[tuple[type[BaseModel], bool]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation, many
+    for part in get_args(annotation):
+        origin = getattr(annotation, "__origin__", None)
+        yield from _models(part, many or origin in (tuple, dict))
+
+
+def untouched_keys() -> set[str]:
+    """Keys of the description that no base scene has a place for."""
+    reached = {_starred(key) for tables in BASES.values() for key in _places(tables)}
+    return set(schema_keys()) - reached
+
+
+def _starred(key: str) -> str:
+    parts = key.split(".")
+    return ".".join(
+        "*" if p.isdecimal() or (k and parts[k - 1] == "boundary") else p for k, p in enumerate(parts)
+    )
+
+
+def _places(tables: Tables) -> set[str]:
+    """The keys that a base has, and those that the description allows beside them."""
+    present = set(keys_of(tables))
+    by_star: dict[str, set[str]] = {}
+    for key in present | {""}:
+        by_star.setdefault(_starred(key), set()).add(key)
+    places = set(present)
+    for key in schema_keys():
+        parent, _, last = key.rpartition(".")
+        places |= {f"{own}.{last}" if own else last for own in by_star.get(parent, ())}
+    return places
+
+
+def changed(tables: Tables, key: str, value: Any) -> Tables:
+    """A copy of the tables with one dotted key set, or taken out where the value is `MISSING`."""
+    result = copy.deepcopy(tables)
+    *parents, last = key.split(".")
+    table: Any = result
+    for part in parents:
+        table = table[int(part)] if isinstance(table, list) else table[part]
+    if value is MISSING:
+        table.pop(last, None)
+    else:
+        table[last] = copy.deepcopy(value)
+    return result
+
+
+def misspelt(key: str) -> str:
+    """The key without its third letter, or with one more where it is short."""
+    head, _, last = key.rpartition(".")
+    wrong = last[:2] + last[3:] if len(last) > 3 else last + "x"
+    return f"{head}.{wrong}" if head else wrong
+
+
+def bad_scenes() -> Iterator[BadScene]:
+    """All of them: thousands, in an order that does not change."""
+    for base, tables in BASES.items():
+        for key in sorted(_places(tables)):
+            if key.rpartition(".")[2].isdecimal():
+                continue
+            for kind, value in VALUES.items():
+                yield BadScene(base, key, kind, changed(tables, key, value))
+            yield BadScene(base, key, "misspelt", changed(tables, misspelt(key), 1.0))
+            # A list's single entries too.
+            for kind, entry in (
+                ("nan in it", math.nan),
+                ("text in it", "a"),
+                ("1e19 in it", 1e19),
+                ("-1 in it", -1.0),
+            ):
+                value = _value(tables, key)
+                if isinstance(value, list) and value and not isinstance(value[0], dict):
+                    yield BadScene(base, key, kind, changed(tables, key, [entry, *value[1:]]))
+
+
+def _value(tables: Tables, key: str) -> Any:
+    table: Any = tables
+    for part in key.split("."):
+        table = table[int(part)] if isinstance(table, list) else table.get(part)
+    return table
+
+
+def outcome(tables: Tables) -> str:
+    """ "refused" with a message that names a key and says what to do, or "accepted"; anything else raises."""
+    try:
+        scene = load_scene(tables)
+        scene.to_toml()
+        steps = time_steps(scene)
+        if scene.particles is not None:
+            check_initial_positions(scene, initial_positions(scene))
+    except InputError as error:
+        assert error.key and error.limit and error.remedy, error
+        assert len(str(error)) < 2000, error
+        return "refused"
+    assert math.isfinite(steps.interval)
+    return "accepted"
+
+
+def few_steps(tables: Tables, steps: int = 3) -> str:
+    """ "finite", or "refused" or "stopped" with a message, within the first coupling intervals; anything else raises."""
+    scene = load_scene(tables)
+    jax.config.update("jax_enable_x64", scene.precision == "float64")
+    try:
+        simulation, parameters = build(scene)
+        state, neighbors = initial_state(scene, simulation, parameters)
+    except InputError:
+        return "refused"
+    if simulation.steps.contacts_per_interval > LONG:
+        return "too long to try"
+    step = jax.jit(simulation.step)
+    for _ in range(steps):
+        reached, neighbors, diagnostics = step(parameters, state, neighbors)
+        code = int(failures(simulation, diagnostics))
+        if code:
+            assert first_meaning(code)
+            return "stopped"
+        state = reached
+    for path, leaf in jax.tree_util.tree_flatten_with_path(state)[0]:
+        assert np.isfinite(np.asarray(leaf)).all(), f"{jax.tree_util.keystr(path)} is not finite"
+    return "finite"
