@@ -102,6 +102,16 @@ def test_run_time_and_compile_time_make_the_wall_time(run):
     assert 0.0 < measured <= summary["run_time_s"]
 
 
+def test_a_profiled_run_measures_fluid_and_particles_and_computes_the_same(run, tmp_path):
+    """As two programs in place of one: numbers agree to rounding, which 0.35 s of collisions amplify."""
+    scene = jaxdem.load_scene(SCENE, {"time.end": 0.1})
+    profiled = jaxdem.simulate(scene, tmp_path / "run", profile=True)
+    stages = profiled.summary["stages_s"]
+    assert 0.0 < stages["contact"] + stages["fluid"] <= stages["step"]
+    for name in ("kinetic_energy", "fluid_velocity_mean", "runoff"):
+        assert profiled.history[name] == pytest.approx(run.history[name][:3], rel=1e-4, abs=1e-9), name
+
+
 @pytest.mark.parametrize(
     "changes",
     [

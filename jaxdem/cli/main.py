@@ -183,6 +183,9 @@ def run(
     subgrid: SubgridFile = None,
     settings: Settings = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint in --out.")] = False,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Measure fluid and particles apart in every interval; slower.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a scene and write a run directory."""
@@ -197,7 +200,7 @@ def run(
 
     try:
         with _units_beside_a_refusal(description), progress.simulated_time(quiet) as report:
-            result = simulate(description, out, resume=resume, progress=report)
+            result = simulate(description, out, resume=resume, progress=report, profile=profile)
     except Interrupted as stop:
         command = ["jaxdem", "run", str(scene), "--out", str(out)]
         command += ["--closure", str(closure)] if closure else []
