@@ -172,6 +172,18 @@ def test_a_particle_in_a_wall_is_refused(wall, place, depth):
     assert f"the limit is {limit:.3g} %" in str(error)
 
 
+def test_a_pack_in_a_wall_names_both_and_no_speed_helps():
+    """The pack and the wall by their names in the scene; a raised contact.speed allows no more in a pack."""
+    pack = {"kind": "lattice", "start": [0.1, 0.05], "stop": [0.3, 0.2]}
+    given = tables(PLANE)
+    del given["particles"]["position"]
+    given["particles"] |= {"pack": pack}
+    for speed in (1.0, 4.0):
+        error = refusal(given | {"contact": given.get("contact", {}) | {"speed": speed}}, starts)
+        assert error.key == "particles.pack" and "walls.0 (plane), the limit is 1 %" in str(error)
+        assert "contact.speed" not in str(error) and "normal of a wall points to the particles" in str(error)
+
+
 def test_a_particle_that_touches_a_wall_is_accepted():
     state, _ = starts(tables(PLANE, position=[[0.3, 0.11], [0.1, 0.1099]]))
     assert state.particles.wall_spring[0].shape == (5, 2)

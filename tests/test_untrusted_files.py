@@ -55,6 +55,7 @@ def test_no_row_is_lost_and_named_columns_are_used(tmp_path, text):
         ("1_0 0.2\n", 1, "'1_0' is no number"),
         ("0.1,,0.2\n", 1, "column 2: nothing"),
         ("0,1;0,2\n", 1, "'1;0' is no number"),
+        ("0,1 0,1\n", 1, "'1 0' is no number; a row needs 2 numbers"),
         ("0.1 0.2\n\n0.3 0.4 0.5 0.6\n", 3, "has 4 column"),
         ("0.1 0.2 0.3 0.4\n", 1, "has 4 column"),
         ("0.1 0.2\n0.3\n", 2, "has 1 column"),

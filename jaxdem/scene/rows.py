@@ -93,7 +93,9 @@ def _parsed(key: str, name: str, text: str, width: int, of_frame: bool) -> np.nd
         for number, whole in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1)
         if (line := whole.partition("#")[0].strip())
     ]
-    if lines:
+    if lines and (
+        _is_header(lines[0][1]) or all(_number(field) is not None for field in _fields(lines[0][1]))
+    ):
         width = _columns(len(_fields(lines[0][1])), width, of_frame)
     order: Sequence[int] = range(width)
     if lines and _is_header(lines[0][1]):
@@ -140,7 +142,9 @@ def _numbers(key: str, place: str, line: str, width: int) -> list[float]:
         column = values.index(None)
         what = f"{cut(repr(fields[column]), 60)} is no number" if fields[column] else "nothing"
         limit = f"in {shown}, column {column + 1}: {what}; a row needs {_expected(key, width)}"
-        raise InputError(key, place, limit, "separate columns by commas or blanks")
+        raise InputError(
+            key, place, limit, "separate columns by commas or blanks, and write decimals with a point"
+        )
     if len(values) != width:
         limit = f"{shown} has {len(values)} column(s), a row needs {_expected(key, width)}"
         raise InputError(key, place, limit, "keep the columns that are needed, in this order")

@@ -56,7 +56,7 @@ from jaxdem.setup.bodies import Bodies, material_table, wall_materials
 from jaxdem.setup.boundaries import check_flow, scene_boundary
 from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.initial import (
-    LEAST_OVERLAP,
+    PACK_OVERLAP,
     Overlap,
     allowed_overlap,
     check_initial_positions,
@@ -179,13 +179,13 @@ def initial_state(
     dtype = parameters.gravity.dtype
     particles, neighbors = None, None
     if scene.particles is not None:
-        allowed = LEAST_OVERLAP
+        allowed = PACK_OVERLAP
         if scene.particles.position is not None:  # a pack is laid out, not a state that a run was in
             allowed = allowed_overlap(simulation.steps.expected_speed, simulation.steps.expected_overlap)
         bare = _initial_particles(scene, simulation.population, allowed, dtype)
         surfaces = simulation.contact.model.surfaces
         if surfaces:
-            _check_walls(surfaces, bare, parameters.bodies.radius, allowed)
+            _check_walls(surfaces, _wall_names(scene, len(surfaces)), bare, parameters.bodies.radius, allowed)
         neighbors = simulation.allocate(bare)
         count, walls = bare.position.shape[0], simulation.contact.model.walls
         kept = simulation.contact.model.history_size(scene.dimension)
@@ -397,8 +397,18 @@ def _of_wall(wall: Wall) -> tuple[Surface, ...]:
     return wedge(wall.apex, wall.directions)
 
 
+def _wall_names(scene: Scene, number: int) -> tuple[str, ...]:
+    """Names of the surfaces, for messages; those that are not in the scene were given as functions."""
+    names = [f"walls.{k} ({wall.kind})" for k, wall in enumerate(scene.walls) for _ in _of_wall(wall)]
+    return (*names, *("a wall given as a function",) * (number - len(names)))
+
+
 def _check_walls(
-    surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array, allowed: Overlap
+    surfaces: tuple[Surface, ...],
+    names: tuple[str, ...],
+    particles: ParticleState,
+    radius: Array,
+    allowed: Overlap,
 ) -> None:
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
@@ -406,7 +416,7 @@ def _check_walls(
     overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
     if particles.active is not None:  # those still to come are looked at when they come
         overlap = jnp.where(particles.active[None], overlap, -1.0)
-    check_walls(np.asarray(particles.position), np.asarray(radius), surfaces, np.asarray(overlap), allowed)
+    check_walls(np.asarray(particles.position), np.asarray(radius), names, np.asarray(overlap), allowed)
 
 
 def _contact_constants(scene: Scene, number: Callable[[Any], Array]) -> ContactParameters | SeveralMaterials:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,10 +35,16 @@ class Overlap(NamedTuple):
     Attributes:
         part: of the smaller diameter [-].
         reason: that says where it is from, for messages.
+        key: of the scene that places the particles, for messages.
     """
 
     part: float = INSERTION_OVERLAP
     reason: str = ""
+    key: str = "particles.position"
+
+    def remedy(self, move: str) -> str:
+        """What to do about a deeper one: a pack is laid out, not a state that a run was in, so no speed allows more in it."""
+        return f"{move}, {DEEPER}" if self.key == "particles.position" else "change the pack"
 
     def __str__(self) -> str:
         return f"the limit is {100 * self.part:.3g} %{self.reason}"
@@ -46,6 +52,9 @@ class Overlap(NamedTuple):
 
 LEAST_OVERLAP = Overlap()
 """What any scene allows."""
+
+PACK_OVERLAP = Overlap(key="particles.pack")
+"""What a pack may have."""
 
 
 def allowed_overlap(speed: float | None, overlap: float | None) -> Overlap:
@@ -139,19 +148,19 @@ def check_initial_positions(scene: Scene, position: np.ndarray, allowed: Overlap
     if len(position) and depth.max() > allowed.part:
         index, axis = np.unravel_index(np.argmax(depth), depth.shape)
         raise InputError(
-            "particles.position",
+            allowed.key,
             f"particle {index} at {_point(position[index])} m",
-            f"it reaches {100 * depth[index, axis]:.2g} % of its diameter into the "
+            f"it reaches {_percent(depth[index, axis])} of its diameter into the "
             f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, {allowed}",
-            f"move the particle into the box, {DEEPER}",
+            allowed.remedy("move the particle into the box"),
         )
     worst, first, second = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic)
     if worst > allowed.part:
         raise InputError(
-            "particles.position",
+            allowed.key,
             f"particles {first} and {second} at {_point(position[first])} and {_point(position[second])} m",
             f"they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
-            f"move the particles apart, {DEEPER}"
+            allowed.remedy("move the particles apart")
             if particles.pack is None
             else "raise particles.pack.spacing, or lower particles.pack.jitter",
         )
@@ -160,7 +169,7 @@ def check_initial_positions(scene: Scene, position: np.ndarray, allowed: Overlap
 def check_walls(
     position: np.ndarray,
     radius: np.ndarray,
-    surfaces: tuple[Any, ...],
+    names: tuple[str, ...],
     overlap: np.ndarray,
     allowed: Overlap,
 ) -> None:
@@ -169,7 +178,7 @@ def check_walls(
     Args:
         position: (N, D) [m].
         radius: () or (N,) [m].
-        surfaces: S walls, for the message.
+        names: of the S walls, for the message.
         overlap: (S, N) depth in them [m].
         allowed: overlap at the start.
     """
@@ -178,10 +187,11 @@ def check_walls(
     if inside.any():
         wall, index = np.unravel_index(np.argmax(np.where(inside, depth, -np.inf)), depth.shape)
         raise InputError(
-            "particles.position",
+            allowed.key,
             f"particle {index} at {_point(position[index])} m",
-            f"it reaches {100 * depth[wall, index]:.3g} % of its diameter into the wall {surfaces[wall]}, {allowed}",
-            f"move the particle or the wall, {DEEPER}",
+            f"it reaches {_percent(depth[wall, index])} of its diameter into {names[wall]}, {allowed}",
+            allowed.remedy("move the particle or the wall")
+            + ("; the normal of a wall points to the particles" if depth[wall, index] > 1.0 else ""),
         )
 
 
@@ -274,3 +284,7 @@ def _packed(scene: Scene, pack: Pack) -> np.ndarray:
 
 def _point(row: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.5g}" for value in row) + ")"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.3g} %" if part < 10.0 else f"{100 * part:,.0f} %"
