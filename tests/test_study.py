@@ -23,23 +23,9 @@ from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
 from jaxdem.train.finetune import FinetuneResult
 from jaxdem.train.fit import FitSettings
+from tests.cases.small_scenes import SMALL_INJECTION
 
-SCENE = {
-    "domain": {"size": [0.4, 0.2], "depth": 0.04},
-    "particles": {
-        "count": 12,
-        "radius": 0.01,
-        "density": 2650.0,
-        "pack": {"kind": "polygon", "vertices": [[0.05, 0.0], [0.15, 0.0], [0.15, 0.1], [0.05, 0.1]]},
-    },
-    "contact": {"young_modulus": 5e6, "friction": 0.3},
-    "fluid": {"cells": [10, 6], "viscosity": 1e-6, "time_step": 0.01},
-    "boundary": {
-        "left": {"kind": "inlet", "velocity": 0.5, "from": 0.0, "to": 0.1},
-        "right": {"kind": "outlet"},
-    },
-    "time": {"end": 0.2, "output_interval": 0.1},
-}
+SCENE = SMALL_INJECTION | {"time": {"end": 0.2, "output_interval": 0.1}}
 
 
 class Recorder:

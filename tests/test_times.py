@@ -15,6 +15,7 @@ from jaxdem.run.profile import exchange_pieces
 from jaxdem.run.totals import Totals
 from jaxdem.setup.time_steps import simulated_time
 from jaxdem.step import advance_fluid
+from tests.cases.small_scenes import SMALL_INJECTION
 
 
 def test_nested_spans_count_once():
@@ -42,22 +43,7 @@ def test_what_is_compiled_within_a_stage_is_compile_time():
     assert resumed.elapsed() - resumed.compile_seconds() == pytest.approx(wall - compiling, abs=0.02)
 
 
-SCENE = {
-    "domain": {"size": [0.4, 0.2], "depth": 0.04},
-    "particles": {
-        "count": 12,
-        "radius": 0.01,
-        "density": 2650.0,
-        "pack": {"kind": "polygon", "vertices": [[0.05, 0.0], [0.15, 0.0], [0.15, 0.1], [0.05, 0.1]]},
-    },
-    "contact": {"young_modulus": 5e6, "friction": 0.3},
-    "fluid": {"cells": [10, 6], "viscosity": 1e-6, "time_step": 0.01},
-    "boundary": {
-        "left": {"kind": "inlet", "velocity": 0.5, "from": 0.0, "to": 0.1},
-        "right": {"kind": "outlet"},
-    },
-    "time": {"end": 0.35, "output_interval": 0.05},
-}
+SCENE = SMALL_INJECTION | {"time": {"end": 0.35, "output_interval": 0.05}}
 
 
 def test_simulated_times_are_the_decimals_of_the_scene():
