@@ -59,9 +59,7 @@ def measured(scene: Path, repetitions: int) -> dict[str, Any]:
 
 def main() -> None:
     """All scenes, then the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repetitions", type=int, default=5)
     parser.add_argument("--scenes", nargs="+", type=Path, default=[ROOT / "scenes" / name for name in SCENES])
     arguments = parser.parse_args()

@@ -117,9 +117,7 @@ output_interval = {100 * STEP}
             {
                 **{name: [one[name] for one in with_search] for name in ("seconds", "processor", "builds")},
                 "without_search": {name: [one[name] for one in without] for name in ("seconds", "processor")},
-                "lists": [
-                    1.0 - b["processor"] / a["processor"] for a, b in zip(with_search, without, strict=True)
-                ],
+                "lists": [1.0 - b["processor"] / a["processor"] for a, b in zip(with_search, without, strict=True)],
                 "chunk": chunk,
                 "step": simulation.steps.contact,
             }
@@ -133,9 +131,7 @@ def ours(cores: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
         command = [sys.executable, __file__, "--inside", folder]
         for name in ("windows", "steps", "warm_up"):
             command += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
-        text = subprocess.run(
-            harness.pinned(cores, command), check=True, capture_output=True, text=True
-        ).stdout
+        text = subprocess.run(harness.pinned(cores, command), check=True, capture_output=True, text=True).stdout
     return json.loads(text.splitlines()[-1])
 
 
@@ -171,9 +167,7 @@ WALL = "fix w{axis}{upper} all wall/gran model hertz tangential history rolling_
 def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
     """Windows of LIGGGHTS 3.8, Hertz with tangential history and CDT, at its best skin of 4 mm."""
     with tempfile.TemporaryDirectory() as folder:
-        rows = [
-            f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} 0.0 {z:.8f}" for k, (x, z) in enumerate(column()[0])
-        ]
+        rows = [f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} 0.0 {z:.8f}" for k, (x, z) in enumerate(column()[0])]
         head = f"column\n\n{COUNT} atoms\n1 atom types\n\n0 {BOX[0]} xlo xhi\n-0.02 0.02 ylo yhi\n0 {BOX[1]} zlo zhi"
         Path(folder, "column.data").write_text(f"{head}\n\nAtoms\n\n" + "\n".join(rows) + "\n")
         walls = "\n".join(
@@ -225,22 +219,17 @@ thermo_modify lost error norm no
 run {warm_up}
 """
 LAMMPS_MODEL = (
-    "hertz/material 7.e7 0.7 0.3 tangential mindlin NULL 1.0 0.1 "
-    "rolling sds 1.0e4 1.0 0.1 damping coeff_restitution"
+    "hertz/material 7.e7 0.7 0.3 tangential mindlin NULL 1.0 0.1 rolling sds 1.0e4 1.0 0.1 damping coeff_restitution"
 )
 
 
 def lammps(processes: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
     """Windows of LAMMPS, style granular with mindlin and rolling sds, at its best skin of 6 mm."""
     with tempfile.TemporaryDirectory() as folder:
-        rows = [
-            f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} {y:.8f} 0.0" for k, (x, y) in enumerate(column()[0])
-        ]
+        rows = [f"{k + 1} 1 {2 * RADIUS} {DENSITY} {x:.8f} {y:.8f} 0.0" for k, (x, y) in enumerate(column()[0])]
         head = f"column\n\n{COUNT} atoms\n1 atom types\n\n0 {BOX[0]} xlo xhi\n0 {BOX[1]} ylo yhi\n-0.02 0.02 zlo zhi"
         Path(folder, "column.data").write_text(f"{head}\n\nAtoms\n\n" + "\n".join(rows) + "\n")
-        deck = LAMMPS.format(
-            model=LAMMPS_MODEL, step=STEP, length=BOX[0], height=BOX[1], warm_up=arguments.warm_up
-        )
+        deck = LAMMPS.format(model=LAMMPS_MODEL, step=STEP, length=BOX[0], height=BOX[1], warm_up=arguments.warm_up)
         Path(folder, "in.column").write_text(deck + f"run {arguments.steps}\n" * arguments.windows)
         # The launcher beside the program: another MPI's would start two programs of one process each.
         launcher = Path(shutil.which("lmp") or "").with_name("mpiexec")
@@ -279,9 +268,7 @@ CONTENDERS = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--windows", type=int, default=5)
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--warm-up", type=int, default=6000)

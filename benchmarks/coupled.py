@@ -48,9 +48,7 @@ def closures() -> dict[str, DragClosure | None]:
     return {
         "Koch-Hill": None,
         "paper's network": dataclasses.replace(network, input_low=nowhere),
-        "invariant": dataclasses.replace(
-            invariant, feature_low=jnp.full_like(invariant.feature_low, jnp.inf)
-        ),
+        "invariant": dataclasses.replace(invariant, feature_low=jnp.full_like(invariant.feature_low, jnp.inf)),
     }
 
 
@@ -85,9 +83,7 @@ def solving(stages: dict[str, float]) -> float:
 def measured(mesh: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
     """`run` in a process of its own, on the cores asked for."""
     command = [sys.executable, __file__, "--one", mesh, name, "--end", str(options.end)]
-    done = subprocess.run(
-        harness.pinned(options.cores, command), stdout=subprocess.PIPE, text=True, check=True
-    )
+    done = subprocess.run(harness.pinned(options.cores, command), stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(done.stdout.splitlines()[-1])
 
 
@@ -121,9 +117,7 @@ def peer_row(position: list[list[float]], ours: float, end: float) -> tuple[list
 
 def main() -> None:
     """All meshes and closures, DPMFoam, then the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--end", type=float, default=0.5)
     parser.add_argument("--repetitions", type=int, default=1)
     parser.add_argument("--cores", type=int, default=1)

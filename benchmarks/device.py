@@ -108,9 +108,7 @@ def measured(platform: str, case: str, cores: int) -> dict[str, Any]:
     command = [sys.executable, __file__, "--inside", case]
     if platform == "cpu":
         command = harness.pinned(cores, command)
-    done = subprocess.run(
-        command, env={**os.environ, "JAX_PLATFORMS": platform}, capture_output=True, text=True
-    )
+    done = subprocess.run(command, env={**os.environ, "JAX_PLATFORMS": platform}, capture_output=True, text=True)
     if done.returncode:
         return {"failed": (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1][:200]}
     return json.loads(done.stdout.splitlines()[-1])
@@ -140,9 +138,7 @@ def table(results: dict[str, dict[str, Any]], cases: list[str]) -> str:
 
 def main() -> None:
     """All cases on all platforms, then the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--platforms", nargs="+", default=["cpu", "cuda"])
     parser.add_argument("--cores", type=int, default=1)
     parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES), metavar="CASE")
@@ -163,9 +159,7 @@ def main() -> None:
         results = dict(zip(arguments.platforms, pool.map(all_of, arguments.platforms), strict=True))
     devices = {one["device"] for found in results.values() for one in found.values() if "device" in one}
     about = f"On {', '.join(sorted(devices))}; the CPU with {arguments.cores} core(s); median (range)."
-    harness.write(
-        "device", {"cores_used": arguments.cores, **results}, f"{about}\n\n{table(results, arguments.cases)}"
-    )
+    harness.write("device", {"cores_used": arguments.cores, **results}, f"{about}\n\n{table(results, arguments.cases)}")
 
 
 if __name__ == "__main__":

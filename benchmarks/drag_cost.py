@@ -105,8 +105,7 @@ def closures(files: Sequence[str] = ()) -> dict[str, DragClosure]:
 def r_squared_of(files: Sequence[str]) -> dict[str, dict[str, float]]:
     """R2 on held-out rows by coarsening, from the metadata of closure files, by the name of the row."""
     return {
-        Path(file).name: {n: row["closure"] for n, row in load_closure(file)[1].get("r2", {}).items()}
-        for file in files
+        Path(file).name: {n: row["closure"] for n, row in load_closure(file)[1].get("r2", {}).items()} for file in files
     }
 
 
@@ -213,17 +212,13 @@ def scores_table(scores: dict[str, dict[str, float]]) -> str:
         return ""
     coarsenings = sorted({n for row in scores.values() for n in row}, key=int)
     lines = [["R2 on held-out rows", *(f"{n}x" for n in coarsenings)], ["---"] * (1 + len(coarsenings))]
-    lines += [
-        [name, *(f"{row[n]:.4f}" if n in row else "" for n in coarsenings)] for name, row in scores.items()
-    ]
+    lines += [[name, *(f"{row[n]:.4f}" if n in row else "" for n in coarsenings)] for name, row in scores.items()]
     return "\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def main() -> None:
     """Both precisions one after the other, then the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=[100, 1000, 10_000, 100_000, 1_000_000])
     parser.add_argument("--sizes-double", type=int, nargs="+", default=[10_000, 1_000_000])
     parser.add_argument("--closures", metavar="FILE", nargs="*", default=[], help="closure files of 2-D runs")

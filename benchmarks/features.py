@@ -73,9 +73,7 @@ FEATURES = (
     Feature("model B", {"fluid.model": "B"}, {"fluid.model": "A"}),
     Feature("upwind advection", {"fluid.advection": "upwind"}, {"fluid.advection": "limited"}),
     Feature("central advection of fourth order", {"fluid.advection": "central_4"}),
-    Feature(
-        "void fraction by centre", {"coupling.void_fraction": "centre"}, {"coupling.void_fraction": "kernel"}
-    ),
+    Feature("void fraction by centre", {"coupling.void_fraction": "centre"}, {"coupling.void_fraction": "kernel"}),
     Feature("void fraction by diffusion", {"coupling.void_fraction": "diffusion"}),
     Feature("deconvolved velocity", {"coupling.deconvolution": 0.1}, {"coupling.deconvolution": 0.0}),
     Feature("drag by Gidaspow", {"coupling.drag": "gidaspow"}, {"coupling.drag": "koch_hill"}),
@@ -98,9 +96,7 @@ class Program:
         with jax.enable_x64(scene.precision == "float64"):
             simulation, parameters = jaxdem.build(scene)
             start = jaxdem.initial_state(scene, simulation, parameters)
-            program = (
-                jax.jit(lambda p, s, n: step(simulation, p, s, n)[:2]).lower(parameters, *start).compile()
-            )
+            program = jax.jit(lambda p, s, n: step(simulation, p, s, n)[:2]).lower(parameters, *start).compile()
         self.arguments: tuple[Any, ...] = (parameters, *start)
         self.run = program
         # Without the notes on which line of which file an instruction comes from.
@@ -135,9 +131,7 @@ def cost(plain: Program, feature: Feature, count: int, repetitions: int) -> dict
 
 def main() -> None:
     """All features, then the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=1500)
     parser.add_argument("--repetitions", type=int, default=7)
     parser.add_argument(

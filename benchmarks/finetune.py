@@ -87,9 +87,7 @@ def measured(steps: int, options: argparse.Namespace, sloped: bool) -> dict[str,
     """`one_horizon` in a process of its own, on the cores asked for."""
     command = [sys.executable, __file__, "--one", str(steps), "--count", str(options.count)]
     command += ["--repetitions", str(options.repetitions)] + (["--sloped"] if sloped else [])
-    done = subprocess.run(
-        harness.pinned(options.cores, command), stdout=subprocess.PIPE, text=True, check=True
-    )
+    done = subprocess.run(harness.pinned(options.cores, command), stdout=subprocess.PIPE, text=True, check=True)
     return json.loads(done.stdout.splitlines()[-1])
 
 
@@ -123,9 +121,7 @@ def training_table(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
         stages = (1, 2, 4)
         ways = {
             "gradient, all weights": FinetuneSettings(stages, options.updates, learning_rate=1e-2),
-            "gradient, few parameters": FinetuneSettings(
-                stages, options.updates, parameters="few", learning_rate=3e-2
-            ),
+            "gradient, few parameters": FinetuneSettings(stages, options.updates, parameters="few", learning_rate=3e-2),
             # Each evaluation of the search runs all its starts.
             "Nelder-Mead, few parameters": FinetuneSettings(
                 stages, max(1, options.updates // 3), starts=3, method="gradient-free"
@@ -141,17 +137,13 @@ def training_table(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
                 f"{record['forward_runs']} | {record['skipped']} | {record['seconds']:.0f} |"
             )
             print(lines[-1], flush=True)
-    head = (
-        "| trained by | loss before | loss after | forward runs | skipped | seconds, compilation included |"
-    )
+    head = "| trained by | loss before | loss after | forward runs | skipped | seconds, compilation included |"
     return results, "\n".join([head, "|" + " --- |" * 6, *lines])
 
 
 def main() -> None:
     """Both tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--horizons", type=int, nargs="+", default=HORIZONS)
     parser.add_argument("--count", type=int, default=300, help="number of grains")
     parser.add_argument("--repetitions", type=int, default=5)
@@ -165,7 +157,9 @@ def main() -> None:
         return
     rows, costs = horizon_table(options)
     trained, comparison = training_table(options)
-    about = f"{options.count} grains, {' x '.join(map(str, COARSE['fluid.cells']))} cells, float32, {options.cores} core(s)"
+    about = (
+        f"{options.count} grains, {' x '.join(map(str, COARSE['fluid.cells']))} cells, float32, {options.cores} core(s)"
+    )
     text = f"Medians of {options.repetitions} repetitions; {about}.\n\n{costs}\n\n{comparison}"
     harness.write("finetune", {"settings": about, "horizons": rows, "training": trained}, text)
 

@@ -146,9 +146,7 @@ def ours(cores: int, cells: tuple[int, ...], flow: str, arguments: argparse.Name
     """`jaxdem_windows` in a process of its own, kept on so many cores."""
     command = [sys.executable, __file__, "--inside", flow, "--meshes", "x".join(map(str, cells))]
     command += ["--windows", str(arguments.windows), "--cell-steps", str(arguments.cell_steps)]
-    text = subprocess.run(
-        harness.pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True
-    ).stdout
+    text = subprocess.run(harness.pinned(cores, command), check=True, stdout=subprocess.PIPE, text=True).stdout
     return json.loads(text.splitlines()[-1])
 
 
@@ -326,9 +324,7 @@ def growth(runs: dict[tuple[str, tuple[int, ...], int], dict[str, Any]]) -> dict
 
 def main() -> None:
     """Every mesh, flow and number of cores, then OpenFOAM, then the table and the ratios."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--meshes", nargs="+", type=mesh_of, default=[mesh_of(text) for text in MESHES])
     parser.add_argument("--cores", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--windows", type=int, default=5)
@@ -336,9 +332,7 @@ def main() -> None:
     parser.add_argument("--inside", metavar="FLOW", choices=FLOWS, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.inside:
-        measured = jaxdem_windows(
-            arguments.meshes[0], arguments.inside, arguments.windows, arguments.cell_steps
-        )
+        measured = jaxdem_windows(arguments.meshes[0], arguments.inside, arguments.windows, arguments.cell_steps)
         print(json.dumps(measured))
         return
 

@@ -82,8 +82,6 @@ def reason_of(error: Exception) -> str:
     said = ""
     if isinstance(error, subprocess.CalledProcessError):
         said = "\n".join(text for text in (error.stdout, error.stderr) if isinstance(text, str))
-    lines = [line.strip() for line in said.splitlines() if line.strip()] or [
-        f"{type(error).__name__}: {error}"
-    ]
+    lines = [line.strip() for line in said.splitlines() if line.strip()] or [f"{type(error).__name__}: {error}"]
     told = [line for line in lines if "error" in line.lower()] or lines
     return told[-1].replace("|", "/")[:200]

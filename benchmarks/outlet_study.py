@@ -30,9 +30,7 @@ WHAT = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)
     arguments = parser.parse_args()
@@ -44,9 +42,7 @@ def main() -> None:
     for name in names:
         pair = [errors(version[name], version["fine"]) for version in runs]
         found["before"][name], found["after"][name] = pair
-        rows.append(
-            [f"{WHAT[name]} against 4 cm", *(100 * e[PRESSURE] for e in pair), *(100 * mean(e) for e in pair)]
-        )
+        rows.append([f"{WHAT[name]} against 4 cm", *(100 * e[PRESSURE] for e in pair), *(100 * mean(e) for e in pair)])
     for name in ("fine", *names):
         error = errors(runs[1][name], runs[0][name])
         found["after_against_before"][name] = error

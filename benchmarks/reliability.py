@@ -197,9 +197,7 @@ def files(number: int, bits: int, seed: int) -> dict[str, Any]:
     for kind in damage.KINDS:
         command = [sys.executable, "-m", "tests.cases.damage", kind, str(number), str(bits), str(seed)]
         try:
-            done = subprocess.run(
-                command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PATIENCE
-            )
+            done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PATIENCE)
         except subprocess.TimeoutExpired:
             result[f"{kind}: did not end"] = 1
             continue
@@ -210,9 +208,7 @@ def files(number: int, bits: int, seed: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", default=["kills", "scenes", "runs", "files"])
     for name, default in (("kills", 20), ("runs", 40), ("files", 24), ("bits", 400), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)

@@ -279,9 +279,7 @@ def whole(text: str) -> int:
 
 def main() -> None:
     """All sizes, the injection scene, then the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--particles", nargs="*", type=whole, default=[1000, 10_000, 100_000, 1_000_000])
     parser.add_argument("--cells", nargs="*", type=whole, default=[15_000, 60_000, 240_000, 1_000_000])
     parser.add_argument("--windows", type=int, default=5)

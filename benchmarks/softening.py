@@ -72,19 +72,14 @@ def main() -> None:
     result: dict[str, Any] = {"end": arguments.end, "count": arguments.count, "rows": []}
     seeds = range(arguments.seeds)
     for modulus in MODULI:
-        errors = [
-            metrics.errors(runs[modulus, seed]["history"], runs[MODULI[-1], seed]["history"])
-            for seed in seeds
-        ]
+        errors = [metrics.errors(runs[modulus, seed]["history"], runs[MODULI[-1], seed]["history"]) for seed in seeds]
         mean = {name: sum(error[name] for error in errors) / len(errors) for name in names}
         first = runs[modulus, 0]
         wall = harness.spread([runs[modulus, seed]["wall_s"] for seed in seeds])
         result["rows"].append({"modulus": modulus, "wall_s": wall, "error": mean, "errors": errors})
         rows.append(
             f"| {modulus:.0e} | {first['contact_step']:.2e} | {first['expected_overlap']:.2g} | "
-            f"{wall['lowest']:.0f}-{wall['highest']:.0f} | "
-            + " | ".join(f"{mean[name]:.2g}" for name in names)
-            + " |"
+            f"{wall['lowest']:.0f}-{wall['highest']:.0f} | " + " | ".join(f"{mean[name]:.2g}" for name in names) + " |"
         )
     if arguments.seeds > 1:
         floor = metrics.errors(runs[MODULI[-1], 1]["history"], runs[MODULI[-1], 0]["history"])

@@ -36,9 +36,7 @@ def all_rows() -> dict[str, tuple[bool, Callable[[], Any]]]:
 
 
 def _number(value: float | None, form: str = ".2e") -> str:
-    return (
-        "" if value is None or math.isnan(value) else ("none" if math.isinf(value) else format(value, form))
-    )
+    return "" if value is None or math.isnan(value) else ("none" if math.isinf(value) else format(value, form))
 
 
 def table(results: dict[str, dict[str, Any]]) -> str:

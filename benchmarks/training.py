@@ -84,9 +84,7 @@ def train(
 def single_training(settings: FitSettings, data: Rows) -> dict[str, Any]:
     """Trains one network: seconds per epoch, of the start with its compilation, and of it all."""
     reached = [(0, time.perf_counter())]
-    (outcome,) = train(
-        settings, data, [settings.seed], lambda epoch, *_: reached.append((epoch, time.perf_counter()))
-    )
+    (outcome,) = train(settings, data, [settings.seed], lambda epoch, *_: reached.append((epoch, time.perf_counter())))
     epochs, times = np.array([e for e, _ in reached]), np.array([t for _, t in reached])
     # The first report comes after the compilation.
     seconds = np.diff(times)[1:] / np.diff(epochs)[1:]
@@ -160,17 +158,13 @@ def table_of(result: dict[str, Any]) -> str:
         f"network {'-'.join(map(str, result['settings']['hidden']))}, Adamax, on {result['device']}; "
         "median (range)."
     )
-    return "\n".join(
-        [caption, "", "| | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows)]
-    )
+    return "\n".join([caption, "", "| | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows)])
 
 
 def main() -> None:
     """One training, then eight, then the table."""
     paper = FitSettings()
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--epochs", type=int, default=20, help="epochs of the single network")
     parser.add_argument("--rounds", type=int, default=5, help="epochs of the eight networks")
     parser.add_argument("--samples", type=int, default=paper.samples)

@@ -150,11 +150,7 @@ def run_topic(topic: str, out: Path) -> None:
 def run_all(topics: list[str], jobs: int) -> bool:
     """The cases of these topics, in processes of their own; whether all figures are within their gates."""
     stored = harness.RESULTS / "verification.json"
-    records = (
-        {record["case"]: record for record in json.loads(stored.read_text())["cases"]}
-        if stored.exists()
-        else {}
-    )
+    records = {record["case"]: record for record in json.loads(stored.read_text())["cases"]} if stored.exists() else {}
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
 
         def child(topic: str) -> list[dict[str, Any]]:
@@ -193,9 +189,7 @@ def publish(records: dict[str, dict[str, Any]]) -> bool:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="parts of the names of cases, separated by commas")
     parser.add_argument("--topics", default="", help="topics, separated by commas")
     parser.add_argument("--jobs", type=int, default=1, help="number of topics that run at the same time")

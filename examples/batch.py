@@ -83,9 +83,7 @@ def main(number: int) -> None:
     if failures.any():
         raise SystemExit(f"members failed: {jnp.flatnonzero(failures)}; see jaxdem.failures for the flags")
 
-    print(
-        f"{number} beds of {SCENE['particles']['count']} grains, {STEPS * simulation.interval:g} s of simulated time"
-    )
+    print(f"{number} beds of {SCENE['particles']['count']} grains, {STEPS * simulation.interval:g} s of simulated time")
     print(f"drag scale {parameters.drag_scale[0]:g} to {parameters.drag_scale[-1]:g}: mean height at the end "
           f"{heights[0, -1]:.4f} to {heights[-1, -1]:.4f} m")  # fmt: skip
     difference = jnp.abs(heights - jnp.stack([result[0] for result in results])).max()

@@ -59,9 +59,7 @@ def main() -> None:
     height = run.history["height"][-1] + DIAMETER / 2
     fixed = ergun(velocity, volume / (WIDTH * DIAMETER * height), height)
     save(picture(run, velocity, drop / weight, fixed / weight), "fluidised_bed")
-    print(
-        f"pressure drop over submerged weight, fluidised (1 is expected): {np.mean(drop[:10]) / weight:.3f}"
-    )
+    print(f"pressure drop over submerged weight, fluidised (1 is expected): {np.mean(drop[:10]) / weight:.3f}")
 
 
 def picture(run, velocity: np.ndarray, measured: np.ndarray, fixed: np.ndarray, frames=(0, 20, 62)):

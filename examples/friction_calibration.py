@@ -99,9 +99,7 @@ def whole_slope(friction, state, neighbors):
     """Derivative of the run-off at the end of the whole collapse with respect to the friction [m]."""
 
     def runoff(value):
-        end = jaxdem.rollout(
-            simulation, with_friction(value), state, neighbors, WINDOW * WINDOWS, reversible=False
-        )
+        end = jaxdem.rollout(simulation, with_friction(value), state, neighbors, WINDOW * WINDOWS, reversible=False)
         return smooth_runoff(end.state.particles.position)
 
     return jax.jvp(runoff, (friction,), (jnp.ones_like(friction),))[1]

@@ -54,10 +54,7 @@ def main() -> None:
     print(f"mean velocity of the pack after {STEPS * simulation.interval:g} s: {value(*point):.6f} m/s")
     for number, name in ((0, "drag scale"), (1, "inlet velocity")):
         step = 1e-5 * float(point[number])
-        ends = [
-            value(*(p + s * step * (i == number) if i < 2 else p for i, p in enumerate(point)))
-            for s in (1, -1)
-        ]
+        ends = [value(*(p + s * step * (i == number) if i < 2 else p for i, p in enumerate(point))) for s in (1, -1)]
         print(f"d/d({name}): {slopes[number]:.8f}, central difference {(ends[0] - ends[1]) / (2 * step):.8f}")
     for path, slope in jax.tree_util.tree_leaves_with_path(slopes[2]):
         print(f"d/d(weights{jax.tree_util.keystr(path)}): norm {jnp.linalg.norm(slope.ravel()):.3e}")

@@ -36,9 +36,7 @@ def main() -> None:
 
     coarse = FINE | {"fluid.cells": [n // FACTOR for n in FINE["fluid.cells"]], "output.samples": 0.0}
     plain = jaxdem.simulate(jaxdem.load_scene(scene, coarse), folder / "coarse")
-    learned = jaxdem.simulate(
-        jaxdem.load_scene(scene, coarse), folder / "coarse_filtered", closure=fit.closure
-    )
+    learned = jaxdem.simulate(jaxdem.load_scene(scene, coarse), folder / "coarse_filtered", closure=fit.closure)
     held_out = {name: np.ravel(array) for name, array in fit.parity[FACTOR].items()}
     histories = {
         name: (run.times, run.history["drag_force_mean"])

@@ -62,6 +62,4 @@ def stack_states(
 
 
 def _shapes(tree: Any) -> Any:
-    return jax.tree.structure(tree), [
-        (jnp.shape(leaf), jnp.result_type(leaf)) for leaf in jax.tree.leaves(tree)
-    ]
+    return jax.tree.structure(tree), [(jnp.shape(leaf), jnp.result_type(leaf)) for leaf in jax.tree.leaves(tree)]

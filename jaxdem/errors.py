@@ -61,9 +61,7 @@ def cut(text: str, length: int = 300) -> str:
 
 def visible(text: str) -> str:
     """The text with what does not print, such as the control sequences of a terminal, as escapes; lines stay lines."""
-    return "".join(
-        c if c.isprintable() or c == "\n" or unicodedata.category(c) == "Zs" else _escape(c) for c in text
-    )
+    return "".join(c if c.isprintable() or c == "\n" or unicodedata.category(c) == "Zs" else _escape(c) for c in text)
 
 
 def _escape(character: str) -> str:

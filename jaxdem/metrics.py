@@ -105,9 +105,7 @@ def kinetic_energy(
     if angular_velocity is None:
         return energy
     if inertia is None:
-        raise InputError(
-            "inertia", None, "is needed with an angular velocity", "Give the moment of inertia [kg m2]."
-        )
+        raise InputError("inertia", None, "is needed with an angular velocity", "Give the moment of inertia [kg m2].")
     w = np.asarray(angular_velocity, dtype=np.float64).reshape(len(v), -1)
     return energy + 0.5 * float(np.sum(np.asarray(inertia, dtype=np.float64) * np.sum(w * w, axis=-1)))
 
@@ -218,9 +216,7 @@ def _finite_part(times: ArrayLike, values: ArrayLike, key: str) -> tuple[Array, 
             key, (t.shape, m.shape), "times and values must have one length", "Give both with the shape (T,)."
         )
     if np.any(~(np.diff(t) > 0.0)):
-        raise InputError(
-            key, "times", "must increase strictly", "Look for repeated or unsorted rows in history.csv."
-        )
+        raise InputError(key, "times", "must increase strictly", "Look for repeated or unsorted rows in history.csv.")
     good = np.isfinite(m)
     if not good.any():
         return t[:0], m[:0]

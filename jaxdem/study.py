@@ -148,9 +148,7 @@ class Study:
         """Name of the scene without its ending."""
         return Path(self.plan.scene).stem
 
-    def simulation(
-        self, name: str, scene: Scene, overrides: dict[str, Any], closure: Path | None = None
-    ) -> Run:
+    def simulation(self, name: str, scene: Scene, overrides: dict[str, Any], closure: Path | None = None) -> Run:
         """A run in the study's folder, made, gone on with, or taken as it is."""
         path = self.out / name
         if closure is not None:
@@ -203,9 +201,7 @@ class Study:
         figures: dict[str, dict[str, np.ndarray]] = {}
         for name, array in fit.parity.items():
             factor, kind = name.split("/")
-            figures.setdefault(f"inputs averaged {factor}x" if factor != "1" else "fine inputs", {})[kind] = (
-                array
-            )
+            figures.setdefault(f"inputs averaged {factor}x" if factor != "1" else "fine inputs", {})[kind] = array
         return figures
 
     def _notes(self, fits: dict[str, StudyFit]) -> list[str]:
@@ -281,9 +277,7 @@ def run_study(
     check_request(name, scale, Path(out), parts, jobs)
     out, begin = Path(out), clock.perf_counter()
     if scale == "paper":
-        full = FullStudy(
-            FULL[name](), SCENES, out, listener, default_jobs() if jobs is None else jobs, tuple(parts)
-        )
+        full = FullStudy(FULL[name](), SCENES, out, listener, default_jobs() if jobs is None else jobs, tuple(parts))
         assert full.parts, "unknown parts are refused before the folder is touched"
         _claim(out, {"study": name, "scale": scale}, full.plan.files)
         # Tables and report of what is there may be asked for while the runs go on.
@@ -318,6 +312,4 @@ def _claim(out: Path, identity: dict[str, Any], known: Collection[str] = ()) -> 
         out.mkdir(parents=True, exist_ok=True)
         write_bytes(marker, (json.dumps(identity) + "\n").encode())
     except OSError as error:
-        raise InputError(
-            "--out", str(out), f"cannot be written ({error.strerror})", "choose another folder"
-        ) from None
+        raise InputError("--out", str(out), f"cannot be written ({error.strerror})", "choose another folder") from None

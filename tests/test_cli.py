@@ -299,9 +299,7 @@ def test_compare_says_where_the_report_is(done, tmp_path):
     assert result.exit_code == 0, result.output
     assert str(tmp_path / "report" / "report.html") in result.stdout
     assert (tmp_path / "report" / "report.html").stat().st_size > 1000
-    refused(
-        invoke("compare", done[0], tmp_path / "absent", "--out", tmp_path / "other"), "not a run directory"
-    )
+    refused(invoke("compare", done[0], tmp_path / "absent", "--out", tmp_path / "other"), "not a run directory")
     assert not (tmp_path / "other").exists()
 
 
@@ -374,12 +372,8 @@ def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp
     assert times == [run.summary["run_time_s"], run.summary["stages_s"]["compile"]]
     assert sum(times) == pytest.approx(run.summary["wall_time_s"]) and sound["drag_force_mean"] == "nan"
     before = (out / sound["run"] / "summary.json").stat().st_mtime_ns
-    assert (
-        invoke("sweep", grains, "--out", out, "--vary", f"particles.velocity={STILL}", *SWEEP).exit_code == 0
-    )
-    assert (out / sound["run"] / "summary.json").stat().st_mtime_ns == before, (
-        "a run that is done is not done again"
-    )
+    assert invoke("sweep", grains, "--out", out, "--vary", f"particles.velocity={STILL}", *SWEEP).exit_code == 0
+    assert (out / sound["run"] / "summary.json").stat().st_mtime_ns == before, "a run that is done is not done again"
     refused(invoke(*arguments, "--set", "contact.friction=0.1"), "contact.friction", "same scene")
 
 
@@ -397,25 +391,19 @@ def test_a_second_sweep_or_comparison_onto_one_folder_is_refused(grains, done, t
             continue_study(out)
         lock = acquire_lock(out)
         before = {path.name for path in out.iterdir()}
-        refused(
-            invoke(*arguments, "--out", out), "--out", str(out), f"process {os.getpid()}", "is writing to it"
-        )
+        refused(invoke(*arguments, "--out", out), "--out", str(out), f"process {os.getpid()}", "is writing to it")
         assert {path.name for path in out.iterdir()} == before
         os.close(lock)
     (tmp_path / "compare" / ".report.html.4711.tmp").write_bytes(b"half")
     assert invoke("compare", done[0], done[0], "--out", tmp_path / "compare").exit_code == 0
-    assert (
-        not list((tmp_path / "compare").glob(".*.tmp")) and (tmp_path / "compare" / "report.html").is_file()
-    )
+    assert not list((tmp_path / "compare").glob(".*.tmp")) and (tmp_path / "compare" / "report.html").is_file()
 
 
 def continue_study(out):
     """The mark of the demonstration in its folder."""
     plan = DEMOS["injection"]
     (out / "study.json").write_text(
-        json.dumps(
-            {"study": "injection", "scale": "demo", "sharp": dict(plan.sharp), "seeds": list(plan.seeds)}
-        )
+        json.dumps({"study": "injection", "scale": "demo", "sharp": dict(plan.sharp), "seeds": list(plan.seeds)})
     )
 
 

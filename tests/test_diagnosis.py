@@ -40,9 +40,7 @@ def test_too_fast_names_the_fast_one_and_not_one_that_has_been_removed(world):
     reason, where, remedy = told(
         world, Failure.TOO_FAST, position=outside, velocity=velocity, active=[False, True, True]
     )
-    assert "so fast" in reason and where.startswith(
-        "particle 2, last at (0.3, 0.3) m, at 300 m/s; the limit is"
-    )
+    assert "so fast" in reason and where.startswith("particle 2, last at (0.3, 0.3) m, at 300 m/s; the limit is")
     assert "contact.speed" in remedy
 
 

@@ -62,9 +62,7 @@ def scene_with(**tables):
 def test_terminal_velocity_by_stokes_is_his_formula():
     """u = (rho_p - rho) g d^2 / (18 mu)."""
     found = terminal_velocity(law("stokes"), DIAMETER, DENSITY, FLUID, VISCOSITY, 9.81)
-    np.testing.assert_allclose(
-        found, (DENSITY - FLUID) * 9.81 * DIAMETER**2 / (18.0 * FLUID * VISCOSITY), rtol=1e-9
-    )
+    np.testing.assert_allclose(found, (DENSITY - FLUID) * 9.81 * DIAMETER**2 / (18.0 * FLUID * VISCOSITY), rtol=1e-9)
 
 
 @pytest.mark.parametrize("reynolds", [0.1, 30.0, 900.0, 1e5])

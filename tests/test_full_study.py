@@ -182,13 +182,9 @@ def test_a_run_of_another_scene_is_refused_and_one_of_older_defaults_is_not(tmp_
 
 def test_tables_are_numbers_and_text_and_parts_of_earlier_calls_are_kept(tmp_path):
     """Missing numbers are null and a dash; a second part leaves the first where it is."""
-    one = Section(
-        "mesh", "Mesh", ["A sentence."], [Table("T", ["a", "b"], [["x", 0.012345], ["y", float("nan")]])]
-    )
+    one = Section("mesh", "Mesh", ["A sentence."], [Table("T", ["a", "b"], [["x", 0.012345], ["y", float("nan")]])])
     write_results(tmp_path, [one], {"jobs": 2}, ("budget", "mesh"))
-    write_results(
-        tmp_path, [Section("budget", "Budget", missing={"run": "failed"})], {"jobs": 1}, ("budget", "mesh")
-    )
+    write_results(tmp_path, [Section("budget", "Budget", missing={"run": "failed"})], {"jobs": 1}, ("budget", "mesh"))
     text = (tmp_path / "tables.md").read_text()
     assert text.index("## Budget") < text.index("## Mesh")
     assert "| x | 0.0123 |" in text and "| y | - |" in text and "- failed: run" in text
@@ -214,6 +210,4 @@ def test_the_hidden_stress_of_a_linear_flow_is_the_gradient_model_s(cells):
     found = hidden_stress(run, tuple(n // 4 for n in cells))
     assert found.gradient_fit == pytest.approx((1.0 - 1.0 / 16.0) / 12.0, rel=1e-10)
     assert found.best == pytest.approx(1.0, abs=1e-10)
-    assert found.gradient == pytest.approx(
-        1.0 - 1.0 / 15.0**2, rel=1e-9
-    )  # of c_n = 1/12, a fifteenth too large
+    assert found.gradient == pytest.approx(1.0 - 1.0 / 15.0**2, rel=1e-9)  # of c_n = 1/12, a fifteenth too large

@@ -76,8 +76,7 @@ def imported(path):
 
 
 IMPORTS = {
-    module: {name for name in imported(path) if name.split(".")[0] == "jaxdem"}
-    for module, path in MODULES.items()
+    module: {name for name in imported(path) if name.split(".")[0] == "jaxdem"} for module, path in MODULES.items()
 }
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 
@@ -150,9 +149,7 @@ def test_public_functions_and_classes_say_what_they_are(module):
     if tree.body:
         assert ast.get_docstring(tree), f"{module} has no docstring"
     public = [
-        node
-        for node in tree.body
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+        node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
     ]
     lacking = [node.name for node in public if not ast.get_docstring(node)]
     assert not lacking, f"{module}: {lacking}"

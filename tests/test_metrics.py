@@ -58,13 +58,9 @@ def test_missing_parts_are_nan() -> None:
     particles = metrics.history_row(
         1.5, position=np.ones((2, 2)), velocity=np.ones((2, 2)), mass=1.0, collision_force=4.0
     )
-    assert (
-        particles["time"] == 1.5 and particles["collision_force_mean"] == 4.0 and particles["runoff"] == 1.0
-    )
+    assert particles["time"] == 1.5 and particles["collision_force_mean"] == 4.0 and particles["runoff"] == 1.0
     assert particles["kinetic_energy"] == pytest.approx(2.0)
-    assert all(
-        np.isnan(particles[k]) for k in ("drag_force_mean", "fluid_pressure_mean", "fluid_velocity_median")
-    )
+    assert all(np.isnan(particles[k]) for k in ("drag_force_mean", "fluid_pressure_mean", "fluid_velocity_median"))
     fluid = metrics.history_row(0.0, fluid_pressure=np.ones((2, 2)), fluid_velocity=np.ones((2, 2, 2)))
     assert fluid["fluid_velocity_mean"] == pytest.approx(2**0.5)
     assert all(np.isnan(fluid[k]) for k in ("runoff", "height", "kinetic_energy", "collision_force_mean"))

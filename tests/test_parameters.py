@@ -122,9 +122,7 @@ def test_one_number_of_the_scene_is_one_number_to_differentiate_by(name):
                 continue
             step = 1e-3 * value
             after = jax.tree.leaves(built(changed(tables, path, value + step)))
-            moved = [
-                np.asarray(b - a) for a, b in zip(before, after, strict=True) if not np.array_equal(a, b)
-            ]
+            moved = [np.asarray(b - a) for a, b in zip(before, after, strict=True) if not np.array_equal(a, b)]
             assert len(moved) == 1, path
             by = moved[0][moved[0] != 0.0]
             np.testing.assert_allclose(np.abs(by), abs(step), rtol=1e-9, err_msg=str(path))

@@ -27,17 +27,13 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 
 def python(code, *arguments, **options):
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(
-        command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False, **options
-    )
+    return subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False, **options)
 
 
 def command(*arguments, **options):
     environment = ENVIRONMENT | options.pop("environment", {})
     line = [sys.executable, "-m", "jaxdem", *map(str, arguments)]
-    return subprocess.run(
-        line, env=environment, capture_output=True, text=True, timeout=120, check=False, **options
-    )
+    return subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False, **options)
 
 
 def test_help_and_version_load_nothing_that_takes_time():

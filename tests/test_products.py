@@ -69,9 +69,7 @@ def test_products_of_a_step_keep_all_digits(name, tmp_path):
     read = jaxdem.load_scene(tables)
     simulation, parameters = jaxdem.build(read)
     state, neighbors = jaxdem.initial_state(read, simulation, parameters)
-    found = list(
-        products(jax.make_jaxpr(lambda s, n: step(simulation, parameters, s, n)[0])(state, neighbors).jaxpr)
-    )
+    found = list(products(jax.make_jaxpr(lambda s, n: step(simulation, parameters, s, n)[0])(state, neighbors).jaxpr))
     assert len(found) >= 4
     assert set(found) == {HIGHEST}
 

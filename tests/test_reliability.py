@@ -149,9 +149,7 @@ def test_what_the_machine_cannot_hold_is_refused(tables, key):
 def test_products_that_the_floats_do_not_hold_are_refused():
     scene = load_scene(hostile.ROWS)
     small = Bodies(np.asarray(1e-9), np.asarray(2650.0), np.asarray(0))
-    with pytest.raises(
-        InputError, match=r"moment of inertia of 4\.\d+e-42 kg m2, which float32 cannot represent"
-    ):
+    with pytest.raises(InputError, match=r"moment of inertia of 4\.\d+e-42 kg m2, which float32 cannot represent"):
         check_magnitudes(scene, small)
     check_magnitudes(load_scene(hostile.changed(hostile.ROWS, "precision", "float64")), small)
 

@@ -110,9 +110,7 @@ def checkpoint_arrays(run):
     """Arrays of the checkpoint, without the wall times."""
     arrays = {}
     with h5py.File(Path(run.path) / "checkpoint.h5") as file:
-        file.visititems(
-            lambda name, item: arrays.update({name: item[()]} if isinstance(item, h5py.Dataset) else {})
-        )
+        file.visititems(lambda name, item: arrays.update({name: item[()]} if isinstance(item, h5py.Dataset) else {}))
     names = {name: name.replace("%2F", "/") for name in arrays}
     timed = ("extra/wall", "extra/start", "extra/stage_")
     return {names[name]: value for name, value in arrays.items() if not any(t in names[name] for t in timed)}
@@ -277,9 +275,7 @@ def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch
 def test_where_a_closure_lies_does_not_matter():
     """A study's folder may be moved between two calls: the checkpoint knows the weights, the scene only names a file."""
     parameters = Parameters(np.zeros(2), None, None, None, None, None)
-    texts = [
-        f'seed = 1\n[closure]\nfile = "{name}"\n' for name in ("/a/drag.h5", "/b/drag.h5", "/a/other.h5")
-    ]
+    texts = [f'seed = 1\n[closure]\nfile = "{name}"\n' for name in ("/a/drag.h5", "/b/drag.h5", "/a/other.h5")]
     here, moved, other = (origin(text, parameters)["scene"] for text in texts)
     assert here == moved != other
     scenes = [tomllib.loads(text) for text in texts]

@@ -66,9 +66,7 @@ def refusal(tables, **options):
 
 def placed(*positions, **more):
     """A valid scene with particles at given positions."""
-    tables = changed(
-        "particles", {"radius": 0.01, "density": 2650.0, "position": [list(p) for p in positions]}
-    )
+    tables = changed("particles", {"radius": 0.01, "density": 2650.0, "position": [list(p) for p in positions]})
     tables["particles"] |= more
     return tables
 
@@ -77,9 +75,7 @@ def test_the_valid_scene_is_accepted():
     scene = load_scene(VALID)
     assert scene.boundary["left"].velocity == (0.1, 0.0)
     assert scene.boundary["top"].kind == "no_slip"
-    assert (
-        scene.contact.wall_friction is None and scene.contact.of_walls("friction") == scene.contact.friction
-    )
+    assert scene.contact.wall_friction is None and scene.contact.of_walls("friction") == scene.contact.friction
 
 
 @pytest.mark.parametrize(
@@ -347,9 +343,7 @@ def test_a_parabola_needs_ends_that_hold_the_fluid():
     assert load_scene(tables).boundary["left"].profile == "parabolic"
 
 
-@pytest.mark.parametrize(
-    "key", ["domain", "time", "domain.size", "particles.radius", "particles.density", "time.end"]
-)
+@pytest.mark.parametrize("key", ["domain", "time", "domain.size", "particles.radius", "particles.density", "time.end"])
 def test_a_missing_key_is_named(key):
     error = refusal(changed(key, ...))
     assert error.key == key
@@ -463,9 +457,7 @@ def test_overlapping_particles_are_refused_by_number_and_place():
         check_initial_positions(scene, initial_positions(scene))
 
 
-@pytest.mark.parametrize(
-    ("point", "wall"), [((0.005, 0.2), "left"), ((0.2, 0.5), "top"), ((-1.0, 0.2), "left")]
-)
+@pytest.mark.parametrize(("point", "wall"), [((0.005, 0.2), "left"), ((0.2, 0.5), "top"), ((-1.0, 0.2), "left")])
 def test_a_particle_outside_the_box_is_refused(point, wall):
     scene = load_scene(placed((0.1, 0.1), point))
     with pytest.raises(InputError, match=rf"particle 1 at .*{wall}"):
@@ -526,9 +518,7 @@ def test_the_stable_step_that_a_message_names_is_accepted():
     tables["contact"] = {"young_modulus": 70e9, "poisson_ratio": 0.3, "time_step": 1e-3}
     with pytest.raises(InputError) as caught:
         time_steps(load_scene(tables))
-    named = float(
-        re.search(r"stable step is (\S+) s", str(caught.value)).group(1)
-    )  # four digits, so it may be above
+    named = float(re.search(r"stable step is (\S+) s", str(caught.value)).group(1))  # four digits, so it may be above
     tables["contact"]["time_step"] = named
     assert time_steps(load_scene(tables)).contact <= named
 
@@ -595,9 +585,7 @@ def test_a_malformed_override_is_refused(text):
 
 
 def test_overrides_reach_new_and_old_tables():
-    scene = load_scene(
-        VALID, {"time.end": 0.2, "output.checkpoint_interval": 5.0, "boundary.top.kind": "outlet"}
-    )
+    scene = load_scene(VALID, {"time.end": 0.2, "output.checkpoint_interval": 5.0, "boundary.top.kind": "outlet"})
     assert (scene.time.end, scene.output.checkpoint_interval) == (0.2, 5.0)
     assert scene.boundary["top"].kind == "outlet"
     assert "not a table" in str(refusal(VALID, overrides={"seed.x": 1}))
@@ -605,9 +593,7 @@ def test_overrides_reach_new_and_old_tables():
 
 
 ODD_VALUES = st.one_of(
-    st.sampled_from(
-        [math.nan, math.inf, -math.inf, 0, -1, 1e308, 5e-324, 10**30, True, "", "auto", "inf", [], {}]
-    ),
+    st.sampled_from([math.nan, math.inf, -math.inf, 0, -1, 1e308, 5e-324, 10**30, True, "", "auto", "inf", [], {}]),
     st.floats(),
     st.integers(),
     st.text(max_size=5),
@@ -630,10 +616,7 @@ def dotted_keys(tables, prefix=""):
             [
                 *dotted_keys(VALID),
                 "boundary.top",
-                *(
-                    f"boundary.left.{name}"
-                    for name in ("times", "velocities", "profile", "positions", "values")
-                ),
+                *(f"boundary.left.{name}" for name in ("times", "velocities", "profile", "positions", "values")),
                 "closure.file",
                 "fluid.model",
                 "fluid.smagorinsky",

@@ -215,9 +215,7 @@ def test_a_run_with_walls_of_both_sorts(tmp_path):
     """
     modulus, mass = 5e6 / (2 * (1 - 0.3**2)), 2650.0 * 4 / 3 * math.pi * 1e-6
     depth = (0.75 * mass * 9.81 / (modulus * math.sqrt(0.01))) ** (2 / 3)
-    given = tables(
-        {"kind": "plane", "point": [0.0, 0.1], "normal": [0.0, 1.0]}, position=[[0.1, 0.11 - depth]]
-    )
+    given = tables({"kind": "plane", "point": [0.0, 0.1], "normal": [0.0, 1.0]}, position=[[0.1, 0.11 - depth]])
     run = simulate(load_scene(given), tmp_path / "plane")
     np.testing.assert_allclose(run.particles(2)["position"][0, 1], 0.11 - depth, atol=1e-3 * depth)
     given = tables(position=[[0.1, 0.11 - depth]])
@@ -252,9 +250,7 @@ def test_a_pack_that_is_too_dense_is_refused_naming_the_limit(dimension):
     """The number of particles at which the limit lies, by hand: accepted or tried below, refused above."""
     unit = math.pi if dimension == 2 else 4 / 3 * math.pi
     most = REACHABLE[dimension] * 0.3**dimension / (unit * 0.01**dimension)
-    error = refusal(
-        random(math.ceil(most), dimension, spacing=1.0), lambda t: initial_positions(load_scene(t))
-    )
+    error = refusal(random(math.ceil(most), dimension, spacing=1.0), lambda t: initial_positions(load_scene(t)))
     assert error.key == "particles.count"
     assert f"the limit is {100 * REACHABLE[dimension]:g} %" in str(error) and "use a lattice" in error.remedy
 

@@ -78,9 +78,7 @@ def test_an_overlap_beyond_that_of_an_impact_is_refused_and_a_speed_allows_it(be
     gross = load_scene(TABLES, {"particles.position": [[0.02, 0.02], [0.03, 0.02]], "particles.angular_velocity": [0.0, 0.0]})  # fmt: skip
     simulation, parameters = build(gross)
     limit = 100 * simulation.steps.expected_overlap
-    with pytest.raises(
-        InputError, match=rf"overlap by 50 %.*limit is {limit:.3g} %.*contact\.speed = 0\.8 m/s"
-    ):
+    with pytest.raises(InputError, match=rf"overlap by 50 %.*limit is {limit:.3g} %.*contact\.speed = 0\.8 m/s"):
         initial_state(gross, simulation, parameters)
 
 

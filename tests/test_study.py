@@ -135,9 +135,7 @@ def test_a_dataset_sees_through_the_coarse_runs_own_kernel(study, tmp_path):
 def test_a_dataset_of_model_b_is_of_model_a(tmp_path):
     """All of its fluid force is drag f_A / g: the law's part is f_A again, the target all force less what model A applies."""
     tables = SCENE | {"fluid": SCENE["fluid"] | {"model": "B"}, "output": {"samples": 0.01}}
-    run = jaxdem.simulate(
-        jaxdem.load_scene(tables, {"time.end": 0.02, "time.output_interval": 0.02}), tmp_path / "b"
-    )
+    run = jaxdem.simulate(jaxdem.load_scene(tables, {"time.end": 0.02, "time.output_interval": 0.02}), tmp_path / "b")
     make_dataset(run.path, tmp_path / "b.h5", (1,))
     group, sample = read_dataset(tmp_path / "b.h5").groups[1], run.samples.frame(1)
     assert not np.any(sample["pressure_gradient_force"]) and not np.any(sample["viscous_force"])
@@ -182,9 +180,7 @@ def test_a_run_whose_law_had_another_slip_teaches_nothing(study, tmp_path, monke
 
     def corrected(*arguments):
         scene = jaxdem.load_scene(*arguments)
-        return scene.model_copy(
-            update={"coupling": scene.coupling.model_copy(update={"self_disturbance": True})}
-        )
+        return scene.model_copy(update={"coupling": scene.coupling.model_copy(update={"self_disturbance": True})})
 
     monkeypatch.setattr("jaxdem.train.dataset.load_scene", corrected)
     with pytest.raises(InputError, match=r"coupling\.self_disturbance.*without it"):
@@ -256,9 +252,7 @@ def test_errors_over_noise_are_ratios_of_time_integrals(evidence):
     error = evidence.errors("coarse_4")
     np.testing.assert_allclose(list(error.values()), relative, rtol=1e-6)
     assert measure.mean_over(error, evidence.floor) == pytest.approx(relative / 1e-3, rel=1e-6)
-    assert (
-        evidence.errors("coarse_2_filtered") is None and evidence.missing["coarse_2_filtered"] == "diverged"
-    )
+    assert evidence.errors("coarse_2_filtered") is None and evidence.missing["coarse_2_filtered"] == "diverged"
 
 
 def test_times_are_for_one_machine(evidence):

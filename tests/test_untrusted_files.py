@@ -194,9 +194,7 @@ def change(path, edit):
 
 def first_array(file):
     found = []
-    file.visititems(
-        lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) and item.ndim else None
-    )
+    file.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) and item.ndim else None)
     return found[0]
 
 

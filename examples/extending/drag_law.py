@@ -58,9 +58,7 @@ def main() -> tuple[float, float]:
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene, closure=CliftGauvin())
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    end = jax.jit(lambda p, s, n: jaxdem.rollout(simulation, p, s, n, steps=100))(
-        parameters, state, neighbors
-    )
+    end = jax.jit(lambda p, s, n: jaxdem.rollout(simulation, p, s, n, steps=100))(parameters, state, neighbors)
     found, expected = -float(end.state.particles.velocity[0, 1]), terminal_speed()
     print(f"the sphere falls at {found:.4f} m/s, expected {expected:.4f} m/s")
     return found, expected

@@ -133,9 +133,7 @@ def check_scene(scene: Scene) -> CheckReport:
         particles=None if state.particles is None else state.particles.position.shape[0],
         cells=None if scene.fluid is None else scene.fluid.cells,
         spacing=spacing,
-        cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter)
-        if spacing and diameter
-        else None,
+        cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter) if spacing and diameter else None,
         kernel_half_width=simulation.half_width,
         void_fraction=None if void is None else (float(jnp.min(void)), float(jnp.mean(void))),
         time_steps=time_steps,
@@ -165,9 +163,7 @@ def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | N
     over that void fraction in either model. While running, the true ones decide.
     """
     fluid = scene.fluid
-    model_b = (
-        simulation.fluid is not None and not simulation.fluid.solver.shares_stress and lowest is not None
-    )
+    model_b = simulation.fluid is not None and not simulation.fluid.solver.shares_stress and lowest is not None
     if fluid is None or simulation.fluid is None or not (fluid.smagorinsky > 0.0 or fluid.subgrid or model_b):
         return {}
     grid = simulation.fluid.solver.grid
@@ -256,9 +252,7 @@ def _bytes(tree: Any) -> int:
     return sum(leaf.nbytes for leaf in jax.tree.leaves(tree) if hasattr(leaf, "nbytes"))
 
 
-def _parts(
-    scene: Scene, simulation: Simulation, parameters: Parameters
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parts of the model that the compiled program has, and those that it has not."""
     parts: list[tuple[str, bool]] = [("particles", simulation.contact is not None)]
     if simulation.contact is not None:

@@ -93,9 +93,7 @@ def slip_under_load(
         viscosity: mu / rho [m2/s].
     """
     stokes = load / (3.0 * math.pi * fluid_density * viscosity * diameter)
-    newton = (
-        np.sqrt(load / fluid_density) / diameter
-    )  # a drag coefficient of 8/pi; the bracket goes far beyond
+    newton = np.sqrt(load / fluid_density) / diameter  # a drag coefficient of 8/pi; the bracket goes far beyond
     high = np.log(100.0 * np.maximum(stokes, newton) + 1e-300)
     low = high - 12.0 * math.log(10.0)
     for _ in range(HALVINGS):
@@ -180,9 +178,7 @@ def engineering_numbers(scene: Scene, parameters: Parameters, bodies: Bodies) ->
     if gravity > 0.0:
         fall = terminal_velocity(law, diameter, density, fluid.density, fluid.viscosity, gravity)
         solid = packed_solid_fraction(scene, float(diameter.max()))
-        lift = minimum_fluidisation_velocity(
-            law, diameter, density, fluid.density, fluid.viscosity, gravity, solid
-        )
+        lift = minimum_fluidisation_velocity(law, diameter, density, fluid.density, fluid.viscosity, gravity, solid)
         impact = density / fluid.density * fall * diameter / (9.0 * fluid.viscosity)
         found += [
             _number("terminal velocity", fall, "m/s", f"a single grain, {named}"),
@@ -212,9 +208,7 @@ def _flow_numbers(scene: Scene, diameter: np.ndarray, density: np.ndarray) -> li
     excess = np.abs(density / fluid.density - 1.0)
     relaxation = density * diameter**2 / (18.0 * fluid.density * fluid.viscosity)
     found = [
-        _number(
-            "flow speed U", np.full(2, speed), "m/s", "largest speed at a boundary or of the initial fluid"
-        ),
+        _number("flow speed U", np.full(2, speed), "m/s", "largest speed at a boundary or of the initial fluid"),
         _number("  particle Reynolds number", speed * diameter / fluid.viscosity, "-", "U d / nu"),
         _number(
             "  flow Reynolds number",
@@ -255,16 +249,12 @@ def screen_load(
     held = contact.friction * np.abs(submerged) * float(np.linalg.norm(np.delete(gravity, axis)))
     alone = drag_force(law, np.full(2, speed), 0.0, diameter, fluid.density, fluid.viscosity)
     void_fraction = 1.0 - solid
-    packed = drag_force(
-        law, np.full(2, speed / void_fraction), solid, diameter, fluid.density, fluid.viscosity
-    )
+    packed = drag_force(law, np.full(2, speed / void_fraction), solid, diameter, fluid.density, fluid.viscosity)
     carried = alone + along > held
     if not carried.all():
         return None
     layer = math.prod(
-        max(1.0, length / float(diameter.max()))
-        for other, length in enumerate(scene.domain.size)
-        if other != axis
+        max(1.0, length / float(diameter.max())) for other, length in enumerate(scene.domain.size) if other != axis
     )
     force = max(1.0, count / layer) * float(np.mean(packed / void_fraction + along - held))
     weight = math.pi / 6.0 * float(np.mean(diameter**3 * density)) * (float(np.linalg.norm(gravity)) or 9.81)
@@ -277,9 +267,7 @@ def screen_load(
     return ScreenLoad(side, force / weight, overlap / (2.0 * radius))
 
 
-def _outflow(
-    scene: Scene, simulation: Simulation, parameters: Parameters
-) -> tuple[str, int, float, float] | None:
+def _outflow(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[str, int, float, float] | None:
     """Side, axis, sign of its outward normal, and superficial velocity of the one outlet that grains stay behind."""
     outlets = [name for name in scene.sides if scene.boundary[name].kind == "outlet"]
     if simulation.fluid is None or parameters.fluid is None or len(outlets) != 1:
@@ -297,9 +285,7 @@ def _outflow(
     return name, number // 2, 1.0 if number % 2 else -1.0, inflow / area
 
 
-def _submerged_weight(
-    diameter: np.ndarray, density: np.ndarray, fluid_density: float, gravity: float
-) -> np.ndarray:
+def _submerged_weight(diameter: np.ndarray, density: np.ndarray, fluid_density: float, gravity: float) -> np.ndarray:
     return math.pi / 6.0 * diameter**3 * np.abs(density - fluid_density) * gravity
 
 

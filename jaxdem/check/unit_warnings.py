@@ -70,9 +70,7 @@ def _lengths(scene: Scene) -> Iterator[str]:
     longest = max(scene.domain.size)
     if largest >= LARGE_GRAIN:
         meant = f"in mm, write {largest / 1e3:.6g} (in cm, {largest / 100.0:.6g}), and change the other lengths too"
-        yield _warning(
-            "particles.radius", largest, "m", f"this is a grain of {2.0 * largest:.3g} m diameter", meant
-        )
+        yield _warning("particles.radius", largest, "m", f"this is a grain of {2.0 * largest:.3g} m diameter", meant)
     if longest >= LONG_BOX and longest >= MANY_DIAMETERS * 2.0 * smallest:
         why = f"this box is {longest / (2.0 * smallest):.3g} diameters long"
         yield _warning("domain.size", longest, "m", why, f"in mm, write {longest / 1e3:.6g}")
@@ -96,21 +94,15 @@ def _densities(scene: Scene) -> Iterator[str]:
         found = list(dict.fromkeys((key, value) for key, value in given if value is not None))
     for key, value in found:
         if value < LIGHT:
-            yield _warning(
-                key, value, "kg/m3", "this is lighter than foam", f"in g/cm3, write {value * 1e3:.6g}"
-            )
+            yield _warning(key, value, "kg/m3", "this is lighter than foam", f"in g/cm3, write {value * 1e3:.6g}")
         elif value > HEAVY:
-            yield _warning(
-                key, value, "kg/m3", "this is denser than any metal", f"in g/m3, write {value / 1e3:.6g}"
-            )
+            yield _warning(key, value, "kg/m3", "this is denser than any metal", f"in g/m3, write {value / 1e3:.6g}")
     fluid = scene.fluid
     if fluid is None or fluid.viscosity == 0.0:
         return
     if fluid.density * fluid.viscosity < THIN and 0.5 <= fluid.density <= 2.0:
         why = f"its dynamic viscosity would be {fluid.density * fluid.viscosity:.2g} Pa s, less than that of any gas"
-        yield _warning(
-            "fluid.density", fluid.density, "kg/m3", why, f"in g/cm3, write {fluid.density * 1e3:.6g}"
-        )
+        yield _warning("fluid.density", fluid.density, "kg/m3", why, f"in g/cm3, write {fluid.density * 1e3:.6g}")
     elif fluid.density > HEAVY:
         meant = f"in g/m3, write {fluid.density / 1e3:.6g}"
         yield _warning("fluid.density", fluid.density, "kg/m3", "this is denser than any liquid", meant)
@@ -130,13 +122,9 @@ def _moduli(scene: Scene) -> Iterator[str]:
             continue
         if value < SOFT:
             meant = [f"{unit}, write {value * f:.3g}" for unit, f in _multiples(value)]
-            yield _warning(
-                key, value, "Pa", "this is softer than any solid grain", "in " + "; in ".join(meant)
-            )
+            yield _warning(key, value, "Pa", "this is softer than any solid grain", "in " + "; in ".join(meant))
         elif value > STIFF:
-            yield _warning(
-                key, value, "Pa", "this is stiffer than diamond", f"in mPa, write {value / 1e3:.3g}"
-            )
+            yield _warning(key, value, "Pa", "this is stiffer than diamond", f"in mPa, write {value / 1e3:.3g}")
 
 
 def _multiples(modulus: float) -> list[tuple[str, float]]:
@@ -181,11 +169,7 @@ def _speeds(scene: Scene) -> Iterator[str]:
         largest[key] = max(largest.get(key, (0.0, limit)), (speed, limit))
     for key, (speed, limit) in largest.items():
         if speed >= limit:
-            why = (
-                "this is about the speed of sound in air"
-                if speed < 400.0
-                else "this is faster than sound in air"
-            )
+            why = "this is about the speed of sound in air" if speed < 400.0 else "this is faster than sound in air"
             if speed < 300.0:
                 why = "at this speed a gas is compressible, but the fluid here is not"
             yield _warning(key, speed, "m/s", why, f"in mm/s, write {speed / 1e3:.6g}")

@@ -58,9 +58,7 @@ def render(report: CheckReport) -> Group:
 
 def warnings_table(warnings: Iterable[str]) -> Table:
     """A table with one row per warning."""
-    table = Table(
-        title="Warnings", title_justify="left", title_style="bold yellow", show_header=False, box=None
-    )
+    table = Table(title="Warnings", title_justify="left", title_style="bold yellow", show_header=False, box=None)
     table.add_column(width=1)
     table.add_column(overflow="fold")
     for warning in warnings:
@@ -98,9 +96,7 @@ def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
         if name == "contact_stability":
             text += " with every contact for which there is room, at the largest expected overlap"
         if name == "viscous_model" and math.isfinite(value):
-            text += (
-                " at the largest boundary speed over a cell; the run stops if the flow needs a shorter step"
-            )
+            text += " at the largest boundary speed over a cell; the run stops if the flow needs a shorter step"
         yield LIMIT_NAMES.get(name, name), text
     if "contact" in steps:
         duration = report.limits["contact_duration"] / steps["contact"]
@@ -141,9 +137,7 @@ def _resolution(report: CheckReport) -> Iterable[tuple[str, str]]:
         yield "overlap under own weight", f"{100 * report.resting_overlap:.2g} % of a diameter"
     load = report.screen_load
     if load is not None:
-        text = (
-            f"{100 * load.overlap:.2g} % of a diameter: {load.weights:.2g} times a grain's weight on average"
-        )
+        text = f"{100 * load.overlap:.2g} % of a diameter: {load.weights:.2g} times a grain's weight on average"
         yield (
             f"overlap under flow at {load.side}",
             f"{text}, if all grains gather there; force chains carry up to three times this load",

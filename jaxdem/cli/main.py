@@ -110,15 +110,11 @@ app = typer.Typer(
 
 ClosureFile = Annotated[
     Path | None,
-    typer.Option(
-        "--closure", metavar="FILE", help="Learned drag closure, in place of closure.file of the scene."
-    ),
+    typer.Option("--closure", metavar="FILE", help="Learned drag closure, in place of closure.file of the scene."),
 ]
 SubgridFile = Annotated[
     Path | None,
-    typer.Option(
-        "--subgrid", metavar="FILE", help="Learned subgrid stress, in place of fluid.subgrid of the scene."
-    ),
+    typer.Option("--subgrid", metavar="FILE", help="Learned subgrid stress, in place of fluid.subgrid of the scene."),
 ]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
 Colour = Annotated[Color, typer.Option("--color", help="Quantity that colours the particles.")]
@@ -259,9 +255,7 @@ app.command()(networks.finetune)
 @app.command()
 def export(
     closure: Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")],
-    form: Annotated[
-        ExportFormat, typer.Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")
-    ],
+    form: Annotated[ExportFormat, typer.Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
 ) -> None:
     """Write a learned drag closure for use in another program, including its base law and fallback."""
@@ -282,12 +276,8 @@ def export(
 @app.command()
 def compare(
     reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Run directory of the reference.")],
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Run directories that are compared with it.")
-    ],
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv and pictures.")
-    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories that are compared with it.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv and pictures.")],
 ) -> None:
     """Compare runs with a reference run: errors of nine metrics, and error against run time."""
     from jaxdem.io.access import locked
@@ -405,9 +395,7 @@ def study(
     ] = Scale.demo,
     parts: Annotated[
         str,
-        typer.Option(
-            metavar="A,B,...", help="Parts to run, for --scale paper, e.g. mesh,budget; all by default."
-        ),
+        typer.Option(metavar="A,B,...", help="Parts to run, for --scale paper, e.g. mesh,budget; all by default."),
     ] = "",
     jobs: Annotated[
         int | None,
@@ -440,9 +428,7 @@ def study(
         command += ["--jobs", str(jobs)] if jobs is not None else []
         runs = "all its runs" if scale is Scale.paper else f"a run at t = {stop.time:.6g} s"
         hint = shlex.join(command)
-        terminal.fail(
-            f"The study was stopped, {runs} with a checkpoint. Continue with: {hint}", 128 + stop.number
-        )
+        terminal.fail(f"The study was stopped, {runs} with a checkpoint. Continue with: {hint}", 128 + stop.number)
     if result.comparison is not None:
         terminal.print_comparison(result.comparison)
     if result.problems:

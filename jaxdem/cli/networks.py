@@ -64,14 +64,10 @@ Datasets = Annotated[
 ]
 Closure = Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file.", show_default=False)]
 Out = Annotated[Path, typer.Option(metavar="FILE", help="Closure file to write (HDF5).")]
-Seed = Annotated[
-    int | None, typer.Option(min=0, help="Random seed of weights, shuffling and choice of rows.")
-]
+Seed = Annotated[int | None, typer.Option(min=0, help="Random seed of weights, shuffling and choice of rows.")]
 Epochs = Annotated[int | None, typer.Option(min=1, help="Number of passes through the data.")]
 Rows = Annotated[int | None, typer.Option(min=1, help="Largest number of training rows.")]
-Hidden = Annotated[
-    str | None, typer.Option(metavar="N-N-...", help="Widths of the hidden layers, e.g. 170-70-30.")
-]
+Hidden = Annotated[str | None, typer.Option(metavar="N-N-...", help="Widths of the hidden layers, e.g. 170-70-30.")]
 
 
 def train(
@@ -377,9 +373,7 @@ def _files(trained: tuple[str, ...], out: Path, subgrid_out: Path | None) -> dic
         return {trained[0]: out}
     if subgrid_out is None or subgrid_out.resolve() == out.resolve():
         limit = "is needed where both closures are trained, and must differ from --out"
-        raise InputError(
-            "--subgrid-out", str(subgrid_out or ""), limit, "Give a file for the subgrid stress."
-        )
+        raise InputError("--subgrid-out", str(subgrid_out or ""), limit, "Give a file for the subgrid stress.")
     return {"drag": out, "subgrid": subgrid_out}
 
 

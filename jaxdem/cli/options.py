@@ -111,9 +111,7 @@ def _require_format(key: str, path: Path, what: str, writer: str) -> None:
         raise InputError(key, str(path), f"is not a {what} file", remedy)
 
 
-def overrides(
-    settings: list[str] | None, closure: Path | None = None, subgrid: Path | None = None
-) -> dict[str, Any]:
+def overrides(settings: list[str] | None, closure: Path | None = None, subgrid: Path | None = None) -> dict[str, Any]:
     """Keys of the scene that the options change."""
     from jaxdem.scene import parse_override
 

@@ -52,11 +52,7 @@ class DragInputs(NamedTuple):
     def reynolds(self) -> Array:
         """(N,) particle Reynolds number of the superficial slip, g rho |u - v| d / mu [-]."""
         return (
-            (1.0 - self.solid_fraction)
-            * self.fluid_density
-            * self.slip_speed
-            * self.diameter
-            / self.dynamic_viscosity
+            (1.0 - self.solid_fraction) * self.fluid_density * self.slip_speed * self.diameter / self.dynamic_viscosity
         )
 
     @property

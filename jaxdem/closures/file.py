@@ -98,9 +98,7 @@ def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             error.filename = str(path)
             raise
-        raise InputError(
-            key, str(path), f"cannot be written ({error})", "Choose a writable place."
-        ) from error
+        raise InputError(key, str(path), f"cannot be written ({error})", "Choose a writable place.") from error
     finally:
         aside.unlink(missing_ok=True)
 
@@ -220,9 +218,7 @@ def _template(attributes: Any, path: str) -> StoredClosure | SubgridClosure:
     if not ensemble:
         return single
     count = int(attributes["members"])
-    return EnsembleClosure(
-        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((count, *leaf.shape), leaf.dtype), single)
-    )
+    return EnsembleClosure(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((count, *leaf.shape), leaf.dtype), single))
 
 
 def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:

@@ -152,9 +152,7 @@ class InvariantClosure:
         vectors = None
         if self.terms:
             vectors = jnp.stack([_term_vector(name, inputs, base.coefficient) for name in self.terms], axis=1)
-        return PreparedInputs(
-            features, gate, inputs.slip_velocity, base.coefficient, vectors, base.out_of_range
-        )
+        return PreparedInputs(features, gate, inputs.slip_velocity, base.coefficient, vectors, base.out_of_range)
 
     def evaluate(self, prepared: PreparedInputs) -> Drag:
         """Drag from prepared inputs: everything that depends on the weights."""
@@ -190,9 +188,7 @@ def check_terms(terms: Sequence[str]) -> None:
     """Raise InputError for a term that is not in `TERMS` or is named twice."""
     unknown = [name for name in terms if name not in TERMS]
     if unknown or len(set(terms)) != len(terms):
-        raise InputError(
-            "terms", tuple(terms), f"must be names from {TERMS}, each once", "Correct the names."
-        )
+        raise InputError("terms", tuple(terms), f"must be names from {TERMS}, each once", "Correct the names.")
 
 
 def check_features(features: Sequence[str]) -> None:
@@ -202,9 +198,7 @@ def check_features(features: Sequence[str]) -> None:
         raise InputError("features", tuple(features), limit, "Correct the names.")
 
 
-def invariant_features(
-    inputs: DragInputs, coefficient: Array, names: Sequence[str] = FEATURES
-) -> tuple[Array, Array]:
+def invariant_features(inputs: DragInputs, coefficient: Array, names: Sequence[str] = FEATURES) -> tuple[Array, Array]:
     """Features x (N, K) and gate G (N,) of `InvariantClosure`; `coefficient` (N,) [kg/s] is the base law's."""
     solid_fraction, reynolds = inputs.solid_fraction, inputs.reynolds
     ratio = jnp.broadcast_to(inputs.filter_size / inputs.diameter, solid_fraction.shape)

@@ -228,9 +228,7 @@ class PaperNetwork:
     def features(inputs: DragInputs) -> Array:
         """x = (v, u, g), (N, 2 D + 1) in SI units."""
         void_fraction = 1.0 - inputs.solid_fraction
-        return jnp.concatenate(
-            [inputs.particle_velocity, inputs.fluid_velocity, void_fraction[:, None]], axis=-1
-        )
+        return jnp.concatenate([inputs.particle_velocity, inputs.fluid_velocity, void_fraction[:, None]], axis=-1)
 
     def normalised_force(self, normalised: Array) -> Array:
         """(N, D) network output (normalised force) from (N, K) normalised inputs [-]."""
@@ -242,9 +240,7 @@ class PaperNetwork:
         dtype = inputs.fluid_velocity.dtype
         constants = (self.input_mean, self.input_scale, self.input_low, self.input_high)
         mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(dtype) for leaf in constants)
-        offset, unit = (
-            jax.lax.stop_gradient(leaf).astype(dtype) for leaf in (self.output_mean, self.output_scale)
-        )
+        offset, unit = (jax.lax.stop_gradient(leaf).astype(dtype) for leaf in (self.output_mean, self.output_scale))
         values = self.features(inputs)
         inside = inside_range(values, low, high)
         # Outside, the network sees its mean input, so that no infinity reaches the gradient.

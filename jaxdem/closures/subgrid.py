@@ -56,9 +56,7 @@ class SubgridClosure:
     activation: str
 
     @classmethod
-    def initial(
-        cls, hidden: Sequence[int] = (8, 8), activation: str = "elu", seed: int = 0
-    ) -> SubgridClosure:
+    def initial(cls, hidden: Sequence[int] = (8, 8), activation: str = "elu", seed: int = 0) -> SubgridClosure:
         """A closure that gives no stress yet.
 
         Raises:

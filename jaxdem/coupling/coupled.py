@@ -146,9 +146,7 @@ class Coupling:
         start = self.start(mixture, fluid, particles, seen)
         return seen._replace(of_law=self.drag.seen(start, inputs, fluid, solids))
 
-    def start(
-        self, mixture: Mixture, fluid: FluidState, particles: ParticleState, seen: Seen
-    ) -> IntervalStart:
+    def start(self, mixture: Mixture, fluid: FluidState, particles: ParticleState, seen: Seen) -> IntervalStart:
         """What forces may look at."""
         duration = jnp.asarray(self.interval.duration, particles.velocity.dtype)
         return IntervalStart(
@@ -196,9 +194,7 @@ class Coupling:
                 memory[force.name] = kept
         return after._replace(fluid_force=acted, fluid_memory=memory or None)
 
-    def with_moving_fluid(
-        self, mixture: Mixture, forces: FluidForces, load: Array
-    ) -> tuple[ParticleProperties, Array]:
+    def with_moving_fluid(self, mixture: Mixture, forces: FluidForces, load: Array) -> tuple[ParticleProperties, Array]:
         """The bodies that the contact steps move, heavier by the fluid that moves with them, and the force on these.
 
         Args:

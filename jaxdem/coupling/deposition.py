@@ -103,9 +103,7 @@ class Diffusion:
         """See `Deposition`."""
         smoothing = tuple(
             jnp.asarray(gaussian_matrix(n, h, half / math.sqrt(6.0), periodic), position.dtype)
-            for n, h, half, periodic in zip(
-                grid.cells, grid.spacing, self.half_width, grid.periodic, strict=True
-            )
+            for n, h, half, periodic in zip(grid.cells, grid.spacing, self.half_width, grid.periodic, strict=True)
         )
         return Divided(self.half_width).weights(grid, position, radius)._replace(smoothing=smoothing)
 

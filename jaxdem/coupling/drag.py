@@ -48,9 +48,7 @@ class DragModel:
             solids: solid fraction of the cells [-].
         """
         if self.coarse_inputs is not None:
-            return self.coarse_inputs(
-                start.grid, fluid, solids, start.particles, start.bodies, start.properties
-            )
+            return self.coarse_inputs(start.grid, fluid, solids, start.particles, start.bodies, start.properties)
         if self.deconvolution > 0.0:
             return deconvolved(start.grid, start.weights, inputs, start.face_velocity, self.deconvolution)
         return inputs

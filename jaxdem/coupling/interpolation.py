@@ -61,9 +61,7 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
         half_width: of the kernel along every axis [m].
         position: (N, D) [m].
     """
-    per_axis = [
-        _axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)
-    ]
+    per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)]
     index, weight = [], []
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
         flat: Any = 0

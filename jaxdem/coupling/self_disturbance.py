@@ -67,9 +67,7 @@ class SelfDisturbance:
         """S, deviation of the Gaussian with this mobility [m]."""
         return 1.0 / (6.0 * math.pi**1.5 * self.mobility)
 
-    def __call__(
-        self, law: Callable[[DragInputs], Drag], inputs: DragInputs, own: Array, volume: Array
-    ) -> Drag:
+    def __call__(self, law: Callable[[DragInputs], Drag], inputs: DragInputs, own: Array, volume: Array) -> Drag:
         """The drag of the undisturbed slip, as a coefficient on the slip seen; the law is evaluated twice.
 
         Args:
@@ -138,10 +136,7 @@ def kernel_mobility(half_width: tuple[float, ...], spacing: tuple[float, ...]) -
     counts = [round(CELLS * wide / h) for h in spacing]
     waves = [2.0 * math.pi * np.fft.fftfreq(n, h) for n, h in zip(counts, spacing, strict=True)]
     shapes = [[-1 if a == axis else 1 for a in range(3)] for axis in range(3)]
-    symbols = [
-        (2.0 / h * np.sin(0.5 * k * h)).reshape(s) ** 2
-        for h, k, s in zip(spacing, waves, shapes, strict=True)
-    ]
+    symbols = [(2.0 / h * np.sin(0.5 * k * h)).reshape(s) ** 2 for h, k, s in zip(spacing, waves, shapes, strict=True)]
     squared = sum(symbols)
     squared[0, 0, 0] = np.inf
     power = np.ones(())

@@ -125,9 +125,7 @@ def open_fraction(grid: Grid, side: Side) -> np.ndarray:
     return np.where((covered >= 0.5) & side.condition.sets_pressure, 1.0, 0.0)
 
 
-def net_inflow(
-    grid: Grid, boundary: Boundary, side_velocity: Sequence[np.ndarray], time: float
-) -> tuple[float, float]:
+def net_inflow(grid: Grid, boundary: Boundary, side_velocity: Sequence[np.ndarray], time: float) -> tuple[float, float]:
     """What comes in through all sides at a time, what inlets draw off taken away, and the same added up [m3/s].
 
     Args:
@@ -227,9 +225,7 @@ def set_normal_velocity(
             place = ((-1, None) if own else (-2, -1)) if upper else ((0, 1) if own else (1, 2))
             predicted = along(component, axis, *place)
             g = void_fraction[axis]
-            at_side = (
-                g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
-            )
+            at_side = g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
             covered = jnp.asarray(coverage(grid, side), component.dtype)
             speed = velocity_at(side, side_velocity[2 * axis + upper], time)[axis]
             value = side.condition.normal(predicted, covered * speed, at_side, upper)
@@ -279,14 +275,10 @@ def with_ghosts(
         # Faces 0 and `count` are one face where the axis is periodic.
         before = (-2 % count, -1 % count) if grid.periodic[axis] else (0, 0)
         after = (1, 1 + 1 % count) if grid.periodic[axis] else (count, count)
-        return jnp.concatenate(
-            (_layers(component, axis, before), component, _layers(component, axis, after)), axis
-        )
+        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
     if grid.periodic[axis]:
         before, after = (-2 % count, -1 % count), (0, 1 % count)
-        return jnp.concatenate(
-            (_layers(component, axis, before), component, _layers(component, axis, after)), axis
-        )
+        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
     ghosts = []
     for upper in (False, True):
         side = boundary.side(axis, upper)
@@ -295,9 +287,7 @@ def with_ghosts(
         mirrored = _layers(component, axis, mirror)
         covered = jnp.asarray(coverage(grid, side, staggered=which), component.dtype)
         speed = velocity_at(side, side_velocity[2 * axis + upper], time)[which]
-        lengths = (
-            np.array([index + 0.5 for index in (mirror if not upper else (0, second))]) * grid.spacing[axis]
-        )
+        lengths = np.array([index + 0.5 for index in (mirror if not upper else (0, second))]) * grid.spacing[axis]
         shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
         distance = jnp.asarray(lengths.reshape(shape), component.dtype)
         ghosts.append(side.condition.ghosts(mirrored, speed, covered, distance))

@@ -49,9 +49,7 @@ def stress_divergence(
                 stress, outside = ((kinematic_viscosity + there) * s for s in (stress, outside))
             terms.append(stress_slope(grid, stress, outside, which, axis))
         total = sum_of(terms)
-        result.append(
-            to_boundary(grid, boundary, kinematic_viscosity * total if eddy is None else total, which)
-        )
+        result.append(to_boundary(grid, boundary, kinematic_viscosity * total if eddy is None else total, which))
     return tuple(result)
 
 

@@ -67,9 +67,7 @@ def along(array: Array, axis: int, start: int | None, stop: int | None) -> Array
 
 def divergence(grid: Grid, flux: FaceField) -> Array:
     """Divergence of a face field in every cell."""
-    return sum_of(
-        (along(f, a, 1, None) - along(f, a, None, -1)) / grid.spacing[a] for a, f in enumerate(flux)
-    )
+    return sum_of((along(f, a, 1, None) - along(f, a, None, -1)) / grid.spacing[a] for a, f in enumerate(flux))
 
 
 def cell_average(faces: FaceField) -> FaceField:

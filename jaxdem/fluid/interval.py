@@ -115,9 +115,7 @@ class FluidInterval:
         needed = jnp.maximum(courant / self.courant_limit, viscous / VISCOUS_LIMIT)
         needed = lax.stop_gradient(jnp.maximum(needed, self.substeps))
         choices = jnp.asarray(SUBSTEPS)
-        count = choices[
-            jnp.minimum(jnp.searchsorted(choices.astype(needed.dtype), needed), len(SUBSTEPS) - 1)
-        ]
+        count = choices[jnp.minimum(jnp.searchsorted(choices.astype(needed.dtype), needed), len(SUBSTEPS) - 1)]
         step = jnp.asarray(self.duration, state.pressure.dtype) / count
         courant, viscous = lax.stop_gradient(courant), lax.stop_gradient(viscous)
         return Substeps(count, step, courant / count, viscous / count)
@@ -126,9 +124,7 @@ class FluidInterval:
         self, count: Array, step: Callable[[Carry, Array], tuple[Carry, SolverRecord]], carry: Carry
     ) -> tuple[Carry, SolverRecord]:
         """`step` done `count` times with the step's number, and the worst of the solver's records."""
-        dtype = next(
-            leaf.dtype for leaf in jax.tree.leaves(carry) if jnp.issubdtype(leaf.dtype, jnp.floating)
-        )
+        dtype = next(leaf.dtype for leaf in jax.tree.leaves(carry) if jnp.issubdtype(leaf.dtype, jnp.floating))
         worst = SolverRecord(jnp.zeros((), jnp.int32), jnp.zeros((), dtype), jnp.ones((), bool))
 
         def advance(both: tuple[Carry, SolverRecord], k: Array) -> tuple[Carry, SolverRecord]:
@@ -182,6 +178,4 @@ def solver_record(result: FluidStep) -> SolverRecord:
 def diagnostics(substeps: Substeps, record: SolverRecord, state: FluidState) -> FluidDiagnostics:
     """Figures of an interval that ends with `state`."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
-    return FluidDiagnostics(
-        substeps.number, substeps.courant, substeps.viscous, *record, jnp.all(jnp.asarray(finite))
-    )
+    return FluidDiagnostics(substeps.number, substeps.courant, substeps.viscous, *record, jnp.all(jnp.asarray(finite)))

@@ -185,9 +185,7 @@ class FluidSolver:
         def advance(rates: FaceField) -> FaceField:
             advanced = tuple(
                 (g * u + time_step * (rate - p) + extra) * m
-                for g, u, rate, p, extra, m in zip(
-                    old, state.face_velocity, rates, pull, shift, mobility, strict=True
-                )
+                for g, u, rate, p, extra, m in zip(old, state.face_velocity, rates, pull, shift, mobility, strict=True)
             )
             return set_normal_velocity(grid, self.boundary, properties.side_velocity, advanced, new, end)
 
@@ -225,9 +223,7 @@ class FluidSolver:
         """
         largest = properties.viscosity
         if properties.smagorinsky is not None:
-            rates = strain_rates(
-                self.grid, self.boundary, properties.side_velocity, state.face_velocity, time
-            )
+            rates = strain_rates(self.grid, self.boundary, properties.side_velocity, state.face_velocity, time)
             largest = largest + jnp.max(eddy_viscosity(self.grid, rates, properties.smagorinsky))
         if not self.shares_stress and state.void_fraction is not None:
             largest = largest / jnp.min(state.void_fraction)
@@ -347,9 +343,7 @@ class FluidSolver:
         passes = (1e-4, 2e-6) if flux[0].dtype == jnp.float32 else (2e-12,)
         for tolerance in passes:
             source = divergence(grid, _product(new, velocity)) + growth
-            correction, report = solve_pressure(
-                grid, boundary, _product(new, push), source, tolerance * scale
-            )
+            correction, report = solve_pressure(grid, boundary, _product(new, push), source, tolerance * scale)
             slope = pressure_gradient(grid, boundary, correction)
             velocity = tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True))
             pressure = pressure + correction
@@ -369,9 +363,7 @@ def _product(a, b):  # type: ignore[no-untyped-def]
 
 def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:
     """Sum of the stages with weights."""
-    mean: _Rates = jax.tree.map(
-        lambda *rates: sum_of(w * r for w, r in zip(weights, rates, strict=True)), *stages
-    )
+    mean: _Rates = jax.tree.map(lambda *rates: sum_of(w * r for w, r in zip(weights, rates, strict=True)), *stages)
     return mean
 
 
@@ -382,7 +374,5 @@ def _halfway(a: FaceField, b: FaceField) -> FaceField:
 def _closed(boundary: Boundary) -> Boundary:
     """The same box without outlets."""
     return Boundary(
-        tuple(
-            s._replace(kind="no_slip", own=None) if s.condition.sets_pressure else s for s in boundary.sides
-        )
+        tuple(s._replace(kind="no_slip", own=None) if s.condition.sets_pressure else s for s in boundary.sides)
     )

@@ -242,7 +242,5 @@ class FrameSeries:
                 yield file
         except UNREADABLE as error:
             reason = f"cannot be read ({reason_of(error)})"
-            remedy = (
-                "The file is missing, damaged or not of jaxdem; take it from a backup or run the scene again."
-            )
+            remedy = "The file is missing, damaged or not of jaxdem; take it from a backup or run the scene again."
             raise InputError(path.name, str(path), reason, remedy) from error

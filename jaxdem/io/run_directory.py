@@ -121,9 +121,7 @@ class RunDirectory:
                 return
             if not ((path / CHECKPOINT).is_file() or _just_begun(path) or cls.is_complete(path)):
                 limit = f"--resume needs {CHECKPOINT} in it, and there is none"
-                raise InputError(
-                    OPTION, str(path), limit, "Start the run without --resume in an empty folder."
-                )
+                raise InputError(OPTION, str(path), limit, "Start the run without --resume in an empty folder.")
         cls.require_same_scene(path, scene_toml)
 
     @property
@@ -301,7 +299,9 @@ class RunDirectory:
         """Raise RunError where another folder has taken the place of the one that the run began in."""
         if self._lock is not None and not still_locked(self.path, self._lock):
             reason = f"the run directory was moved, replaced, or its {LOCK} removed while the run wrote to it"
-            remedy = "Nothing more was written. Continue with --resume in the place of the moved folder, or start a new run."
+            remedy = (
+                "Nothing more was written. Continue with --resume in the place of the moved folder, or start a new run."
+            )
             raise RunError(reason, str(self.path), self._time, remedy)
 
 
@@ -310,9 +310,7 @@ def _require_same_scene(path: Path, scene_toml: str) -> None:
         stored = scene_text.read(path / SCENE)
     except OSError as error:
         remedy = "Start the run anew in another folder."
-        raise InputError(
-            OPTION, str(path), f"its {SCENE} cannot be read ({reason_of(error)})", remedy
-        ) from error
+        raise InputError(OPTION, str(path), f"its {SCENE} cannot be read ({reason_of(error)})", remedy) from error
     difference = scene_text.first_difference(
         scene_text.parse(stored, str(path / SCENE)), scene_text.parse(scene_toml, "the scene given")
     )

@@ -96,9 +96,7 @@ def fluid_frame(time: float, arrays: Mapping[str, Any], spacing: Sequence[float]
     cells = np.asarray(arrays["pressure"]).shape
     dimension = len(cells)
     if dimension not in (2, 3) or len(spacing) != dimension:
-        raise ValueError(
-            f"pressure has shape {cells} with {len(spacing)} cell sizes, expected 2 or 3 of both"
-        )
+        raise ValueError(f"pressure has shape {cells} with {len(spacing)} cell sizes, expected 2 or 3 of both")
     stored: dict[str, np.ndarray] = {}
     for name, given in arrays.items():
         array = np.asarray(given)
@@ -237,9 +235,7 @@ class FluidFormat(_StepFormat):
             self._geometry(file[ROOT], frame)
         root = file[ROOT]
         if "CellData" in root and set(root["CellData"]) != set(frame.arrays):
-            raise ValueError(
-                f"fluid arrays {sorted(frame.arrays)} after frames of {sorted(root['CellData'])}"
-            )
+            raise ValueError(f"fluid arrays {sorted(frame.arrays)} after frames of {sorted(root['CellData'])}")
         cell_data = root.require_group("CellData")
         entries: Entries = {"Values": frame.time}
         for name, array in sorted(frame.arrays.items()):

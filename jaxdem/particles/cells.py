@@ -110,9 +110,7 @@ class CellGrid(NamedTuple):
         if self.shares:
             periods = tuple(n if wraps else 0 for n, wraps in zip(self.shape, self.periodic, strict=True))
             multipliers = _multipliers(periods, self.columns)
-            terms = [
-                cell.astype(jnp.uint32) * jnp.uint32(m) for cell, m in zip(cells, multipliers, strict=True)
-            ]
+            terms = [cell.astype(jnp.uint32) * jnp.uint32(m) for cell, m in zip(cells, multipliers, strict=True)]
             # Of a power of two the overflow of 32 bits is a multiple.
             return (functools.reduce(jnp.add, terms) & jnp.uint32(self.columns - 1)).astype(jnp.int32)
         index = cells[0]
@@ -202,8 +200,7 @@ def _multipliers(periods: tuple[int, ...], columns: int) -> tuple[int, ...]:
     dimension = len(periods)
     near = [range(-2, 3), range(-APART, APART + 1)]
     across = [
-        {*near[0], *(sign * (n - k) for n in [period] if n for k in (1, 2) for sign in (-1, 1))}
-        for period in periods
+        {*near[0], *(sign * (n - k) for n in [period] if n for k in (1, 2) for sign in (-1, 1))} for period in periods
     ]
     steps = np.array([*itertools.product(near[1], repeat=dimension), *itertools.product(*across)]).T
     steps = steps[:, np.any(steps != 0, axis=0)]

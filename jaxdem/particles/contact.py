@@ -143,9 +143,7 @@ class HertzMindlin:
         normal_stiffness = 2.0 * material.effective_young_modulus * root
         tangential_stiffness = 8.0 * material.effective_shear_modulus * root
         ratio = damping_ratio(material.restitution)
-        normal_damping = (
-            2.0 * jnp.sqrt(5.0 / 6.0) * ratio * jnp.sqrt(normal_stiffness * contact.effective_mass)
-        )
+        normal_damping = 2.0 * jnp.sqrt(5.0 / 6.0) * ratio * jnp.sqrt(normal_stiffness * contact.effective_mass)
         stiffness_ratio = 4.0 * material.effective_shear_modulus / material.effective_young_modulus
         elastic = (2.0 / 3.0) * normal_stiffness * contact.overlap
         return _with_coulomb_limit(
@@ -203,9 +201,7 @@ def _with_coulomb_limit(
     of friction of `friction` times that of the normal force, (1 + e) m v, as for rigid bodies. The limit never exceeds
     friction F_n, and at rest it is friction F_n.
     """
-    trial = tuple(
-        -stiffness * xi - damping * slip for xi, slip in zip(contact.spring, contact.slip, strict=True)
-    )
+    trial = tuple(-stiffness * xi - damping * slip for xi, slip in zip(contact.spring, contact.slip, strict=True))
     normal = elastic + dashpot
     limit = friction * jnp.maximum(normal - pull * jnp.maximum(dashpot, 0.0), 0.0)
     tangential = vectors.scale(_cut(vectors.length(trial), limit), trial)

@@ -221,9 +221,7 @@ class _Loop(NamedTuple):
         both = added(sums.force, force, vectors.scale(-1.0, force))
         return Sums(both, added(sums.torque, torque, other_torque)), load.spring
 
-    def _relative_motion(
-        self, pairs: Pairs, displacement: Vector
-    ) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+    def _relative_motion(self, pairs: Pairs, displacement: Vector) -> tuple[Vector, Vector, Vector, Vector, Vector]:
         """Of all pairs: change of the separation since the build, velocities of approach and now, both spins."""
 
         def difference(quantity: Vector) -> Vector:
@@ -245,8 +243,7 @@ class _Loop(NamedTuple):
         if self.active is not None:  # out of reach by a radius, whatever the speed
             overlap = jnp.where(self.active[None], overlap, -jnp.ones_like(overlap) * radius)
         wall = tuple(
-            jnp.stack(components)[:, None]
-            for components in zip(*self.surroundings.wall_velocity, strict=True)
+            jnp.stack(components)[:, None] for components in zip(*self.surroundings.wall_velocity, strict=True)
         )
         meeting = _Meeting(
             overlap, normal,

@@ -146,9 +146,7 @@ def drift(motion: Motion, time_step: Array) -> Motion:
     return motion._replace(position=tuple(high for high, _ in moved), low=tuple(low for _, low in moved))
 
 
-def kick(
-    motion: Motion, force: Vector, torque: Vector, properties: ParticleProperties, time_step: Array
-) -> Motion:
+def kick(motion: Motion, force: Vector, torque: Vector, properties: ParticleProperties, time_step: Array) -> Motion:
     """Velocities changed by force [N] and torque [N m] over `time_step` [s]."""
     linear, angular = time_step / properties.mass, time_step / properties.inertia
     return motion._replace(

@@ -93,9 +93,7 @@ class SeveralMaterials(NamedTuple):
     numbers: MaterialNumbers
 
 
-def surroundings(
-    parameters: ContactParameters | SeveralMaterials, wall_velocity: tuple[Array, ...]
-) -> Surroundings:
+def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity: tuple[Array, ...]) -> Surroundings:
     """Materials of the contacts between particles, and between particles and walls.
 
     1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 and 1/G* = (2 - nu1)/G1 + (2 - nu2)/G2 with

@@ -271,9 +271,7 @@ class NeighborSearch:
         reach = self._reach
         # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.
         margin = np.where(geometry.periodic, 0.0, 2.0 * reach)
-        side = np.maximum(
-            np.asarray(geometry.box) + 2.0 * margin, np.where(geometry.periodic, 0.0, 3.5 * reach)
-        )
+        side = np.maximum(np.asarray(geometry.box) + 2.0 * margin, np.where(geometry.periodic, 0.0, 3.5 * reach))
 
         def displacement(a: Array, b: Array, **unused: Any) -> Array:  # jax-md passes a time
             return wrap(a - b, geometry)

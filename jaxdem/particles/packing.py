@@ -79,9 +79,7 @@ def polygon_pack(
     return points[np.argsort(points[:, 2], kind="stable")]
 
 
-def lattice_pack(
-    start: np.ndarray, stop: np.ndarray, radius: float, spacing: float, jitter: float
-) -> np.ndarray:
+def lattice_pack(start: np.ndarray, stop: np.ndarray, radius: float, spacing: float, jitter: float) -> np.ndarray:
     """Centres of a square or cubic lattice in the box start ... stop (D,), lowest first; (M, D)."""
     margin = radius + jitter
     axes = []
@@ -249,9 +247,7 @@ class _Grid:
         around = np.array(list(itertools.product((-1, 0, 1), repeat=len(start))))
         self._around = around[np.argsort(np.abs(around).sum(axis=1), kind="stable")]  # the likeliest first
 
-    def free(
-        self, points: np.ndarray, reach: np.ndarray, position: np.ndarray, other_reach: np.ndarray
-    ) -> np.ndarray:
+    def free(self, points: np.ndarray, reach: np.ndarray, position: np.ndarray, other_reach: np.ndarray) -> np.ndarray:
         """Which of the points (M, D), of particles that reach (M,) [m], overlap none that stands here."""
         left, cells = np.arange(len(points)), self._cells(points)
         for step in self._around:
@@ -293,9 +289,7 @@ def _clear_in_turn(points: np.ndarray, reach: np.ndarray) -> np.ndarray:
     pairs = cKDTree(points).query_pairs(2.0 * float(reach.max()), output_type="ndarray")
     apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     pairs = pairs[apart < reach[pairs[:, 0]] + reach[pairs[:, 1]]]
-    for first, second in pairs[
-        np.argsort(pairs[:, 1], kind="stable")
-    ]:  # whether `first` stays is known by then
+    for first, second in pairs[np.argsort(pairs[:, 1], kind="stable")]:  # whether `first` stays is known by then
         clear[second] &= not clear[first]
     return clear
 

@@ -81,8 +81,7 @@ class Cylinder:
         """See `Surface`: radius + rho - R inside, radius + R - rho outside, as the overlap of two spheres."""
         center = np.asarray(self.center)
         (first, low), second = (
-            compensated.affine(x, direction.tolist(), -float(direction @ center))
-            for direction in self._across()
+            compensated.affine(x, direction.tolist(), -float(direction @ center)) for direction in self._across()
         )
         sign = -1.0 if self.inside else 1.0
         contact = compensated.affine(sign * radius[None], (1.0,), self.radius)

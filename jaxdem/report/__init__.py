@@ -62,9 +62,7 @@ def compare(
             do not increase, parity arrays of unlike shape.
     """
     if not runs:
-        raise InputError(
-            "runs", list(runs), "needs at least one run", "Name a run to compare with the reference."
-        )
+        raise InputError("runs", list(runs), "needs at least one run", "Name a run to compare with the reference.")
     chosen = numbers.choose_names(reference, runs, names)
     cost = {name: float(seconds) for name, seconds in (training_cost or {}).items()}
     for key, given in (("training_cost", cost), ("packs", packs or {})):
@@ -73,17 +71,12 @@ def compare(
             raise InputError(key, unknown, limit, "Use the names of the runs.")
     figures.check_parity(parity or {})
     roles = ["reference"] + ["run"] * len(runs)
-    more = {
-        name: tuple((run, history_until(run, until)) for run in others)
-        for name, others in (packs or {}).items()
-    }
+    more = {name: tuple((run, history_until(run, until)) for run in others) for name, others in (packs or {}).items()}
     entries = [
         Entry(name, role, run, history_until(run, until), more.get(name, ()))
         for name, role, run in zip(chosen, roles, (reference, *runs), strict=True)
     ]
-    jittered = [
-        Entry(f"noise {i}", "noise", run, history_until(run, until)) for i, run in enumerate(noise, start=1)
-    ]
+    jittered = [Entry(f"noise {i}", "noise", run, history_until(run, until)) for i, run in enumerate(noise, start=1)]
     result = numbers.build(entries[0], entries[1:], jittered, cost, until)
     result.sentences = findings.sentences(result)
     result.warnings = findings.warnings(result, [*entries, *jittered], until)

@@ -106,7 +106,5 @@ def _writer(out: Path, fps: float) -> AbstractMovieWriter:
         return PillowWriter(fps=fps)  # type: ignore[arg-type, unused-ignore]
     if not FFMpegWriter.isAvailable():
         limit = "an .mp4 needs the program ffmpeg, which is not installed"
-        raise InputError(
-            "--out", str(out), limit, "Install ffmpeg, or name a .gif file, which does not need it."
-        )
+        raise InputError("--out", str(out), limit, "Install ffmpeg, or name a .gif file, which does not need it.")
     return FFMpegWriter(fps=fps)  # type: ignore[arg-type, unused-ignore]

@@ -175,16 +175,13 @@ def choose_names(reference: RunLike, runs: Sequence[RunLike], names: Sequence[st
             )
         chosen = [str(n) for n in names]
         if len(chosen) == len(runs):
-            chosen.insert(
-                0, _default_name(reference) if _default_name(reference) not in chosen else "reference"
-            )
+            chosen.insert(0, _default_name(reference) if _default_name(reference) not in chosen else "reference")
         if len(set(chosen)) < len(chosen):
             raise InputError("names", chosen, "must all be different", "Rename one of the two.")
         return chosen
     chosen = [_default_name(run) for run in (reference, *runs)]
     longer = [
-        f"{Path(run.path).resolve().parent.name}/{name}"
-        for run, name in zip((reference, *runs), chosen, strict=True)
+        f"{Path(run.path).resolve().parent.name}/{name}" for run, name in zip((reference, *runs), chosen, strict=True)
     ]
     if len(set(chosen)) < len(chosen):
         chosen = longer
@@ -228,9 +225,7 @@ def _row_of_one(entry: Entry, reference: Entry, training_cost: float, until: flo
         role=entry.role,
         path=str(run.path),
         cells=read.cells(run),
-        particles=read.number(
-            read.lookup(run.summary, "counts.particles", read.lookup(run.scene, "particles.count"))
-        ),
+        particles=read.number(read.lookup(run.summary, "counts.particles", read.lookup(run.scene, "particles.count"))),
         closure=read.closure_file(run),
         drag=str(read.lookup(run.scene, "coupling.drag", "")),
         precision=str(read.lookup(run.summary, "precision", read.lookup(run.scene, "precision", ""))),
@@ -259,11 +254,7 @@ def _status(
 ) -> tuple[bool, str]:
     """(complete, text): whether the history reaches the planned end, to within half an output interval."""
     planned = read.number(read.lookup(run.scene, "time.end"))
-    ends = [
-        end
-        for end in (planned, float(reference_times[-1]) if len(reference_times) else NAN)
-        if math.isfinite(end)
-    ]
+    ends = [end for end in (planned, float(reference_times[-1]) if len(reference_times) else NAN) if math.isfinite(end)]
     wanted = min(max(ends, default=NAN), math.inf if until is None else until)
     interval = float(np.median(np.diff(reference_times))) if len(reference_times) > 1 else 0.0
     complete = bool(math.isfinite(end_time) and end_time >= wanted - 0.5 * interval - 1e-9)
@@ -273,9 +264,7 @@ def _status(
         parts.append(f"INVALID: {reason}")
     if not complete:
         parts.append(
-            f"incomplete: ended at {end_time:.4g} s of {wanted:.4g} s"
-            if math.isfinite(end_time)
-            else "no history"
+            f"incomplete: ended at {end_time:.4g} s of {wanted:.4g} s" if math.isfinite(end_time) else "no history"
         )
     return complete, "; ".join(parts) or "valid"
 

@@ -82,9 +82,7 @@ def _line(axis: Axes, entry: Entry, name: str, row: Row, styles: Mapping[str, Ru
     axis.plot(times, values, color=look.color, linestyle=look.dash, linewidth=look.width, zorder=order)
     if not row.ranked:
         last = np.flatnonzero(np.isfinite(values))[-1]
-        axis.plot(
-            times[last], values[last], "X", color=look.color, markeredgecolor="white", markersize=9, zorder=4
-        )
+        axis.plot(times[last], values[last], "X", color=look.color, markeredgecolor="white", markersize=9, zorder=4)
     return True
 
 
@@ -119,18 +117,14 @@ def _legend_handles(comparison: Comparison, styles: Mapping[str, RunStyle]) -> l
     if comparison.noise_rows:
         handles.append(Line2D([], [], color=style.NOISE, linewidth=0.9, label="reference, jittered pack"))
     if any(not row.ranked for row in comparison.rows):
-        handles.append(
-            Line2D([], [], color="#555555", marker="X", linestyle="", label="end of an unsound run")
-        )
+        handles.append(Line2D([], [], color="#555555", marker="X", linestyle="", label="end of an unsound run"))
     return handles
 
 
 def label(row: Row) -> str:
     """Name in a legend, with what one must know of the run."""
     if row.role == "reference":
-        return f"{row.name} (reference)" + (
-            "" if row.ranked else " INVALID" if not row.valid else " incomplete"
-        )
+        return f"{row.name} (reference)" + ("" if row.ranked else " INVALID" if not row.valid else " incomplete")
     return row.name + ("" if row.ranked else " (INVALID)" if not row.valid else " (incomplete)")
 
 
@@ -170,9 +164,7 @@ def error_figure(comparison: Comparison, styles: Mapping[str, RunStyle], path: P
             axis.axvline(comparison.reference.run_time_s, color=style.REFERENCE, linewidth=1.2, zorder=1)
             axis.plot([], [], color=style.REFERENCE, label="reference (error 0)")
         if not points:
-            axis.text(
-                0.5, 0.5, "no run has both a run time and an error", transform=axis.transAxes, ha="center"
-            )
+            axis.text(0.5, 0.5, "no run has both a run time and an error", transform=axis.transAxes, ha="center")
         axis.set_xlabel("run time [s]")
         axis.set_ylabel("mean relative error over the metrics [-]")
         _plain_log_ticks(axis)

@@ -24,13 +24,7 @@ def percent(value: float) -> str:
     hundred = 100.0 * value
     if hundred == 0.0:
         return "0 %"
-    return (
-        f"{hundred:.0f} %"
-        if hundred >= 9.95
-        else f"{hundred:.1f} %"
-        if hundred >= 0.1
-        else f"{hundred:.1g} %"
-    )
+    return f"{hundred:.0f} %" if hundred >= 9.95 else f"{hundred:.1f} %" if hundred >= 0.1 else f"{hundred:.1g} %"
 
 
 def duration(seconds: float) -> str:
@@ -205,9 +199,7 @@ def _closure_sentence(row: Row, comparison: Comparison) -> str:
     pairs = [pair for pair in pairs if all(math.isfinite(error) for error in pair)]
     better = sum(mine < theirs for mine, theirs in pairs)
     verdict = judge(row.mean_error, twin.mean_error, comparison.error_noise)
-    with_it, without = (
-        f" ({one.name}{', ' + _range(one) if len(one.packs) > 1 else ''})" for one in (row, twin)
-    )
+    with_it, without = (f" ({one.name}{', ' + _range(one) if len(one.packs) > 1 else ''})" for one in (row, twin))
     noise = f"; the noise is {percent(comparison.error_noise)}" if verdict is Verdict.SAME else ""
     return (
         f"{OUTCOME[verdict].format(cells=row.cells_text)}: {percent(row.mean_error)} with it{with_it} against "
@@ -278,17 +270,13 @@ def warnings(comparison: Comparison, entries: Sequence[Entry], until: float | No
     for row in comparison.rows:
         done, used = 1 + len(by_name[row.name].packs), len(row.packs)
         if used < done:
-            result.append(
-                f"{row.name}: {used} of {done} packs are counted; the others are invalid or incomplete."
-            )
+            result.append(f"{row.name}: {used} of {done} packs are counted; the others are invalid or incomplete.")
     if comparison.noise_rows and not math.isfinite(comparison.noise_mean):
         result.append("No noise run is valid and complete, so the noise is not known.")
     spans = {(row.compared_from, row.compared_until) for row in runs if math.isfinite(row.compared_until)}
     short = [row for row in runs if math.isfinite(row.compared_until) and row.end_time != reference.end_time]
     if len(spans) > 1 or short:
-        listed = ", ".join(
-            f"{row.name} {row.compared_from:.4g} to {row.compared_until:.4g} s" for row in short
-        )
+        listed = ", ".join(f"{row.name} {row.compared_from:.4g} to {row.compared_until:.4g} s" for row in short)
         result.append(
             "The runs differ in length. Each is compared with the reference over the time that both cover"
             + (f": {listed}" if listed else "")
@@ -313,9 +301,7 @@ def _unlike(comparison: Comparison, entries: Sequence[Entry]) -> list[str]:
         )
     devices = {read.text(read.lookup(entry.run.summary, "device")) for entry in entries}
     if len(devices) > 1:
-        result.append(
-            f"Run times are from different machines ({'; '.join(sorted(devices))}) and cannot be compared."
-        )
+        result.append(f"Run times are from different machines ({'; '.join(sorted(devices))}) and cannot be compared.")
     untimed = [row.name for row in rows if not math.isfinite(row.run_time_s)]
     if untimed:
         result.append(
@@ -325,9 +311,7 @@ def _unlike(comparison: Comparison, entries: Sequence[Entry]) -> list[str]:
     if len(counted) > 1:
         listed = ", ".join(f"{row.name} {row.metrics_counted}" for row in rows[1:])
         result.append(f"The mean errors are over different numbers of metrics: {listed}.")
-    infinite = sorted(
-        {LABEL[name] for row in rows for name, error in row.errors.items() if math.isinf(error)}
-    )
+    infinite = sorted({LABEL[name] for row in rows for name, error in row.errors.items() if math.isinf(error)})
     if infinite:
         result.append(
             f"The reference is zero in {', '.join(infinite)}. There is no relative error for it, and the mean error leaves it out."

@@ -53,9 +53,7 @@ def metrics_plot(entries: Sequence[Entry], comparison: Comparison, styles: Mappi
     listed: set[str] = set()
     for i, metric in enumerate(metrics):
         position = {"row": i // 3 + 1, "col": i % 3 + 1}
-        figure.update_yaxes(
-            title_text=f"{metric.label} [{metric.unit}]", title_standoff=4, **AXIS, **position
-        )
+        figure.update_yaxes(title_text=f"{metric.label} [{metric.unit}]", title_standoff=4, **AXIS, **position)
         lowest = i + 3 >= len(metrics)
         time = {"title_text": "time [s]" if lowest else None, "showticklabels": lowest}
         figure.update_xaxes(**time, **AXIS, **position)
@@ -66,9 +64,7 @@ def metrics_plot(entries: Sequence[Entry], comparison: Comparison, styles: Mappi
                 trace = _trace(entry, rows[entry.name], entry.history[metric.name], styles, listed)
                 figure.add_trace(trace, **position)
     layout = _layout(-0.21 / lines)
-    figure.update_layout(
-        height=80 + 300 * lines, hovermode="x unified", hoverlabel={"namelength": -1}, **layout
-    )
+    figure.update_layout(height=80 + 300 * lines, hovermode="x unified", hoverlabel={"namelength": -1}, **layout)
     return _fragment(figure, "metrics-plot")
 
 
@@ -76,9 +72,7 @@ def _has(entry: Entry, metric: str) -> bool:
     return metric in entry.history and bool(np.isfinite(entry.history[metric]).any())
 
 
-def _trace(
-    entry: Entry, row: Row, values: np.ndarray, styles: Mapping[str, RunStyle], listed: set[str]
-) -> go.Scatter:
+def _trace(entry: Entry, row: Row, values: np.ndarray, styles: Mapping[str, RunStyle], listed: set[str]) -> go.Scatter:
     look = styles.get(entry.name)
     noise = entry.role == "noise" or look is None
     group = "noise" if noise else entry.name

@@ -117,9 +117,7 @@ def write_page(
     page = (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{CSS}</style>'
-        f"<script>{interactive.plotly_script()}</script></head>\n<body>\n"
-        + "\n".join(body)
-        + "\n</body></html>\n"
+        f"<script>{interactive.plotly_script()}</script></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
     )
     write_bytes(path, page.encode())
 
@@ -163,9 +161,7 @@ def _animations(entries: Sequence[Entry], comparison: Comparison, styles: dict[s
     return ["<h2>Animations</h2>", shown.html, _caption(shown.caption)]
 
 
-def _table(
-    head: Sequence[str], body: Sequence[tuple[str, Sequence[str]]], text_columns: Sequence[int] = ()
-) -> str:
+def _table(head: Sequence[str], body: Sequence[tuple[str, Sequence[str]]], text_columns: Sequence[int] = ()) -> str:
     """A table of cells that are HTML already; `body` has (class of the row, cells), a cell may begin with <td."""
 
     def cell(kind: str, column: int, content: str) -> str:
@@ -228,8 +224,7 @@ def _error_table(comparison: Comparison, styles: dict[str, RunStyle]) -> str:
         body.append(("noise", ["noise", "", "", "", "", *floor]))
     return _table(head, body) + _caption(
         "Bold: the smallest error in that metric among valid, complete runs. The run time does not include compilation; loading a program from "
-        "the cache counts as compilation."
-        + (" Errors are means over the packs, times are medians." if packs else "")
+        "the cache counts as compilation." + (" Errors are means over the packs, times are medians." if packs else "")
     )
 
 

@@ -92,9 +92,7 @@ def take(run: RunLike, index: int) -> Picture:
     return Picture(float(run.times[index]), centres, radius, speed, values, walls, openings)
 
 
-def _project(
-    particles: Mapping[str, Array], dimension: int
-) -> tuple[Array | None, Array | None, dict[str, Array]]:
+def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array | None, Array | None, dict[str, Array]]:
     position = particles.get("position")
     if position is None or not len(position):
         return None, None, {}
@@ -251,6 +249,4 @@ def _outline(opening: Opening) -> list[tuple[float, float]]:
 def opening_handles(pictures: Sequence[Picture | None]) -> list[Line2D]:
     """Entries of a legend for the kinds of openings that the pictures have."""
     kinds = {opening.kind for picture in pictures if picture for opening in picture.openings}
-    return [
-        Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds
-    ]
+    return [Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds]

@@ -144,9 +144,7 @@ def _encoded(entry: Entry, time: float, times: Array, scales: Mapping[str, float
         places = np.clip(np.rint(shot.centres / scene.box * 65535), 0, 65535).astype("<u2")
         planes += [places[:, 0] & 255, places[:, 0] >> 8, places[:, 1] & 255, places[:, 1] >> 8]
         planes.append(_bytes(shot.radius, scene.largest_radius))
-        planes += [
-            _bytes(shot.values.get(name, np.zeros(count)), scales.get(name, 1.0)) for name in QUANTITIES
-        ]
+        planes += [_bytes(shot.values.get(name, np.zeros(count)), scales.get(name, 1.0)) for name in QUANTITIES]
     cells = (0, 0)
     if shot.speed is not None:
         every = max(1, math.ceil(max(shot.speed.shape) / MAX_CELLS))
@@ -176,9 +174,7 @@ def _walls(shot: Picture) -> dict[str, Any] | None:
 
 
 def _openings(shot: Picture) -> list[dict[str, Any]]:
-    return [
-        {"color": pictures.OPENINGS[one.kind], "corners": [*one.start, *one.stop]} for one in shot.openings
-    ]
+    return [{"color": pictures.OPENINGS[one.kind], "corners": [*one.start, *one.stop]} for one in shot.openings]
 
 
 def _html(
@@ -219,8 +215,7 @@ def _html(
         for entry in entries
     )
     options = "".join(
-        f'<option value="{name}">{QUANTITIES[name].label} [{QUANTITIES[name].unit}]</option>'
-        for name in quantities
+        f'<option value="{name}">{QUANTITIES[name].label} [{QUANTITIES[name].unit}]</option>' for name in quantities
     )
     choice = f'<label>particles by <select name="color">{options}</select></label>' if quantities else ""
     bars = "".join(
@@ -240,9 +235,7 @@ def _html(
 
 
 def _caption(entries: Sequence[Entry], outputs: Array, times: Array) -> str:
-    parts = [
-        "Discs have their true radius, but are at least one pixel wide. All runs have the same colour scale."
-    ]
+    parts = ["Discs have their true radius, but are at least one pixel wide. All runs have the same colour scale."]
     if any(entry.run.dimension == 3 for entry in entries):
         parts.append(
             "3-D runs are seen from the front. The speed of the fluid and the walls are averaged over the depth."

@@ -101,9 +101,7 @@ def frame_at(run: RunLike, time: float | None) -> int:
 def _recorded(run: RunLike) -> list[Metric]:
     """The metrics that the run has: those of the fluid or of the particles may be missing, the pressure of a closed box is."""
     history = read.history_until(run, None)
-    return [
-        metric for metric in METRICS if metric.name in history and np.isfinite(history[metric.name]).any()
-    ]
+    return [metric for metric in METRICS if metric.name in history and np.isfinite(history[metric.name]).any()]
 
 
 def _metrics(figure: Figure | SubFigure, run: RunLike, metrics: Sequence[Metric], time: float) -> None:
@@ -158,9 +156,7 @@ def frame_size(run: RunLike) -> tuple[float, float]:
     return width, scale * height + TOP + BOTTOM
 
 
-def frame_axes(
-    figure: Figure | SubFigure, size: tuple[float, float], run: RunLike, scales: Scales, color: str
-) -> Axes:
+def frame_axes(figure: Figure | SubFigure, size: tuple[float, float], run: RunLike, scales: Scales, color: str) -> Axes:
     """Axes in the box's own shape with the colour bars below; `size` of the figure [inch]."""
     length, height = _box(run)
     width, tall = size

@@ -75,9 +75,7 @@ def snapshots_figure(
                     shot is None,
                 )
         if any(shot and shot.speed is not None for line in shots for shot in line):
-            text = "fluid speed [m/s]" + (
-                ", mean over the depth" if any(len(box) == 3 for box in boxes) else ""
-            )
+            text = "fluid speed [m/s]" + (", mean over the depth" if any(len(box) == 3 for box in boxes) else "")
             bar = figure.add_axes((0.25, 0.5 / figure.get_figheight(), 0.5, 0.14 / figure.get_figheight()))
             figure.colorbar(
                 ScalarMappable(scale, pictures.WATER),
@@ -104,9 +102,7 @@ def _title(axis: Axes, row: Row, time: float, colour: str, missing: bool) -> Non
     figure = axis.get_figure(root=True)
     assert figure is not None
     above = axis.transAxes + ScaledTranslation(5.0 / 72.0, 10.5 / 72.0, figure.dpi_scale_trans)
-    axis.add_artist(
-        Line2D([0.0], [1.0], color=colour, marker="s", markersize=7, transform=above, clip_on=False)
-    )
+    axis.add_artist(Line2D([0.0], [1.0], color=colour, marker="s", markersize=7, transform=above, clip_on=False))
     inches = axis.get_position().width * figure.get_figwidth()
     before, after = "    ", f",  t = {time:.3g} s"
     name = style.escaped(label(row), inches - style.text_width(f".{before}{after}", 9.0), 9.0)

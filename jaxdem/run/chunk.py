@@ -75,9 +75,7 @@ class Program(Protocol):
         """Most intervals that a call may be asked for."""
         ...
 
-    def __call__(
-        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int
-    ) -> Chunk:
+    def __call__(self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
         """Up to `count` intervals; it ends early with one that raises a flag."""
         ...
 
@@ -97,9 +95,7 @@ class ChunkProgram:
         """See `Program`: as many as take about `LONGEST`."""
         return max(1, min(CHUNK, int(LONGEST / self._seconds)))
 
-    def __call__(
-        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int
-    ) -> Chunk:
+    def __call__(self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
         """See `Program`."""
         begin = clock.perf_counter()
         chunk = jax.block_until_ready(self._compiled(parameters, state, neighbors, jnp.int32(count)))
@@ -127,9 +123,7 @@ class ProfiledProgram:
         particles = jax.jit(partial(advance_particles, simulation))
         self._particles = particles.lower(parameters, state, neighbors, forces).compile()
 
-    def __call__(
-        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int
-    ) -> Chunk:
+    def __call__(self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
         """See `Program`."""
         with self._timed("fluid_part"):
             fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
@@ -139,9 +133,7 @@ class ProfiledProgram:
         diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces)
         records = jax.tree.map(lambda value: value[None], _records(diagnostics))
         code = failures(self._simulation, diagnostics)
-        return Chunk(
-            State(particles, fluid, state.step + 1), neighbors, diagnostics, records, code, jnp.int32(1)
-        )
+        return Chunk(State(particles, fluid, state.step + 1), neighbors, diagnostics, records, code, jnp.int32(1))
 
 
 def advance(
@@ -165,9 +157,7 @@ def advance(
 
     def interval(chunk: Chunk) -> Chunk:
         state, neighbors, diagnostics = step(parameters, chunk.state, chunk.neighbors)
-        records = jax.tree.map(
-            lambda all_, one: all_.at[chunk.done].set(one), chunk.records, _records(diagnostics)
-        )
+        records = jax.tree.map(lambda all_, one: all_.at[chunk.done].set(one), chunk.records, _records(diagnostics))
         code = failures(simulation, diagnostics)
         return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1)
 

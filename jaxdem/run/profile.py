@@ -92,9 +92,7 @@ def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) 
     return _seconds(jax.jit(rebuild), neighbors, state.particles.contact_spring, position, low)
 
 
-def _exchange_times(
-    simulation: Simulation, parameters: Parameters, state: State
-) -> tuple[float, float, float]:
+def _exchange_times(simulation: Simulation, parameters: Parameters, state: State) -> tuple[float, float, float]:
     """Seconds an interval takes for the drag law, and for weights and inputs; and a fluid step for its transfers."""
     shown, drag, transfer = exchange_pieces(simulation, parameters)
     seen = jax.jit(shown)(state)

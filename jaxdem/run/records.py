@@ -117,9 +117,7 @@ def history_of(
         if name in arrays and arrays[name].ndim:
             arrays[name] = arrays[name][active]
     counts = particle_counts(simulation, state)
-    return metrics.history_row(time, **arrays) | {
-        name: float(counts[name]) for name in ("present", "removed")
-    }
+    return metrics.history_row(time, **arrays) | {name: float(counts[name]) for name in ("present", "removed")}
 
 
 def particle_counts(simulation: Simulation, state: State) -> dict[str, int]:
@@ -174,9 +172,7 @@ def sample_of(
         # The void fraction of `after` was deposited from the positions of `before`.
         "void_fraction": np.asarray(after.fluid.void_fraction),
     }
-    return sample | {
-        f"face_velocity_{axis}": np.asarray(u) for axis, u in enumerate(before.fluid.face_velocity)
-    }
+    return sample | {f"face_velocity_{axis}": np.asarray(u) for axis, u in enumerate(before.fluid.face_velocity)}
 
 
 def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
@@ -292,9 +288,7 @@ def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict
             "waiting": totals.waiting,
             "waiting_most": totals.waiting_most,
             # Every interval that a particle waits delays it by one; those that still wait count too.
-            "delay_mean_s": totals.waited
-            * simulation.interval
-            / max(int(inserted.sum()) + totals.waiting, 1),
+            "delay_mean_s": totals.waited * simulation.interval / max(int(inserted.sum()) + totals.waiting, 1),
         }
     }
 

@@ -108,9 +108,7 @@ def simulate(
     complete = resume and RunDirectory.is_complete(out)
     if complete:
         RunDirectory.require_same_scene(out, scene.to_toml())
-    simulation, parameters = build(
-        scene, closure, walls, contact_law, inlet_profiles, subgrid, side_conditions
-    )
+    simulation, parameters = build(scene, closure, walls, contact_law, inlet_profiles, subgrid, side_conditions)
     if complete:
         require_same_parameters(out, origin(scene.to_toml(), parameters))
         return load_run(out)
@@ -267,9 +265,7 @@ class TimeLoop:
             chunk = jax.block_until_ready(self.program(self.parameters, self.state, self.neighbors, count))
             code, done = int(chunk.code), int(chunk.done)
             if code and done > 1:
-                chunk = jax.block_until_ready(
-                    self.program(self.parameters, self.state, self.neighbors, done - 1)
-                )
+                chunk = jax.block_until_ready(self.program(self.parameters, self.state, self.neighbors, done - 1))
                 code, done = int(chunk.code), int(chunk.done)
         if not code:
             self.state, self.neighbors = chunk.state, chunk.neighbors
@@ -288,9 +284,7 @@ class TimeLoop:
 
     def _enlarge(self, neighbors: Neighbors) -> None:
         """A neighbour list with half as much room again; the contact history moves along."""
-        self.state, self.neighbors = self.simulation.with_room(
-            self.state, neighbors, neighbors.room.enlarged()
-        )
+        self.state, self.neighbors = self.simulation.with_room(self.state, neighbors, neighbors.room.enlarged())
         self.totals.resizes += 1
         self._compile()
 

@@ -75,9 +75,7 @@ class SweepRun:
     reason: str = ""
     run_time_s: float = math.nan
     compile_time_s: float = math.nan
-    final: dict[str, float] = dataclasses.field(
-        default_factory=lambda: {metric.name: math.nan for metric in METRICS}
-    )
+    final: dict[str, float] = dataclasses.field(default_factory=lambda: {metric.name: math.nan for metric in METRICS})
 
     def take(self, run: Run) -> None:
         """What came of the run."""

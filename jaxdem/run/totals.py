@@ -70,9 +70,7 @@ class Totals:
 
     def add(self, records: Records, count: int) -> None:
         """The first `count` coupling intervals of a chunk."""
-        told = {
-            name: np.asarray(value)[:count] for name, value in records._asdict().items() if value is not None
-        }
+        told = {name: np.asarray(value)[:count] for name, value in records._asdict().items() if value is not None}
         self.intervals += count
         if records.collision_force is not None:
             for force in told["collision_force"]:

@@ -141,9 +141,7 @@ def _completed_side(scene: Any, name: str) -> BoundarySide:
                     )
     if side.from_ is not None and side.to is not None:
         if any(a >= b for a, b in zip(side.from_, side.to, strict=True)):
-            raise InputError(
-                f"{key}.from", side.from_, f"must be below to = {side.to}", "exchange from and to"
-            )
+            raise InputError(f"{key}.from", side.from_, f"must be below to = {side.to}", "exchange from and to")
         if side.kind == "periodic":
             raise InputError(f"{key}.from", side.from_, "a periodic side has no patch", "remove from and to")
     if side.kind == "moving_wall" and side.from_ is not None and scene.particles is not None:
@@ -156,8 +154,7 @@ def _completed_side(scene: Any, name: str) -> BoundarySide:
         update["velocity"] = _vector(scene, f"{key}.velocity", side.kind, side.velocity, axis, upper)
     if side.velocities is not None:
         update["velocities"] = tuple(
-            _vector(scene, f"{key}.velocities", side.kind, velocity, axis, upper)
-            for velocity in side.velocities
+            _vector(scene, f"{key}.velocities", side.kind, velocity, axis, upper) for velocity in side.velocities
         )
     if side.ramp_time is None:
         update["ramp_time"] = 0.05 if side.kind == "inlet" and side.times is None else 0.0
@@ -208,9 +205,7 @@ def _check_table(key: str, name: str, arguments: Any, other: str, values: Any) -
         )
     for a, b in itertools.pairwise(arguments):
         if b <= a:
-            raise InputError(
-                f"{key}.{name}", arguments, f"must increase, but {b} follows {a}", "sort the entries"
-            )
+            raise InputError(f"{key}.{name}", arguments, f"must increase, but {b} follows {a}", "sort the entries")
 
 
 def _check_profile(scene: Any, name: str, side: BoundarySide) -> None:
@@ -270,7 +265,5 @@ def _vector(
         return tuple(inward if a == axis else 0.0 for a in range(scene.dimension))
     check_entries(key, velocity, scene.dimension)
     if kind == "moving_wall" and velocity[axis] != 0.0:
-        raise InputError(
-            key, velocity, "a moving wall can only move in its own plane", "set the normal component to 0"
-        )
+        raise InputError(key, velocity, "a moving wall can only move in its own plane", "set the normal component to 0")
     return velocity

@@ -163,9 +163,7 @@ def check_coarse_inputs(coupling: Coupling, cells: tuple[int, ...], samples: flo
 def coupling_of_one(scene: Any) -> Coupling | None:
     """What is left of the coupling in a scene of particles or of a fluid alone: of particles, the interval."""
     if scene.closure.file is not None:
-        raise InputError(
-            "closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]"
-        )
+        raise InputError("closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]")
     if scene.particles is None:
         if scene.coupling is not None:
             raise InputError("coupling", "...", "needs [particles]", "remove [coupling]")

@@ -35,9 +35,7 @@ class Fluid(Section):
         velocity: initial interstitial velocity, one number per axis. Default: at rest [m/s].
     """
 
-    cells: tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...] = Field(
-        min_length=2, max_length=3
-    )
+    cells: tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...] = Field(min_length=2, max_length=3)
     density: Positive = 1000.0
     viscosity: NonNegative = 1e-6
     model: Literal["A", "B"] = "A"

@@ -89,14 +89,10 @@ def check_materials(materials: tuple[Material, ...], pairs: tuple[MaterialPair, 
                 "material against itself are in its own table", "set them in [[materials]]",
             )  # fmt: skip
         if frozenset(pair.materials) in seen:
-            raise InputError(
-                f"{key}.materials", pair.materials, "is given twice", "remove one of the two tables"
-            )
+            raise InputError(f"{key}.materials", pair.materials, "is given twice", "remove one of the two tables")
         seen.add(frozenset(pair.materials))
         if (pair.restitution, pair.friction, pair.rolling_friction) == (None, None, None):
-            raise InputError(
-                key, pair.materials, "has no constants", "set restitution, friction or rolling_friction"
-            )
+            raise InputError(key, pair.materials, "has no constants", "set restitution, friction or rolling_friction")
 
 
 def check_material(key: str, name: str | None, known: tuple[str, ...]) -> None:

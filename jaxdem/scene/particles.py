@@ -117,13 +117,9 @@ def completed_pack(particles: Particles) -> Particles:
         jitter = 0.005 if pack.jitter is None else pack.jitter
         return particles.model_copy(update={"pack": pack.model_copy(update={"jitter": jitter})})
     if pack.jitter is not None:
-        raise InputError(
-            "particles.pack.jitter", pack.jitter, "a random pack has no jitter", "remove this key"
-        )
+        raise InputError("particles.pack.jitter", pack.jitter, "a random pack has no jitter", "remove this key")
     if particles.count is None:
-        raise InputError(
-            "particles.count", None, "is needed by a random pack", "give the number of particles"
-        )
+        raise InputError("particles.count", None, "is needed by a random pack", "give the number of particles")
     return particles
 
 

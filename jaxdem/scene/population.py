@@ -133,13 +133,9 @@ def _region(
     if inlet.start is not None and inlet.stop is not None:
         for name, corner in (("start", inlet.start), ("stop", inlet.stop)):
             if len(corner) != len(size):
-                raise InputError(
-                    f"{key}.{name}", corner, f"needs {len(size)} numbers", f"give {len(size)} numbers"
-                )
+                raise InputError(f"{key}.{name}", corner, f"needs {len(size)} numbers", f"give {len(size)} numbers")
         if inlet.from_ is not None or inlet.to is not None:
-            raise InputError(
-                f"{key}.from", inlet.from_ or inlet.to, "is only used with a side", "remove from and to"
-            )
+            raise InputError(f"{key}.from", inlet.from_ or inlet.to, "is only used with a side", "remove from and to")
         return inlet.start, inlet.stop
     if inlet.side not in sides:
         raise InputError(f"{key}.side", inlet.side, "there is no such side", f"known: {', '.join(sides)}")
@@ -189,9 +185,7 @@ def _velocity(key: str, inlet: ParticleInlet, sides: tuple[str, ...], dimension:
             )  # fmt: skip
         velocity = tuple((-velocity if upper else velocity) if a == axis else 0.0 for a in range(dimension))
     if len(velocity) != dimension:
-        raise InputError(
-            f"{key}.velocity", velocity, f"needs {dimension} numbers", f"give {dimension} numbers"
-        )
+        raise InputError(f"{key}.velocity", velocity, f"needs {dimension} numbers", f"give {dimension} numbers")
     if inlet.side is not None and (velocity[axis] >= 0.0 if upper else velocity[axis] <= 0.0):
         raise InputError(
             f"{key}.velocity",

@@ -67,9 +67,7 @@ def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
     """`key=value` of an option of the command line, the value as TOML; a word needs no quotes."""
     key, separator, value = text.partition("=")
     if not separator or not key.strip():
-        raise InputError(
-            option, text, "must have the form key=value", f"use, for example, {option} time.end=1.0"
-        )
+        raise InputError(option, text, "must have the form key=value", f"use, for example, {option} time.end=1.0")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError, ValueError):

@@ -19,9 +19,7 @@ PREFIXES = {"position": "", "velocity": "v", "angular_velocity": "w"}
 BEGINS_NUMBER = "+-.0123456789"
 
 
-def rows_of(
-    key: str, source: Any, width: int, count: int | None = None, of_frame: bool = False
-) -> np.ndarray | None:
+def rows_of(key: str, source: Any, width: int, count: int | None = None, of_frame: bool = False) -> np.ndarray | None:
     """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file; None stays None.
 
     Args:
@@ -43,9 +41,7 @@ def rows_of(
     if rows.shape[1] != width:
         rows = _of_plane(key, rows, width)
     if count is not None and len(rows) != count:
-        raise InputError(
-            key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle"
-        )
+        raise InputError(key, f"{len(rows)} rows", f"there are {count} particles", "give one row per particle")
     return rows
 
 
@@ -93,9 +89,7 @@ def _parsed(key: str, name: str, text: str, width: int, of_frame: bool) -> np.nd
         for number, whole in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1)
         if (line := whole.partition("#")[0].strip())
     ]
-    if lines and (
-        _is_header(lines[0][1]) or all(_number(field) is not None for field in _fields(lines[0][1]))
-    ):
+    if lines and (_is_header(lines[0][1]) or all(_number(field) is not None for field in _fields(lines[0][1]))):
         width = _columns(len(_fields(lines[0][1])), width, of_frame)
     order: Sequence[int] = range(width)
     if lines and _is_header(lines[0][1]):
@@ -113,9 +107,7 @@ def _fields(line: str) -> list[str]:
 
 def _is_header(line: str) -> bool:
     """Whether a line is a row of names; one with a number, or with what begins as one, is not."""
-    return not any(
-        _number(field) is not None or field.startswith(tuple(BEGINS_NUMBER)) for field in _fields(line)
-    )
+    return not any(_number(field) is not None or field.startswith(tuple(BEGINS_NUMBER)) for field in _fields(line))
 
 
 def _order(key: str, place: str, line: str, width: int) -> list[int]:
@@ -142,9 +134,7 @@ def _numbers(key: str, place: str, line: str, width: int) -> list[float]:
         column = values.index(None)
         what = f"{cut(repr(fields[column]), 60)} is no number" if fields[column] else "nothing"
         limit = f"in {shown}, column {column + 1}: {what}; a row needs {_expected(key, width)}"
-        raise InputError(
-            key, place, limit, "separate columns by commas or blanks, and write decimals with a point"
-        )
+        raise InputError(key, place, limit, "separate columns by commas or blanks, and write decimals with a point")
     if len(values) != width:
         limit = f"{shown} has {len(values)} column(s), a row needs {_expected(key, width)}"
         raise InputError(key, place, limit, "keep the columns that are needed, in this order")
@@ -171,10 +161,7 @@ def _names(key: str, width: int) -> list[tuple[str, ...]]:
     if width == 1:
         return [(name,)]
     axes = [("x",), ("z", "y")] if width == 2 else [(axis,) for axis in AXES[width]]
-    return [
-        tuple(given for axis in some for given in (PREFIXES[name] + axis, axis, f"{name}_{axis}"))
-        for some in axes
-    ]
+    return [tuple(given for axis in some for given in (PREFIXES[name] + axis, axis, f"{name}_{axis}")) for some in axes]
 
 
 def _plain_name(field: str, unit: str) -> str:

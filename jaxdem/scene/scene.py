@@ -149,9 +149,7 @@ def completed(scene: Scene) -> Scene:
     else:
         update["coupling"] = coupling_of_one(scene)
     if scene.fluid is None and scene.particles is None:
-        raise InputError(
-            "particles", None, "a scene needs particles, a fluid or both", "add [particles] or [fluid]"
-        )
+        raise InputError("particles", None, "a scene needs particles, a fluid or both", "add [particles] or [fluid]")
     check_inlets(scene)
     check_times(scene.time)
     check_exits(scene)

@@ -22,14 +22,10 @@ def column(key: str, value: Any, count: int | None = None) -> np.ndarray:
         rows = _file_column(key, value)
         if not (rows > 0.0).all():
             row = int(np.argmin(rows > 0.0))
-            raise InputError(
-                key, float(rows[row]), f"row {row} of {value} must be positive", "correct the number"
-            )
+            raise InputError(key, float(rows[row]), f"row {row} of {value} must be positive", "correct the number")
         value = tuple(rows.tolist())
     if count is not None and isinstance(value, tuple) and len(value) != count:
-        raise InputError(
-            key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}"
-        )
+        raise InputError(key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}")
     return np.asarray(value, float)
 
 

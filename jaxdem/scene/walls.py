@@ -69,13 +69,8 @@ def _completed(key: str, wall: Wall, dimension: int, periodic: tuple[bool, ...])
     if wall.kind == "cylinder":
         if (wall.axis is None) == (dimension == 3):
             words = "is needed in 3-D" if dimension == 3 else "is for 3-D scenes only"
-            raise InputError(
-                f"{key}.axis", wall.axis, words, "give a direction in 3-D, and remove this key in 2-D"
-            )
-        across = [
-            0.0 if wall.axis and math.hypot(*wall.axis) == abs(wall.axis[k]) else 1.0
-            for k in range(dimension)
-        ]
+            raise InputError(f"{key}.axis", wall.axis, words, "give a direction in 3-D, and remove this key in 2-D")
+        across = [0.0 if wall.axis and math.hypot(*wall.axis) == abs(wall.axis[k]) else 1.0 for k in range(dimension)]
         _check_periodic(f"{key}.center", tuple(across), periodic)
         return wall.model_copy(update={"inside": wall.inside is not False})
     _check_wedge(f"{key}.directions", wall.directions or (), dimension)
@@ -99,9 +94,7 @@ def _check_keys(key: str, wall: Wall) -> None:
 
 def _check_vector(key: str, value: tuple[float, ...] | None, dimension: int) -> None:
     if value is not None and len(value) != dimension:
-        raise InputError(
-            key, value, f"needs {dimension} numbers, got {len(value)}", f"give {dimension} numbers"
-        )
+        raise InputError(key, value, f"needs {dimension} numbers, got {len(value)}", f"give {dimension} numbers")
 
 
 def _check_direction(key: str, value: tuple[float, ...] | None, dimension: int) -> None:

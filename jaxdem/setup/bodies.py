@@ -70,23 +70,16 @@ def material_table(scene: Scene) -> MaterialTable | None:
     first, second = np.triu_indices(count)
     pair = np.zeros((count, count), np.int32)
     pair[first, second] = pair[second, first] = np.arange(len(first))
-    given = {
-        name: _given_numbers(scene, name, names, pair)
-        for name in ("young_modulus", "poisson_ratio", *OF_PAIRS)
-    }
+    given = {name: _given_numbers(scene, name, names, pair) for name in ("young_modulus", "poisson_ratio", *OF_PAIRS)}
     own = {name: of_materials(*given[name]) for name in ("young_modulus", "poisson_ratio")}
     mixed = {name: of_pairs(*given[name], np) for name in OF_PAIRS}
     return MaterialTable(names, **own, **mixed, pair=pair, given=given)
 
 
-def _given_numbers(
-    scene: Scene, name: str, names: tuple[str, ...], pair: np.ndarray
-) -> tuple[np.ndarray, Mixing]:
+def _given_numbers(scene: Scene, name: str, names: tuple[str, ...], pair: np.ndarray) -> tuple[np.ndarray, Mixing]:
     """What a scene gives of a constant: that of `[contact]`, which the others follow, then those of materials and pairs."""
     contact = scene.contact
-    tables = [
-        (f"materials.{k}.{name}", getattr(material, name)) for k, material in enumerate(scene.materials)
-    ]
+    tables = [(f"materials.{k}.{name}", getattr(material, name)) for k, material in enumerate(scene.materials)]
     tables.append((f"contact.wall_{name}", getattr(contact, f"wall_{name}", None)))
     keys, values, own = [f"contact.{name}"], [getattr(contact, name)], []
 
@@ -142,9 +135,7 @@ def species_bodies(
     """What particles are whose species are `kind` (N,), with what a species has not from `particles`."""
 
     def of(name: str) -> np.ndarray:
-        values = [
-            getattr(particles, name) if getattr(one, name) is None else getattr(one, name) for one in species
-        ]
+        values = [getattr(particles, name) if getattr(one, name) is None else getattr(one, name) for one in species]
         return np.asarray(values, float)[kind]
 
     material = [names.index(one.material or str(particles.material)) for one in species] if names else [0]

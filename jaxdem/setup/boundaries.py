@@ -33,9 +33,7 @@ def scene_boundary(
     for name, profiles in given.items():
         if name not in scene.sides or scene.boundary[name].kind != "inlet":
             known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
-            raise InputError(
-                "inlet_profiles", name, "is not an inlet", f"the inlets are: {', '.join(known) or 'none'}"
-            )
+            raise InputError("inlet_profiles", name, "is not an inlet", f"the inlets are: {', '.join(known) or 'none'}")
         if len(profiles) != scene.dimension - 1:
             raise InputError(
                 f"inlet_profiles.{name}",

@@ -168,9 +168,7 @@ def build(
     return simulation, _parameters(scene, bodies, closure, subgrid, dtype)
 
 
-def initial_state(
-    scene: Scene, simulation: Simulation, parameters: Parameters
-) -> tuple[State, Neighbors | None]:
+def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[State, Neighbors | None]:
     """The state that a scene starts from, and its neighbour list.
 
     Raises:
@@ -378,14 +376,10 @@ def _surfaces(scene: Scene, functions: Sequence[Callable[[Array], Array]], dtype
     return tuple(surfaces)
 
 
-def _check_coincident(
-    scene: Scene, sides: tuple[BoxSide, ...], surfaces: tuple[Surface, ...], diameter: float
-) -> None:
+def _check_coincident(scene: Scene, sides: tuple[BoxSide, ...], surfaces: tuple[Surface, ...], diameter: float) -> None:
     names = [f"walls.{k}" for k, wall in enumerate(scene.walls) for _ in _of_wall(wall)]
     names += [f"the function {k} of walls" for k in range(len(surfaces) - len(names))]
-    of_box = [
-        (f"the {scene.sides[2 * side.axis + (side.inward < 0)]} side of the box", side) for side in sides
-    ]
+    of_box = [(f"the {scene.sides[2 * side.axis + (side.inward < 0)]} side of the box", side) for side in sides]
     check_coincident(of_box, list(zip(names, surfaces, strict=True)), scene.domain.size, diameter)
 
 
@@ -435,9 +429,7 @@ def _contact_constants(scene: Scene, number: Callable[[Any], Array]) -> ContactP
     return SeveralMaterials(**columns, **rest, numbers=numbers)
 
 
-def _parameters(
-    scene: Scene, sizes: Bodies, closure: Any, subgrid: SubgridLaw | None, dtype: Any
-) -> Parameters:
+def _parameters(scene: Scene, sizes: Bodies, closure: Any, subgrid: SubgridLaw | None, dtype: Any) -> Parameters:
     def number(value: Any) -> Array:
         rigid = isinstance(value, str) and value == "rigid"
         return jnp.asarray(math.inf if rigid else (0.0 if value is None else value), dtype)
@@ -448,9 +440,7 @@ def _parameters(
         bodies = ParticleProperties(jnp.asarray(sizes.radius, dtype), jnp.asarray(sizes.density, dtype))
         constants = _contact_constants(scene, number)
     sides = [scene.boundary[name] for name in scene.sides]
-    velocity = tuple(
-        jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype) for side in sides
-    )
+    velocity = tuple(jnp.asarray(side.velocities or side.velocity or (0.0,) * scene.dimension, dtype) for side in sides)
     if scene.fluid is not None:
         coefficient = number(scene.fluid.smagorinsky) if scene.fluid.smagorinsky > 0.0 else None
         if subgrid is None and scene.fluid.subgrid is not None:
@@ -468,9 +458,7 @@ def _parameters(
     )  # fmt: skip
 
 
-def _initial_particles(
-    scene: Scene, population: Population | None, allowed: Overlap, dtype: Any
-) -> ParticleState:
+def _initial_particles(scene: Scene, population: Population | None, allowed: Overlap, dtype: Any) -> ParticleState:
     """Particles at their starting positions, without contact history; those still to come wait in their inlets."""
     assert scene.particles is not None
     position = initial_positions(scene)
@@ -484,9 +472,7 @@ def _initial_particles(
     low = None if dtype == jnp.float64 else jnp.asarray((position - leading).astype(dtype))
     turning = vectors.angular_size(dimension)
     velocity = rows_of("particles.velocity", scene.particles.velocity, dimension, present, of_frame=True)
-    spin = rows_of(
-        "particles.angular_velocity", scene.particles.angular_velocity, turning, present, of_frame=True
-    )
+    spin = rows_of("particles.angular_velocity", scene.particles.angular_velocity, turning, present, of_frame=True)
     zero = jnp.zeros((count, dimension), dtype)
 
     def rows(given: np.ndarray | None, width: int) -> Array:
@@ -509,9 +495,7 @@ def _initial_particles(
     )
 
 
-def _initial_memory(
-    scene: Scene, coupling: Coupling | None, particles: ParticleState
-) -> dict[str, Any] | None:
+def _initial_memory(scene: Scene, coupling: Coupling | None, particles: ParticleState) -> dict[str, Any] | None:
     """What the further forces remember at the start, of a slip that has always been as it is; None for nothing."""
     if coupling is None or scene.fluid is None:
         return None

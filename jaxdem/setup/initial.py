@@ -238,9 +238,7 @@ def _random(particles: Particles, seed: int, sizes: tuple[float, ...], box: tupl
 
 def _check_corner(name: str, corner: tuple[float, ...] | None, dimension: int) -> None:
     if corner is None or len(corner) != dimension:
-        raise InputError(
-            f"particles.pack.{name}", corner, f"needs {dimension} numbers", f"give {dimension} numbers"
-        )
+        raise InputError(f"particles.pack.{name}", corner, f"needs {dimension} numbers", f"give {dimension} numbers")
 
 
 def _check_places(name: str, sides: tuple[float, ...], spacing: float) -> None:

@@ -56,7 +56,9 @@ def _check_side(scene: Scene, bodies: Bodies) -> None:
         return
     radii = max(scene.domain.size) / float(np.min(bodies.radius))
     if radii > LONGEST_SIDE:
-        limit = f"a side is {radii:.3g} times the radius of the smallest particle; the limit is {LONGEST_SIDE:.0e} times"
+        limit = (
+            f"a side is {radii:.3g} times the radius of the smallest particle; the limit is {LONGEST_SIDE:.0e} times"
+        )
         raise InputError("domain.size", _given(scene, "domain.size"), limit, "correct the value or its unit")
 
 
@@ -96,9 +98,7 @@ def _of_particles(scene: Scene, bodies: Bodies) -> Iterator[_Product]:
         yield _Product("particles.radius", "a moment of inertia", "kg m2", 0.4 * mass * radius**2)
         yield _Product("domain.gravity", "a weight", "N", mass * gravity)
         if contact.law == "hertz_mindlin":
-            moduli = [m.young_modulus or contact.young_modulus for m in scene.materials] or [
-                contact.young_modulus
-            ]
+            moduli = [m.young_modulus or contact.young_modulus for m in scene.materials] or [contact.young_modulus]
             for modulus in (min(moduli), max(moduli)):
                 force = modulus * radius**2
                 yield _Product("contact.young_modulus", "contact forces", "N", force)

@@ -103,14 +103,10 @@ def hertz_mindlin_contact(
     normal = hertz_stiffness(radius, modulus, overlap)
     tangential = 4.0 * shear / modulus * normal if rough else 0.0
     factor = 2.0 * math.sqrt(5.0 / 6.0) * damping_ratio(restitution)
-    return LinearContact(
-        normal, tangential, factor * math.sqrt(normal * mass), factor * math.sqrt(tangential * mass)
-    )
+    return LinearContact(normal, tangential, factor * math.sqrt(normal * mass), factor * math.sqrt(tangential * mass))
 
 
-def linear_contact(
-    mass: float, normal: float, tangential: float, restitution: float, rough: bool
-) -> LinearContact:
+def linear_contact(mass: float, normal: float, tangential: float, restitution: float, rough: bool) -> LinearContact:
     """A linear spring-dashpot contact; the tangential dashpot is half the normal one.
 
     Args:

@@ -86,9 +86,7 @@ def time_steps(scene: Scene) -> TimeSteps:
             )
         count = _whole(interval / contact_step)
         contact_step = interval / count
-    return TimeSteps(
-        interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap, speed_limit
-    )
+    return TimeSteps(interval, per_output, outputs, contact_step, count, substeps, limits, speed, overlap, speed_limit)
 
 
 def simulated_time(output_interval: float, intervals: int, per_output: int) -> float:
@@ -137,9 +135,7 @@ def _fluid_steps(scene: Scene, limits: dict[str, float]) -> tuple[float, float]:
     if fluid.time_step != "auto":
         step = fluid.time_step
     else:
-        step = min(
-            stability.courant_time(speed, spacing, AUTO_COURANT), limits["viscous"], output, LONGEST_INTERVAL
-        )
+        step = min(stability.courant_time(speed, spacing, AUTO_COURANT), limits["viscous"], output, LONGEST_INTERVAL)
     given = _given_interval(scene)
     if given is not None:
         return given, step
@@ -191,9 +187,7 @@ def _check_courant(scene: Scene, interval: float) -> None:
         others = [h for a, h in enumerate(spacing) if a != axis]
         # A patch of two cells holds one whole face of a cell; a profile or a table may be anything in between.
         patch = side.from_ is None or side.to is None
-        whole = patch or all(
-            b - a >= 2.0 * h for a, b, h in zip(side.from_ or (), side.to or (), others, strict=True)
-        )
+        whole = patch or all(b - a >= 2.0 * h for a, b, h in zip(side.from_ or (), side.to or (), others, strict=True))
         even = side.profile == "uniform" and isinstance(side.velocity, tuple)
         if side.kind == "inlet" and whole and even and scene.time.end >= (side.ramp_time or 0.0):
             rates.append(abs(side.velocity[axis]) / spacing[axis])  # type: ignore[index]
@@ -366,8 +360,7 @@ def contact_stability(scene: Scene, speed: float, overlap: float | None = None) 
 
     pairs = [(factor, linearised(mass, radius, wall=False)) for factor, mass, radius in kinds]
     thin = sum(
-        not wraps and length <= 2.0 * large
-        for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
+        not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
     )
     walls = min(scene.dimension, scene.periodic.count(False) + len(scene.walls))
     return stability.contact_stability_limit(

@@ -87,9 +87,7 @@ class FullStudy:
         for part in self.parts:
             evidence = self._evidence()
             sections.append(PARTS[part.name](evidence))
-            self.bars.say(
-                f"{part.name}: {len(evidence.missing)} missing" if evidence.missing else f"{part.name}: done"
-            )
+            self.bars.say(f"{part.name}: {len(evidence.missing)} missing" if evidence.missing else f"{part.name}: done")
         return self._report(write_results(self.out, sections, self._about(), self.plan.parts))
 
     def _about(self) -> dict[str, Any]:

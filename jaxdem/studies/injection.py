@@ -197,8 +197,7 @@ def mesh_runs() -> list[RunSpec]:
 def budget_runs() -> list[RunSpec]:
     """What of the coarse error is the drag's, and what the fluid's."""
     inputs = [
-        varied(briefly(BARE), f"inputs_{factor}", {"coupling.drag_inputs_coarsened": factor})
-        for factor in FACTORS
+        varied(briefly(BARE), f"inputs_{factor}", {"coupling.drag_inputs_coarsened": factor}) for factor in FACTORS
     ]
     fluids = [
         varied(briefly(COARSE[factor]), name, changes)
@@ -347,9 +346,7 @@ def solver_runs() -> list[RunSpec]:
             found += [run.with_closure("filtered_deconvolved") for run in jittered(shown)]
             found += [wide, wide.with_closure("filtered_wide_deconvolved")]
             both = varied(briefly(COARSE[4]), "fourth_deconvolved", FOURTH_DECONVOLVED)
-            found += [
-                run.with_closure("filtered").with_stress(GRADIENT_STRESS) for run in (both, *jittered(both))
-            ]
+            found += [run.with_closure("filtered").with_stress(GRADIENT_STRESS) for run in (both, *jittered(both))]
     return found
 
 

@@ -149,9 +149,7 @@ class _Track:
             while number + 2 < len(times) and time >= times[number + 1] - 1e-6 * interval:
                 number, before = number + 1, after
                 after = self.knot(number + 1)
-            moment = _between(
-                before, after, (time - times[number], times[number + 1] - times[number]), interval
-            )
+            moment = _between(before, after, (time - times[number], times[number + 1] - times[number]), interval)
             state, mismatch = self._advance(state, *moment, jnp.asarray(time, moment[0].dtype))
             momentum = max(momentum, float(mismatch))
             if (step + 1) % every == 0:
@@ -176,9 +174,7 @@ class _Track:
     ) -> tuple[Any, Array]:
         """The fluid after an interval, and the mismatch of momentum."""
         p, coupling = self.parameters, self.simulation.coupling
-        assert (
-            coupling is not None and p.bodies is not None and p.fluid is not None and p.drag_scale is not None
-        )
+        assert coupling is not None and p.bodies is not None and p.fluid is not None and p.drag_scale is not None
         nothing = jnp.zeros_like(velocity)
         particles = ParticleState(position, None, velocity, nothing[:, :0], (), (), nothing, nothing)
         bodies = p.bodies._replace(density=p.bodies.density * HEAVY)

@@ -124,9 +124,7 @@ def _shares(found: dict[str, dict[str, float]], mesh: str) -> list[str]:
     if ORACLE in found:
         fluid = found[ORACLE]
         words = ", ".join(f"{n} {100 * fluid[n] / plain[n]:.0f} %" for n in fluid if plain[n] > 0)
-        sentences.append(
-            f"{mesh}: error of the coarse fluid with the true drag, of the coarse run's: {words}."
-        )
+        sentences.append(f"{mesh}: error of the coarse fluid with the true drag, of the coarse run's: {words}.")
     return sentences
 
 
@@ -137,9 +135,7 @@ def _own_mesh(evidence: Evidence) -> Table:
     if own is not None:
         rows.append([100 * own[name] for name in (*FLUID_METRICS, "flux")])
     names = [label for name, label in zip(NAMES, LABELS, strict=True) if name in FLUID_METRICS]
-    return Table(
-        "Replay on the fine mesh itself [%]", [*names, "flux of the fluid"], rows, "The replay's own error."
-    )
+    return Table("Replay on the fine mesh itself [%]", [*names, "flux of the fluid"], rows, "The replay's own error.")
 
 
 def _peaks(evidence: Evidence, fine: Run) -> Table:
@@ -162,7 +158,5 @@ def _peaks(evidence: Evidence, fine: Run) -> Table:
         "fine, drag on inputs averaged to it",
         "coarse, true drag",
     ]
-    note = (
-        f"On the fine mesh itself {peak_speed(fine, until):.3g} m/s. Largest speed of a cell, mean over time."
-    )
+    note = f"On the fine mesh itself {peak_speed(fine, until):.3g} m/s. Largest speed of a cell, mean over time."
     return Table("Peak water speed [m/s]", headings, rows, note)

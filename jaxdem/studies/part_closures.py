@@ -140,9 +140,7 @@ def _band(evidence: Evidence) -> Table:
         errors = [error for fit in seeds if (error := evidence.errors(f"coarse_2_{fit}")) is not None]
         full = whole(runs, evidence.run("fine"))
         ends = [[float(run.history[key][-1]) for run in full] for key in ("runoff", "height")]
-        rows.append(
-            [words, len(runs), *(_band_of(v) for v in ends), _band_of([100 * mean(e) for e in errors])]
-        )
+        rows.append([words, len(runs), *(_band_of(v) for v in ends), _band_of([100 * mean(e) for e in errors])])
     headings = ["closure", "seeds", "run-off [m]", "height [m]", "mean error [%]"]
     return Table(
         "Seeds and activations in the solver at 8 cm",
@@ -223,9 +221,7 @@ def searches_tables(evidence: Evidence) -> list[Table]:
             for row in rows
         ]
         title = f"R2 by {what}, fine inputs, {spec.settings.epochs} epochs"
-        tables.append(
-            Table(title, [what, "the paper's (2,000 epochs)", "ours", "s a network"], lines, digits=4)
-        )
+        tables.append(Table(title, [what, "the paper's (2,000 epochs)", "ours", "s a network"], lines, digits=4))
     return tables
 
 

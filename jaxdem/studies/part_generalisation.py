@@ -57,9 +57,7 @@ def regression_of(closure: InvariantClosure, datasets: list[Any], coarsenings: t
     """The plain regression that stands beside a filtered closure, fitted to rows of its training data."""
     prepared, targets, weights = [], [], []
     for coarsening in coarsenings:
-        groups = [
-            thin(dataset, ROWS).groups[coarsening] for dataset in datasets if coarsening in dataset.groups
-        ]
+        groups = [thin(dataset, ROWS).groups[coarsening] for dataset in datasets if coarsening in dataset.groups]
         if not groups:
             continue
         target = np.concatenate([group.target_force for group in groups])
@@ -120,11 +118,7 @@ def _scores(predictors: dict[str, Any], group: Group) -> list[Cell]:
 
 def scene_names(evidence: Evidence) -> list[str]:
     """What stands before the runs' names, of every scene with coarse runs of 4x; "" is injection.toml's."""
-    names = [
-        name.removesuffix("fine")
-        for name in evidence.plan.parts["generalisation"].runs
-        if name.endswith("_fine")
-    ]
+    names = [name.removesuffix("fine") for name in evidence.plan.parts["generalisation"].runs if name.endswith("_fine")]
     return ["", *names]
 
 

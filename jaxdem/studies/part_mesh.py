@@ -189,9 +189,7 @@ def _costs(evidence: Evidence) -> Table:
             run = evidence.run(f"{prefix}fine" if factor == 1 else f"{prefix}coarse_{factor}")
             size = None
             if run is not None:
-                size = sum(
-                    f.stat().st_size for f in run.path.rglob("*") if f.is_file() and f.stem != "samples"
-                )
+                size = sum(f.stat().st_size for f in run.path.rglob("*") if f.is_file() and f.stem != "samples")
             row += [
                 None if run is None else evidence.run_time(run, f"{prefix}fine"),
                 None if size is None else size / 1e9,

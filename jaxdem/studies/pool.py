@@ -137,9 +137,7 @@ class Pool:
 
     def _launch(self, piece: Piece, core: int | None) -> None:
         # One thread: two processes on a core each do twice the work of one on both.
-        environment = (
-            {**os.environ, "PJRT_NPROC": "1", "OMP_NUM_THREADS": "1"} if core is not None else {**os.environ}
-        )
+        environment = {**os.environ, "PJRT_NPROC": "1", "OMP_NUM_THREADS": "1"} if core is not None else {**os.environ}
         if core is not None:
             environment[CORE] = str(core)
         with (self.logs / f"{piece.name}.log").open("w", encoding="utf-8") as log:

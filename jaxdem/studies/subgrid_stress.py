@@ -60,9 +60,7 @@ def hidden_stress(run: Run, cells: tuple[int, ...]) -> HiddenStress:
     def explained(c: float) -> float:
         return float(1.0 - (hidden - 2.0 * c * with_gradient + c**2 * gradient) / hidden)
 
-    return HiddenStress(
-        math.sqrt(hidden / whole), float(c_n), explained(1.0 / 12.0), explained(c_n), float(c_1)
-    )
+    return HiddenStress(math.sqrt(hidden / whole), float(c_n), explained(1.0 / 12.0), explained(c_n), float(c_1))
 
 
 def _sums(fine: Grid, coarse: Grid, velocity: list[np.ndarray], void_fraction: np.ndarray) -> np.ndarray:

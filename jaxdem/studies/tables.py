@@ -91,9 +91,7 @@ def shown(cell: Cell, digits: int = 3) -> str:
         return cell
     if cell is None or not math.isfinite(cell):
         return "-"
-    return (
-        str(cell) if isinstance(cell, int) else f"{cell:,.0f}" if abs(cell) >= 1000 else f"{cell:.{digits}g}"
-    )
+    return str(cell) if isinstance(cell, int) else f"{cell:,.0f}" if abs(cell) >= 1000 else f"{cell:.{digits}g}"
 
 
 def write_results(
@@ -117,17 +115,13 @@ def write_results(
         except (OSError, ValueError, KeyError, TypeError) as error:
             limit = f"cannot be read ({reason_of(error)})"
             raise InputError(file.name, str(file), limit, "Remove it; it is written anew.") from error
-    found |= {
-        section.name: _plain(dataclasses.asdict(section) | {"about": dict(about)}) for section in sections
-    }
+    found |= {section.name: _plain(dataclasses.asdict(section) | {"about": dict(about)}) for section in sections}
     parts = {name: found[name] for name in order if name in found}
     write_bytes(file, (json.dumps({"parts": parts}, indent=1) + "\n").encode())
     every = []
     for part in parts.values():
         tables = [Table(**table) for table in part["tables"]]
-        every.append(
-            Section(**{name: part[name] for name in ("name", "title", "text", "missing")}, tables=tables)
-        )
+        every.append(Section(**{name: part[name] for name in ("name", "title", "text", "missing")}, tables=tables))
     write_bytes(out / "tables.md", "\n".join(section.markdown() for section in every).encode())
     return every
 

@@ -78,9 +78,7 @@ def _tuples(plain: dict[str, Any]) -> dict[str, Any]:
     return {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
 
 
-def fit_to_files(
-    recipe: str, datasets: list[Path], settings: Any, out: Path, parity: Path, report: Report
-) -> None:
+def fit_to_files(recipe: str, datasets: list[Path], settings: Any, out: Path, parity: Path, report: Report) -> None:
     """Train a closure; write its file and, beside it, the arrays "factor/name" for the parity plot.
 
     Args:
@@ -121,9 +119,7 @@ def do_tune(work: dict[str, Any], report: Report) -> None:
     stress = SubgridClosure.initial() if "subgrid" in outs else None
     given = Closures(drag, stress, tuple(outs))
     scene = load_scene(work["scene"])
-    found = finetune(
-        scene, work["reference"], given, {"drag": before}, settings, lambda done, *_: report(float(done))
-    )
+    found = finetune(scene, work["reference"], given, {"drag": before}, settings, lambda done, *_: report(float(done)))
     for kind, out in outs.items():
         _save(Path(out), getattr(found.closures, kind), found.metadata[kind], begin)
 

@@ -176,9 +176,7 @@ class Search:
         table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
         split = "" if done is None or done.metadata is None else f" {done.metadata['split']}."
         note = " Paper: Davydzenka & Tahmasebi (2022), on fine inputs of its own runs." * paper
-        return (
-            f"R2 on held-out rows, recipe {self.recipe}; mean (range) over seeds.{split}{note}\n\n{table}\n"
-        )
+        return f"R2 on held-out rows, recipe {self.recipe}; mean (range) over seeds.{split}{note}\n\n{table}\n"
 
 
 def read_search(folder: Path) -> list[dict[str, str]]:

@@ -39,9 +39,7 @@ class Closures(NamedTuple):
 
     def with_weights(self, weights: Weights) -> Closures:
         """The same with these weights."""
-        changed = {
-            name: dataclasses.replace(getattr(self, name), weights=values) for name, values in weights.items()
-        }
+        changed = {name: dataclasses.replace(getattr(self, name), weights=values) for name, values in weights.items()}
         return self._replace(**changed)
 
     def put_into(self, parameters: Parameters) -> Parameters:

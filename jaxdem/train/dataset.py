@@ -91,13 +91,9 @@ def make_dataset(
     assert scene.coupling is not None
     if scene.coupling.self_disturbance:
         limit = "its drag law received the slip without the wake of the particle, and samples do not contain this slip"
-        raise InputError(
-            "coupling.self_disturbance", True, limit, "Run the scene without it for training data."
-        )
+        raise InputError("coupling.self_disturbance", True, limit, "Run the scene without it for training data.")
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
-        raise InputError(
-            "--coarsen", coarsen, "needs different factors of at least 1", "use, for example, 1,2,4,8"
-        )
+        raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "use, for example, 1,2,4,8")
     groups, done, numbers = {}, 0, range(0, len(samples.times), every)
     for factor in coarsen:
         # The run's own mesh is seen as the run saw it: its forces belong to that.

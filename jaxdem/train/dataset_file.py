@@ -197,18 +197,14 @@ def _read(file: h5py.File, path: str) -> Dataset:
     groups = {}
     for coarsening in coarsenings:
         name = f"coarsen_{coarsening}"
-        groups[coarsening] = Group(
-            coarsening=coarsening, **fluid, **_read_group(file[name], name, dimension, path)
-        )
+        groups[coarsening] = Group(coarsening=coarsening, **fluid, **_read_group(file[name], name, dimension, path))
     text: dict[str, Any] = {name: str(root[name]) for name in ("drag", "run", "scene_toml")}
     return Dataset(**text, **fluid, dimension=dimension, groups=groups)
 
 
 def _read_group(group: h5py.Group, place: str, dimension: int, path: str) -> dict[str, Any]:
     """Attributes and arrays of one group, checked against each other."""
-    content: dict[str, Any] = {
-        name: float(_require(group.attrs, name, path, place)) for name in GROUP_ATTRIBUTES
-    }
+    content: dict[str, Any] = {name: float(_require(group.attrs, name, path, place)) for name in GROUP_ATTRIBUTES}
     rows = _require(group, "time", path, place).shape[0]
     for name in SCALARS + VECTORS:
         stored = _require(group, name, path, place)
@@ -217,9 +213,7 @@ def _read_group(group: h5py.Group, place: str, dimension: int, path: str) -> dic
             limit = f"{place}/{name} has shape {stored.shape}, {shape} with at least one row is needed"
             raise InputError(KEY, path, limit, "Make it again with `jaxdem dataset`.")
         content[name] = stored[()]
-        if name in RANGES and not (
-            RANGES[name][0] < content[name].min() and content[name].max() < RANGES[name][1]
-        ):
+        if name in RANGES and not (RANGES[name][0] < content[name].min() and content[name].max() < RANGES[name][1]):
             limit = f"{place}/{name} reaches from {content[name].min()} to {content[name].max()}, beyond {RANGES[name]}"
             raise InputError(KEY, path, limit, "Make it again from a run whose summary says valid.")
         with np.errstate(over="ignore"):  # training is in single precision

@@ -240,9 +240,7 @@ class Unrolled:
     def _evaluated(self, sloped: bool, weights: Any, index: int, outputs: int) -> Any:
         """A compiled call; on overflow of the neighbour list again, with more room, `ENLARGEMENTS` times at most."""
         # Beyond the horizon any row will do; it does not count.
-        rows = np.minimum(
-            np.arange(index + 1, index + 1 + self.longest), self.course.run.number_of_frames - 1
-        )
+        rows = np.minimum(np.arange(index + 1, index + 1 + self.longest), self.course.run.number_of_frames - 1)
         targets = jax.tree.map(lambda m: m[rows], self.course.targets)
         program = self._slope if sloped else self._loss
         self._start(index)
@@ -274,9 +272,7 @@ class Unrolled:
 class Training:
     """The course of one training."""
 
-    def __init__(
-        self, course: Course, closures: Closures, settings: FinetuneSettings, stages: tuple[int, ...]
-    ):
+    def __init__(self, course: Course, closures: Closures, settings: FinetuneSettings, stages: tuple[int, ...]):
         self.unrolled = Unrolled(course, closures, max(stages))
         self.settings, self.stages = settings, stages
         self.best = closures.weights
@@ -307,9 +303,7 @@ class Training:
             where = f"run with the closures as given, {max(self.stages)} outputs"
             raise RunError(reason, where, 0.0, remedy)
         self.validation.append(value)
-        return (
-            self._by_gradient(progress) if self.settings.method == "gradient" else self._by_search(progress)
-        )
+        return self._by_gradient(progress) if self.settings.method == "gradient" else self._by_search(progress)
 
     def record(self) -> dict[str, Any]:
         """What happened, for the metadata."""
@@ -351,12 +345,8 @@ class Training:
 
     def _by_gradient(self, progress: Progress | None) -> str:
         settings = self.settings
-        rate = optax.cosine_decay_schedule(
-            settings.learning_rate, settings.updates * len(self.stages), alpha=0.05
-        )
-        optimizer = optax.chain(
-            optax.clip_by_global_norm(settings.largest_gradient), optax.adam(rate, b2=MEMORY)
-        )
+        rate = optax.cosine_decay_schedule(settings.learning_rate, settings.updates * len(self.stages), alpha=0.05)
+        optimizer = optax.chain(optax.clip_by_global_norm(settings.largest_gradient), optax.adam(rate, b2=MEMORY))
         update_of = jax.jit(partial(_update, optimizer))
         variables, state = self.variables, jax.jit(optimizer.init)(self.variables)
         generator, in_a_row = np.random.default_rng(settings.seed), 0

@@ -144,9 +144,7 @@ def require_finite(outcome: Outcome, elapsed: float) -> None:
         raise RunError(f"the training loss is {loss}, not finite", f"epoch {epoch}", elapsed, remedy)
 
 
-def paper_problem(
-    datasets: Sequence[Dataset], settings: FitSettings, start: PaperNetwork | None = None
-) -> Problem:
+def paper_problem(datasets: Sequence[Dataset], settings: FitSettings, start: PaperNetwork | None = None) -> Problem:
     """What `fit_paper` solves; raises what it raises.
 
     With `start` its layers, weights, normalisation and range are kept and gone on from.

@@ -82,9 +82,7 @@ class Problem:
         return (self.recipe, *(getattr(self.settings, name) for name in names), *shapes)
 
 
-def solve(
-    problems: Sequence[Problem], progress: Progress | None = None, mapped: bool | None = None
-) -> list[Outcome]:
+def solve(problems: Sequence[Problem], progress: Progress | None = None, mapped: bool | None = None) -> list[Outcome]:
     """Train the networks of problems of one kind at once; raises ValueError for problems of several kinds.
 
     `mapped` is that of `minimize`.

@@ -20,9 +20,7 @@ def prepare_rows(closure: InvariantClosure, inputs: DragInputs) -> PreparedInput
     return closure.prepare(inputs)
 
 
-def fit_regression(
-    closure: InvariantClosure, prepared: PreparedInputs, target: Forces, weight: Forces
-) -> Predictor:
+def fit_regression(closure: InvariantClosure, prepared: PreparedInputs, target: Forces, weight: Forces) -> Predictor:
     """Plain regression beside the network: force = (a_0 + sum_k a_k z_k) base force + sum_t b_t term vector.
 
     z are the closure's normalised features, a and b the weighted least-squares solution; no gate, no bounds.
@@ -48,9 +46,7 @@ def fit_regression(
         return np.concatenate([along_slip, np.asarray(rows.term_vectors)], axis=1)
 
     solution = least_squares(columns(prepared), target, weight)
-    return lambda group: np.einsum(
-        "mkd,k->md", columns(map_rows(partial(prepare_rows, closure), group)), solution
-    )
+    return lambda group: np.einsum("mkd,k->md", columns(map_rows(partial(prepare_rows, closure), group)), solution)
 
 
 def paper_features(group: Group) -> Forces:

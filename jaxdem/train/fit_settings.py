@@ -85,9 +85,7 @@ class FitSettings:
         if not self.seed >= 0:
             raise InputError("seed", self.seed, "must be 0 or more", "Raise it.")
         if any(width < 1 for width in self.hidden):
-            raise InputError(
-                "hidden", self.hidden, "needs a neuron at least in every layer", "For example 170-70-30."
-            )
+            raise InputError("hidden", self.hidden, "needs a neuron at least in every layer", "For example 170-70-30.")
         check_terms(self.terms)
         check_features(self.features)
         if not 0 < self.held_out_fraction < 1:

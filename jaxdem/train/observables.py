@@ -75,9 +75,7 @@ def observe_particles(
         angular_velocity: (N, A) [rad/s].
         drag_force: (N, D) [N].
     """
-    moving = grains.mass * jnp.sum(velocity**2, axis=1) + grains.inertia * jnp.sum(
-        angular_velocity**2, axis=1
-    )
+    moving = grains.mass * jnp.sum(velocity**2, axis=1) + grains.inertia * jnp.sum(angular_velocity**2, axis=1)
     solids = _profile(grains, position[:, 0], jnp.broadcast_to(grains.volume, position.shape[:1]))
     return Observables(
         drag_force_mean=jnp.mean(_length(drag_force)),

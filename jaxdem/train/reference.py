@@ -201,9 +201,7 @@ def _flux_of_cells(grid: Grid, void_fraction: Array, velocity: Array) -> tuple[A
 def _check_scene(scene: Scene, closures: Closures) -> None:
     coupling = scene.coupling
     if scene.particles is None or scene.fluid is None or coupling is None:
-        raise InputError(
-            "SCENE", "", "needs both [particles] and [fluid]", "Give the coarse scene of a coupled run."
-        )
+        raise InputError("SCENE", "", "needs both [particles] and [fluid]", "Give the coarse scene of a coupled run.")
     if coupling.virtual_mass or coupling.basset:
         raise InputError(
             "coupling.basset" if coupling.basset else "coupling.virtual_mass",
@@ -230,9 +228,7 @@ def _check_reference(scene: Scene, run: Run) -> None:
     size = tuple(run.scene.get("domain", {}).get("size", ()))
     if run.dimension != scene.dimension or not np.allclose(size, scene.domain.size, rtol=1e-9):
         limit = f"the scene's box is {scene.domain.size} m, the reference's {size} m"
-        raise InputError(
-            "domain.size", scene.domain.size, limit, "Take the reference's scene with fewer cells."
-        )
+        raise InputError("domain.size", scene.domain.size, limit, "Take the reference's scene with fewer cells.")
     assert scene.fluid is not None and run.cells is not None
     if any(coarse > fine for coarse, fine in zip(scene.fluid.cells, run.cells, strict=True)):
         limit = f"is finer than the {run.cells} of the reference"

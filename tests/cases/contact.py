@@ -36,9 +36,7 @@ def impact(overlap, rate, step):
     begin = np.argmax(overlap > 0) - 1
     end = begin + 1 + np.argmax(overlap[begin + 1 :] <= 0) - 1
     s = np.linspace(0.0, 1.0, 101)
-    deepest = max(
-        hermite(overlap[k], rate[k], overlap[k + 1], rate[k + 1], step, s).max() for k in range(begin, end)
-    )
+    deepest = max(hermite(overlap[k], rate[k], overlap[k + 1], rate[k + 1], step, s).max() for k in range(begin, end))
     return crossing(overlap, rate, step, begin), crossing(overlap, rate, step, end), deepest
 
 
@@ -67,12 +65,8 @@ def head_on(radius, density, modulus, poisson, speed, restitution, fraction):
 def impacts():
     """Head-on impacts, all in one program: the table's pairs, then restitution x speed x step."""
     rows = [row for row in table("hertz_closed_form.csv") if "pair" in row["case"]]
-    cases = [
-        head_on(row["R_m"], row["rho"], row["E_Pa"], row["nu"], row["v_rel"], 1.0, 1 / 100) for row in rows
-    ]
-    cases += [
-        head_on(0.01, 2500.0, 7e7, 0.3, v, e, f) for e in RESTITUTIONS for v in SPEEDS for f in FRACTIONS
-    ]
+    cases = [head_on(row["R_m"], row["rho"], row["E_Pa"], row["nu"], row["v_rel"], 1.0, 1 / 100) for row in rows]
+    cases += [head_on(0.01, 2500.0, 7e7, 0.3, v, e, f) for e in RESTITUTIONS for v in SPEEDS for f in FRACTIONS]
     steps = np.array([step for _, step in cases])
     _, seen = track(batch([scene for scene, _ in cases]), steps, FRAMES)
     return rows, steps, seen
@@ -222,9 +216,7 @@ def sliding_impact() -> list[Figure]:
     figures, sine, cosine = [], np.sin(np.radians(80)), np.cos(np.radians(80))
     for law, name in ((None, "Hertz-Mindlin"), (LinearSpringDashpot(), "linear")):
         step, values = oblique_step(law), (0.9, 0.7, 0.5, 0.3, 0.1)
-        scenes = [
-            thrown(80, phase, step, law, restitution=e, friction=0.5) for e in values for phase in PHASES
-        ]
+        scenes = [thrown(80, phase, step, law, restitution=e, friction=0.5) for e in values for phase in PHASES]
         velocity, _ = after_impact(scenes, step)
         ratio = (sine - velocity[:, 0]) / (0.5 * (velocity[:, 1] + cosine))
         for e, ratios in zip(values, ratio.reshape(len(values), -1), strict=True):
@@ -314,9 +306,7 @@ def dem01() -> list[Figure]:
         for name, value in ours.items():
             what = f"{name}, k_n {row['kn']:g}, e {row['e']:g}"
             figures.append(relative(what, row[name], value, 1e-3))
-        figures.append(
-            relative(f"highest frame, k_n {row['kn']:g}, e {row['e']:g}", apex, highest, 1e-3, "m")
-        )
+        figures.append(relative(f"highest frame, k_n {row['kn']:g}, e {row['e']:g}", apex, highest, 1e-3, "m"))
     return figures
 
 

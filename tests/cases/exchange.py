@@ -167,9 +167,7 @@ def fixed_bed() -> list[Figure]:
             drag = np.asarray(forces.drag)[:160][row, 1]
             volume = 4 / 3 * np.pi * radius**3
             figures.append(relative(f"V_p dp/L, {what}", volume * drop, pressure.mean(), 2e-3, "N"))
-            figures.append(
-                relative(f"drag over pressure force, {what}", (1 - s) / s, (drag / pressure).mean(), 2e-3)
-            )
+            figures.append(relative(f"drag over pressure force, {what}", (1 - s) / s, (drag / pressure).mean(), 2e-3))
     return figures
 
 

@@ -91,8 +91,7 @@ def available_energy(scene: Any, simulation: Any, parameters: Any, state: Any) -
     energy = float(np.sum(0.5 * mass * speed**2 + np.abs(mass - density * volume) * reach))
     energy += 0.5 * float(
         np.sum(
-            np.asarray(parameters.bodies.inertia)
-            * np.sum(np.asarray(state.particles.angular_velocity) ** 2, axis=1)
+            np.asarray(parameters.bodies.inertia) * np.sum(np.asarray(state.particles.angular_velocity) ** 2, axis=1)
         )
     )
     from jaxdem.setup.time_steps import boundary_speed
@@ -153,9 +152,7 @@ def _suspension(law: str) -> tuple[Any, ...]:
     scene = jaxdem.load_scene(SUSPENSION | {"coupling": {"drag": law}})
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    step = jax.jit(
-        lambda p, s, n: (lambda a, b, d: (a, b, d, failures(simulation, d)))(*simulation.step(p, s, n))
-    )
+    step = jax.jit(lambda p, s, n: (lambda a, b, d: (a, b, d, failures(simulation, d)))(*simulation.step(p, s, n)))
     return simulation, parameters, state, neighbors, step
 
 
@@ -164,9 +161,7 @@ def relaxation(law: str, ratio: float, gravity: float = 0.0) -> Outcome:
     start = time.perf_counter()
     simulation, parameters, state, neighbors, step = _suspension(law)
     first = step(parameters, state, neighbors)[2].forces
-    grip = float(
-        jnp.linalg.norm(first.law, axis=1)[0] / jnp.linalg.norm(first.inputs.slip_velocity, axis=1)[0]
-    )
+    grip = float(jnp.linalg.norm(first.law, axis=1)[0] / jnp.linalg.norm(first.inputs.slip_velocity, axis=1)[0])
     scale = float(parameters.bodies.mass) / (grip * ratio * simulation.interval)
     parameters = parameters._replace(drag_scale=jnp.asarray(scale), gravity=jnp.asarray([0.0, -gravity]))
     slips, kinetic, momentum, volume, code = [], [], 0.0, 0.0, 0
@@ -240,9 +235,7 @@ def rows() -> dict[str, Callable[[], Outcome]]:
     add(
         "viscosity",
         "0, fluid alone",
-        base(
-            particles=None, contact=None, fluid__viscosity=0.0, boundary=PERIODIC, fluid__velocity=[0.1, 0.05]
-        ),
+        base(particles=None, contact=None, fluid__viscosity=0.0, boundary=PERIODIC, fluid__velocity=[0.1, 0.05]),
     )
     add("viscosity", "1e-6 m2/s", base(fluid__viscosity=1e-6))
     add("viscosity", "0.1 m2/s", base(fluid__viscosity=0.1))
@@ -256,9 +249,7 @@ def rows() -> dict[str, Callable[[], Outcome]]:
         for ratio in (1e-6, 1e-3, 1.0, 1e3):
             table[f"drag: {law} {ratio:.0e}"] = functools.partial(relaxation, law, ratio)
     for ratio in (1e-6, 1e-2, 1.0):
-        table[f"drag: koch_hill settling {ratio:.0e}"] = functools.partial(
-            relaxation, "koch_hill", ratio, 9.81
-        )
+        table[f"drag: koch_hill settling {ratio:.0e}"] = functools.partial(relaxation, "koch_hill", ratio, 9.81)
     packed = layer(11, 12)
     for depth, text in ((0.0174, "0.3"), (0.0135, "0.1"), (0.0118, "all-solid cell")):
         add(

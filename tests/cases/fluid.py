@@ -177,9 +177,7 @@ def cavity_error(reynolds: int, cells: int, steps: int, time_step: float) -> tup
     return error[0], error[1]
 
 
-@case(
-    "lid-driven cavity", "fluid", "Ghia, Ghia & Shin 1982, Tables I and II", fast={"cells": 32, "gate": 0.02}
-)
+@case("lid-driven cavity", "fluid", "Ghia, Ghia & Shin 1982, Tables I and II", fast={"cells": 32, "gate": 0.02})
 def cavity(cells: int = 128, gate: float = 0.01) -> list[Figure]:
     """Velocity on the centre lines at Re 100 and 400 [0.01 at 128^2].
 
@@ -193,9 +191,7 @@ def cavity(cells: int = 128, gate: float = 0.01) -> list[Figure]:
         end = {100: 18.0, 400: 50.0}[reynolds]
         errors = cavity_error(reynolds, cells, int(end / step), step)
         for name, error in zip("uv", errors, strict=True):
-            figures.append(
-                below(f"{name}, Re {reynolds}, {cells}^2, largest difference over the lid's", error, gate)
-            )
+            figures.append(below(f"{name}, Re {reynolds}, {cells}^2, largest difference over the lid's", error, gate))
     return figures
 
 

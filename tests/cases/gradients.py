@@ -73,9 +73,7 @@ class Channel:
                 side_velocity=tuple(v * factor[2] for v in p.fluid.side_velocity),
             ),
             contact=p.contact._replace(young_modulus=p.contact.young_modulus * factor[3]),
-            closure=type(c)(
-                **{f: weights if f == "weights" else getattr(c, f) for f in c.__dataclass_fields__}
-            ),
+            closure=type(c)(**{f: weights if f == "weights" else getattr(c, f) for f in c.__dataclass_fields__}),
         )
 
     def observed(self, factor):
@@ -120,14 +118,10 @@ def rollout_gradients(dimensions: tuple[int, ...] = (2, 3)) -> list[Figure]:
         (value, (code, force)), slope = channel.gradient(jnp.ones(5))
         slope, force, sound = np.asarray(slope), np.asarray(force), int(code) == 0
         figures += [
-            at_least(
-                f"{where}: a contact that lasts", 1e-12, force[:, 0, -1].min() if sound else np.nan, "N"
-            ),
+            at_least(f"{where}: a contact that lasts", 1e-12, force[:, 0, -1].min() if sound else np.nan, "N"),
             below(f"{where}: other contacts", np.abs(force[:, 1:]).max(), 0.0, "N"),
             # Under half of Coulomb's limit it sticks.
-            below(
-                f"{where}: tangential over normal force", np.abs(force[:, 0, 0] / force[:, 0, -1]).max(), 10.0
-            ),
+            below(f"{where}: tangential over normal force", np.abs(force[:, 0, 0] / force[:, 0, -1]).max(), 10.0),
         ]
         for number, name in enumerate(NAMES):
             expected = central(channel, number, 1e-4 if number != 4 else 1e-3)

@@ -70,9 +70,7 @@ def gate(place: Array, x: Array) -> Array:
 class Columns:
     """Columns of the same grains in one box; only the gate and the heights differ, so all share a compilation."""
 
-    def __init__(
-        self, count: int, tallest: float, modulus: float, step: float, friction: float, rolling: float
-    ):
+    def __init__(self, count: int, tallest: float, modulus: float, step: float, friction: float, rolling: float):
         """Builds and compiles the box.
 
         Args:
@@ -235,8 +233,6 @@ def figures(deposits: Sequence[Deposit]) -> list[Figure]:
         results.append(absolute(label, 0.4, slope, 0.1))
     for d in deposits:
         if d.aspect <= 0.65:
-            results.append(
-                relative(f"height over that of the column, a {d.aspect:.2f}", d.aspect, d.height, 0.1)
-            )
+            results.append(relative(f"height over that of the column, a {d.aspect:.2f}", d.aspect, d.height, 0.1))
     results.append(at_least("grains at rest, least of all runs", 0.95, min(d.resting for d in deposits)))
     return results

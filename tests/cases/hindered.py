@@ -112,9 +112,7 @@ class Suspension:
                 domain=dict(size=[COLUMNS * LATTICE, height], depth=LATTICE),
                 particles=dict(radius=0.46 * LATTICE, density=SOLID, position=start.tolist()),
                 contact=dict(young_modulus=1e4, restitution=0.5, speed=0.15),
-                fluid=dict(
-                    cells=[COLUMNS // 2, LAYERS // 2], density=FLUID, viscosity=1e-3, time_step=INTERVAL
-                ),
+                fluid=dict(cells=[COLUMNS // 2, LAYERS // 2], density=FLUID, viscosity=1e-3, time_step=INTERVAL),
                 boundary=dict(left=dict(kind="periodic"), right=dict(kind="periodic")),
                 coupling=dict(drag=law, interval=INTERVAL),
                 time=dict(end=1.0, output_interval=0.1),
@@ -185,9 +183,7 @@ def hindered_settling(
                 expected = hindered_velocity(law, solid_fraction, number)
                 figures.append(relative(f"v/v_t, {place}", expected, velocity, 0.01))
                 uneven = max(uneven, abs(seen / solid_fraction - 1.0))
-            figures.append(
-                below(f"solid fraction seen, off by at most, {law}, Re_t {number:g}", uneven, 0.01)
-            )
+            figures.append(below(f"solid fraction seen, off by at most, {law}, Re_t {number:g}", uneven, 0.01))
             void = np.log(1.0 - np.asarray(solid_fractions))
             implied = [hindered_velocity(law, s, number) for s in solid_fractions]
             exponent = np.polyfit(void, np.log(measured), 1)[0]

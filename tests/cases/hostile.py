@@ -305,9 +305,7 @@ def untouched_keys() -> set[str]:
 
 def _starred(key: str) -> str:
     parts = key.split(".")
-    return ".".join(
-        "*" if p.isdecimal() or (k and parts[k - 1] == "boundary") else p for k, p in enumerate(parts)
-    )
+    return ".".join("*" if p.isdecimal() or (k and parts[k - 1] == "boundary") else p for k, p in enumerate(parts))
 
 
 def _places(tables: Tables) -> set[str]:

@@ -48,9 +48,7 @@ def variants() -> dict[str, Track]:
     middle, mirror = SIDE / 2, np.array([-1.0, 1.0])
     scenes = {
         "plain": scene(POSITION, VELOCITY, SPIN),
-        "order": scene(
-            POSITION[ORDER], VELOCITY[ORDER], SPIN[ORDER], radius=RADIUS[ORDER], density=DENSITY[ORDER]
-        ),
+        "order": scene(POSITION[ORDER], VELOCITY[ORDER], SPIN[ORDER], radius=RADIUS[ORDER], density=DENSITY[ORDER]),
         "translation": scene(POSITION + np.array([0.2, 0.0]), VELOCITY, SPIN),
         "rotation": scene((POSITION - middle) @ TURN + middle, VELOCITY @ TURN, SPIN, GRAVITY @ TURN),
         "reflection": scene((POSITION - middle) * mirror + middle, VELOCITY * mirror, -SPIN),
@@ -60,9 +58,7 @@ def variants() -> dict[str, Track]:
     back, turned, mirrored = np.argsort(ORDER), runs["rotation"], runs["reflection"]
     return runs | {
         "order": Track(*(field[:, back] for field in runs["order"])),
-        "translation": runs["translation"]._replace(
-            position=runs["translation"].position - np.array([0.2, 0.0])
-        ),
+        "translation": runs["translation"]._replace(position=runs["translation"].position - np.array([0.2, 0.0])),
         "rotation": turned._replace(
             position=(turned.position - middle) @ TURN.T + middle, velocity=turned.velocity @ TURN.T
         ),
@@ -202,8 +198,7 @@ def moved(start: Coupled, position: np.ndarray, velocity: np.ndarray) -> tuple[A
 def compared(what: str, gate: float, pairs: dict[str, tuple[Any, Any]]) -> list[Figure]:
     """Largest difference of each quantity (m, m/s, Pa over 1000)."""
     return [
-        below(f"{what}: {name}", np.abs(np.asarray(a) - np.asarray(b)).max(), gate)
-        for name, (a, b) in pairs.items()
+        below(f"{what}: {name}", np.abs(np.asarray(a) - np.asarray(b)).max(), gate) for name, (a, b) in pairs.items()
     ]
 
 

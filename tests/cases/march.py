@@ -90,9 +90,7 @@ class March:
         """
         count = max(1, round(duration / self.simulation.interval))
         while True:
-            state, neighbors, code, mean = self._stretch(
-                self.place, self.parameters, self.state, self.neighbors, count
-            )
+            state, neighbors, code, mean = self._stretch(self.place, self.parameters, self.state, self.neighbors, count)
             # What follows an overflow means nothing: the stretch is repeated.
             if not int(code) & Failure.OVERFLOW:
                 break

@@ -58,9 +58,7 @@ def coming_to_rest(end: float = 6.0) -> list[Figure]:
         what = f"steps of {1000 * step:g} ms"
         figures += [below(f"largest mean pressure over rho u^2, {what}", worst, 1.0)]
         figures += [below(f"rise of the energy, {what}", rise, 0.0)]
-        figures += [
-            below(f"mean pressure after {end:g} s, {what}", float(jnp.mean(state.pressure)), 0.5, "Pa")
-        ]
+        figures += [below(f"mean pressure after {end:g} s, {what}", float(jnp.mean(state.pressure)), 0.5, "Pa")]
     return figures
 
 
@@ -76,9 +74,7 @@ def still_water(steps: int = 10_000) -> list[Figure]:
         state, _, sound = flow.march(flow.properties(1e-6), start, steps, step)
         level = float(jnp.mean(state.pressure)) if sound else np.nan
         figures.append(
-            below(
-                f"mean pressure over rho L u/t, steps of {step:g} s", level * step / (DENSITY * 0.16e-9), 1e-4
-            )
+            below(f"mean pressure over rho L u/t, steps of {step:g} s", level * step / (DENSITY * 0.16e-9), 1e-4)
         )
     return figures
 
@@ -92,9 +88,7 @@ LENGTH = 1.6
 def tube(left: str) -> Flow:
     """A tube of 16 cells without friction; its right end is open."""
     piston = dict(times=tuple(np.linspace(0.0, 2.0, 201))) if left == "inlet" else None
-    return Flow(
-        (16, 1), (LENGTH, 0.1), (left, "outlet", "periodic", "periodic"), density=DENSITY, inlet=piston
-    )
+    return Flow((16, 1), (LENGTH, 0.1), (left, "outlet", "periodic", "periodic"), density=DENSITY, inlet=piston)
 
 
 @case("column of water in a tube with open ends", "outlets", "Torricelli; Bernoulli")
@@ -136,9 +130,7 @@ def piston() -> list[Figure]:
         drawn = 0.25 * DENSITY * sum(min(u, 0.0) ** 2 for u in (before, now))
         expected = DENSITY * (LENGTH - flow.centres(0)) * (now - before) / 0.01 - drawn
         off = np.abs(np.asarray(state.pressure)[:, 0] - expected).max() if sound else np.nan
-        figures.append(
-            below(f"pressure at {0.01 * count:g} s, error over rho U^2/2", off / (0.5 * DENSITY), 2e-3)
-        )
+        figures.append(below(f"pressure at {0.01 * count:g} s, error over rho U^2/2", off / (0.5 * DENSITY), 2e-3))
     return figures
 
 
@@ -254,9 +246,7 @@ def energy_falls(steps: int = 2000) -> list[Figure]:
             state, _, sound = flow.march(properties, state, steps // 20, step)
             energy.append(kinetic_energy(flow, state) if sound else np.nan)
         rise = max(0.0, *np.diff(energy)) / energy[0]
-        figures.append(
-            below(f"largest rise over the start, right {side}, {type(scheme).__name__}", rise, 0.0)
-        )
+        figures.append(below(f"largest rise over the start, right {side}, {type(scheme).__name__}", rise, 0.0))
     return figures
 
 

@@ -319,9 +319,7 @@ def impact_limit(speed: float, young_modulus: float) -> Limit:
     found = largest_stable(lambda steps: run(steps, count), predicted, 0.02, 2.0)
     label = f"ball between walls, {speed:g} m/s, E = {young_modulus:.0e}"
     default = time_steps(scene).limits["contact_automatic"]
-    return Limit(
-        "impact", label, predicted, found, default, "energy kept within 10 %: accuracy, not stability"
-    )
+    return Limit("impact", label, predicted, found, default, "energy kept within 10 %: accuracy, not stability")
 
 
 # --- fluid ------------------------------------------------------------------------------------------------

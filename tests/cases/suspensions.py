@@ -53,9 +53,7 @@ class Suspension:
             domain=dict(size=[SIDE, SIDE], depth=DEPTH, gravity=[0.0, 0.0]),
             particles=dict(radius=RADIUS, density=100.0, position=self.lattice.tolist()),
             contact=dict(young_modulus=1e5, friction=0.4, restitution=0.6, speed=0.5),
-            fluid=dict(
-                cells=[CELLS, CELLS], viscosity=1e-5, time_step=0.01, model=model, advection=advection
-            ),
+            fluid=dict(cells=[CELLS, CELLS], viscosity=1e-5, time_step=0.01, model=model, advection=advection),
             boundary={side: dict(kind="periodic") for side in ("left", "right", "bottom", "top")},
             coupling=dict(interval=0.01),
             time=dict(end=1.0, output_interval=0.1),
@@ -149,8 +147,6 @@ class Suspension:
         end, code, _, worst = (run or self.run)(parameters, state, steps)
         before, after = self.momentum(parameters, state), self.momentum(parameters, end)
         mass = float(parameters.bodies.mass)
-        size = (
-            mass * np.abs(state.particles.velocity).sum() + np.abs(before[1]).sum() + np.abs(after[1]).sum()
-        )
+        size = mass * np.abs(state.particles.velocity).sum() + np.abs(before[1]).sum() + np.abs(after[1]).sum()
         exchanged = np.abs(after[0] - before[0]).max() / size
         return np.abs(sum(after) - sum(before)).max() / size, exchanged, int(code), np.asarray(worst)

@@ -111,9 +111,7 @@ def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
     others = np.array(rows, int).reshape(count, max(count - 1, 0)).T
     listed = [(i, j) for i in range(count) for j in range(i + 1, count)]
     number, room = {pair: p for p, pair in enumerate(listed)}, len(listed) + 1
-    entry = [
-        [number[i, j] if i < j else room + number[j, i] for i, j in enumerate(row)] for row in others.tolist()
-    ]
+    entry = [[number[i, j] if i < j else room + number[j, i] for i, j in enumerate(row)] for row in others.tolist()]
     first, second = np.array([*listed, (0, 0)], int).T
     difference = position[first] - position[second]
     for axis in range(dimension):

@@ -234,9 +234,7 @@ def test_terminal_velocity(law, column, row):
     diameter, density, viscosity = (float(row[name]) for name in ("d_m", "rho_f", "mu_Pa_s"))
     weight = (float(row["rho_p"]) - density) * math.pi / 6 * diameter**3 * float(row["g"])
     inputs = make_inputs(1.0, 0.0, diameter, density, viscosity)
-    assert float(terminal_velocity(DRAG_LAWS[law](), inputs, weight)) == pytest.approx(
-        float(row[column]), rel=1e-4
-    )
+    assert float(terminal_velocity(DRAG_LAWS[law](), inputs, weight)) == pytest.approx(float(row[column]), rel=1e-4)
 
 
 def test_ergun_packed_bed_pressure_drop():

@@ -75,9 +75,7 @@ def invariant_values(closure):
     @jax.jit
     def features(inputs):
         return jax.vmap(
-            lambda row: closure.prepare(
-                row._replace(**{n: getattr(row, n)[None] for n in ROW_NAMES})
-            ).features[0]
+            lambda row: closure.prepare(row._replace(**{n: getattr(row, n)[None] for n in ROW_NAMES})).features[0]
         )(inputs)
 
     return np.asarray(features(inputs_for(3)))
@@ -100,9 +98,7 @@ def shaken(closure, seed):
         f"{prefix}_high": np.quantile(values, 0.98, axis=0),
     }
     leaves, structure = jax.tree.flatten(closure.weights)
-    leaves = [
-        (np.asarray(leaf) + 0.2 * generator.normal(size=leaf.shape)).astype(np.float32) for leaf in leaves
-    ]
+    leaves = [(np.asarray(leaf) + 0.2 * generator.normal(size=leaf.shape)).astype(np.float32) for leaf in leaves]
     return dataclasses.replace(closure, weights=jax.tree.unflatten(structure, leaves), **changes)
 
 
@@ -229,9 +225,7 @@ def test_onnx_gives_the_same(closures, expected, tmp_path, name):
     path = tmp_path / "closure.onnx"
     path.write_bytes(onnx_model(closures[name], dimension_of(closures[name]), name, "0"))
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    assert_equal_drag(
-        ExportedDrag(*session.run(list(ExportedDrag._fields), inputs._asdict())), name, inputs, drag
-    )
+    assert_equal_drag(ExportedDrag(*session.run(list(ExportedDrag._fields), inputs._asdict())), name, inputs, drag)
     few = {field: value[:3] for field, value in inputs._asdict().items()}
     assert session.run(["force"], few)[0].shape == (3, dimension_of(closures[name]))
 
@@ -246,9 +240,7 @@ def test_stablehlo_gives_the_same(closures, expected, tmp_path, name):
     assert_equal_drag(ExportedDrag(*result), name, inputs, drag)
     assert "stablehlo.dot_general" in text.read_text()
     for written in (artifact, text):
-        assert b".py" not in written.read_bytes(), (
-            "where the program lies on this machine is nobody's business"
-        )
+        assert b".py" not in written.read_bytes(), "where the program lies on this machine is nobody's business"
 
 
 def test_a_third_component_of_zero_changes_nothing(closures):

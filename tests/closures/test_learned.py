@@ -115,9 +115,7 @@ def test_rotation_and_moving_frame(dimension):
     scale = np.abs(before).max()
     rotation = rotation_matrix(dimension)
     turned = rotated(inputs, rotation)
-    np.testing.assert_allclose(
-        force(evaluate(closure, turned), turned), before @ rotation.T, atol=1e-6 * scale
-    )
+    np.testing.assert_allclose(force(evaluate(closure, turned), turned), before @ rotation.T, atol=1e-6 * scale)
     frame = jnp.full((1, dimension), 0.7)
     moving = inputs._replace(
         particle_velocity=inputs.particle_velocity + frame, fluid_velocity=inputs.fluid_velocity + frame
@@ -224,9 +222,7 @@ def test_ensemble_is_positive_and_the_same_under_rotation_and_in_a_moving_frame(
     moving = turned._replace(
         particle_velocity=turned.particle_velocity + frame, fluid_velocity=turned.fluid_velocity + frame
     )
-    np.testing.assert_allclose(
-        force(evaluate(ensemble, moving), moving), before @ rotation.T, atol=1e-6 * scale
-    )
+    np.testing.assert_allclose(force(evaluate(ensemble, moving), moving), before @ rotation.T, atol=1e-6 * scale)
     apart = jax.jit(lambda inputs: ensemble.one_by_one()(inputs))(inputs)
     np.testing.assert_allclose(force(apart, inputs), before, atol=1e-12 * scale)
 
@@ -276,9 +272,7 @@ def test_weight_gradient_against_finite_differences(kind):
         )
         for sign in (1, -1)
     )
-    slope = sum(
-        jax.tree.leaves(jax.tree.map(lambda g, d: np.sum(np.asarray(g) * d), gradient.weights, direction))
-    )
+    slope = sum(jax.tree.leaves(jax.tree.map(lambda g, d: np.sum(np.asarray(g) * d), gradient.weights, direction)))
     assert float(slope) == pytest.approx(float(total(ahead) - total(behind)) / (2 * step), rel=1e-6)
     for field in dataclasses.fields(closure):
         if field.name not in ("weights", "base", "hidden", "activation", "terms", "features"):
@@ -412,9 +406,7 @@ def test_failed_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "closure.h5"
     save_closure(path, CLOSURES["paper"](), {"round": 1})
     with pytest.raises(ValueError):
-        save_closure(
-            path, CLOSURES["paper"](), {"round": 2, "circular": (loop := [])} | {"x": loop.append(loop)}
-        )
+        save_closure(path, CLOSURES["paper"](), {"round": 2, "circular": (loop := [])} | {"x": loop.append(loop)})
     assert load_closure(path)[1] == {"round": 1}
     with pytest.raises(InputError, match="cannot be written"):
         save_closure(tmp_path / "nowhere" / "closure.h5", CLOSURES["paper"](), {})

@@ -62,9 +62,7 @@ class Box:
         # NumPy arrays: one type for all states, so that nothing is compiled twice.
         zero = np.zeros_like(position)
         particles = ParticleState(position, None, velocity, zero[:, :1], (), (), zero, zero)
-        return FluidState(
-            faces, np.zeros((CELLS, CELLS)), np.asarray(self.void_fraction(position))
-        ), particles
+        return FluidState(faces, np.zeros((CELLS, CELLS)), np.asarray(self.void_fraction(position))), particles
 
     def _void_fraction(self, position):
         weights = kernel_weights(self.grid, self.coupling.deposition.half_width, position)
@@ -142,10 +140,7 @@ def tables(**more):
 
 def test_it_is_compiled_in_where_it_is_asked_for_only():
     """The check names the mesh; without the key the simulation has no view of another mesh."""
-    assert (
-        "inputs of the drag law averaged to 4 x 4 cells"
-        in check_scene(jaxdem.load_scene(tables())).compiled_in
-    )
+    assert "inputs of the drag law averaged to 4 x 4 cells" in check_scene(jaxdem.load_scene(tables())).compiled_in
     simulation, _ = jaxdem.build(jaxdem.load_scene(tables(coupling={})))
     assert simulation.coupling.drag.coarse_inputs is None
 

@@ -144,9 +144,7 @@ def test_under_the_limit_nothing_grows_however_strong_the_drag(box, varies):
 
     assert after(limit, (3, 4, 5, 6)) < 1.0
     if varies:
-        assert after(0.8, (4,)) > 1.0, (
-            "worse than an even coefficient: why half of the analysis' limit is taken"
-        )
+        assert after(0.8, (4,)) > 1.0, "worse than an even coefficient: why half of the analysis' limit is taken"
     else:
         assert after(0.8, (4,)) < 1.0 < after(0.9, (4,))
 

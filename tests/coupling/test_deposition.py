@@ -62,9 +62,7 @@ def test_volume_is_exact_and_exchange_adjoint(name, ratio, dimension):
     volume = float(jnp.sum(solids)) * grid.cell_volume
     assert volume == pytest.approx(4.2e-6 * len(position), rel=ROUND_OFF)
     assert float(jnp.min(solids)) >= -1e-18
-    given = sum(
-        float(x) for x in face_total(grid, tuple(a * b for a, b in zip(on_faces, faces, strict=True)))
-    )
+    given = sum(float(x) for x in face_total(grid, tuple(a * b for a, b in zip(on_faces, faces, strict=True))))
     assert given == pytest.approx(float(np.sum(force * seen)), abs=1e-11)
 
 
@@ -110,9 +108,7 @@ def unevenness(name, ratio, width=3.0):
     count = 24
     grid = Grid((count, count), (count * h, count * h), 1.05 * DIAMETER, (True, True))
     number = int(count * ratio / 1.25)
-    lattice = np.stack(np.meshgrid(*[(np.arange(number) + 0.5) / number] * 2, indexing="ij"), -1).reshape(
-        -1, 2
-    )
+    lattice = np.stack(np.meshgrid(*[(np.arange(number) + 0.5) / number] * 2, indexing="ij"), -1).reshape(-1, 2)
     position = lattice * count * h
     weights = depositions(grid, width)[name].weights(grid, jnp.asarray(position), jnp.asarray(0.5 * DIAMETER))
     solids = np.asarray(solid_fraction(grid, weights, jnp.asarray(np.pi / 6 * DIAMETER**3)))

@@ -79,9 +79,7 @@ def inner_product(grid, a, b):
 
 def test_deposit_and_interpolation_are_adjoint(case):
     grid, _, faces, force, (_, on_faces, at_particles, *_) = case
-    assert inner_product(grid, on_faces, faces) == pytest.approx(
-        np.sum(force * at_particles), abs=ROUND_OFF * 100
-    )
+    assert inner_product(grid, on_faces, faces) == pytest.approx(np.sum(force * at_particles), abs=ROUND_OFF * 100)
 
 
 def test_deposited_force_has_the_total_of_the_particles(case):
@@ -108,9 +106,7 @@ def test_volume_is_exact_whatever_the_cell_over_the_diameter(ratio):
     grid = Grid((9, 8), (9 * h, 8 * h), h, (True, False))
     position = places(grid, 30)
     half = KernelWidth(1.5, 1.0).half_widths(grid, diameter)
-    solids = jax.jit(lambda x: solid_fraction(grid, kernel_weights(grid, half, x), jnp.asarray(4.2e-6)))(
-        position
-    )
+    solids = jax.jit(lambda x: solid_fraction(grid, kernel_weights(grid, half, x), jnp.asarray(4.2e-6)))(position)
     assert float(jnp.sum(solids)) * grid.cell_volume == pytest.approx(4.2e-6 * len(position), rel=ROUND_OFF)
     assert float(jnp.min(solids)) >= 0.0
 
@@ -179,9 +175,7 @@ def test_even_particles_give_an_even_solid_fraction(ratio):
     line = (np.arange(6 * per_cell) + 0.5) * spacing
     position = np.stack([a.ravel() for a in np.meshgrid(line, line, indexing="ij")], axis=1)
     half = KernelWidth(1.5, 1.0).half_widths(grid, diameter)
-    solids = jax.jit(lambda x: solid_fraction(grid, kernel_weights(grid, half, x), jnp.asarray(1e-6)))(
-        position
-    )
+    solids = jax.jit(lambda x: solid_fraction(grid, kernel_weights(grid, half, x), jnp.asarray(1e-6)))(position)
     mean = 1e-6 * len(position) / (36 * grid.cell_volume)
     np.testing.assert_allclose(np.asarray(solids), mean, rtol=ROUND_OFF)
 

@@ -78,27 +78,21 @@ def test_magnus_of_oesterle_and_bui_dinh(speed, spin):
     assert float(Magnus().force(inputs((-speed, 0.0), (2 * spin,), (spin,)))[1][0]) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("spin", "factor"), [(5.0, 1.0), (200.0, (12.9 * 800**0.5 + 128.4) / (64 * math.pi))]
-)
+@pytest.mark.parametrize(("spin", "factor"), [(5.0, 1.0), (200.0, (12.9 * 800**0.5 + 128.4) / (64 * math.pi))])
 def test_rotational_drag(spin, factor):
     """Stokes' 8 pi mu r^3 omega, Dennis' factor at Re_r = 800; and the exact decay over a long interval."""
     inertia = jnp.asarray(1e-9)
     torque = rotational_drag(inputs((0.0, 0.0), (0.0,), (spin,)), inertia, jnp.asarray(1e-9))
     assert float(torque[0][0]) == pytest.approx(-8 * math.pi * MU * (D / 2) ** 3 * spin * factor, rel=1e-6)
     long = rotational_drag(inputs((0.0, 0.0), (0.0,), (spin,)), inertia, jnp.asarray(1e3))
-    assert float(long[0][0]) == pytest.approx(
-        -1e-9 * spin / 1e3, rel=1e-9
-    )  # all of it is taken away, no more
+    assert float(long[0][0]) == pytest.approx(-1e-9 * spin / 1e3, rel=1e-9)  # all of it is taken away, no more
 
 
 @pytest.mark.parametrize("law", [SaffmanMei(), Magnus()])
 def test_gradients_are_finite_without_slip_and_without_rotation(law):
     def total(slip, curl):
         force = law.force(
-            FlowAround(
-                (slip, slip), (curl,), (curl * 0.0,), jnp.asarray(D), jnp.asarray(RHO), jnp.asarray(MU)
-            )
+            FlowAround((slip, slip), (curl,), (curl * 0.0,), jnp.asarray(D), jnp.asarray(RHO), jnp.asarray(MU))
         )
         return jnp.sum(force[0] + force[1])
 
@@ -210,9 +204,7 @@ def test_lift_and_torque_in_a_run(tmp_path, sheared):
     inertia = float(parameters.bodies.inertia)
     decay = math.pi * mu * d**3 / inertia * 1e-3
     assert torque == pytest.approx(inertia * relative * -math.expm1(-decay) / 1e-3, rel=1e-9)
-    assert float(new.particles.angular_velocity[0, 0]) == pytest.approx(
-        spin + relative * -math.expm1(-decay), rel=1e-6
-    )
+    assert float(new.particles.angular_velocity[0, 0]) == pytest.approx(spin + relative * -math.expm1(-decay), rel=1e-6)
     across = float(new.particles.velocity[0, 1]) * float(parameters.bodies.mass)
     assert across == pytest.approx(float(report.forces.total[0, 1]) * 1e-3, rel=1e-6)
     # Drag takes part of it within the interval, of two relaxation times.

@@ -153,9 +153,7 @@ def test_convection_of_a_linear_flow():
     slope = np.random.default_rng(2).normal(size=(3, 3))
     faces = []
     for axis in range(3):
-        lines = [
-            0.1 * (np.arange(n) + (0.5 if a != axis else 0.0)) for a, n in enumerate(grid.face_shape(axis))
-        ]
+        lines = [0.1 * (np.arange(n) + (0.5 if a != axis else 0.0)) for a, n in enumerate(grid.face_shape(axis))]
         faces.append(jnp.asarray(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1) @ slope[axis]))
     position = np.random.default_rng(3).uniform(0.15, 0.25, (9, 3))
     weights = Kernel((0.1,) * 3).weights(grid, jnp.asarray(position), jnp.asarray(0.01))
@@ -218,9 +216,7 @@ def test_reverse_mode_gradient(column):
     history = jax.tree.map(lambda x: jnp.asarray(random.normal(0.0, 0.01, x.shape)), memory["basset"])
 
     def observed(factor):
-        parameters = column.given(
-            density=300.0 * factor[0], viscosity=1e-3 * factor[1], gravity=1.0, drag=1.0
-        )
+        parameters = column.given(density=300.0 * factor[0], viscosity=1e-3 * factor[1], gravity=1.0, drag=1.0)
         past = {"virtual_mass": 1e-6 * factor[2] * jnp.ones((1, 2)), "basset": history}
         particles = column.state.particles._replace(fluid_memory=past)
         fluid, forces, *_ = advance_fluid(simulation, parameters, column.state._replace(particles=particles))

@@ -29,9 +29,7 @@ from tests.cases.flows import random_faces
 
 def box(cells, kinds, periodic=(False, False), velocity=None, **patch):
     grid = Grid(cells, (1.0, 1.0), 1.0, periodic)
-    sides = tuple(
-        Side(n // 2, bool(n % 2), kind, **(patch if n == 0 else {})) for n, kind in enumerate(kinds)
-    )
+    sides = tuple(Side(n // 2, bool(n % 2), kind, **(patch if n == 0 else {})) for n, kind in enumerate(kinds))
     velocity = (np.zeros(2),) * 4 if velocity is None else velocity
     return grid, Boundary(sides), tuple(jnp.asarray(v) for v in velocity)
 
@@ -160,9 +158,7 @@ PROFILES = {
 def test_profile_means_are_exact_on_every_mesh(name, count):
     """Face means against a midpoint sum of a million points; their sum is the integral, to round-off."""
     profile, function, integral = PROFILES[name]
-    grid, boundary, _ = box(
-        (3, count), ("inlet", *WALLS[1:]), start=(0.13,), stop=(0.555,), profile=(profile,)
-    )
+    grid, boundary, _ = box((3, count), ("inlet", *WALLS[1:]), start=(0.13,), stop=(0.555,), profile=(profile,))
     mean = coverage(grid, boundary.sides[0])
     assert mean.sum() * grid.spacing[1] == pytest.approx(integral, rel=1e-14)
     z = (np.arange(count * 30_000) + 0.5) / (count * 30_000)
@@ -170,9 +166,7 @@ def test_profile_means_are_exact_on_every_mesh(name, count):
     # A point of the sum that the patch cuts through counts as a whole.
     np.testing.assert_allclose(mean[0], fine, atol=1e-4)
     half = coverage(grid, boundary.sides[0], staggered=1)[0]
-    assert (half * np.r_[0.5, np.ones(count - 1), 0.5]).sum() * grid.spacing[1] == pytest.approx(
-        integral, rel=1e-13
-    )
+    assert (half * np.r_[0.5, np.ones(count - 1), 0.5]).sum() * grid.spacing[1] == pytest.approx(integral, rel=1e-13)
 
 
 def test_profile_over_the_whole_side_and_along_one_axis_of_a_layer():

@@ -132,8 +132,7 @@ def test_a_source_near_rest_is_solved_in_float32(size):
     grid, boundary = CASES["walls"]
     noise = np.random.default_rng(0).normal(size=grid.cells)
     coefficient = tuple(
-        jnp.asarray(np.random.default_rng(1 + a).uniform(0.5, 2.0, grid.face_shape(a)), jnp.float32)
-        for a in range(2)
+        jnp.asarray(np.random.default_rng(1 + a).uniform(0.5, 2.0, grid.face_shape(a)), jnp.float32) for a in range(2)
     )
     source = jnp.asarray(size * (noise - noise.mean()), jnp.float32)
     solved = jax.jit(lambda c, s: solve_pressure(grid, boundary, c, s, 1e-5 * jnp.max(jnp.abs(s))))

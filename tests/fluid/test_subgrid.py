@@ -72,16 +72,12 @@ def test_stress_takes_no_momentum_from_a_periodic_box_but_moves_it():
         f = random.normal(size=grid.face_shape(axis))
         np.moveaxis(f, axis, 0)[-1] = np.moveaxis(f, axis, 0)[0]
         velocity.append(jnp.asarray(f))
-    stress = stress_divergence(
-        grid, boundary, still, tuple(velocity), jnp.asarray(0.0), TIME, jnp.asarray(CS)
-    )
+    stress = stress_divergence(grid, boundary, still, tuple(velocity), jnp.asarray(0.0), TIME, jnp.asarray(CS))
     size = sum(float(jnp.abs(s).sum()) for s in stress)
     assert size > 1.0
     assert max(abs(float(total)) for total in face_total(grid, stress)) < 1e-14 * size
     # And it takes energy: sum u . div(tau) < 0.
-    assert (
-        sum(float(t) for t in face_total(grid, [u * s for u, s in zip(velocity, stress, strict=True)])) < 0.0
-    )
+    assert sum(float(t) for t in face_total(grid, [u * s for u, s in zip(velocity, stress, strict=True)])) < 0.0
 
 
 def test_slope_is_finite_at_rest():

@@ -38,9 +38,7 @@ def shaken(seed=1, size=0.5, hidden=(4,)):
 def box(cells, *kinds):
     """A box with the same kind of side at both ends of each axis."""
     grid = Grid(cells, SIZE[: len(cells)], 1.0, tuple(kind == "periodic" for kind in kinds))
-    return grid, Boundary(
-        tuple(Side(axis, upper, kind) for axis, kind in enumerate(kinds) for upper in (False, True))
-    )
+    return grid, Boundary(tuple(Side(axis, upper, kind) for axis, kind in enumerate(kinds) for upper in (False, True)))
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -154,9 +154,7 @@ def kills(path: Path, seed: int, number: int) -> None:
 
         process = child(work)
         if not inside:
-            if (
-                survived % 4 == 0
-            ):  # however busy the machine is: three new frames, of which a checkpoint follows
+            if survived % 4 == 0:  # however busy the machine is: three new frames, of which a checkpoint follows
                 os.read(told, 1), os.read(told, 1), os.read(told, 1)
             time.sleep(generator.uniform(0.0, 0.12))
             os.kill(process, signal.SIGKILL)

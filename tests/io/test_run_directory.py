@@ -90,9 +90,7 @@ def test_a_run_reads_back(tmp_path, dimension, joined):
     with RunDirectory.create(tmp_path / "a/b/run", scene_of(dimension)) as run:
         write_frames(run, 0, 4, dimension)
         if joined:
-            run.finish(
-                {"valid": True, "wall_time_s": np.float32(1.5), "rate": np.nan, "counts": np.arange(2)}
-            )
+            run.finish({"valid": True, "wall_time_s": np.float32(1.5), "rate": np.nan, "counts": np.arange(2)})
     path = tmp_path / "a/b/run"
     check_frames(path, 4, dimension)
     run = load_run(path)

@@ -50,9 +50,7 @@ def test_particles_in_vtk(finished):
         assert list(times) == [time_of(frame) for frame in range(4)]
         given = particle_arrays(index, dimension)
         assert data.GetNumberOfVerts() == data.GetNumberOfCells() == 5
-        np.testing.assert_array_equal(
-            vtk_to_numpy(data.GetPoints().GetData()), expected_vector(given["position"])
-        )
+        np.testing.assert_array_equal(vtk_to_numpy(data.GetPoints().GetData()), expected_vector(given["position"]))
         point_data = data.GetPointData()
         for name in ("velocity", "angular_velocity", "drag_force", "contact_force"):
             stored = vtk_to_numpy(point_data.GetArray(name))
@@ -74,8 +72,7 @@ def test_fluid_in_vtk(finished):
         cells = given["pressure"].shape
         assert image.GetNumberOfCells() == np.prod(cells)
         stored = {
-            name: vtk_to_numpy(image.GetCellData().GetArray(name))
-            for name in ("velocity", "pressure", "void_fraction")
+            name: vtk_to_numpy(image.GetCellData().GetArray(name)) for name in ("velocity", "pressure", "void_fraction")
         }
         half = np.array([0.05, 0.05, 0.1][:dimension])
         for cell in np.ndindex(cells):
@@ -106,10 +103,7 @@ def test_names_components_and_units_are_the_contracts(finished):
     _, path = finished
     _, particles = read_with_vtk(path / "particles.vtkhdf", time_of(1))
     _, image = read_with_vtk(path / "fluid.vtkhdf", time_of(1))
-    assert (
-        names_of(particles.GetPointData()) == PARTICLE_ARRAYS
-        and names_of(image.GetCellData()) == FLUID_ARRAYS
-    )
+    assert names_of(particles.GetPointData()) == PARTICLE_ARRAYS and names_of(image.GetCellData()) == FLUID_ARRAYS
     assert not names_of(particles.GetCellData()) and not names_of(image.GetPointData())
     scalars = {"radius", "id", "pressure", "void_fraction"}
     for data in (particles.GetPointData(), image.GetCellData()):

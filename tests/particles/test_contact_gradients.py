@@ -115,9 +115,7 @@ def test_slope_of_a_rotation_that_dies_out_is_finite(spin):
 
     def torque(value):
         normal = (0.0 * one, one)
-        torque, _ = ConstantDirectionalTorque()(
-            contact, force, material, normal, (value * one,), (), jnp.asarray(step)
-        )
+        torque, _ = ConstantDirectionalTorque()(contact, force, material, normal, (value * one,), (), jnp.asarray(step))
         return torque[0][0]
 
     slope = float(jax.grad(torque)(spin))

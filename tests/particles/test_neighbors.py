@@ -120,13 +120,9 @@ def test_a_list_whose_cells_share_columns_is_complete(periodic):
     assert not crowded
     found = {(i, int(j)) for row in np.asarray(index) for i, j in enumerate(row) if i != j}
     # SciPy takes a period of zero for none.
-    expected = KDTree(position, boxsize=np.where(periodic, box, 0.0)).query_pairs(
-        reach, output_type="ndarray"
-    )
+    expected = KDTree(position, boxsize=np.where(periodic, box, 0.0)).query_pairs(reach, output_type="ndarray")
     assert len(expected) > 10_000
-    assert np.count_nonzero(np.asarray(index) != np.arange(len(position))[None]) == 2 * len(
-        expected
-    )  # none twice
+    assert np.count_nonzero(np.asarray(index) != np.arange(len(position))[None]) == 2 * len(expected)  # none twice
     assert found == {(int(i), int(j)) for a, b in expected for i, j in ((a, b), (b, a))}
 
 
@@ -156,9 +152,7 @@ def test_cells_around_one_at_a_periodic_side_never_share_a_column():
 def test_a_grain_a_hair_below_a_periodic_side_is_in_a_list_of_shared_columns():
     """Its image lies on the side itself, to round-off; and 20 grains have room for 20 in a column, however wide it is."""
     position = np.array([[-1e-17, 1.0, 1.0], [2.9995, 1.0, 1.0], [1.0, 1.0, 1.0]])
-    listed = world(
-        position, radius=0.0005, box=(3.0, 3.0, 3.0), periodic=(True, False, False), walls=False
-    ).neighbors
+    listed = world(position, radius=0.0005, box=(3.0, 3.0, 3.0), periodic=(True, False, False), walls=False).neighbors
     assert set(listed_pairs(listed)) == {(0, 1), (1, 0)}
     assert listed.room.cell <= 3
 

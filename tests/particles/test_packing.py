@@ -109,10 +109,7 @@ def test_deepest_overlap_against_brute_force(periodic, sizes):
         for i in range(count):
             for j in range(i + 1, count):
                 d = position[i] - position[j]
-                d = [
-                    x - side * round(x / side) if p else x
-                    for x, side, p in zip(d, box, periodic, strict=True)
-                ]
+                d = [x - side * round(x / side) if p else x for x, side, p in zip(d, box, periodic, strict=True)]
                 overlap = (radius[i] + radius[j] - np.hypot(*d)) / (2 * min(radius[i], radius[j]))
                 if overlap > expected:
                     expected, pair = overlap, (i, j)

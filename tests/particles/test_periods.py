@@ -16,9 +16,7 @@ RADIUS, OVERLAP, LENGTHS, PERIODS = 0.01, 1e-5, (0.3, 2.3), (0, 1, -1, 333, 1001
 def apart(length, number):
     """Two grains that overlap by OVERLAP, the second `number` periods away."""
     start = [[0.123, 0.1], [0.123 + 2 * RADIUS - OVERLAP + number * length, 0.1]]
-    return world(
-        start, radius=RADIUS, box=(length, 0.3), periodic=(True, False), walls=False, dtype=jnp.float32
-    )
+    return world(start, radius=RADIUS, box=(length, 0.3), periodic=(True, False), walls=False, dtype=jnp.float32)
 
 
 @pytest.mark.parametrize("length", LENGTHS)

@@ -179,8 +179,6 @@ def test_block_between_walls_sticks_or_slides():
 
 def test_walls_without_memory_let_it_creep(monkeypatch):
     """Negative control: with the springs forgotten at every step the block at mu = 4 m g / (2 F_n) sinks."""
-    monkeypatch.setattr(
-        tangent, "turned_into_plane", lambda spring, normal: tuple(jnp.zeros_like(x) for x in spring)
-    )
+    monkeypatch.setattr(tangent, "turned_into_plane", lambda spring, normal: tuple(jnp.zeros_like(x) for x in spring))
     _, seen = track(squeezed(4 * NEEDED), TIME_STEP, 40, 50)
     assert seen.velocity[-1, 0, 1] < -1e-3

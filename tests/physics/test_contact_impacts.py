@@ -43,9 +43,7 @@ def test_errors_that_check_names():
 def energies(law, step, angles, spins, friction):
     """Energy after over before, less one, of elastic impacts; (angles x spins x phases)."""
     cases = [(angle, spin, phase) for angle in angles for spin in spins for phase in PHASES]
-    scenes = [
-        thrown(a, phase, step, law, spin, restitution=1.0, friction=friction) for a, spin, phase in cases
-    ]
+    scenes = [thrown(a, phase, step, law, spin, restitution=1.0, friction=friction) for a, spin, phase in cases]
     velocity, turning = after_impact(scenes, step)
     before = 0.5 + 0.2 * RADIUS**2 * np.array([spin for _, spin, _ in cases]) ** 2
     return (0.5 * (velocity**2).sum(axis=1) + 0.2 * RADIUS**2 * turning**2) / before - 1.0

@@ -62,10 +62,7 @@ def tables_of(**pairs):
     """
     mixed = table_of(jaxdem.build(scene_of())[1].contact)
     names = (("soft", "hard"), ("soft", "wall"), ("hard", "wall"))
-    rows = {
-        number: {"materials": two}
-        for number, two in zip((SOFT_HARD, SOFT_WALL, HARD_WALL), names, strict=True)
-    }
+    rows = {number: {"materials": two} for number, two in zip((SOFT_HARD, SOFT_WALL, HARD_WALL), names, strict=True)}
     materials = [dict(material) for material in TABLES["materials"]]
     for name in ("restitution", "friction", "rolling_friction"):
         values = np.asarray(getattr(mixed, name)).copy()
@@ -80,9 +77,7 @@ def tables_of(**pairs):
 
 def with_materials(scene, constants, walls=()):
     """A world whose first particle is soft and whose second is hard, on walls of these materials."""
-    index = MaterialIndex(
-        np.asarray([0, 1], np.int32), np.asarray(walls, np.int32), material_table(scene_of()).pair
-    )
+    index = MaterialIndex(np.asarray([0, 1], np.int32), np.asarray(walls, np.int32), material_table(scene_of()).pair)
     interval = scene.interval._replace(model=scene.interval.model._replace(materials=index))
     return scene._replace(interval=interval, constants=constants)
 
@@ -167,9 +162,7 @@ def test_walls_have_materials():
         rebuild=False,
     )  # fmt: skip
     # The soft ball is on the floor, which is left where it would be above the plane.
-    base = base._replace(
-        state=base.state._replace(position=base.state.position.at[0, 1].set(0.5 + RADIUS - 1e-6))
-    )
+    base = base._replace(state=base.state._replace(position=base.state.position.at[0, 1].set(0.5 + RADIUS - 1e-6)))
     nothing = dict.fromkeys(range(6), 0.0)
     friction = tables_of(friction=nothing | {SOFT_SOFT: 0.13, SOFT_HARD: 0.11})
     rolling = tables_of(friction=nothing, rolling_friction=nothing | {SOFT_SOFT: 0.3, SOFT_HARD: 0.2})
@@ -202,8 +195,7 @@ def test_gradients_by_the_constants_of_a_pair():
         )
         step = 1e-5 * values[index]
         ahead, behind = (
-            compiled(scene.constants._replace(**{name: values.at[index].add(sign * step)}))[0]
-            for sign in (1, -1)
+            compiled(scene.constants._replace(**{name: values.at[index].add(sign * step)}))[0] for sign in (1, -1)
         )
         assert ahead != behind
         np.testing.assert_allclose(getattr(slopes, name)[index], (ahead - behind) / (2.0 * step), rtol=1e-5)
@@ -313,9 +305,7 @@ def test_species_are_mixed_by_share_and_seed():
     np.testing.assert_array_equal(scene_bodies(again).material, bodies.material)
     assert again == scene
     position = initial_positions(scene)
-    depth = (
-        bodies.radius[:, None] + bodies.radius[None] - np.linalg.norm(position[:, None] - position, axis=2)
-    )
+    depth = bodies.radius[:, None] + bodies.radius[None] - np.linalg.norm(position[:, None] - position, axis=2)
     assert depth[~np.eye(201, dtype=bool)].max() < 0.0
 
 
@@ -324,9 +314,7 @@ def test_sizes_and_densities_from_a_file(tmp_path):
     np.savetxt(tmp_path / "radius.csv", radius)
     np.save(tmp_path / "density.npy", 1e5 * radius)
     text = mixed(radius=0.01, density=1.0, material="soft").to_toml()
-    text = text.replace("radius = 0.01", 'radius = "radius.csv"', 1).replace(
-        "density = 1.0", 'density = "density.npy"'
-    )
+    text = text.replace("radius = 0.01", 'radius = "radius.csv"', 1).replace("density = 1.0", 'density = "density.npy"')
     (tmp_path / "scene.toml").write_text(text)
     bodies = scene_bodies(jaxdem.load_scene(tmp_path / "scene.toml"))
     np.testing.assert_allclose(bodies.radius, radius, rtol=1e-14)

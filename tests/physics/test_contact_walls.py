@@ -22,9 +22,7 @@ def static_overlap(force):
     return (0.75 * force / (EFFECTIVE * np.sqrt(RADIUS))) ** (2 / 3)
 
 
-def on_surfaces(
-    surfaces, position, velocity=None, *, rolling=None, walls=False, dtype=jnp.float64, **material
-):
+def on_surfaces(surfaces, position, velocity=None, *, rolling=None, walls=False, dtype=jnp.float64, **material):
     """One sphere on a rigid wall, under gravity along the last axis."""
     dimension = len(position)
     values = {"young_modulus": MODULUS, "restitution": 0.5, "friction": 0.5, "wall_young_modulus": np.inf}
@@ -211,9 +209,7 @@ def test_walls_not_in_the_scene_are_not_in_the_program():
 def test_gradients_through_a_bounce_in_a_tube():
     """Where a spinning ball is after it has hit the wall, by its starting velocity and the modulus: central
     differences."""
-    scene = on_surfaces(
-        (Cylinder((0.5, 0.5), TUBE, None, True),), (0.5, 0.5 - TUBE + RADIUS + 1e-4), (0.3, -0.5)
-    )
+    scene = on_surfaces((Cylinder((0.5, 0.5), TUBE, None, True),), (0.5, 0.5 - TUBE + RADIUS + 1e-4), (0.3, -0.5))
 
     def end(velocity, modulus):
         start = scene._replace(

@@ -36,9 +36,7 @@ def test_total_momentum_is_conserved_in_model_b(suspension_b, relaxation):
 def test_total_momentum_is_conserved_with_central_advection():
     """Its third stage, half-way through the step, takes the same from one control volume as it gives to the next."""
     central = Suspension(advection="central")
-    error, exchanged, code, worst = central.drift(
-        central.given(), central.stirred(1.0, particle_speed=0.2), 50
-    )
+    error, exchanged, code, worst = central.drift(central.given(), central.stirred(1.0, particle_speed=0.2), 50)
     assert code == 0 and exchanged > 1e-3
     assert error < 1e-10 and worst[1] < 1e-10
 
@@ -158,9 +156,9 @@ def test_viscous_force_of_the_subgrid_viscosity_in_a_shear_wave(suspension):
 def test_viscosity_number_in_model_b_is_over_the_void_fraction(suspension_b):
     """The whole stress acts on the part g of the volume: nu t sum(1/h^2) / min g."""
     state = suspension_b.stirred(0.0)
-    report = jax.jit(suspension_b.simulation.step)(
-        suspension_b.given(viscosity=1e-2), state, suspension_b.neighbors
-    )[2].fluid
+    report = jax.jit(suspension_b.simulation.step)(suspension_b.given(viscosity=1e-2), state, suspension_b.neighbors)[
+        2
+    ].fluid
     lowest = float(state.fluid.void_fraction.min())
     expected = 1e-2 * 0.01 * 2.0 / (SIDE / CELLS) ** 2 / lowest
     assert lowest < 0.95

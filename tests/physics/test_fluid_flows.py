@@ -66,9 +66,7 @@ def test_central_advection_between_inlet_outlet_and_walls():
     plug = Flow((12, 8), (1.2, 0.8), ("inlet", "outlet", "free_slip", "free_slip"), scheme=scheme)
     state, _, _ = plug.march(plug.properties(1e-3, {0: [1.0, 0.0]}), plug.state(1.0, 0.0), 40, 0.02)
     np.testing.assert_allclose(state.face_velocity[0], 1.0, atol=1e-12)
-    jet = Flow(
-        (24, 8), (2.4, 0.8), ("inlet", "outlet", "no_slip", "no_slip"), {0: ((0.2,), (0.5,))}, scheme=scheme
-    )
+    jet = Flow((24, 8), (2.4, 0.8), ("inlet", "outlet", "no_slip", "no_slip"), {0: ((0.2,), (0.5,))}, scheme=scheme)
     state, worst, sound = jet.march(jet.properties(1e-6, {0: [1.0, 0.0]}), jet.state(), 800, 0.02)
     assert bool(sound) and float(worst) < 1e-9
     fastest = max(float(np.abs(np.asarray(u)).max()) for u in state.face_velocity)
@@ -240,9 +238,7 @@ def test_a_step_is_of_second_order_in_time(scheme):
     assert 3.0 < ratio < 5.0
 
 
-@pytest.mark.parametrize(
-    ("scheme", "order"), [(Central(), 2), (CentralFourth(), 4)], ids=["central", "central_4"]
-)
+@pytest.mark.parametrize(("scheme", "order"), [(Central(), 2), (CentralFourth(), 4)], ids=["central", "central_4"])
 def test_order_of_central_advection(scheme, order):
     """The rate at which a uniform stream carries the means over cells of a sine, against the exact one: the error falls
     by 2^order from 16 to 32 cells."""
@@ -322,9 +318,7 @@ def test_jet_flow_rate_is_the_same_on_every_mesh_and_leaves(jets, n):
     properties = flow.properties(1e-3, {0: [0.8, 0.0]})
     state, worst, ok = flow.march(properties, flow.state(void_fraction=g), 3, 0.01, later)
     assert bool(ok) and float(worst) < 1e-10
-    flux = [
-        np.asarray(gu * u) for gu, u in zip(face_average(flow.grid, later), state.face_velocity, strict=True)
-    ]
+    flux = [np.asarray(gu * u) for gu, u in zip(face_average(flow.grid, later), state.face_velocity, strict=True)]
     inflow = flux[0][0].sum() / n
     assert inflow == pytest.approx(0.37 * 0.8, rel=1e-14)
     # In what goes in, out goes the same (the void fraction stood still in the last step), to the divergence's 1e-10.
@@ -371,9 +365,7 @@ def test_an_oblique_stream_leaves_by_two_sides_and_their_corner():
     """Through an even bed: the stream of 1 m/s to the right and 0.5 m/s up stays as it is, without a pressure."""
     flow = Flow((6, 5), (0.6, 0.4), ("inlet", "outlet", "inlet", "outlet"))
     stream, bed = np.array([1.0, 0.5]), np.full((6, 5), 0.6)
-    properties = flow.properties(
-        1e-3, {0: 0.6 * stream * [1.0, 1.0 / 0.6], 2: 0.6 * stream * [1.0 / 0.6, 1.0]}
-    )
+    properties = flow.properties(1e-3, {0: 0.6 * stream * [1.0, 1.0 / 0.6], 2: 0.6 * stream * [1.0 / 0.6, 1.0]})
     state, _, ok = flow.march(properties, flow.state(*stream, void_fraction=bed), 50, 0.02, bed)
     assert bool(ok)
     for u, speed in zip(state.face_velocity, stream, strict=True):
@@ -449,9 +441,7 @@ def test_an_inlet_follows_its_velocities_in_time():
         domain=dict(size=[1.0, 0.5], depth=1.0),
         fluid=dict(cells=[4, 6], viscosity=1e-3, time_step=0.01),
         boundary=dict(
-            right=dict(
-                kind="inlet", times=times, velocities=speeds, profile="parabolic", **{"from": 0.1, "to": 0.4}
-            ),
+            right=dict(kind="inlet", times=times, velocities=speeds, profile="parabolic", **{"from": 0.1, "to": 0.4}),
             left=dict(kind="outlet"),
         ),
         time=dict(end=0.15, output_interval=0.01),

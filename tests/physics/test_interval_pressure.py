@@ -20,9 +20,7 @@ def pack_in_a_duct(substeps):
     tables = dict(
         precision="float64",
         domain=dict(size=[LENGTH, HEIGHT], depth=DEPTH, gravity=[0.0, 0.0]),
-        particles=dict(
-            radius=0.01, density=1e9, position=position.tolist(), velocity=[[2.0, 0.0]] * len(position)
-        ),
+        particles=dict(radius=0.01, density=1e9, position=position.tolist(), velocity=[[2.0, 0.0]] * len(position)),
         contact=dict(young_modulus=1e9, speed=1e-4),
         fluid=dict(cells=[48, 4], density=1000.0, viscosity=1e-6, time_step=INTERVAL / substeps),
         boundary=dict(
@@ -56,6 +54,4 @@ def test_reported_pressure_balances_the_reported_forces(substeps):
     drag nearly balances, as in an injection.
     """
     got, expected = pack_in_a_duct(substeps)
-    np.testing.assert_allclose(
-        got.reshape(-1, 5).mean(axis=1), expected.reshape(-1, 5).mean(axis=1), rtol=1e-6
-    )
+    np.testing.assert_allclose(got.reshape(-1, 5).mean(axis=1), expected.reshape(-1, 5).mean(axis=1), rtol=1e-6)

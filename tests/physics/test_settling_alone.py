@@ -106,10 +106,7 @@ def test_correction_of_a_law_is_consistent_and_has_its_gradient():
     @jax.jit
     def force(slip):
         inputs = DragInputs(-slip, 0.0 * slip, 0.0 * one, slip, slip, one[0], one[0], one[0], one[0])
-        return (
-            correction(SchillerNaumann(), inputs, 0.0 * one, jnp.asarray(math.pi / 6.0)).coefficient
-            * slip[:, 0]
-        )
+        return correction(SchillerNaumann(), inputs, 0.0 * one, jnp.asarray(math.pi / 6.0)).coefficient * slip[:, 0]
 
     def wake(undisturbed):
         reynolds = abs(undisturbed)
@@ -135,17 +132,13 @@ def test_a_force_beside_the_coefficient_is_of_the_undisturbed_slip_too():
 
     def law(inputs):
         drag = stokes(inputs)
-        return Drag(
-            drag.coefficient, 0.5 * drag.coefficient[:, None] * inputs.slip_velocity, drag.out_of_range
-        )
+        return Drag(drag.coefficient, 0.5 * drag.coefficient[:, None] * inputs.slip_velocity, drag.out_of_range)
 
     slip = jnp.asarray([[2.0, -1.0, 0.5]])
     inputs = DragInputs(-slip, 0.0 * slip, 0.1 * one, slip, slip, one[0], one[0], one[0], one[0])
     volume = jnp.asarray(math.pi / 6.0)
     drag = jax.jit(lambda i: correction(law, i, 0.02 * one, volume))(inputs)
-    np.testing.assert_allclose(
-        drag.remainder, 0.5 * drag.coefficient[:, None] * slip, rtol=1e-3
-    )  # of two evaluations
+    np.testing.assert_allclose(drag.remainder, 0.5 * drag.coefficient[:, None] * slip, rtol=1e-3)  # of two evaluations
 
 
 def test_off_compiles_nothing_of_it():

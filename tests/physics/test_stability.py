@@ -68,9 +68,7 @@ def test_what_cannot_work_is_refused_before_the_first_step(name, words):
         assert word in row.message
 
 
-@pytest.mark.parametrize(
-    "name", ["drag: stokes 1e-06", "drag: stokes 1e+03", "restitution, friction: e = 0, mu = 10"]
-)
+@pytest.mark.parametrize("name", ["drag: stokes 1e-06", "drag: stokes 1e+03", "restitution, friction: e = 0, mu = 10"])
 def test_extreme_rows_end_sound(name):
     """Energy bounded by what there was to get, volume and momentum to round-off."""
     row = extremes.rows()[name]()

@@ -66,9 +66,7 @@ class FakeRun:
         axes = [(np.arange(n) + 0.5) / n for n in cells]
         grid = np.meshgrid(*axes, indexing="ij")
         velocity = np.zeros((*cells, 3))
-        velocity[..., 0] = 3.0 * np.exp(
-            -8 * (grid[-1] - 0.2 - 0.1 * np.sin(6 * grid[0] - self.times[i])) ** 2
-        )
+        velocity[..., 0] = 3.0 * np.exp(-8 * (grid[-1] - 0.2 - 0.1 * np.sin(6 * grid[0] - self.times[i])) ** 2)
         return {"velocity": velocity, "pressure": np.zeros(cells), "void_fraction": np.ones(cells)}
 
 

@@ -87,9 +87,7 @@ def test_films_that_cannot_be_made_are_refused(make: Any, tmp_path: Path, monkey
 def played(runs: list[Any], **options: Any) -> Any:
     """The page's fragment, and its data."""
     roles = ["reference"] + ["run"] * (len(runs) - 1)
-    entries = [
-        Entry(r.path.name, role, r, history_until(r, None)) for r, role in zip(runs, roles, strict=True)
-    ]
+    entries = [Entry(r.path.name, role, r, history_until(r, None)) for r, role in zip(runs, roles, strict=True)]
     rows = {row.name: row for row in build(entries[0], entries[1:], [], {}, None).rows}
     result = player(entries, rows, style.styles([entry.name for entry in entries]), **options)
     if result is None:
@@ -122,12 +120,8 @@ def test_the_page_holds_the_data_of_all_runs(make: Any) -> None:
         np.testing.assert_allclose(height, particles["position"][:, 1], atol=2 / 65535)
         assert set(planes[4]) == {255.0} and stored["radius"] == 0.01
         drag = np.minimum(particles["drag_force"][:, 0], data["tops"]["drag"])
-        np.testing.assert_allclose(
-            planes[6] / 255 * data["tops"]["drag"], drag, atol=data["tops"]["drag"] / 500
-        )
-        speed = (
-            np.frombuffer(raw, np.uint8, nx * nz, 12 + 210).reshape(nz, nx).T / 255 * data["tops"]["fluid"]
-        )
+        np.testing.assert_allclose(planes[6] / 255 * data["tops"]["drag"], drag, atol=data["tops"]["drag"] / 500)
+        speed = np.frombuffer(raw, np.uint8, nx * nz, 12 + 210).reshape(nz, nx).T / 255 * data["tops"]["fluid"]
         given = np.minimum(np.linalg.norm(run.fluid(i)["velocity"], axis=-1), data["tops"]["fluid"])
         np.testing.assert_allclose(speed, given, atol=data["tops"]["fluid"] / 500)
 

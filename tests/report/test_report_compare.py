@@ -65,11 +65,7 @@ def test_files_and_columns(make: Any, tmp_path: Path) -> None:
     first += ["contact_time_step", "wall_time_s", "valid"]
     wanted = [*first, *NAMES, *(f"error_{name}" for name in NAMES), "mean_error", "error_over_noise"]
     assert list(rows[0])[: len(wanted)] == wanted
-    assert (
-        rows[0]["cells"] == "300x50"
-        and rows[1]["drag_law"] == "koch_hill"
-        and rows[2]["closure_file"] == "c.h5"
-    )
+    assert rows[0]["cells"] == "300x50" and rows[1]["drag_law"] == "koch_hill" and rows[2]["closure_file"] == "c.h5"
     assert [float(row["mean_error"]) for row in rows] == pytest.approx([0.0, 0.2, 0.1, 0.02])
     assert [float(row["error_over_noise"]) for row in rows] == pytest.approx([0.0, 10.0, 5.0, 1.0])
     assert float(rows[1]["error_runoff"]) == pytest.approx(0.2)
@@ -214,9 +210,7 @@ def test_run_time_is_without_compiling(make: Any, tmp_path: Path) -> None:
 def test_packs_give_means_and_their_range(make: Any, tmp_path: Path) -> None:
     """Errors 0.1, 0.2, 0.3 over the packs: mean 0.2, noise half of the range, a point for each in the figure."""
     runs = [make("a", factor=1.1, wall=4.0), make("b", factor=1.25, wall=9.0)]
-    packs = {
-        "a": [make("a1", factor=1.2, wall=5.0), make("a2", factor=1.3, wall=6.0), make("a3", valid=False)]
-    }
+    packs = {"a": [make("a1", factor=1.2, wall=5.0), make("a2", factor=1.3, wall=6.0), make("a3", valid=False)]}
     result = compare(make("fine", wall=20.0), runs, tmp_path, packs=packs)
     row = result.rows[1]
     assert row.mean_error == pytest.approx(0.2) and row.errors["height"] == pytest.approx(0.2)
@@ -235,10 +229,7 @@ def test_packs_give_means_and_their_range(make: Any, tmp_path: Path) -> None:
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(terminal_table(result))
     shown = console.export_text()
-    assert (
-        all(word in shown for word in ("10-30 %", "run-off", "height", "compile", "noise"))
-        and "…" not in shown
-    )
+    assert all(word in shown for word in ("10-30 %", "run-off", "height", "compile", "noise")) and "…" not in shown
     with pytest.raises(InputError, match="packs"):
         compare(make("fine"), runs, tmp_path, packs={"c": [make("c1")]})
 
@@ -256,9 +247,7 @@ def test_pareto_front_of_runs(make: Any, tmp_path: Path, no_page: None) -> None:
     assert [row.name for row in result.rows if row.pareto] == ["cheap", "middle", "best"]
     assert "cheap, middle, best" in result.sentences[-1] and "untimed" in " ".join(result.warnings)
     assert "noise is not known" in result.sentences[-1]
-    noise = [
-        make("jitter", factor=1.25, wall=10.0)
-    ]  # best is not better than middle by more than this, cheap is worse
+    noise = [make("jitter", factor=1.25, wall=10.0)]  # best is not better than middle by more than this, cheap is worse
     result = compare(make("fine", wall=10.0), runs, tmp_path, noise=noise)
     assert [row.name for row in result.rows if row.pareto] == ["cheap", "middle"]
     assert "by more than the noise" in result.sentences[-1]
@@ -287,9 +276,7 @@ def test_until_cuts_all_runs(make: Any, tmp_path: Path, no_page: None) -> None:
     assert result.rows[2].ranked and "comparison ends at 1 s" in " ".join(result.warnings)
 
 
-def test_mean_pressure_of_a_box_without_outlet_is_not_compared(
-    make: Any, tmp_path: Path, no_page: None
-) -> None:
+def test_mean_pressure_of_a_box_without_outlet_is_not_compared(make: Any, tmp_path: Path, no_page: None) -> None:
     """It is zero by convention, and the rounding of one run is no reference for that of another."""
     closed = {side: {"kind": "no_slip"} for side in ("left", "right", "bottom", "top")}
     for boundary, counted in ((closed, 8), (closed | {"right": {"kind": "outlet"}}, 9)):
@@ -335,10 +322,7 @@ def test_wrong_input_is_refused(make: Any, tmp_path: Path) -> None:
 def test_tolerant_reading() -> None:
     assert number({"value": 1e-4, "limit": 2e-4}) == 1e-4 and number(3) == 3.0
     assert math.isnan(number(None)) and math.isnan(number("auto")) and math.isnan(number(True))
-    assert (
-        text({"mass": 1e-7, "momentum": None}) == "mass 1e-07, momentum not recorded"
-        and text({}) == "not recorded"
-    )
+    assert text({"mass": 1e-7, "momentum": None}) == "mass 1e-07, momentum not recorded" and text({}) == "not recorded"
     changed = scene_differences({"a": {"b": 1, "c": (1, 2)}, "d": 2}, {"a": {"b": 3, "c": [1, 2]}, "e": 4})
     assert changed == {"a.b": (1, 3), "d": (2, None), "e": (None, 4)}
 

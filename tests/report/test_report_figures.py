@@ -18,10 +18,7 @@ from jaxdem.report.runs import history_until
 
 def entries_of(*runs: Any) -> list[Entry]:
     roles = ["reference"] + ["run"] * (len(runs) - 1)
-    return [
-        Entry(run.path.name, role, run, history_until(run, None))
-        for run, role in zip(runs, roles, strict=True)
-    ]
+    return [Entry(run.path.name, role, run, history_until(run, None)) for run, role in zip(runs, roles, strict=True)]
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch, *runs: Any) -> Any:
@@ -71,9 +68,7 @@ def test_planes(make: Any) -> None:
 
 
 def test_discs_have_their_true_radius_on_equal_axes(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    figure = drawn(
-        monkeypatch, make("a", radius=0.03), make("b", cells=(38, 6)), make("short", end=0.5, outputs=6)
-    )
+    figure = drawn(monkeypatch, make("a", radius=0.03), make("b", cells=(38, 6)), make("short", end=0.5, outputs=6))
     figure.canvas.draw()
     shown = [axis for axis in figure.axes if axis.get_visible() and axis.get_title(loc="left")]
     assert len(shown) == 12
@@ -87,9 +82,7 @@ def test_discs_have_their_true_radius_on_equal_axes(make: Any, monkeypatch: pyte
         radius = 0.03 if axis.get_title(loc="left").strip().startswith("a ") else 0.01
         assert discs[0].get_widths() == pytest.approx(2 * radius)
         # The two transforms that the collection is drawn with take a unit circle to the radius in pixels.
-        in_pixels = (
-            np.asarray(discs[0].get_transforms())[0, 0, 0] * discs[0].get_transform().get_matrix()[0, 0]
-        )
+        in_pixels = np.asarray(discs[0].get_transforms())[0, 0, 0] * discs[0].get_transform().get_matrix()[0, 0]
         assert in_pixels == pytest.approx(radius * pixels[0], rel=1e-6)
     scales = {image.get_clim() for axis in shown for image in axis.images}
     assert len(scales) == 1 and scales.pop()[0] == 0.0

@@ -95,13 +95,9 @@ def test_boxes_of_any_size(make: Any, tmp_path: Path, size: tuple[float, ...]) -
     """Numbers on the axes have up to seven characters."""
     runs = [make(name, size=size, cells=None, radius=0.01 * size[0], outputs=2) for name in "ab"]
     single.plot_run(runs[0], tmp_path)
-    entries = [
-        Entry(name, "run", run, history_until(run, None)) for name, run in zip("ab", runs, strict=True)
-    ]
+    entries = [Entry(name, "run", run, history_until(run, None)) for name, run in zip("ab", runs, strict=True)]
     looks = style.styles(["a", "b"])
-    snapshots.snapshots_figure(
-        entries, build(entries[0], entries[1:], [], {}, None), looks, tmp_path / "s.png"
-    )
+    snapshots.snapshots_figure(entries, build(entries[0], entries[1:], [], {}, None), looks, tmp_path / "s.png")
 
 
 def test_figures_of_networks_and_studies(tmp_path: Path, figure_names: list[str]) -> None:

@@ -64,9 +64,7 @@ def test_walls_are_where_the_solver_has_them(dimension: int) -> None:
         scene = scene_with(dimension, table)
         found = walls._distance(scene["walls"], points)
         surfaces = _of_wall(load_scene(scene).walls[0])
-        overlap = [
-            jax.vmap(lambda x, s=s: s.overlap(x, jnp.zeros(())))(jnp.asarray(points)) for s in surfaces
-        ]
+        overlap = [jax.vmap(lambda x, s=s: s.overlap(x, jnp.zeros(())))(jnp.asarray(points)) for s in surfaces]
         np.testing.assert_allclose(found, -np.max(overlap, axis=0), atol=1e-12)
 
 
@@ -155,16 +153,12 @@ def test_openings_are_drawn_on_their_sides(make: Any) -> None:
     ]
     (lines,) = [item for item in drawn(run).collections if isinstance(item, LineCollection)]
     for opening, path in zip(found, lines.get_segments(), strict=True):
-        assert path.min(axis=0).tolist() == list(opening.start) and path.max(axis=0).tolist() == list(
-            opening.stop
-        )
+        assert path.min(axis=0).tolist() == list(opening.start) and path.max(axis=0).tolist() == list(opening.stop)
     handles = pictures.opening_handles([pictures.take(run, 0), None])
     assert [handle.get_label() for handle in handles] == ["inlet", "outlet"]
 
 
-def test_all_pictures_of_a_run_have_its_walls(
-    make: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """plot, every frame of animate, every panel of the snapshots, and the page's animations."""
     calls: list[Any] = []
     draw = pictures._draw_walls
@@ -185,7 +179,5 @@ def test_all_pictures_of_a_run_have_its_walls(
     data = json.loads(re.search(r'id="player-data">(.*?)</script>', page.html)[1])["runs"][1]
     nx, nz = data["walls"]["points"]
     share = np.frombuffer(zlib.decompress(base64.b64decode(data["walls"]["share"])), np.uint8).reshape(nz, nx)
-    assert (
-        share[round(0.5 / 0.8 * nz), round(0.6 * nx)] == 255 and share[round(0.9 * nz), round(0.5 * nx)] == 0
-    )
+    assert share[round(0.5 / 0.8 * nz), round(0.6 * nx)] == 255 and share[round(0.9 * nz), round(0.5 * nx)] == 0
     assert data["openings"] == [{"color": pictures.OPENINGS["outlet"], "corners": [0.0, 0.0, 1.0, 0.0]}]

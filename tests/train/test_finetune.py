@@ -90,9 +90,7 @@ class SimpleForces(NamedTuple):
 def closure_with(bias):
     """One layer on the features: the factor on the drag is exp(G B(bias)) where its kernel is zero."""
     closure = InvariantClosure.initial(Stokes(), hidden=())
-    weights = {
-        "Dense_0": {"kernel": np.zeros_like(closure.weights["Dense_0"]["kernel"]), "bias": np.asarray([bias])}
-    }
+    weights = {"Dense_0": {"kernel": np.zeros_like(closure.weights["Dense_0"]["kernel"]), "bias": np.asarray([bias])}}
     return dataclasses.replace(closure, weights=weights)
 
 
@@ -113,9 +111,7 @@ class ToyCourse:
 
         def measure(state, diagnostics):
             p = state.particles
-            return state, observe_particles(
-                GRAINS, p.position, p.velocity, p.angular_velocity, diagnostics.forces.drag
-            )
+            return state, observe_particles(GRAINS, p.position, p.velocity, p.angular_velocity, diagnostics.forces.drag)
 
         @jax.jit
         def run(parameters):
@@ -207,11 +203,7 @@ def test_updates_that_are_not_finite_are_skipped_and_counted(unrolled, monkeypat
     def now_and_then(*arguments):
         value, code, slopes = slope(*arguments)
         calls.append(value)
-        return (
-            (value, code, jax.tree.map(lambda s: s * jnp.nan, slopes))
-            if len(calls) == 2
-            else (value, code, slopes)
-        )
+        return (value, code, jax.tree.map(lambda s: s * jnp.nan, slopes)) if len(calls) == 2 else (value, code, slopes)
 
     monkeypatch.setattr(unrolled, "slope", now_and_then)
     assert made.run(None) == ""
@@ -223,9 +215,7 @@ def test_several_in_a_row_end_the_training_with_a_message(unrolled, monkeypatch)
     made, slope = training(unrolled, updates=20), unrolled.slope
     monkeypatch.setattr(unrolled, "slope", lambda *a: (math.nan, 0, slope(*a)[2]))
     message = made.run(None)
-    assert (
-        f"{PATIENCE} updates in a row" in message and "not finite" in message and "learning rate" in message
-    )
+    assert f"{PATIENCE} updates in a row" in message and "not finite" in message and "learning rate" in message
     assert made.skipped == PATIENCE
     np.testing.assert_array_equal(made.best["drag"]["Dense_0"]["bias"], 0.0)
 
@@ -275,16 +265,10 @@ def test_few_parameters_are_a_shift_and_a_factor_of_the_last_layer():
     closure = PaperNetwork.initial(2, hidden=(4,))
     start, weights_of = few_parameters(Closures(closure))
     assert start.shape == (3,)
-    np.testing.assert_array_equal(
-        weights_of(start)["drag"]["Dense_1"]["kernel"], closure.weights["Dense_1"]["kernel"]
-    )
+    np.testing.assert_array_equal(weights_of(start)["drag"]["Dense_1"]["kernel"], closure.weights["Dense_1"]["kernel"])
     moved = weights_of(jnp.asarray([1.0, 2.0, math.log(3.0)], start.dtype))["drag"]
-    np.testing.assert_allclose(
-        moved["Dense_1"]["bias"], closure.weights["Dense_1"]["bias"] + np.array([1, 2])
-    )
-    np.testing.assert_allclose(
-        moved["Dense_1"]["kernel"], 3 * closure.weights["Dense_1"]["kernel"], rtol=1e-6
-    )
+    np.testing.assert_allclose(moved["Dense_1"]["bias"], closure.weights["Dense_1"]["bias"] + np.array([1, 2]))
+    np.testing.assert_allclose(moved["Dense_1"]["kernel"], 3 * closure.weights["Dense_1"]["kernel"], rtol=1e-6)
     np.testing.assert_array_equal(moved["Dense_0"]["kernel"], closure.weights["Dense_0"]["kernel"])
 
 
@@ -326,9 +310,7 @@ def test_the_mean_pressure_is_compared_where_it_is_not_zero_by_convention():
     seen = Observables(*[jnp.zeros(())] * 5, jnp.zeros(24), jnp.zeros(24))
     flow = FluidState((jnp.ones((9, 4)), jnp.zeros((8, 5))), jnp.full(GRID.cells, 3.0), jnp.ones(GRID.cells))
     grid = GRID._replace(periodic=(False, True))
-    sides = (
-        tuple(Side(0, upper, "outlet" if upper else "no_slip") for upper in (False, True)) + SIDES.sides[2:]
-    )
+    sides = tuple(Side(0, upper, "outlet" if upper else "no_slip") for upper in (False, True)) + SIDES.sides[2:]
     assert observe_fluid(seen, GRID, SIDES, flow).fluid_pressure_mean is None
     assert float(observe_fluid(seen, grid, Boundary(sides), flow).fluid_pressure_mean) == 3.0
 
@@ -377,9 +359,7 @@ class StirredCourse(ToyCourse):
 
         @jax.jit
         def one(state):
-            return jax.lax.fori_loop(
-                0, PER_OUTPUT, lambda _, s: world.step(self.parameters, s, listed)[0], state
-            )
+            return jax.lax.fori_loop(0, PER_OUTPUT, lambda _, s: world.step(self.parameters, s, listed)[0], state)
 
         observed = jax.jit(lambda seen, fluid: observe_fluid(seen, GRID, SIDES, fluid))
 

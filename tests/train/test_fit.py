@@ -70,9 +70,7 @@ def test_a_stray_grain_does_not_stretch_the_range(tmp_path):
     lowest = [float(filtered_problem([one], QUICK).closure.feature_low[0]) for one in datasets]
     assert lowest[0] == pytest.approx(lowest[1], rel=0.01)
     assert stray[1234] < group.solid_fraction.min() <= lowest[0]
-    assert (
-        np.mean(group.solid_fraction < lowest[0]) < 0.003
-    )  # a thousandth, of the rows that are not held out
+    assert np.mean(group.solid_fraction < lowest[0]) < 0.003  # a thousandth, of the rows that are not held out
 
 
 def test_filtered_recipe_recovers_a_known_factor(tmp_path):
@@ -100,9 +98,7 @@ def test_filtered_recipe_finds_terms_of_the_remainder(tmp_path):
     extra = -0.5 * np.pi / 6 * DIAMETER**3 * group.pressure_gradient * 200
     object.__setattr__(group, "pressure_gradient", group.pressure_gradient * 200)
     object.__setattr__(group, "target_force", group.target_force + extra)
-    with_terms = fit_filtered(
-        [dataset], FitSettings.filtered(epochs=150, batch=250, terms=("pressure_gradient",))
-    )
+    with_terms = fit_filtered([dataset], FitSettings.filtered(epochs=150, batch=250, terms=("pressure_gradient",)))
     scores = with_terms.metadata["r2"]["4"]
     assert scores["closure"] > 0.999
     assert scores["regression"] > 0.999
@@ -130,9 +126,7 @@ def test_held_out_run_is_not_trained_on(tmp_path):
 
 def test_seed_decides_the_initial_weights():
     """That a fit repeats exactly is part of `test_held_out_run_is_not_trained_on`."""
-    first, again, other = (
-        InvariantClosure.initial(seed=seed).weights["Dense_0"]["kernel"] for seed in (3, 3, 4)
-    )
+    first, again, other = (InvariantClosure.initial(seed=seed).weights["Dense_0"]["kernel"] for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 
@@ -144,9 +138,7 @@ def test_split_by_time_and_by_run(tmp_path):
     assert last < min(group.time.min() for group in split.held_out[0].groups.values())
     same_run = make_dataset(tmp_path, "one", 5, rows=400)
     assert "by time" in split_by_run([dataset, same_run], None, 0.15).text
-    other_kernel = dataclasses.replace(
-        same_run, scene_toml="seed = 1\n[coupling.kernel_width]\ncells = 0.5\n"
-    )
+    other_kernel = dataclasses.replace(same_run, scene_toml="seed = 1\n[coupling.kernel_width]\ncells = 0.5\n")
     assert "by time" in split_by_run([dataset, other_kernel], None, 0.15).text
     namesake = dataclasses.replace(same_run, scene_toml="seed = 2\n")
     with pytest.raises(InputError, match="dataset.run.*different scenes.*Rename"):

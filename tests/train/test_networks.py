@@ -183,8 +183,7 @@ def test_a_student_learns_its_teacher(dataset):
 def make_other(dataset):
     """The dataset with target forces of half the size."""
     groups = {
-        n: dataclasses.replace(group, target_force=0.5 * group.target_force)
-        for n, group in dataset.groups.items()
+        n: dataclasses.replace(group, target_force=0.5 * group.target_force) for n, group in dataset.groups.items()
     }
     return dataclasses.replace(dataset, groups=groups)
 
@@ -236,9 +235,7 @@ def test_what_matters_is_judged_on_rows_of_all_meshes(dataset, monkeypatch):
 
     closure, seen = InvariantClosure.initial(hidden=(8,)), []
     monkeypatch.setattr(compress, "IMPORTANCE_ROWS", 50)
-    monkeypatch.setattr(
-        compress, "prune_weights", lambda weights, _, rows, neurons: seen.append(rows) or weights
-    )
+    monkeypatch.setattr(compress, "prune_weights", lambda weights, _, rows, neurons: seen.append(rows) or weights)
     prune(closure, [dataset], 0.5, settings_for(closure, samples=300), retrain=False)
     (rows,) = seen
     sizes = np.unique(np.asarray(rows)[:, closure.features.index("log_filter_over_diameter")])
