@@ -36,7 +36,7 @@ from jaxdem.closures import DragInputs, EnsembleClosure, InvariantClosure, Paper
 from jaxdem.closures.base import Drag, DragClosure
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.invariant import FEATURES, TERMS
-from jaxdem.closures.network import Perceptron, initial_weights
+from jaxdem.closures.network import initial_weights
 from jaxdem.closures.registry import DRAG_LAWS
 
 DIMENSION, DIAMETER, CELL = 2, 0.02, 0.08
@@ -79,8 +79,8 @@ def invariant_closure(
 ) -> InvariantClosure:
     """A closure with random weights; as it starts, its last layer is zero."""
     closure = InvariantClosure.initial(hidden=hidden, terms=terms)
-    network = Perceptron(closure.hidden, 1 + len(terms), closure.activation)
-    return dataclasses.replace(closure, weights=initial_weights(network, len(FEATURES), seed))
+    layers = (len(FEATURES), *closure.hidden, 1 + len(terms))
+    return dataclasses.replace(closure, weights=initial_weights(layers, closure.activation, seed))
 
 
 def widths(hidden: tuple[int, ...]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from jax import Array
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.koch_hill import KochHill
-from jaxdem.closures.network import Perceptron, apply_weights, initial_weights, inside_range
+from jaxdem.closures.network import Weights, initial_weights, normalised_inputs, perceptron
 from jaxdem.errors import InputError
 
 FEATURES = (
@@ -87,11 +87,11 @@ class InvariantClosure:
     enter: the force turns with its inputs and is the same in a frame of constant velocity.
 
     Validity: the range of features seen in training; where a feature leaves it by more than the margin of
-    `inside_range`, the base law acts alone and `out_of_range` is set. The weights are trained; normalisation
+    `normalised_inputs`, the base law acts alone and `out_of_range` is set. The weights are trained; normalisation
     and range are constants to differentiation.
 
     Attributes:
-        weights: of the `Perceptron`.
+        weights: of the network.
         feature_mean, feature_scale: (K,) normalisation of x [-].
         feature_low, feature_high: (K,) range of the training data, without the thousandth at either end [-].
         base: drag law that is corrected.
@@ -101,7 +101,7 @@ class InvariantClosure:
         features: names of `FEATURES` that the network sees, in their order.
     """
 
-    weights: dict[str, Any]
+    weights: Weights
     feature_mean: Array
     feature_scale: Array
     feature_low: Array
@@ -130,10 +130,9 @@ class InvariantClosure:
         check_terms(terms)
         check_features(features)
         size = len(features)
-        network = Perceptron(tuple(hidden), 1 + len(terms), activation)
         infinity = jnp.full(size, jnp.inf, jnp.float32)
         return cls(
-            weights=initial_weights(network, size, seed, zero_last=True),
+            weights=initial_weights((size, *hidden, 1 + len(terms)), activation, seed, zero_last=True),
             feature_mean=jnp.zeros(size, jnp.float32),
             feature_scale=jnp.ones(size, jnp.float32),
             feature_low=-infinity,
@@ -157,16 +156,11 @@ class InvariantClosure:
     def evaluate(self, prepared: PreparedInputs) -> Drag:
         """Drag from prepared inputs: everything that depends on the weights."""
         normalised, inside = self.normalised(prepared.features)
-        network = Perceptron(self.hidden, 1 + len(self.terms), self.activation)
-        return corrected(prepared, apply_weights(network, self.weights, normalised), inside)
+        return corrected(prepared, perceptron(self.weights, self.activation, normalised), inside)
 
     def normalised(self, features: Array) -> tuple[Array, Array]:
         """What the network sees (N, K) [-], and whether the features are in the range of the training (N,)."""
-        constants = (self.feature_mean, self.feature_scale, self.feature_low, self.feature_high)
-        mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(features.dtype) for leaf in constants)
-        inside = inside_range(features, low, high)
-        # Outside, the network sees its mean input, so that no infinity reaches the gradient.
-        return jnp.where(inside[:, None], (features - mean[None]) / scale[None], 0.0), inside
+        return normalised_inputs(features, self.feature_mean, self.feature_scale, self.feature_low, self.feature_high)
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """Drag for every particle."""

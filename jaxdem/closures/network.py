@@ -6,12 +6,10 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from flax import linen
 from jax import Array
 
 from jaxdem.closures.base import Drag, DragInputs
@@ -45,14 +43,23 @@ def _elu_slope(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Ar
 
 ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
     "elu": elu,
-    "relu": linen.relu,
-    "sigmoid": linen.sigmoid,
+    "relu": jax.nn.relu,
+    "sigmoid": jax.nn.sigmoid,
     "tanh": jnp.tanh,
-    "softsign": linen.soft_sign,
-    "softplus": linen.softplus,
-    "selu": linen.selu,
+    "softsign": jax.nn.soft_sign,
+    "softplus": jax.nn.softplus,
+    "selu": jax.nn.selu,
 }
 """Activation functions by the names of the settings."""
+
+Weights = dict[str, dict[str, Array]]
+"""Kernel and bias of every layer by its name."""
+
+
+def layer_name(number: int) -> str:
+    """Name of a layer in `Weights` and in closure files, that of flax.linen: its `Dense` layers take them as they are."""
+    return f"Dense_{number}"
+
 
 RANGE_MARGIN = 0.1
 """The training range is extended by this part of its length before an input counts as out of range."""
@@ -60,59 +67,52 @@ RANGE_RELATIVE_TOLERANCE = 0.01
 """... and by this part of its largest magnitude, so that an input constant in training survives rounding."""
 
 
-class Perceptron(linen.Module):
-    """Dense layers with an activation between them.
-
-    Attributes:
-        hidden: widths of the hidden layers.
-        outputs: width of the last, linear layer.
-        activation: a name of `ACTIVATIONS`.
-    """
-
-    hidden: tuple[int, ...]
-    outputs: int
-    activation: str
-
-    @linen.compact
-    def __call__(self, values: Array) -> Array:
-        """(..., inputs) to (..., outputs)."""
-        for width in self.hidden:
-            values = ACTIVATIONS[self.activation](linen.Dense(width, precision=PRECISION)(values))
-        return linen.Dense(self.outputs, precision=PRECISION)(values)
-
-
-def initial_weights(network: Perceptron, inputs: int, seed: int, zero_last: bool = False) -> dict[str, Any]:
-    """Random float32 weights of a network with `inputs` inputs, the same for the same seed.
+def initial_weights(widths: Sequence[int], activation: str, seed: int, zero_last: bool = False) -> Weights:
+    """Random float32 weights, the same for the same seed.
 
     Kernels are uniform in +-sqrt(6 / (inputs + outputs of the layer)), biases zero (Glorot & Bengio 2010, eq.
     16, and what Keras, the library of the source paper, does). Drawn on the host, which compiles nothing.
-    With `zero_last` the last layer is zero, so that the untrained network gives 0.
+
+    Args:
+        widths: number of inputs, of the neurons of each hidden layer, and of outputs.
+        activation: a name of `ACTIVATIONS`.
+        seed: of the draw.
+        zero_last: the last layer is zero, so that the untrained network gives 0.
 
     Raises:
         InputError: unknown activation, or a layer without neurons.
     """
-    if network.activation not in ACTIVATIONS:
-        names = ", ".join(ACTIVATIONS)
-        raise InputError("activation", network.activation, "is not known", f"Use one of {names}.")
-    if any(width < 1 for width in network.hidden):
-        raise InputError("hidden", network.hidden, "every layer needs a neuron", "Use widths of at least 1.")
-    generator = np.random.default_rng(seed)
-    widths = (inputs, *network.hidden, network.outputs)
-    weights = {}
+    hidden = tuple(widths[1:-1])
+    if activation not in ACTIVATIONS:
+        raise InputError("activation", activation, "is not known", f"Use one of {', '.join(ACTIVATIONS)}.")
+    if any(width < 1 for width in hidden):
+        raise InputError("hidden", hidden, "every layer needs a neuron", "Use widths of at least 1.")
+    generator, weights = np.random.default_rng(seed), {}
     for layer, shape in enumerate(itertools.pairwise(widths)):
-        limit = 0.0 if zero_last and layer == len(network.hidden) else np.sqrt(6.0 / sum(shape))
+        limit = 0.0 if zero_last and layer == len(hidden) else np.sqrt(6.0 / sum(shape))
         kernel = generator.uniform(-limit, limit, shape).astype(np.float32)
-        weights[f"Dense_{layer}"] = {
-            "kernel": jnp.asarray(kernel),
-            "bias": jnp.zeros(shape[1], jnp.float32),
-        }
+        weights[layer_name(layer)] = {"kernel": jnp.asarray(kernel), "bias": jnp.zeros(shape[1], jnp.float32)}
     return weights
 
 
-def apply_weights(network: Perceptron, weights: dict[str, Any], values: Array) -> Array:
-    """Output of the network, computed in the dtype of its inputs whatever that of the weights."""
-    weights = jax.tree.map(lambda leaf: leaf.astype(values.dtype), weights)
-    return network.apply({"params": weights}, values)  # type: ignore[return-value]
+def perceptron(weights: Weights, activation: str, values: Array) -> Array:
+    """(..., inputs) to (..., outputs): dense layers with an activation between them, in the dtype of the inputs.
+
+    x_0 = values, x_(k+1) = a(x_k W_k + b_k), without the activation a after the last layer.
+
+    Args:
+        weights: kernels W_k (inputs, outputs of the layer) and biases b_k, as `initial_weights` gives them.
+        activation: a name of `ACTIVATIONS`.
+        values: inputs.
+    """
+    for number in range(len(weights)):
+        layer = {name: jnp.asarray(leaf).astype(values.dtype) for name, leaf in weights[layer_name(number)].items()}
+        axes = (((values.ndim - 1,), (0,)), ((), ()))
+        values = jax.lax.dot_general(values, layer["kernel"], axes, precision=PRECISION)
+        values = values + layer["bias"].reshape((1,) * (values.ndim - 1) + (-1,))
+        if number < len(weights) - 1:
+            values = ACTIVATIONS[activation](values)
+    return values
 
 
 def apply_in_parts(apply: Callable[[Array], Array], values: Array) -> Array:
@@ -126,26 +126,27 @@ def apply_in_parts(apply: Callable[[Array], Array], values: Array) -> Array:
     )
 
 
-def inside_range(values: Array, low: Array, high: Array) -> Array:
-    """(N,) whether all values (N, K) lie in the training range, low to high (K,), extended by its margin.
+def normalised_inputs(values: Array, mean: Array, scale: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """What a network sees (N, K), (values - mean) / scale, and whether all values lie in the training range (N,).
 
-    The margin is `RANGE_MARGIN` (high - low) + `RANGE_RELATIVE_TOLERANCE` max(|low|, |high|). NaN is outside.
+    The range, low to high (K,), is extended by `RANGE_MARGIN` (high - low) + `RANGE_RELATIVE_TOLERANCE` max(|low|, |high|).
+    NaN is outside. Outside the network sees its mean input, 0, so that no infinity reaches the gradient. All four are
+    constants to differentiation.
     """
+    mean, scale, low, high = (constant(leaf, values.dtype) for leaf in (mean, scale, low, high))
     margin = RANGE_MARGIN * (high - low) + RANGE_RELATIVE_TOLERANCE * jnp.maximum(jnp.abs(low), jnp.abs(high))
-    return jnp.all((values >= (low - margin)[None]) & (values <= (high + margin)[None]), axis=-1)
+    inside = jnp.all((values >= (low - margin)[None]) & (values <= (high + margin)[None]), axis=-1)
+    return jnp.where(inside[:, None], (values - mean[None]) / scale[None], 0.0), inside
+
+
+def constant(leaf: Array, dtype: jnp.dtype) -> Array:
+    """An array that does not change in training, in the precision of a run."""
+    return jax.lax.stop_gradient(leaf).astype(dtype)
 
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=[
-        "weights",
-        "input_mean",
-        "input_scale",
-        "input_low",
-        "input_high",
-        "output_mean",
-        "output_scale",
-    ],
+    data_fields=["weights", "input_mean", "input_scale", "input_low", "input_high", "output_mean", "output_scale"],
     meta_fields=["base", "hidden", "activation"],
 )
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -161,13 +162,13 @@ class PaperNetwork:
 
     Validity: the particle size, fluid and range of velocities that it was trained on; it knows neither
     diameter nor viscosity and is neither Galilean nor rotation invariant (`InvariantClosure` is). Where an
-    input leaves the training range by more than its margin (`inside_range`) the base law acts alone and
+    input leaves the training range by more than its margin (`normalised_inputs`) the base law acts alone and
     `out_of_range` is set.
 
     The weights are trained; normalisation and range are constants to differentiation.
 
     Attributes:
-        weights: of the `Perceptron`.
+        weights: of the network.
         input_mean, input_scale: (K,) normalisation in the units of x.
         input_low, input_high: (K,) smallest and largest inputs of the training data.
         output_mean, output_scale: (D,) [N].
@@ -178,7 +179,7 @@ class PaperNetwork:
     Source: Davydzenka & Tahmasebi (2022), J. Fluid Mech. 938, A20.
     """
 
-    weights: dict[str, Any]
+    weights: Weights
     input_mean: Array
     input_scale: Array
     input_low: Array
@@ -204,10 +205,9 @@ class PaperNetwork:
             InputError: unknown activation or an empty layer.
         """
         inputs = 2 * dimension + 1
-        network = Perceptron(tuple(hidden), dimension, activation)
         infinity = jnp.full(inputs, jnp.inf, jnp.float32)
         return cls(
-            weights=initial_weights(network, inputs, seed),
+            weights=initial_weights((inputs, *hidden, dimension), activation, seed),
             input_mean=jnp.zeros(inputs, jnp.float32),
             input_scale=jnp.ones(inputs, jnp.float32),
             input_low=-infinity,
@@ -232,19 +232,14 @@ class PaperNetwork:
 
     def normalised_force(self, normalised: Array) -> Array:
         """(N, D) network output (normalised force) from (N, K) normalised inputs [-]."""
-        network = Perceptron(self.hidden, self.dimension, self.activation)
-        return apply_weights(network, self.weights, normalised)
+        return perceptron(self.weights, self.activation, normalised)
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """Drag for every particle: the base coefficient and the network's force less the base force."""
-        dtype = inputs.fluid_velocity.dtype
-        constants = (self.input_mean, self.input_scale, self.input_low, self.input_high)
-        mean, scale, low, high = (jax.lax.stop_gradient(leaf).astype(dtype) for leaf in constants)
-        offset, unit = (jax.lax.stop_gradient(leaf).astype(dtype) for leaf in (self.output_mean, self.output_scale))
-        values = self.features(inputs)
-        inside = inside_range(values, low, high)
-        # Outside, the network sees its mean input, so that no infinity reaches the gradient.
-        normalised = jnp.where(inside[:, None], (values - mean[None]) / scale[None], 0.0)
+        normalised, inside = normalised_inputs(
+            self.features(inputs), self.input_mean, self.input_scale, self.input_low, self.input_high
+        )
+        offset, unit = (constant(leaf, normalised.dtype) for leaf in (self.output_mean, self.output_scale))
         force = offset[None] + unit[None] * apply_in_parts(self.normalised_force, normalised)
         base = self.base(inputs)
         base_force = base.coefficient[:, None] * inputs.slip_velocity

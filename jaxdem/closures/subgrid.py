@@ -6,13 +6,12 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.closures.network import Perceptron, apply_weights, initial_weights
+from jaxdem.closures.network import Weights, initial_weights, layer_name, perceptron
 from jaxdem.errors import InputError
 
 LARGEST_VISCOSITY = 0.1
@@ -46,12 +45,12 @@ class SubgridClosure:
     extends to, within the bounds.
 
     Attributes:
-        weights: of the `Perceptron`.
+        weights: of the network.
         hidden: widths of the hidden layers.
         activation: a name of `ACTIVATIONS`.
     """
 
-    weights: dict[str, Any]
+    weights: Weights
     hidden: tuple[int, ...]
     activation: str
 
@@ -62,8 +61,7 @@ class SubgridClosure:
         Raises:
             InputError: unknown activation or an empty layer.
         """
-        network = Perceptron(tuple(hidden), OUTPUTS, activation)
-        weights = initial_weights(network, FEATURES, seed, zero_last=True)
+        weights = initial_weights((FEATURES, *hidden, OUTPUTS), activation, seed, zero_last=True)
         return cls(weights, tuple(hidden), activation)
 
     @classmethod
@@ -86,11 +84,8 @@ class SubgridClosure:
             if not abs(value) < limit:
                 raise InputError(name, value, f"must be less than {limit:g} in size", "Choose another.")
         closure = cls.initial(hidden, seed=seed)
-        last = f"Dense_{len(hidden)}"
-        bias = (
-            bound / VISCOSITY_SLOPE * math.atanh(viscosity / bound),
-            math.atanh(gradient / LARGEST_GRADIENT),
-        )
+        last = layer_name(len(hidden))
+        bias = (bound / VISCOSITY_SLOPE * math.atanh(viscosity / bound), math.atanh(gradient / LARGEST_GRADIENT))
         layer = closure.weights[last] | {"bias": jnp.asarray(bias, jnp.float32)}
         return dataclasses.replace(closure, weights=closure.weights | {last: layer})
 
@@ -123,8 +118,7 @@ class SubgridClosure:
             ],
             axis=-1,
         )
-        network = Perceptron(self.hidden, OUTPUTS, self.activation)
-        output = apply_weights(network, self.weights, features)
+        output = perceptron(self.weights, self.activation, features)
         return _viscosity_coefficient(output[..., 0]), LARGEST_GRADIENT * jnp.tanh(output[..., 1])
 
 

@@ -157,7 +157,7 @@ def prune_weights(weights: dict[str, Any], activation: str, rows: Array, neurons
     mean, w_j mean(a_j), goes to the biases of the next layer.
 
     Args:
-        weights: of a `Perceptron`.
+        weights: of the network.
         activation: its activation.
         rows: (M, K) inputs as the network sees them.
         neurons: part of each layer's neurons that is kept, rounded up.

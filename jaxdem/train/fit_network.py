@@ -38,7 +38,7 @@ _product.defvjp(_product_forward, _product_backward)
 
 
 def network_columns(weights: dict[str, Any], activation: str, columns: Array) -> Array:
-    """Outputs (outputs, M) of a `Perceptron` with the given weights from its inputs (inputs, M).
+    """Outputs (outputs, M) of a network with the given weights from its inputs (inputs, M).
 
     The same numbers as the closure's own evaluation, to rounding; reverse mode only.
     """

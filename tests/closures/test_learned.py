@@ -1,6 +1,8 @@
 """The learned closures: identity when untrained, invariances, positivity, fallback, files."""
 
 import dataclasses
+import subprocess
+import sys
 from functools import partial
 
 import h5py
@@ -8,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import linen
 
 from jaxdem import load_scene, simulate
 from jaxdem.closures import (
@@ -23,6 +26,7 @@ from jaxdem.closures import (
     save_closure,
 )
 from jaxdem.closures.invariant import FEATURES, TERMS, WITHOUT_PRESSURE
+from jaxdem.closures.network import ACTIVATIONS, initial_weights, perceptron
 from jaxdem.errors import InputError
 from jaxdem.study import SCENES
 
@@ -92,6 +96,44 @@ def rotated(inputs, rotation):
 def rotation_matrix(dimension, seed=3):
     matrix, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(dimension, dimension)))
     return jnp.asarray(matrix)
+
+
+class FlaxNetwork(linen.Module):
+    """The same network as flax has it."""
+
+    widths: tuple[int, ...]
+    activation: str
+
+    @linen.compact
+    def __call__(self, values):
+        for number, width in enumerate(self.widths):
+            values = linen.Dense(width, param_dtype=values.dtype)(values)
+            if number < len(self.widths) - 1:
+                values = ACTIVATIONS[self.activation](values)
+        return values
+
+
+@pytest.mark.parametrize("activation", ["elu", "softplus"])
+def test_weights_are_those_of_a_flax_network(activation):
+    values = jnp.asarray(np.random.default_rng(0).normal(size=(6, 5)))
+    weights = jax.tree.map(lambda leaf: leaf.astype(values.dtype), initial_weights((5, 7, 3, 2), activation, seed=1))
+    expected = jax.jit(FlaxNetwork((7, 3, 2), activation).apply)({"params": weights}, values)
+    found = jax.jit(partial(perceptron, activation=activation))(weights, values=values)
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
+
+
+def test_a_stored_network_is_used_without_flax():
+    """What JAX does not need to have when it is imported costs a second of every start."""
+    use = (
+        "import sys, jax, jax.numpy as jnp\n"
+        "from jaxdem.closures import DragInputs, KochHill, load_closure\n"
+        f"closure, _ = load_closure({str(SCENES / 'filtered.closure.h5')!r})\n"
+        "row, one = jnp.ones((1, 2)), jnp.ones(())\n"
+        "inputs = DragInputs(row, row, jnp.ones(1), row, row, one, one, one, one)\n"
+        "jax.eval_shape(closure, inputs), jax.eval_shape(KochHill(), inputs)\n"
+        "assert not {'flax', 'optax', 'jax_md'} & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", use], check=True)
 
 
 @pytest.mark.parametrize("terms", [(), TERMS])
