@@ -5,27 +5,23 @@ Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SI
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from jaxdem.cli import networks, process, terminal
-from jaxdem.cli.options import (
-    Quiet,
-    SceneFile,
-    Settings,
+from jaxdem.cli import networks, options, process, terminal
+from jaxdem.cli.inputs import (
     overrides,
     prepare_file,
     prepare_folder,
     read_scene,
     require_closure,
     start_jax,
+    this_command,
     whole_numbers,
 )
 from jaxdem.errors import InputError, JaxdemError
@@ -35,28 +31,6 @@ if TYPE_CHECKING:
     from jaxdem.scene import Scene
 
 OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
-
-
-class Scale(StrEnum):
-    """Size of a study."""
-
-    demo = "demo"
-    paper = "paper"
-
-
-class Color(StrEnum):
-    """Quantity that colours the particles."""
-
-    velocity = "velocity"
-    drag = "drag"
-
-
-class ExportFormat(StrEnum):
-    """File format of an exported closure."""
-
-    c = "c"
-    onnx = "onnx"
-    stablehlo = "stablehlo"
 
 
 class Commands(TyperGroup):
@@ -108,17 +82,6 @@ app = typer.Typer(
     help="Particles in a fluid (unresolved CFD-DEM), with learned drag closures.",
 )
 
-ClosureFile = Annotated[
-    Path | None,
-    typer.Option("--closure", metavar="FILE", help="Learned drag closure, in place of closure.file of the scene."),
-]
-SubgridFile = Annotated[
-    Path | None,
-    typer.Option("--subgrid", metavar="FILE", help="Learned subgrid stress, in place of fluid.subgrid of the scene."),
-]
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", show_default=False)]
-Colour = Annotated[Color, typer.Option("--color", help="Quantity that colours the particles.")]
-
 
 def main() -> None:
     """The command line of this process, with its exit code."""
@@ -156,7 +119,7 @@ def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
 
 
 @app.command()
-def check(scene: SceneFile, settings: Settings = None) -> None:
+def check(scene: options.SceneFile, settings: options.Settings = None) -> None:
     """Check a scene without running it: time-step limits, engineering numbers, wall time, memory, warnings.
 
     The exit code is 2 if `run` would refuse the scene.
@@ -173,16 +136,15 @@ def check(scene: SceneFile, settings: Settings = None) -> None:
 
 @app.command()
 def run(
-    scene: SceneFile,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Run directory; it must be new or empty.")],
-    closure: ClosureFile = None,
-    subgrid: SubgridFile = None,
-    settings: Settings = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint in --out.")] = False,
-    profile: Annotated[
-        bool, typer.Option("--profile", help="Measure fluid and particles apart in every interval; slower.")
-    ] = False,
-    quiet: Quiet = False,
+    context: typer.Context,
+    scene: options.SceneFile,
+    out: Annotated[Path, options.folder_out("Run directory; it must be new or empty.")],
+    closure: options.ClosureFile = None,
+    subgrid: options.SubgridFile = None,
+    settings: options.Settings = None,
+    resume: options.Resume = False,
+    profile: options.Profile = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run a scene and write a run directory."""
     description = read_scene(scene, settings, closure, subgrid)
@@ -198,11 +160,7 @@ def run(
         with _units_beside_a_refusal(description), progress.simulated_time(quiet) as report:
             result = simulate(description, out, resume=resume, progress=report, profile=profile)
     except Interrupted as stop:
-        command = ["jaxdem", "run", str(scene), "--out", str(out)]
-        command += ["--closure", str(closure)] if closure else []
-        command += ["--subgrid", str(subgrid)] if subgrid else []
-        command += [part for setting in settings or () for part in ("--set", setting)]
-        hint = f"A checkpoint is in {out}. Continue with: {shlex.join([*command, '--resume'])}"
+        hint = f"A checkpoint is in {out}. Continue with: {this_command(context, resume=True)}"
         terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
     if complete:
         terminal.line(f"The run in {out} is complete; there is nothing to resume.")
@@ -213,24 +171,11 @@ def run(
 
 @app.command()
 def dataset(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory with samples.h5.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Dataset file to write (HDF5).")],
-    coarsen: Annotated[
-        str,
-        typer.Option(
-            metavar="N,N,...",
-            help="Number of fine cells along a side of a coarse cell; several numbers for several coarse meshes.",
-        ),
-    ] = "1,2,4,8",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Setting of the coarse runs where it differs from the fine run: coupling.kernel_width, coupling.void_fraction or coupling.deconvolution.",
-        ),
-    ] = None,
-    quiet: Quiet = False,
+    run: options.SampledRun,
+    out: Annotated[Path, options.file_out("Dataset file to write (HDF5).")],
+    coarsen: options.Coarsen = "1,2,4,8",
+    settings: options.CoarseSettings = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Make training data from a fine run: inputs of the drag law on coarser meshes, and the drag that it should give."""
     factors = whole_numbers("--coarsen", coarsen, ",")
@@ -254,9 +199,9 @@ app.command()(networks.finetune)
 
 @app.command()
 def export(
-    closure: Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")],
-    form: Annotated[ExportFormat, typer.Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.")],
+    closure: options.FilteredClosure,
+    form: options.Form,
+    out: Annotated[Path, options.file_out("File to write.")],
 ) -> None:
     """Write a learned drag closure for use in another program, including its base law and fallback."""
     prepare_file(out, closure)
@@ -275,9 +220,9 @@ def export(
 
 @app.command()
 def compare(
-    reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="Run directory of the reference.")],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run directories that are compared with it.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html, comparison.csv and pictures.")],
+    reference: options.ReferenceRun,
+    runs: options.ComparedRuns,
+    out: Annotated[Path, options.folder_out("Folder for report.html, comparison.csv and pictures.")],
 ) -> None:
     """Compare runs with a reference run: errors of nine metrics, and error against run time."""
     from jaxdem.io.access import locked
@@ -293,18 +238,10 @@ def compare(
 
 @app.command()
 def plot(
-    run: RunFolder,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PATH",
-            help="Folder for metrics.png and snapshot.png, or one .png, .pdf, .svg. [RUN/plots]",
-        ),
-    ] = None,
-    time: Annotated[
-        float | None, typer.Option(metavar="T", help="Time of the snapshot [s]; the last output by default.")
-    ] = None,
-    color: Colour = Color.velocity,
+    run: options.RunFolder,
+    out: options.PlotOut = None,
+    time: options.SnapshotTime = None,
+    color: options.Colour = options.Color.velocity,
 ) -> None:
     """Draw the metrics of a run over time, and its particles and fluid at one time."""
     place = run / "plots" if out is None else out
@@ -322,11 +259,11 @@ def plot(
 
 @app.command()
 def animate(
-    run: RunFolder,
-    out: Annotated[Path, typer.Option(metavar="FILE", help=".gif, or .mp4 where ffmpeg is installed.")],
-    color: Colour = Color.velocity,
-    fps: Annotated[float, typer.Option(metavar="N", help="Outputs per second of film.")] = 10.0,
-    quiet: Quiet = False,
+    run: options.RunFolder,
+    out: Annotated[Path, options.file_out(".gif, or .mp4 where ffmpeg is installed.")],
+    color: options.Colour = options.Color.velocity,
+    fps: options.FrameRate = 10.0,
+    quiet: options.Quiet = False,
 ) -> None:
     """Draw a run as a film: the particles over the speed of the fluid."""
     loaded = _load_run(run)
@@ -342,16 +279,14 @@ def animate(
 
 @app.command()
 def sweep(
-    scene: SceneFile,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for sweep.csv and the runs.")],
-    vary: Annotated[
-        list[str],
-        typer.Option(metavar="KEY=A,B,C", help="A key and its values in TOML; may be given several times."),
-    ],
-    settings: Settings = None,
-    closure: ClosureFile = None,
-    subgrid: SubgridFile = None,
-    quiet: Quiet = False,
+    context: typer.Context,
+    scene: options.SceneFile,
+    out: Annotated[Path, options.folder_out("Folder for sweep.csv and the runs.")],
+    vary: options.Vary,
+    settings: options.Settings = None,
+    closure: options.ClosureFile = None,
+    subgrid: options.SubgridFile = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run a scene with all combinations of the values of some keys. The same command continues a stopped sweep."""
     from jaxdem.io.outputs import refuse_what_is_read
@@ -372,12 +307,7 @@ def sweep(
         with progress.study_display(quiet) as display:
             result = run_sweep(scene, changed, variations, out, display)
     except Interrupted as stop:
-        command = ["jaxdem", "sweep", str(scene), "--out", str(out)]
-        command += ["--closure", str(closure)] if closure else []
-        command += ["--subgrid", str(subgrid)] if subgrid else []
-        command += [part for text in vary for part in ("--vary", text)]
-        command += [part for text in settings or () for part in ("--set", text)]
-        hint = f"Continue with: {shlex.join(command)}"
+        hint = f"Continue with: {this_command(context)}"
         terminal.fail(f"{str(stop).capitalize()} of a run of the sweep. {hint}", 128 + stop.number)
     terminal.print_sweep(result)
     if result.problems:
@@ -388,23 +318,13 @@ def sweep(
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the study, e.g. injection.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for report.html and all runs.")],
-    scale: Annotated[
-        Scale, typer.Option(help="demo: a few minutes. paper: the size of the source paper.")
-    ] = Scale.demo,
-    parts: Annotated[
-        str,
-        typer.Option(metavar="A,B,...", help="Parts to run, for --scale paper, e.g. mesh,budget; all by default."),
-    ] = "",
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Number of processes at once, for --scale paper; one per core by default. 0 only writes the tables of finished runs.",
-        ),
-    ] = None,
-    quiet: Quiet = False,
+    context: typer.Context,
+    name: options.StudyName,
+    out: Annotated[Path, options.folder_out("Folder for report.html and all runs.")],
+    scale: options.StudyScale = options.Scale.demo,
+    parts: options.Parts = "",
+    jobs: options.Jobs = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Do a whole study: run, make a dataset, train, run with the closure, compare.
 
@@ -423,12 +343,9 @@ def study(
         with progress.study_display(quiet) as display:
             result = run_study(name, scale.value, out, display, chosen, jobs)
     except Interrupted as stop:
-        command = ["jaxdem", "study", name, "--scale", scale.value, "--out", str(out)]
-        command += ["--parts", parts] if parts else []
-        command += ["--jobs", str(jobs)] if jobs is not None else []
-        runs = "all its runs" if scale is Scale.paper else f"a run at t = {stop.time:.6g} s"
-        hint = shlex.join(command)
-        terminal.fail(f"The study was stopped, {runs} with a checkpoint. Continue with: {hint}", 128 + stop.number)
+        runs = "all its runs" if scale is options.Scale.paper else f"a run at t = {stop.time:.6g} s"
+        hint = f"Continue with: {this_command(context)}"
+        terminal.fail(f"The study was stopped, {runs} with a checkpoint. {hint}", 128 + stop.number)
     if result.comparison is not None:
         terminal.print_comparison(result.comparison)
     if result.problems:

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from jaxdem.cli import terminal
-from jaxdem.cli.options import (
-    Quiet,
-    SceneFile,
-    Settings,
+from jaxdem.cli import options, terminal
+from jaxdem.cli.inputs import (
     prepare_file,
     prepare_folder,
     read_scene,
@@ -36,81 +30,28 @@ NEW = "new"
 ALL = ("drag", "subgrid")
 """What can be trained through the solver, by the names of `jaxdem.train.closures`."""
 
-
-class Recipe(StrEnum):
-    """How a closure is fitted."""
-
-    paper = "paper"
-    filtered = "filtered"
-
-
-class Method(StrEnum):
-    """How a closure is trained through the solver."""
-
-    gradient = "gradient"
-    gradient_free = "gradient-free"
-
-
-class Trained(StrEnum):
-    """Which closures are trained through the solver."""
-
-    drag = "drag"
-    subgrid = "subgrid"
-    both = "both"
-
-
-Datasets = Annotated[
-    list[Path], typer.Argument(metavar="DATASET...", help="Dataset files written by `jaxdem dataset`.")
-]
-Closure = Annotated[Path, typer.Argument(metavar="CLOSURE", help="Closure file.", show_default=False)]
-Out = Annotated[Path, typer.Option(metavar="FILE", help="Closure file to write (HDF5).")]
-Seed = Annotated[int | None, typer.Option(min=0, help="Random seed of weights, shuffling and choice of rows.")]
-Epochs = Annotated[int | None, typer.Option(min=1, help="Number of passes through the data.")]
-Rows = Annotated[int | None, typer.Option(min=1, help="Largest number of training rows.")]
-Hidden = Annotated[str | None, typer.Option(metavar="N-N-...", help="Widths of the hidden layers, e.g. 170-70-30.")]
+ClosureOut = Annotated[Path, options.file_out("Closure file to write (HDF5).")]
 
 
 def train(
-    datasets: Datasets,
-    out: Annotated[Path, typer.Option(metavar="PATH", help="Closure file to write; with --sweep a folder.")],
-    recipe: Annotated[
-        Recipe,
-        typer.Option(
-            help="paper: method of the source paper. filtered: learns a factor on the base law, from filtered inputs."
-        ),
-    ] = (Recipe.filtered),
-    seed: Seed = None,
-    epochs: Epochs = None,
-    samples: Rows = None,
-    hidden: Hidden = None,
-    activation: Annotated[str | None, typer.Option(help="Activation of the hidden layers, e.g. elu.")] = None,
-    loss: Annotated[
-        str | None, typer.Option(help="Loss function: mse, mae, ...; the filtered recipe has its own.")
-    ] = None,
-    terms: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B",
-            help="Terms added to the drag, for the filtered recipe: void_fraction_gradient, ...",
-        ),
-    ] = None,
-    ensemble: Annotated[
-        int | None, typer.Option(metavar="N", min=2, help="Train N networks and write them as one closure.")
-    ] = None,
-    sweep: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=A,B,C",
-            help="Train all combinations of values, e.g. seed=0,1,2; may be given several times.",
-        ),
-    ] = None,
-    quiet: Quiet = False,
+    datasets: options.Datasets,
+    out: options.TrainOut,
+    recipe: options.RecipeName = options.Recipe.filtered,
+    seed: options.Seed = None,
+    epochs: options.Epochs = None,
+    samples: options.Rows = None,
+    hidden: options.Hidden = None,
+    activation: options.Activation = None,
+    loss: options.LossName = None,
+    terms: options.Terms = None,
+    ensemble: options.Members = None,
+    sweep: options.Sweep = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Train a drag closure on datasets. The run of the last dataset is held out for testing."""
     changes: dict[str, Any] = {
         "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
-        "hidden": _widths(hidden),
-        "terms": None if terms is None else tuple(terms.split(",")),
+        "hidden": _widths(hidden), "terms": None if terms is None else tuple(terms.split(",")),
     }  # fmt: skip
     if sweep and ensemble is not None:
         raise InputError("--ensemble", ensemble, "cannot be combined with --sweep", "Give only one of them.")
@@ -121,21 +62,20 @@ def train(
     require_datasets(datasets)
     start_jax()
     from jaxdem.cli import progress
+    from jaxdem.train.ensemble import fit_ensemble
     from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
 
-    make = FitSettings if recipe is Recipe.paper else FitSettings.filtered
-    chosen = make(**{name: value for name, value in changes.items() if value is not None})
+    paper = recipe is options.Recipe.paper
+    chosen = (FitSettings if paper else FitSettings.filtered)(**{n: v for n, v in changes.items() if v is not None})
     data = _read(datasets)
     if sweep:
         _search(data, recipe, chosen, sweep, out, quiet)
         return
     with progress.counted("epoch", quiet) as report:
         if ensemble is not None:
-            from jaxdem.train.ensemble import fit_ensemble
-
             result = fit_ensemble(data, recipe.value, chosen, ensemble, report)
         else:
-            result = (fit_paper if recipe is Recipe.paper else fit_filtered)(data, chosen, report)
+            result = (fit_paper if paper else fit_filtered)(data, chosen, report)
     _save(out, result)
     for coarsening, figures in result.metadata.get("spread", {}).items():
         terminal.line(
@@ -146,7 +86,7 @@ def train(
 
 def _search(
     data: Sequence[Dataset],
-    recipe: Recipe,
+    recipe: options.Recipe,
     settings: FitSettings,
     sweep: Sequence[str],
     out: Path,
@@ -179,123 +119,83 @@ def _search(
 
 
 def distill(
-    closure: Closure,
-    datasets: Datasets,
-    out: Out,
-    hidden: Hidden = None,
-    seed: Seed = None,
-    epochs: Epochs = None,
-    samples: Rows = None,
-    activation: Annotated[
-        str | None,
-        typer.Option(help="Activation of the hidden layers; that of the given closure by default."),
-    ] = None,
-    quiet: Quiet = False,
+    closure: options.Closure,
+    datasets: options.Datasets,
+    out: ClosureOut,
+    hidden: options.Hidden = None,
+    seed: options.Seed = None,
+    epochs: options.Epochs = None,
+    samples: options.Rows = None,
+    activation: options.SameActivation = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Train a smaller network to give the same forces as a closure, on the inputs of datasets."""
-    changes: dict[str, Any] = {
-        "seed": seed, "epochs": epochs, "samples": samples, "activation": activation,
-        "hidden": _widths(hidden) or (32, 16),
-    }  # fmt: skip
-    prepare_file(out, closure, *datasets)
-    require_closure("CLOSURE", closure)
-    require_datasets(datasets)
-    start_jax()
+    layers = _widths(hidden) or (32, 16)
+    _prepare(out, closure, datasets)
     from jaxdem.cli import progress
     from jaxdem.closures import load_closure
-    from jaxdem.train.compress import distill as teach
-    from jaxdem.train.compress import settings_for
+    from jaxdem.train import compress
 
     teacher, _ = load_closure(closure)
-    chosen, data = settings_for(teacher, **changes), _read(datasets)
+    changes = {"seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "hidden": layers}
+    chosen, data = compress.settings_for(teacher, **changes), _read(datasets)
     with progress.counted("epoch", quiet) as report:
-        result = teach(teacher, data, chosen, report)
+        result = compress.distill(teacher, data, chosen, report)
     _save(out, result)
     record = result.metadata["distilled"]
     for coarsening, value in record["r2_of_teacher"].items():
         against = record["r2_against_teacher"][coarsening]
         terminal.line(
-            f"Coarsening {coarsening}: the R2 of the given closure is {value:.4f}; the R2 of the new one against it is {against:.4f}"
+            f"Coarsening {coarsening}: the R2 of the given closure is {value:.4f}; "
+            f"the R2 of the new one against it is {against:.4f}"
         )
 
 
 def prune(
-    closure: Closure,
-    datasets: Datasets,
-    out: Out,
-    neurons: Annotated[float, typer.Option(help="Fraction of the neurons of each layer that is kept.")] = 0.5,
-    epochs: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of passes through the data to train the smaller network."),
-    ] = None,
-    seed: Seed = None,
-    samples: Rows = None,
-    quiet: Quiet = False,
+    closure: options.Closure,
+    datasets: options.Datasets,
+    out: ClosureOut,
+    neurons: options.KeptNeurons = 0.5,
+    epochs: options.FurtherEpochs = None,
+    seed: options.Seed = None,
+    samples: options.Rows = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Remove the neurons of a closure that change its result least, on the inputs of datasets."""
-    prepare_file(out, closure, *datasets)
-    require_closure("CLOSURE", closure)
-    require_datasets(datasets)
-    start_jax()
+    _prepare(out, closure, datasets)
     from jaxdem.cli import progress
     from jaxdem.closures.file import load_single
-    from jaxdem.train.compress import prune as make_smaller
-    from jaxdem.train.compress import settings_for
+    from jaxdem.train import compress
 
     given, _ = load_single(closure, "Prune one of its members, or distill it.")
-    chosen = settings_for(given, seed=seed, epochs=epochs, samples=samples)
+    chosen = compress.settings_for(given, seed=seed, epochs=epochs, samples=samples)
     data = _read(datasets)
     with progress.counted("epoch", quiet) as report:
-        result = make_smaller(given, data, neurons, chosen, epochs is not None, report)
+        result = compress.prune(given, data, neurons, chosen, epochs is not None, report)
     _save(out, result)
-    widths = ("-".join(map(str, result.metadata[key][name])) for key, name in (
-        ("pruned", "hidden_before"), ("settings", "hidden")))  # fmt: skip
-    terminal.line("Hidden layers reduced from {} to {}".format(*widths))
+    before, after = result.metadata["pruned"]["hidden_before"], result.metadata["settings"]["hidden"]
+    terminal.line("Hidden layers reduced from {} to {}".format(*("-".join(map(str, w)) for w in (before, after))))
     for coarsening, value in result.metadata["pruned"]["r2_before"].items():
         terminal.line(f"Coarsening {coarsening}: R2 before pruning was {value:.4f}")
 
 
 def finetune(
-    scene: SceneFile,
-    reference: Annotated[
-        Path, typer.Option(metavar="RUN", help="Run directory of the fine run that is the reference.")
-    ],
+    scene: options.SceneFile,
+    reference: options.ReferenceOption,
     out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE",
-            help="Closure file to write (HDF5); that of the drag closure, if both are trained.",
-        ),
+        Path, options.file_out("Closure file to write (HDF5); that of the drag closure, if both are trained.")
     ],
-    closure: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Drag closure to start from; that of the scene by default."),
-    ] = None,
-    subgrid: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Learned subgrid stress to start from, or `new`.")
-    ] = None,
-    trained: Annotated[
-        Trained | None,
-        typer.Option("--train", help="What is trained; by default all closures that are given."),
-    ] = None,
-    subgrid_out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File for the subgrid stress, if both are trained.")
-    ] = None,
-    horizons: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N,N,...",
-            help="Length of the training runs in outputs of the reference, one number per stage.",
-        ),
-    ] = None,
-    updates: Annotated[int, typer.Option(min=1, help="Number of updates in each stage.")] = 10,
-    learning_rate: Annotated[float, typer.Option(help="Learning rate of Adam.")] = 3e-3,
-    method: Annotated[
-        Method, typer.Option(help="gradient: Adam. gradient-free: a search on a few parameters.")
-    ] = Method.gradient,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed of the order of the start times.")] = 0,
-    settings: Settings = None,
-    quiet: Quiet = False,
+    closure: options.StartClosure = None,
+    subgrid: options.StartSubgrid = None,
+    trained: options.TrainedClosures = None,
+    subgrid_out: options.SubgridOut = None,
+    horizons: options.Horizons = None,
+    updates: options.Updates = 10,
+    learning_rate: options.LearningRate = 3e-3,
+    method: options.MethodName = options.Method.gradient,
+    seed: options.OrderSeed = 0,
+    settings: options.Settings = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Train closures through runs of a coarse scene, so that these have the same statistics as a fine run."""
     from jaxdem.scene import named_files
@@ -317,15 +217,14 @@ def finetune(
     start_jax(description.precision)
     from jaxdem.cli import progress
     from jaxdem.closures import save_closure
-    from jaxdem.train.finetune import FinetuneSettings
-    from jaxdem.train.finetune import finetune as train_through_solver
+    from jaxdem.train import finetune as solver
 
-    options = FinetuneSettings(
+    training = solver.FinetuneSettings(
         horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
     )
-    start, metadata = _given(closure, subgrid, names)
+    start, metadata = _start(closure, subgrid, names)
     with progress.counted("update", quiet) as report:
-        result = train_through_solver(description, reference, start, metadata, options, report)
+        result = solver.finetune(description, reference, start, metadata, training, report)
     for name, path in files.items():
         save_closure(path, getattr(result.closures, name), result.metadata[name])
     record = result.metadata[names[0]]["finetune"]
@@ -337,15 +236,15 @@ def finetune(
         terminal.fail(result.stopped, 1)
 
 
-def _trained(closure: Path | None, subgrid: str | None, trained: Trained | None) -> tuple[str, ...]:
+def _trained(closure: Path | None, subgrid: str | None, trained: options.Trained | None) -> tuple[str, ...]:
     """Names of the closures that are trained."""
     given = [name for name, source in zip(ALL, (closure, subgrid), strict=True) if source is not None]
-    names = tuple(given) if trained is None else ALL if trained is Trained.both else (trained.value,)
+    names = tuple(given) if trained is None else ALL if trained is options.Trained.both else (trained.value,)
     check_trained(names, given)
     return names
 
 
-def _given(
+def _start(
     closure: Path | None, subgrid: str | None, names: tuple[str, ...]
 ) -> tuple[Closures, dict[str, dict[str, Any]]]:
     """The closures to start from, and the metadata of their files."""
@@ -377,6 +276,14 @@ def _files(trained: tuple[str, ...], out: Path, subgrid_out: Path | None) -> dic
     return {"drag": out, "subgrid": subgrid_out}
 
 
+def _prepare(out: Path, closure: Path, datasets: Sequence[Path]) -> None:
+    """Refuse files that cannot be used, and start JAX."""
+    prepare_file(out, closure, *datasets)
+    require_closure("CLOSURE", closure)
+    require_datasets(datasets)
+    start_jax()
+
+
 def _widths(hidden: str | None) -> tuple[int, ...] | None:
     return None if hidden is None else whole_numbers("--hidden", hidden, "-")
 
@@ -391,8 +298,7 @@ def _save(out: Path, result: FitResult) -> None:
     """Write the closure and say how good it is."""
     from jaxdem.closures import save_closure
 
-    metadata: dict[str, Any] = result.metadata
-    save_closure(out, result.closure, metadata)
-    terminal.show(terminal.fit_table(metadata))
+    save_closure(out, result.closure, result.metadata)
+    terminal.show(terminal.fit_table(result.metadata))
     terminal.line(f"Split {result.split}")
-    terminal.line(f"Wrote {out} after {metadata['seconds']:.3g} s of training")
+    terminal.line(f"Wrote {out} after {result.metadata['seconds']:.3g} s of training")

@@ -1,170 +1,221 @@
-"""What the commands share: scenes to read, places to write to, lists of numbers. Nothing here imports JAX but `start_jax`."""
+"""The arguments and options of the commands, each declared once. Their names and defaults stand in the commands."""
 
 from __future__ import annotations
 
-import os
-import resource
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from jaxdem.errors import InputError
 
-if TYPE_CHECKING:
-    from jaxdem.scene import Scene
+class Scale(StrEnum):
+    """Size of a study."""
 
-ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
-"""What JAX and its compiler reserve of it, with the stacks of a core's threads [B]; twice as much is normal and not used."""
+    demo = "demo"
+    paper = "paper"
 
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
+
+class Color(StrEnum):
+    """Quantity that colours the particles."""
+
+    velocity = "velocity"
+    drag = "drag"
+
+
+class ExportFormat(StrEnum):
+    """File format of an exported closure."""
+
+    c = "c"
+    onnx = "onnx"
+    stablehlo = "stablehlo"
+
+
+class Recipe(StrEnum):
+    """How a closure is fitted."""
+
+    paper = "paper"
+    filtered = "filtered"
+
+
+class Method(StrEnum):
+    """How a closure is trained through the solver."""
+
+    gradient = "gradient"
+    gradient_free = "gradient-free"
+
+
+class Trained(StrEnum):
+    """Which closures are trained through the solver."""
+
+    drag = "drag"
+    subgrid = "subgrid"
+    both = "both"
+
+
+def file_out(content: str) -> object:
+    """`--out FILE` of a command that writes one file."""
+    return Option("--out", metavar="FILE", help=content)
+
+
+def folder_out(content: str) -> object:
+    """`--out DIR` of a command that writes a folder."""
+    return Option("--out", metavar="DIR", help=content)
+
+
+# What is read.
+SceneFile = Annotated[Path, Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
+RunFolder = Annotated[Path, Argument(metavar="RUN", help="Run directory.", show_default=False)]
+SampledRun = Annotated[Path, Argument(metavar="RUN", help="Run directory with samples.h5.")]
+ReferenceRun = Annotated[Path, Argument(metavar="REFERENCE", help="Run directory of the reference.")]
+ComparedRuns = Annotated[list[Path], Argument(metavar="RUN...", help="Run directories that are compared with it.")]
+Datasets = Annotated[list[Path], Argument(metavar="DATASET...", help="Dataset files written by `jaxdem dataset`.")]
+Closure = Annotated[Path, Argument(metavar="CLOSURE", help="Closure file.", show_default=False)]
+FilteredClosure = Annotated[Path, Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")]
+StudyName = Annotated[str, Argument(metavar="NAME", help="Name of the study, e.g. injection.")]
+ReferenceOption = Annotated[
+    Path, Option("--reference", metavar="RUN", help="Run directory of the fine run that is the reference.")
+]
+
+# What changes a scene.
+ClosureFile = Annotated[
+    Path | None,
+    Option("--closure", metavar="FILE", help="Learned drag closure, in place of closure.file of the scene."),
+]
+SubgridFile = Annotated[
+    Path | None,
+    Option("--subgrid", metavar="FILE", help="Learned subgrid stress, in place of fluid.subgrid of the scene."),
+]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene; may be given several times."),
+    Option("--set", metavar="KEY=VALUE", help="Change a key of the scene; may be given several times."),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress, neither a bar nor lines in a log.")]
+Vary = Annotated[
+    list[str], Option("--vary", metavar="KEY=A,B,C", help="A key and its values in TOML; may be given several times.")
+]
 
+# How a command works.
+Quiet = Annotated[bool, Option("--quiet", help="Show no progress, neither a bar nor lines in a log.")]
+Resume = Annotated[bool, Option("--resume", help="Continue from the checkpoint in --out.")]
+Profile = Annotated[bool, Option("--profile", help="Measure fluid and particles apart in every interval; slower.")]
+Form = Annotated[ExportFormat, Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")]
+Colour = Annotated[Color, Option("--color", help="Quantity that colours the particles.")]
+PlotOut = Annotated[
+    Path | None,
+    Option(
+        "--out",
+        metavar="PATH",
+        help="Folder for metrics.png and snapshot.png, or one .png, .pdf, .svg. [RUN/plots]",
+    ),
+]
+SnapshotTime = Annotated[
+    float | None, Option("--time", metavar="T", help="Time of the snapshot [s]; the last output by default.")
+]
+FrameRate = Annotated[float, Option("--fps", metavar="N", help="Outputs per second of film.")]
+StudyScale = Annotated[Scale, Option("--scale", help="demo: a few minutes. paper: the size of the source paper.")]
+Parts = Annotated[
+    str,
+    Option("--parts", metavar="A,B,...", help="Parts to run, for --scale paper, e.g. mesh,budget; all by default."),
+]
+Jobs = Annotated[
+    int | None,
+    Option(
+        "--jobs",
+        metavar="N",
+        help="Number of processes at once, for --scale paper; one per core by default. "
+        "0 only writes the tables of finished runs.",
+    ),
+]
 
-def prepare_file(path: Path, *inputs: str | Path | None, option: str = "--out") -> None:
-    """Refuse a place that cannot be written, or that holds what is read, before hours of work, not after them."""
-    from jaxdem.io.outputs import refuse_what_is_read
+# Datasets.
+Coarsen = Annotated[
+    str,
+    Option(
+        "--coarsen",
+        metavar="N,N,...",
+        help="Number of fine cells along a side of a coarse cell; several numbers for several coarse meshes.",
+    ),
+]
+CoarseSettings = Annotated[
+    list[str] | None,
+    Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Setting of the coarse runs where it differs from the fine run: coupling.kernel_width, "
+        "coupling.void_fraction or coupling.deconvolution.",
+    ),
+]
 
-    with _refused_places(path):
-        refuse_what_is_read(option, path, inputs)
-        if path.is_dir():
-            raise InputError(option, str(path), "is a folder", "Name a file in it.")
-    prepare_folder(path.parent)
+# Networks.
+TrainOut = Annotated[Path, Option("--out", metavar="PATH", help="Closure file to write; with --sweep a folder.")]
+RecipeName = Annotated[
+    Recipe,
+    Option(
+        "--recipe",
+        help="paper: method of the source paper. filtered: learns a factor on the base law, from filtered inputs.",
+    ),
+]
+Seed = Annotated[int | None, Option("--seed", min=0, help="Random seed of weights, shuffling and choice of rows.")]
+Epochs = Annotated[int | None, Option("--epochs", min=1, help="Number of passes through the data.")]
+FurtherEpochs = Annotated[
+    int | None, Option("--epochs", min=1, help="Number of passes through the data to train the smaller network.")
+]
+Rows = Annotated[int | None, Option("--samples", min=1, help="Largest number of training rows.")]
+Hidden = Annotated[
+    str | None, Option("--hidden", metavar="N-N-...", help="Widths of the hidden layers, e.g. 170-70-30.")
+]
+Activation = Annotated[str | None, Option("--activation", help="Activation of the hidden layers, e.g. elu.")]
+SameActivation = Annotated[
+    str | None,
+    Option("--activation", help="Activation of the hidden layers; that of the given closure by default."),
+]
+LossName = Annotated[
+    str | None, Option("--loss", help="Loss function: mse, mae, ...; the filtered recipe has its own.")
+]
+Terms = Annotated[
+    str | None,
+    Option(
+        "--terms",
+        metavar="A,B",
+        help="Terms added to the drag, for the filtered recipe: void_fraction_gradient, ...",
+    ),
+]
+Members = Annotated[
+    int | None, Option("--ensemble", metavar="N", min=2, help="Train N networks and write them as one closure.")
+]
+Sweep = Annotated[
+    list[str] | None,
+    Option(
+        "--sweep",
+        metavar="KEY=A,B,C",
+        help="Train all combinations of values, e.g. seed=0,1,2; may be given several times.",
+    ),
+]
+KeptNeurons = Annotated[float, Option("--neurons", help="Fraction of the neurons of each layer that is kept.")]
 
-
-def prepare_folder(path: Path) -> None:
-    """Make the folder, or refuse it."""
-    with _refused_places(path):
-        if path.exists() and not path.is_dir():
-            raise InputError("--out", str(path), "is not a folder", "Name a folder.")
-        path.mkdir(parents=True, exist_ok=True)
-        if not os.access(path, os.W_OK):
-            raise InputError("--out", str(path), "cannot be written", "Choose another place.")
-
-
-@contextmanager
-def _refused_places(path: Path) -> Iterator[None]:
-    """What the file system says of a place is a wrong `--out`."""
-    try:
-        yield
-    except OSError as error:
-        limit = f"cannot be written ({error.strerror})"
-        raise InputError("--out", str(path), limit, "Choose another place.") from None
-
-
-def whole_numbers(option: str, text: str, separator: str) -> tuple[int, ...]:
-    """Positive whole numbers out of a text such as 170-70-30; raises InputError that names the option."""
-    try:
-        numbers = tuple(int(part) for part in text.split(separator))
-    except ValueError:
-        numbers = (0,)
-    if min(numbers) < 1:
-        example = separator.join("421" if separator == "-" else "124")
-        limit = f"must be positive whole numbers separated by {separator!r}"
-        raise InputError(option, text, limit, f"For example {option} {example}.")
-    return numbers
-
-
-def read_scene(
-    path: Path, settings: list[str] | None, closure: Path | None = None, subgrid: Path | None = None
-) -> Scene:
-    """The scene with the options applied, and closures that are closures as far as can be seen without JAX."""
-    from jaxdem.scene import load_scene
-
-    scene = load_scene(path, overrides(settings, closure, subgrid))
-    require_closure("closure.file", scene.closure.file)
-    require_closure("fluid.subgrid", None if scene.fluid is None else scene.fluid.subgrid)
-    return scene
-
-
-def require_closure(key: str, path: str | Path | None) -> None:
-    """Refuse a file that is not there, or does not say of itself that it is a closure; its content is read later."""
-    if path is not None:
-        _require_format(key, Path(path), "closure", "`jaxdem train` or `jaxdem finetune`")
-
-
-def require_datasets(paths: Sequence[Path]) -> None:
-    """As `require_closure`, of datasets."""
-    for path in paths:
-        if not path.is_dir():  # a folder is refused when it is read
-            _require_format("dataset", path, "dataset", "`jaxdem dataset`")
-
-
-def _require_format(key: str, path: Path, what: str, writer: str) -> None:
-    from jaxdem.files.hdf5 import CLOSURE, DATASET, attributes_of, open_for_reading
-
-    remedy = f"Give a file written by {writer}."
-    try:
-        if not path.is_file():
-            raise InputError(key, str(path), "is not a file", remedy)
-        with open_for_reading(path) as file:
-            found = attributes_of(file).get("format")
-    except (OSError, ValueError, RuntimeError, KeyError, TypeError) as error:
-        raise InputError(key, str(path), f"cannot be read as a {what} ({error})", remedy) from None
-    if found != {"closure": CLOSURE, "dataset": DATASET}[what]:
-        raise InputError(key, str(path), f"is not a {what} file", remedy)
-
-
-def overrides(settings: list[str] | None, closure: Path | None = None, subgrid: Path | None = None) -> dict[str, Any]:
-    """Keys of the scene that the options change."""
-    from jaxdem.scene import parse_override
-
-    changed = dict(parse_override(text) for text in settings or ())
-    # Names in a scene are relative to it, names on the command line to the working directory.
-    if closure is not None:
-        changed["closure.file"] = str(closure.resolve())
-    if subgrid is not None:
-        changed["fluid.subgrid"] = str(subgrid.resolve())
-    return changed
-
-
-def start_jax(precision: str = "float32") -> None:
-    """JAX, set to the precision of a scene, with its compiled programs kept between calls.
-
-    Raises:
-        InputError: what JAX is asked for is not there, or it would end in an abort.
-    """
-    _require_address_space()
-    from jaxdem.run.compilation_cache import use_compilation_cache
-
-    use_compilation_cache()
-    import jax
-
-    if precision == "float64":
-        jax.config.update("jax_enable_x64", True)
-    asked = os.environ.get("JAX_PLATFORMS")
-    try:
-        jax.devices()
-    except Exception as error:  # JAX raises RuntimeError, or AssertionError without a word
-        if not asked:
-            raise
-        jax.config.update("jax_platforms", None)
-        there = ", ".join(sorted({device.platform for device in jax.devices()}))
-        reason = f" ({str(error).splitlines()[0]})" if str(error) else ""
-        raise InputError(
-            "JAX_PLATFORMS",
-            asked,
-            f"JAX finds no such device on this machine{reason}",
-            f"Available: {there}.",
-        ) from None
-
-
-def _require_address_space() -> None:
-    """Without room JAX and its compiler end the process, with an abort and no word of why."""
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    cores = os.cpu_count() or 1
-    needed = ADDRESS_SPACE + cores * ADDRESS_SPACE_PER_CORE
-    if limit != resource.RLIM_INFINITY and limit < needed:
-        raise InputError(
-            "ulimit -v",
-            limit // 1024,
-            f"limits the address space to {limit / 2**30:.2g} GiB; JAX and its compiler reserve about "
-            f"{needed / 2**30:.2g} GiB on {cores} cores",
-            f"Raise it to {needed // 1024} or more.",
-        )
+# Training through the solver.
+StartClosure = Annotated[
+    Path | None,
+    Option("--closure", metavar="FILE", help="Drag closure to start from; that of the scene by default."),
+]
+StartSubgrid = Annotated[
+    str | None, Option("--subgrid", metavar="FILE", help="Learned subgrid stress to start from, or `new`.")
+]
+TrainedClosures = Annotated[
+    Trained | None, Option("--train", help="What is trained; by default all closures that are given.")
+]
+SubgridOut = Annotated[
+    Path | None, Option("--subgrid-out", metavar="FILE", help="File for the subgrid stress, if both are trained.")
+]
+Horizons = Annotated[
+    str | None,
+    Option(
+        "--horizons",
+        metavar="N,N,...",
+        help="Length of the training runs in outputs of the reference, one number per stage.",
+    ),
+]
+Updates = Annotated[int, Option("--updates", min=1, help="Number of updates in each stage.")]
+LearningRate = Annotated[float, Option("--learning-rate", help="Learning rate of Adam.")]
+MethodName = Annotated[Method, Option("--method", help="gradient: Adam. gradient-free: a search on a few parameters.")]
+OrderSeed = Annotated[int, Option("--seed", min=0, help="Random seed of the order of the start times.")]

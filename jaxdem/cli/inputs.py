@@ -1,0 +1,177 @@
+"""What the commands share: scenes to read, places to write to, lists of numbers. Nothing here imports JAX but `start_jax`."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from jaxdem.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxdem.scene import Scene
+
+ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
+"""What JAX and its compiler reserve of it, with the stacks of a core's threads [B]; twice as much is normal and not used."""
+
+
+def prepare_file(path: Path, *inputs: str | Path | None, option: str = "--out") -> None:
+    """Refuse a place that cannot be written, or that holds what is read, before hours of work, not after them."""
+    from jaxdem.io.outputs import refuse_what_is_read
+
+    with _refused_places(path):
+        refuse_what_is_read(option, path, inputs)
+        if path.is_dir():
+            raise InputError(option, str(path), "is a folder", "Name a file in it.")
+    prepare_folder(path.parent)
+
+
+def prepare_folder(path: Path) -> None:
+    """Make the folder, or refuse it."""
+    with _refused_places(path):
+        if path.exists() and not path.is_dir():
+            raise InputError("--out", str(path), "is not a folder", "Name a folder.")
+        path.mkdir(parents=True, exist_ok=True)
+        if not os.access(path, os.W_OK):
+            raise InputError("--out", str(path), "cannot be written", "Choose another place.")
+
+
+@contextmanager
+def _refused_places(path: Path) -> Iterator[None]:
+    """What the file system says of a place is a wrong `--out`."""
+    try:
+        yield
+    except OSError as error:
+        limit = f"cannot be written ({error.strerror})"
+        raise InputError("--out", str(path), limit, "Choose another place.") from None
+
+
+def whole_numbers(option: str, text: str, separator: str) -> tuple[int, ...]:
+    """Positive whole numbers out of a text such as 170-70-30; raises InputError that names the option."""
+    try:
+        numbers = tuple(int(part) for part in text.split(separator))
+    except ValueError:
+        numbers = (0,)
+    if min(numbers) < 1:
+        example = separator.join("421" if separator == "-" else "124")
+        limit = f"must be positive whole numbers separated by {separator!r}"
+        raise InputError(option, text, limit, f"For example {option} {example}.")
+    return numbers
+
+
+def read_scene(
+    path: Path, settings: list[str] | None, closure: Path | None = None, subgrid: Path | None = None
+) -> Scene:
+    """The scene with the options applied, and closures that are closures as far as can be seen without JAX."""
+    from jaxdem.scene import load_scene
+
+    scene = load_scene(path, overrides(settings, closure, subgrid))
+    require_closure("closure.file", scene.closure.file)
+    require_closure("fluid.subgrid", None if scene.fluid is None else scene.fluid.subgrid)
+    return scene
+
+
+def require_closure(key: str, path: str | Path | None) -> None:
+    """Refuse a file that is not there, or does not say of itself that it is a closure; its content is read later."""
+    if path is not None:
+        _require_format(key, Path(path), "closure", "`jaxdem train` or `jaxdem finetune`")
+
+
+def require_datasets(paths: Sequence[Path]) -> None:
+    """As `require_closure`, of datasets."""
+    for path in paths:
+        if not path.is_dir():  # a folder is refused when it is read
+            _require_format("dataset", path, "dataset", "`jaxdem dataset`")
+
+
+def _require_format(key: str, path: Path, what: str, writer: str) -> None:
+    from jaxdem.files.hdf5 import CLOSURE, DATASET, attributes_of, open_for_reading
+
+    remedy = f"Give a file written by {writer}."
+    try:
+        if not path.is_file():
+            raise InputError(key, str(path), "is not a file", remedy)
+        with open_for_reading(path) as file:
+            found = attributes_of(file).get("format")
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError) as error:
+        raise InputError(key, str(path), f"cannot be read as a {what} ({error})", remedy) from None
+    if found != {"closure": CLOSURE, "dataset": DATASET}[what]:
+        raise InputError(key, str(path), f"is not a {what} file", remedy)
+
+
+def this_command(context: typer.Context, **changes: object) -> str:
+    """The command that is at work, as a shell takes it: arguments, and options that differ from their defaults or are changed."""
+    words = ["jaxdem", str(context.info_name)]
+    for parameter in context.command.params:
+        value = {**context.params, **changes}[str(parameter.name)]
+        if value == parameter.get_default(context):
+            continue
+        for one in value if isinstance(value, (list, tuple)) else (value,):
+            words += parameter.opts[:1] if parameter.param_type_name == "option" else []
+            words += [] if one is True else [str(one)]
+    return shlex.join(words)
+
+
+def overrides(settings: list[str] | None, closure: Path | None = None, subgrid: Path | None = None) -> dict[str, Any]:
+    """Keys of the scene that the options change."""
+    from jaxdem.scene import parse_override
+
+    changed = dict(parse_override(text) for text in settings or ())
+    # Names in a scene are relative to it, names on the command line to the working directory.
+    if closure is not None:
+        changed["closure.file"] = str(closure.resolve())
+    if subgrid is not None:
+        changed["fluid.subgrid"] = str(subgrid.resolve())
+    return changed
+
+
+def start_jax(precision: str = "float32") -> None:
+    """JAX, set to the precision of a scene, with its compiled programs kept between calls.
+
+    Raises:
+        InputError: what JAX is asked for is not there, or it would end in an abort.
+    """
+    _require_address_space()
+    from jaxdem.run.compilation_cache import use_compilation_cache
+
+    use_compilation_cache()
+    import jax
+
+    if precision == "float64":
+        jax.config.update("jax_enable_x64", True)
+    asked = os.environ.get("JAX_PLATFORMS")
+    try:
+        jax.devices()
+    except Exception as error:  # JAX raises RuntimeError, or AssertionError without a word
+        if not asked:
+            raise
+        jax.config.update("jax_platforms", None)
+        there = ", ".join(sorted({device.platform for device in jax.devices()}))
+        reason = f" ({str(error).splitlines()[0]})" if str(error) else ""
+        raise InputError(
+            "JAX_PLATFORMS",
+            asked,
+            f"JAX finds no such device on this machine{reason}",
+            f"Available: {there}.",
+        ) from None
+
+
+def _require_address_space() -> None:
+    """Without room JAX and its compiler end the process, with an abort and no word of why."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    cores = os.cpu_count() or 1
+    needed = ADDRESS_SPACE + cores * ADDRESS_SPACE_PER_CORE
+    if limit != resource.RLIM_INFINITY and limit < needed:
+        raise InputError(
+            "ulimit -v",
+            limit // 1024,
+            f"limits the address space to {limit / 2**30:.2g} GiB; JAX and its compiler reserve about "
+            f"{needed / 2**30:.2g} GiB on {cores} cores",
+            f"Raise it to {needed // 1024} or more.",
+        )
