@@ -30,7 +30,7 @@ from benchmarks import harness
 from benchmarks.drag_cost import DIMENSION, random_inputs
 from jaxdem.closures import KochHill, PaperNetwork
 from jaxdem.train.fit import PaperLoss
-from jaxdem.train.fit_loop import Outcome, Progress, minimize
+from jaxdem.train.fit_loop import Network, Outcome, Plan, Progress, minimize
 from jaxdem.train.fit_settings import FitSettings
 
 NETWORKS = 8
@@ -66,19 +66,9 @@ def train(
     mapped: bool | None = None,
 ) -> list[Outcome]:
     """Networks of these seeds, trained at once."""
-    count = len(seeds)
-    return minimize(
-        PaperLoss(settings.loss, settings.activation),
-        [network(settings, seed).weights for seed in seeds],
-        [data] * count,
-        batch=settings.batch,
-        epochs=settings.epochs,
-        learning_rates=[settings.learning_rate] * count,
-        schedule=settings.schedule,
-        seeds=seeds,
-        progress=progress,
-        mapped=mapped,
-    )
+    plan = Plan(PaperLoss(settings.loss, settings.activation), settings.batch, settings.epochs, settings.schedule)
+    networks = [Network(network(settings, seed).weights, data, settings.learning_rate, seed) for seed in seeds]
+    return minimize(plan, networks, progress, mapped)
 
 
 def single_training(settings: FitSettings, data: Rows) -> dict[str, Any]:

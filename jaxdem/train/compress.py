@@ -18,10 +18,10 @@ from jaxdem.closures.network import ACTIVATIONS, PaperNetwork
 from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset
 from jaxdem.train.ensemble import one_of
-from jaxdem.train.fit import RECIPES, require_finite
-from jaxdem.train.fit_evaluate import Forces, evaluate_fit, learned_force, map_rows, split_by_run
+from jaxdem.train.fit import RECIPES
+from jaxdem.train.fit_evaluate import Forces, learned_force, map_rows, split_by_run
 from jaxdem.train.fit_loop import Progress
-from jaxdem.train.fit_problem import FitResult, Problem, judge, solve
+from jaxdem.train.fit_problem import FitResult, Problem, solve_all
 from jaxdem.train.fit_settings import FitSettings
 
 IMPORTANCE_ROWS = 50_000
@@ -73,22 +73,14 @@ def distill(
     recipe = recipe_of(teacher)
     taught = [_taught(dataset, teacher) for dataset in datasets]
     problem = RECIPES[recipe](taught, settings)
-    (outcome,) = solve([problem], progress)
-    elapsed = time.perf_counter() - started
-    require_finite(outcome, elapsed)
+    (outcome,) = solve_all([problem], progress, started)
     student = problem.trained(outcome)
     truth = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
-    result = judge(dataclasses.replace(problem, split=truth), student, outcome.history, elapsed)
-
-    def scores(closure: StoredClosure, rows: Sequence[Dataset]) -> dict[str, float]:
-        regression, name = problem.regression(), problem.targets.__getitem__
-        r2, _ = evaluate_fit(closure, problem.base, regression, rows, name, settings.seed)
-        return {coarsening: row["closure"] for coarsening, row in r2.items()}
-
+    result = dataclasses.replace(problem, split=truth).judge(student, outcome.history, time.perf_counter() - started)
     result.metadata["distilled"] = {
         "teacher_hidden": list(one_of(teacher).hidden),
-        "r2_of_teacher": scores(teacher, truth.held_out),
-        "r2_against_teacher": scores(student, problem.split.held_out),
+        "r2_of_teacher": problem.r2(teacher, truth.held_out),
+        "r2_against_teacher": problem.r2(student, problem.split.held_out),
     }
     return result
 
@@ -133,18 +125,13 @@ def prune(
     changed = dataclasses.replace(settings, hidden=hidden)
     if retrain:
         problem = make(datasets, changed, smaller)
-        (outcome,) = solve([problem], progress)
-        require_finite(outcome, time.perf_counter() - started)
+        (outcome,) = solve_all([problem], progress, started)
         smaller, history = problem.trained(outcome), outcome.history
     problem = dataclasses.replace(problem, settings=changed)
-    result = judge(problem, smaller, history, time.perf_counter() - started)
-    before, _ = evaluate_fit(
-        closure, problem.base, problem.regression(), problem.split.held_out, problem.targets.__getitem__,
-        settings.seed,
-    )  # fmt: skip
+    result = problem.judge(smaller, history, time.perf_counter() - started)
     result.metadata["pruned"] = {
         "hidden_before": list(closure.hidden),
-        "r2_before": {coarsening: row["closure"] for coarsening, row in before.items()},
+        "r2_before": problem.r2(closure, problem.split.held_out),
     }
     return result
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import jax
@@ -16,10 +16,10 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.file import LearnedClosure, StoredClosure
 from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset
-from jaxdem.train.fit import RECIPES, require_finite
-from jaxdem.train.fit_evaluate import evaluate_fit, learned_force, map_rows
+from jaxdem.train.fit import RECIPES
+from jaxdem.train.fit_evaluate import learned_force, map_rows
 from jaxdem.train.fit_loop import Progress
-from jaxdem.train.fit_problem import FitResult, Problem, judge, solve
+from jaxdem.train.fit_problem import FitResult, Problem, solve_all
 from jaxdem.train.fit_settings import FitSettings
 
 
@@ -59,14 +59,10 @@ def fit_ensemble(
     if members < 2:
         raise InputError("--ensemble", members, "needs at least two members", "For example --ensemble 5.")
     started = time.perf_counter()
-    problems: list[Problem] = [
-        RECIPES[recipe](datasets, dataclasses.replace(settings, seed=settings.seed + number))
-        for number in range(members)
-    ]
-    outcomes = solve(problems, progress)
+    make: Callable[..., Problem] = RECIPES[recipe]
+    problems = [make(datasets, dataclasses.replace(settings, seed=settings.seed + n)) for n in range(members)]
+    outcomes = solve_all(problems, progress, started)
     elapsed = time.perf_counter() - started
-    for outcome in outcomes:
-        require_finite(outcome, elapsed)
     closures = [problem.trained(outcome) for problem, outcome in zip(problems, outcomes, strict=True)]
     history = np.mean([outcome.history for outcome in outcomes], axis=0).tolist()
     return put_together(problems[0], closures, history, elapsed)
@@ -84,12 +80,10 @@ def put_together(
         elapsed: time of their training [s].
     """
     ensemble = EnsembleClosure.of(closures)
-    result = judge(problem, ensemble, history, elapsed)
-    regression, name = problem.regression(), problem.targets.__getitem__
-    held_out, seed = problem.split.held_out, problem.settings.seed
-    alone = [evaluate_fit(closure, problem.base, regression, held_out, name, seed)[0] for closure in closures]
+    result = problem.judge(ensemble, history, elapsed)
+    alone = [problem.r2(closure, problem.split.held_out) for closure in closures]
     result.metadata["members"] = len(closures)
-    result.metadata["r2_members"] = {n: [scores[n]["closure"] for scores in alone] for n in alone[0]}
+    result.metadata["r2_members"] = {n: [scores[n] for scores in alone] for n in alone[0]}
     result.metadata["spread"] = {n: _calibration(ensemble, problem, int(n)) for n in alone[0]}
     return result
 

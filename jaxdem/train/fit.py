@@ -15,8 +15,7 @@ from jax import Array
 
 from jaxdem.closures.invariant import InvariantClosure, PreparedInputs, corrected
 from jaxdem.closures.network import PaperNetwork
-from jaxdem.closures.registry import drag_law
-from jaxdem.errors import InputError, RunError
+from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset, Group
 from jaxdem.train.fit_evaluate import Forces, map_rows, split_by_run
 from jaxdem.train.fit_loop import LOSSES, Outcome, Progress
@@ -26,10 +25,10 @@ from jaxdem.train.fit_problem import (
     Problem,
     all_coarsenings,
     constants,
-    judge,
     mean_and_scale,
     on_device,
     solve,
+    solve_all,
     training_groups,
 )
 from jaxdem.train.fit_regression import fit_regression, linear_force, paper_features, prepare_rows
@@ -116,7 +115,7 @@ def fit_together(
     return [
         (
             outcome,
-            None if outcome.diverged else judge(problem, problem.trained(outcome), outcome.history, seconds),
+            None if outcome.diverged else problem.judge(problem.trained(outcome), outcome.history, seconds),
         )
         for problem, outcome in zip(problems, outcomes, strict=True)
     ]
@@ -130,18 +129,8 @@ def _fit_one(
 ) -> FitResult:
     started = time.perf_counter()
     problem = make(datasets, settings)
-    (outcome,) = solve([problem], progress)
-    elapsed = time.perf_counter() - started
-    require_finite(outcome, elapsed)
-    return judge(problem, problem.trained(outcome), outcome.history, elapsed)
-
-
-def require_finite(outcome: Outcome, elapsed: float) -> None:
-    """Raise RunError for a training whose loss is no finite number; `elapsed` [s]."""
-    if outcome.diverged:
-        epoch, loss = len(outcome.history), outcome.history[-1]
-        remedy = "Lower the learning rate, or look for outliers in the dataset's forces."
-        raise RunError(f"the training loss is {loss}, not finite", f"epoch {epoch}", elapsed, remedy)
+    (outcome,) = solve_all([problem], progress, started)
+    return problem.judge(problem.trained(outcome), outcome.history, time.perf_counter() - started)
 
 
 def paper_problem(datasets: Sequence[Dataset], settings: FitSettings, start: PaperNetwork | None = None) -> Problem:
@@ -157,10 +146,10 @@ def paper_problem(datasets: Sequence[Dataset], settings: FitSettings, start: Pap
     forces = np.concatenate([getattr(g, targets[n]) for n, parts in groups.items() for g in parts])
     kept = np.random.default_rng(settings.seed).permutation(len(forces))[: settings.samples]
     inputs, forces = inputs[kept], forces[kept]
-    base, dimension = drag_law(datasets[0].drag, "dataset.drag"), datasets[0].dimension
     closure = start
     if closure is None:
-        closure = PaperNetwork.initial(dimension, base, settings.hidden, settings.activation, settings.seed)
+        layers = settings.hidden, settings.activation, settings.seed
+        closure = PaperNetwork.initial(datasets[0].dimension, split.base, *layers)
         mean, scale = mean_and_scale(inputs)
         offset, unit = mean_and_scale(forces)
         closure = dataclasses.replace(
@@ -176,7 +165,7 @@ def paper_problem(datasets: Sequence[Dataset], settings: FitSettings, start: Pap
     )
     loss = PaperLoss(settings.loss, settings.activation)
     regression = partial(linear_force, inputs, forces)
-    return Problem("paper", closure, data, loss, regression, base, split, targets, settings)
+    return Problem("paper", closure, data, loss, regression, split, targets, settings)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,9 +217,8 @@ def filtered_problem(
         raise InputError("loss", settings.loss, "the filtered recipe has its own", "Leave it at mse.")
     split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
     groups = training_groups(split.train, settings.coarsenings or all_coarsenings(split, train_only=True))
-    base = drag_law(datasets[0].drag, "dataset.drag")
     closure = start or InvariantClosure.initial(
-        base, settings.hidden, settings.activation, settings.terms, settings.seed, settings.features
+        split.base, settings.hidden, settings.activation, settings.terms, settings.seed, settings.features
     )
     prepared, target, weight = _filtered_rows(closure, groups, settings)
     features = np.asarray(prepared.features, np.float64)
@@ -248,7 +236,7 @@ def filtered_problem(
     loss = FilteredLoss(settings.activation)
     regression = partial(fit_regression, closure, prepared, target, weight)
     targets = dict.fromkeys(all_coarsenings(split), "target_force")
-    return Problem("filtered", closure, data, loss, regression, base, split, targets, settings)
+    return Problem("filtered", closure, data, loss, regression, split, targets, settings)
 
 
 def _normalised(values: Forces, mean: Array, scale: Array) -> Array:

@@ -1,10 +1,9 @@
-"""What a fit is judged by: rows held out by run, R2 on them, and plain regressions to compare with."""
+"""What a fit is judged by: rows held out by run, forces on them, and R2."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.file import StoredClosure
+from jaxdem.closures.registry import drag_law
 from jaxdem.errors import InputError
 from jaxdem.io import scene_text
 from jaxdem.train.dataset_file import SEEING, Dataset, Group
@@ -23,8 +23,6 @@ ROWS_AT_ONCE = 65536
 """Rows that are evaluated together, to bound the memory of hidden layers."""
 TRAINING_ROWS = 250_000
 """Rows of a group on which the fit to the training data is judged."""
-PARITY_ROWS = 5000
-"""Rows kept for parity plots."""
 
 Forces = NDArray[np.floating[Any]]
 Predictor = Callable[[Group], Forces]
@@ -36,6 +34,11 @@ class Split(NamedTuple):
     train: list[Dataset]
     held_out: list[Dataset]
     text: str
+
+    @property
+    def base(self) -> Correlation:
+        """The drag law of the runs."""
+        return drag_law(self.train[0].drag, "dataset.drag")
 
 
 def split_by_run(datasets: Sequence[Dataset], held_out: str | None, fraction: float) -> Split:
@@ -155,53 +158,3 @@ def learned_force(closure: StoredClosure, inputs: DragInputs) -> tuple[Array, Ar
     drag = closure(inputs)
     force = drag.coefficient[:, None] * inputs.slip_velocity
     return (force if drag.remainder is None else force + drag.remainder), drag.out_of_range
-
-
-@partial(jax.jit, static_argnums=0)
-def _base_force(law: Correlation, inputs: DragInputs) -> Array:
-    """Force (M, D) [N]."""
-    return law(inputs).coefficient[:, None] * inputs.slip_velocity
-
-
-def evaluate_fit(
-    closure: StoredClosure,
-    base: Correlation,
-    regression: Predictor,
-    datasets: Sequence[Dataset],
-    target_name: Callable[[int], str],
-    seed: int,
-) -> tuple[dict[str, dict[str, float]], dict[int, dict[str, Forces]]]:
-    """R2 and parity data of a closure, its base law and the regression, per coarsening.
-
-    Args:
-        closure, base, regression: what is compared.
-        datasets: rows to judge on.
-        target_name: from the coarsening to the array that is the truth, "target_force" or "drag_force".
-        seed: of the choice of rows for the parity data.
-
-    Returns:
-        R2 by coarsening (as text, as JSON has it): closure, base, regression, out_of_range (fraction of the
-        rows), samples; and by coarsening the arrays predicted, target, base, regression (<= 5000, D) [N].
-    """
-    scores: dict[str, dict[str, float]] = {}
-    parity: dict[int, dict[str, Forces]] = {}
-    for coarsening in sorted({n for dataset in datasets for n in dataset.groups}):
-        groups = [dataset.groups[coarsening] for dataset in datasets if coarsening in dataset.groups]
-        outcomes = [map_rows(partial(learned_force, closure), group) for group in groups]
-        forces = {
-            "predicted": np.concatenate([force for force, _ in outcomes]),
-            "target": np.concatenate([getattr(group, target_name(coarsening)) for group in groups]),
-            "base": np.concatenate([map_rows(partial(_base_force, base), group) for group in groups]),
-            "regression": np.concatenate([regression(group) for group in groups]),
-        }
-        rows = len(forces["target"])
-        scores[str(coarsening)] = {
-            "closure": r_squared(forces["predicted"], forces["target"]),
-            "base": r_squared(forces["base"], forces["target"]),
-            "regression": r_squared(forces["regression"], forces["target"]),
-            "out_of_range": float(np.mean(np.concatenate([outside for _, outside in outcomes]))),
-            "samples": rows,
-        }
-        kept = np.random.default_rng(seed).permutation(rows)[:PARITY_ROWS]
-        parity[coarsening] = {name: values[kept] for name, values in forces.items()}
-    return scores, parity

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from threading import Event
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,21 +27,9 @@ SMALLEST = 1e-7
 """Floor inside the logarithmic and the relative loss, as Keras has it."""
 
 
-def _mse(predicted: Array, target: Array) -> Array:
-    return jnp.mean((predicted - target) ** 2)
-
-
-def _mae(predicted: Array, target: Array) -> Array:
-    return jnp.mean(jnp.abs(predicted - target))
-
-
 def _msle(predicted: Array, target: Array) -> Array:
     difference = jnp.log1p(jnp.maximum(predicted, SMALLEST)) - jnp.log1p(jnp.maximum(target, SMALLEST))
     return jnp.mean(difference**2)
-
-
-def _mape(predicted: Array, target: Array) -> Array:
-    return 100.0 * jnp.mean(jnp.abs(predicted - target) / jnp.maximum(jnp.abs(target), SMALLEST))
 
 
 def _log_cosh(predicted: Array, target: Array) -> Array:
@@ -51,18 +39,55 @@ def _log_cosh(predicted: Array, target: Array) -> Array:
 
 
 LOSSES: dict[str, Callable[[Array, Array], Array]] = {
-    "mse": _mse,
-    "mae": _mae,
+    "mse": lambda predicted, target: jnp.mean((predicted - target) ** 2),
+    "mae": lambda predicted, target: jnp.mean(jnp.abs(predicted - target)),
     "msle": _msle,
-    "mape": _mape,
+    "mape": lambda predicted, target: (
+        100.0 * jnp.mean(jnp.abs(predicted - target) / jnp.maximum(jnp.abs(target), SMALLEST))
+    ),
     "log_cosh": _log_cosh,
 }
 """Losses by name: (predicted, target) of one shape to a mean. msle and mape are those of Keras (the source
 paper's library), which sees negative values as zero in msle."""
 
-
-Loss = Callable[[Any, Any], Array]
+Tree = Any
+"""A pytree of arrays; JAX has no type for it."""
+Loss = Callable[[Tree, Tree], Array]
 """loss(weights, rows) of one network: a scalar. Losses that are equal share compiled programs."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What networks that are trained at once have in common.
+
+    Attributes:
+        loss: see `Loss`.
+        batch: rows in a batch; all of them if there are fewer.
+        epochs: passes through the data.
+        schedule: of the learning rate, "constant" or "cosine".
+    """
+
+    loss: Loss
+    batch: int
+    epochs: int
+    schedule: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Network:
+    """A network to train.
+
+    Attributes:
+        weights: pytree of arrays, of the same shapes in all networks that are trained at once.
+        data: pytree of arrays (M, ...), kept on the device; of the same shapes too.
+        learning_rate: of Adamax.
+        seed: of the shuffling.
+    """
+
+    weights: Tree
+    data: Tree
+    learning_rate: float
+    seed: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +99,7 @@ class Outcome:
         history: mean loss of every epoch; where it ends in a number that is not finite the training stopped there.
     """
 
-    weights: Any
+    weights: Tree
     history: list[float]
 
     @property
@@ -83,30 +108,8 @@ class Outcome:
         return not math.isfinite(self.history[-1])
 
 
-def make_optimizer(updates: int | None) -> optax.GradientTransformation:
-    """Adamax (0.9, 0.999, 1e-7) of learning rate 1, which falls to a hundredth along a cosine of so many updates.
-
-    None: the rate is constant. All parameters are one vector to it, a few loops instead of a few for every layer. `minimize`
-    multiplies by the learning rate, so that networks that differ in it share a program.
-
-    Source: Kingma & Ba (2015), Adam: a method for stochastic optimization, algorithm 2.
-    """
-    rate: Any = 1.0 if updates is None else optax.cosine_decay_schedule(1.0, updates, alpha=0.01)
-    return optax.flatten(optax.adamax(rate, b1=0.9, b2=0.999, eps=1e-7))
-
-
 def minimize(
-    loss: Loss,
-    weights: Sequence[Any],
-    data: Sequence[Any],
-    *,
-    batch: int,
-    epochs: int,
-    learning_rates: Sequence[float],
-    schedule: str,
-    seeds: Sequence[int],
-    progress: Progress | None = None,
-    mapped: bool | None = None,
+    plan: Plan, networks: Sequence[Network], progress: Progress | None = None, mapped: bool | None = None
 ) -> list[Outcome]:
     """Minimise the mean of loss(weights, rows) over shuffled batches of rows, for one or several networks at once.
 
@@ -118,38 +121,18 @@ def minimize(
     thread each with the epoch of one network: mapped, what passes between the layers of all of them leaves the caches.
 
     Args:
-        loss: see `Loss`; the same for all networks.
-        weights: of every network; pytrees of arrays of the same shapes.
-        data: for every network a pytree of arrays (M, ...), kept on the device.
-        batch: rows in a batch; M if there are fewer.
-        epochs: passes through the data.
-        learning_rates: of Adamax, one a network.
-        schedule: "constant" or "cosine".
-        seeds: of the shuffling, one a network.
+        plan: of all networks.
+        networks: at least one.
         progress: see `Progress`; epochs and loss are means over the networks.
         mapped: one program for all, or threads; None means whichever is faster here.
-
-    Returns:
-        The outcome of every network.
     """
-    plan = _Plan(loss, batch, epochs, schedule)
-    networks = list(zip(weights, data, learning_rates, seeds, strict=True))
     together = jax.default_backend() != "cpu" if mapped is None else mapped
     if together or len(networks) == 1:
         return _train(plan, networks, progress or (lambda *_: None), Event())
     return _side_by_side(plan, networks, progress)
 
 
-class _Plan(NamedTuple):
-    """What networks that are trained at once have in common; see `minimize`."""
-
-    loss: Loss
-    batch: int
-    epochs: int
-    schedule: str
-
-
-def _side_by_side(plan: _Plan, networks: list[Any], progress: Progress | None) -> list[Outcome]:
+def _side_by_side(plan: Plan, networks: Sequence[Network], progress: Progress | None) -> list[Outcome]:
     """A thread for every network, as many at a time as there are processors."""
     stop, reached = Event(), [(0, math.nan)] * len(networks)
 
@@ -170,23 +153,22 @@ def _side_by_side(plan: _Plan, networks: list[Any], progress: Progress | None) -
             raise
 
 
-def _train(plan: _Plan, networks: list[Any], progress: Progress, stop: Event) -> list[Outcome]:
-    """Train networks, several of them mapped: (weights, data, learning rate, seed) each."""
-    weights, data, learning_rates, seeds = zip(*networks, strict=True)
-    rows = jax.tree.leaves(data[0])[0].shape[0]
+def _train(plan: Plan, networks: Sequence[Network], progress: Progress, stop: Event) -> list[Outcome]:
+    """Train networks, several of them mapped."""
+    rows = jax.tree.leaves(networks[0].data)[0].shape[0]
     batch = min(plan.batch, rows)
     batches = rows // batch
-    updates = plan.epochs * batches if plan.schedule == "cosine" else None
-    optimizer, several = make_optimizer(updates), len(networks) > 1
-    generators = [np.random.default_rng(seed) for seed in seeds]
+    several = len(networks) > 1
+    epoch = _Epoch(plan.loss, plan.epochs * batches if plan.schedule == "cosine" else None, several)
+    generators = [np.random.default_rng(network.seed) for network in networks]
 
-    def stack(parts: Sequence[Any]) -> Any:
+    def stack(parts: Sequence[Tree]) -> Tree:
         return jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts) if several else parts[0]
 
     # The epoch gives its carry's memory to its results; the caller's weights must survive that.
-    carry = jax.tree.map(jnp.copy, stack([(w, optimizer.init(w)) for w in weights]))
-    everything, rates = stack(data), stack([jnp.float32(rate) for rate in learning_rates])
-    history: list[Any] = []
+    carry = jax.tree.map(jnp.copy, stack([(n.weights, epoch.optimizer.init(n.weights)) for n in networks]))
+    data, rates = stack([n.data for n in networks]), stack([jnp.float32(n.learning_rate) for n in networks])
+    history: list[np.ndarray] = []
     chunk = max(1, plan.epochs // 100)
     for first in range(0, plan.epochs, chunk):
         losses = []
@@ -194,54 +176,66 @@ def _train(plan: _Plan, networks: list[Any], progress: Progress, stop: Event) ->
             # A sort on the device would take a sixth of the paper's epoch; the host's shuffle runs beside it.
             orders = [generator.permutation(rows)[: batches * batch] for generator in generators]
             order = stack([o.astype(np.int32).reshape(batches, batch) for o in orders])
-            carry, value = _epoch(carry, everything, order, rates, plan.loss, updates, several)
+            carry, value = epoch.run(carry, data, order, rates)
             losses.append(value)
         history += [np.atleast_1d(value) for value in jax.device_get(losses)]
         progress(len(history), plan.epochs, float(np.mean(history[-1])))
         if stop.is_set() or not np.isfinite(history[-1]).any():
             break
-    return _outcomes(carry[0], np.array(history, np.float64), len(networks))
+    trained = (
+        [jax.tree.map(lambda leaf, n=n: leaf[n], carry[0]) for n in range(len(networks))] if several else carry[:1]
+    )
+    return [Outcome(*pair) for pair in zip(trained, map(_until_not_finite, np.transpose(history)), strict=True)]
 
 
-def _outcomes(weights: Any, history: np.ndarray, networks: int) -> list[Outcome]:
-    """Weights and losses by network."""
-    outcomes = []
-    for number in range(networks):
-        own = jax.tree.map(lambda leaf, n=number: leaf[n], weights) if networks > 1 else weights
-        losses = history[:, number]
-        finite = np.isfinite(losses)
-        end = len(losses) if finite.all() else int(np.argmin(finite)) + 1
-        outcomes.append(Outcome(own, losses[:end].tolist()))
-    return outcomes
+def _until_not_finite(losses: np.ndarray) -> list[float]:
+    """Losses by epoch, up to the first that is not finite."""
+    finite = np.isfinite(losses)
+    end = len(losses) if finite.all() else int(np.argmin(finite)) + 1
+    return losses[:end].astype(np.float64).tolist()
 
 
-@partial(jax.jit, static_argnums=(4, 5, 6), donate_argnums=0)
-def _epoch(
-    carry: Any, data: Any, order: Array, rate: Array, loss: Loss, updates: int | None, several: bool
-) -> tuple[Any, Array]:
-    """One pass through the data: weights, optimiser state, mean loss.
+@dataclasses.dataclass(frozen=True)
+class _Epoch:
+    """One pass through the data, compiled once for equal ones.
 
-    Args:
-        carry: weights and optimiser state.
-        data: rows (M, ...).
-        order: (batches, batch) rows of each batch.
-        rate: learning rate.
+    Attributes:
         loss: see `Loss`.
-        updates: see `make_optimizer`.
-        several: whether all of the arrays have networks along a first axis.
+        updates: over which the learning rate falls to a hundredth along a cosine; None if it is constant.
+        several: whether all arrays have networks along a first axis.
     """
-    optimizer = make_optimizer(updates)
 
-    def epoch(carry: Any, data: Any, order: Array, rate: Array) -> tuple[Any, Array]:
-        def update(carry: Any, picked: Array) -> tuple[Any, Array]:
-            weights, state = carry
-            selected = jax.tree.map(lambda leaf: leaf[picked], data)
-            value, slopes = jax.value_and_grad(loss)(weights, selected)
-            changes, state = optimizer.update(slopes, state, weights)
-            weights = jax.tree.map(lambda leaf, change: leaf + rate * change, weights, changes)
-            return (weights, state), value
+    loss: Loss
+    updates: int | None
+    several: bool
 
-        carry, values = jax.lax.scan(update, carry, order)
-        return carry, jnp.mean(values)
+    @property
+    def optimizer(self) -> optax.GradientTransformation:
+        """Adamax (0.9, 0.999, 1e-7) of learning rate 1; a network's own rate is multiplied to its changes.
 
-    return (jax.vmap(epoch) if several else epoch)(carry, data, order, rate)
+        So networks that differ in the rate share a program. All parameters are one vector to it, a few loops instead of a
+        few for every layer.
+
+        Source: Kingma & Ba (2015), Adam: a method for stochastic optimization, algorithm 2.
+        """
+        rate: Any = 1.0 if self.updates is None else optax.cosine_decay_schedule(1.0, self.updates, alpha=0.01)
+        return optax.flatten(optax.adamax(rate, b1=0.9, b2=0.999, eps=1e-7))
+
+    @partial(jax.jit, static_argnums=0, donate_argnums=1)
+    def run(self, carry: Tree, data: Tree, order: Array, rate: Array) -> tuple[Tree, Array]:
+        """Weights and optimiser state after the epoch, and its mean loss; `order` (batches, batch) has each batch's rows."""
+        optimizer = self.optimizer
+
+        def epoch(carry: Tree, data: Tree, order: Array, rate: Array) -> tuple[Tree, Array]:
+            def update(carry: Tree, picked: Array) -> tuple[Tree, Array]:
+                weights, state = carry
+                selected = jax.tree.map(lambda leaf: leaf[picked], data)
+                value, slopes = jax.value_and_grad(self.loss)(weights, selected)
+                changes, state = optimizer.update(slopes, state, weights)
+                weights = jax.tree.map(lambda leaf, change: leaf + rate * change, weights, changes)
+                return (weights, state), value
+
+            carry, values = jax.lax.scan(update, carry, order)
+            return carry, jnp.mean(values)
+
+        return (jax.vmap(epoch) if self.several else epoch)(carry, data, order, rate)
