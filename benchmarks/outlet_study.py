@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 
 from benchmarks import harness
 from jaxdem.io import Run
-from jaxdem.studies.measure import errors, mean
-from jaxdem.studies.tables import Cell, Table
+from studies.measure import errors, mean
+from studies.tables import Cell, Table
 
 PRESSURE = "fluid_pressure_mean"
 WHAT = {

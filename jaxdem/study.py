@@ -1,109 +1,81 @@
-"""The study of a learned drag closure, run -> dataset -> train -> run -> compare, stage by stage and resumable.
+"""The demonstration of a learned drag closure: run, dataset, training, coarse runs, comparison; stage by stage and resumable.
 
-A stage that is done is not done again; a run that was stopped goes on from its checkpoint. Everything that
-a stage needs is in the study's folder, so that it can be looked at, moved, and gone on with. The demonstration is here;
-the study at full size, which has many runs and shares them among processes, is in `studies`.
+A stage that is done is not done again; a run that was stopped goes on from its checkpoint. Everything that a stage
+needs is in the study's folder, so the folder may be moved. The study at full size is in `studies` of the source.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
+import io
 import json
 import time as clock
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from jaxdem.closures import load_closure
+from jaxdem.closures import load_closure, save_closure
 from jaxdem.errors import InputError
-from jaxdem.files.reading import parse_json, read_text
+from jaxdem.files.reading import parse_json, read_arrays, read_text
 from jaxdem.io import Run
-from jaxdem.io.access import locked
+from jaxdem.io.access import locked, reason_of
 from jaxdem.io.durable import write_bytes
 from jaxdem.report import Comparison, compare
 from jaxdem.run.simulate import Progress, simulate_once
+from jaxdem.run.sweep import Listener
 from jaxdem.scene import Scene, load_scene
-from jaxdem.studies import check_request
-from jaxdem.studies.arrays import read_stored
-from jaxdem.studies.driver import FullStudy, default_jobs
-from jaxdem.studies.injection import SHARP, injection_plan
-from jaxdem.studies.plan import StudyPlan
-from jaxdem.studies.work import fit_to_files
 from jaxdem.train.dataset import make_dataset
-from jaxdem.train.dataset_file import SEEING
+from jaxdem.train.dataset_file import SEEING, read_dataset
+from jaxdem.train.fit import fit_filtered, fit_paper
 from jaxdem.train.fit_settings import FitSettings
 
 SCENES = Path(__file__).parent / "scenes"
 
-
-class Listener(Protocol):
-    """Who hears how the study goes on; the command line draws bars."""
-
-    def stage(self, name: str, total: float) -> Callable[[float], None]:
-        """A stage of the given length starts; the result is called with how much of it is done."""
-        ...
-
-    def begin(self, name: str, total: float) -> Callable[[float], None]:
-        """One of several pieces of work at once starts; as `stage`."""
-        ...
-
-    def end(self, name: str) -> None:
-        """That piece is over."""
-        ...
-
-    def say(self, message: str) -> None:
-        """A line for the reader."""
-        ...
+SHARP: dict[str, Any] = {"fluid.advection": "central", "coupling.kernel_width": {"diameters": 1.5, "cells": 0.5}}
+"""A coarse fluid that smears less: of its own momentum, and of what the particles do to it (kernels half as wide)."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a study does at one scale.
+    """What a demonstration does.
 
     Attributes:
         scene: name of the scene's file.
-        factors: coarse meshes, by the factor on the cell side.
+        factor: of the coarse mesh on the cell side.
         samples: time between samples of the reference run [s].
-        seeds: of further packs, which differ in their jitter alone; every run is done with each of them too, so that the noise is
-            known.
-        filtered: settings of the recipe `filtered`.
-        paper: settings of the recipe `paper`, or None to leave it out.
-        sharp: keys of a coarse fluid that smears less, which the closures are trained and run for; without any they are run on
-            the scene's own.
+        seeds: of further packs, which differ in their jitter alone; every run is done with each of them too, so that
+            the noise is known.
+        settings: of the recipe `filtered`.
+        sharp: keys of a coarse fluid that smears less, which the closure is trained and run for; without any it is
+            run on the scene's own.
     """
 
     scene: str
-    factors: tuple[int, ...]
+    factor: int
     samples: float
     seeds: tuple[int, ...]
-    filtered: FitSettings
-    paper: FitSettings | None
+    settings: FitSettings
     sharp: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 DEMOS: dict[str, Plan] = {
     "injection": Plan(
         scene="injection_demo.toml",
-        factors=(4,),
+        factor=4,
         samples=0.02,
         seeds=(1, 2),
-        filtered=FitSettings.filtered(epochs=60, samples=60_000),
-        paper=None,
+        settings=FitSettings.filtered(epochs=60, samples=60_000),
         sharp=SHARP,
     ),
 }
 """Demonstrations by the study's name."""
 
-FULL: dict[str, Callable[[], StudyPlan]] = {"injection": injection_plan}
-"""Plans at full size by the study's name."""
-
 
 @dataclasses.dataclass
 class Study:
-    """A study in its folder."""
+    """A demonstration in its folder."""
 
     plan: Plan
     scene: Scene
@@ -112,24 +84,19 @@ class Study:
 
     def run(self) -> Comparison:
         """All stages; returns the comparison that the report shows."""
-        reference = self.simulation("fine", self.scene, {"output.samples": self.plan.samples})
-        noise = self._packs("fine", {})
-        dataset = self.dataset(reference)
-        fits = {"filtered": self.fit("filtered", dataset, self.plan.filtered)}
-        if self.plan.paper is not None:
-            fits["paper"] = self.fit("paper", dataset, self.plan.paper)
-        runs: dict[str, list[Run]] = {}
-        cost: dict[str, float] = {}
-        for factor in self.plan.factors:
-            name = f"coarse {factor}x"
-            runs[name] = self._coarse_runs(factor)
-            if self.plan.sharp:
-                name += ", sharp"
-                runs[name] = self._coarse_runs(factor, "_sharp")
-            for recipe, fit in fits.items():
-                learned = f"{name} + {recipe}"
-                runs[learned] = self._coarse_runs(factor, "_sharp" if self.plan.sharp else "", fit)
-                cost[learned] = fit.seconds
+        factor, sharp = self.plan.factor, "_sharp" if self.plan.sharp else ""
+        reference, *noise = self._packs("fine", {}, {"output.samples": self.plan.samples})
+        closure = self._closure(self._dataset(reference))
+        metadata = load_closure(closure)[1]
+        assert self.scene.fluid is not None
+        cells = {"fluid.cells": [max(1, round(count / factor)) for count in self.scene.fluid.cells]}
+        on_sharp, name = {**cells, **self.plan.sharp}, f"coarse_{factor}"
+        runs = {f"coarse {factor}x": self._packs(name, cells)}
+        best = f"coarse {factor}x, sharp" if sharp else f"coarse {factor}x"
+        if sharp:
+            runs[best] = self._packs(f"{name}_sharp", on_sharp)
+        learned = {**on_sharp, "closure.file": str(closure)}
+        runs[f"{best} + filtered"] = self._packs(f"{name}{sharp}_filtered", learned)
         return compare(
             reference,
             [first for first, *_ in runs.values()],
@@ -137,179 +104,151 @@ class Study:
             names=["fine", *runs],
             noise=noise,
             packs={name: others for name, (_, *others) in runs.items()},
-            parity=self._parity(fits["filtered"]),
-            training_cost=cost,
-            notes=self._notes(fits),
-            title=f"{self.scene_name}: a learned drag closure on coarse meshes",
+            parity=parity_figures(read_stored(parity_file(closure))),
+            training_cost={f"{best} + filtered": float(metadata["study_seconds"])},
+            notes=self._notes(metadata),
+            title=f"{Path(self.plan.scene).stem}: a learned drag closure on coarse meshes",
         )
 
-    @property
-    def scene_name(self) -> str:
-        """Name of the scene without its ending."""
-        return Path(self.plan.scene).stem
+    def _packs(self, name: str, overrides: Mapping[str, Any], first: Mapping[str, Any] | None = None) -> list[Run]:
+        """Runs with the scene's pack, which has the overrides of `first` too, and with the other packs."""
+        own = self._simulation(name, {**overrides, **(first or {})})
+        others = (self._simulation(f"{name}_seed_{seed}", {**overrides, "seed": seed}) for seed in self.plan.seeds)
+        return [own, *others]
 
-    def simulation(self, name: str, scene: Scene, overrides: dict[str, Any], closure: Path | None = None) -> Run:
+    def _simulation(self, name: str, overrides: dict[str, Any]) -> Run:
         """A run in the study's folder, made, gone on with, or taken as it is."""
-        path = self.out / name
-        if closure is not None:
-            overrides = overrides | {"closure.file": str(closure)}
-        scene = load_scene(scene.tables(), overrides)
+        scene = load_scene(self.scene.tables(), overrides)
 
         def begin() -> Progress:
             advance = self.listener.stage(f"run {name}", scene.time.end)
             return lambda time, _: advance(time)
 
-        return simulate_once(scene, path, begin)
+        return simulate_once(scene, self.out / name, begin)
 
-    def dataset(self, reference: Run) -> Path:
-        """Training data from the reference run, averaged to its own mesh and to every coarse one."""
-        path = self.out / "dataset.h5"
+    def _dataset(self, reference: Run) -> Path:
+        """Training data from the reference run, averaged to its own mesh and to the coarse one."""
+        path, factors = self.out / "dataset.h5", (1, self.plan.factor)
         if not path.is_file():
-            factors = (1, *self.plan.factors)
             assert reference.samples is not None
             advance = self.listener.stage("dataset", len(factors) * len(reference.samples.times))
             kernel = {key: value for key, value in self.plan.sharp.items() if key.startswith(SEEING)}
             make_dataset(reference.path, path, factors, lambda done, _: advance(done), overrides=kernel)
         return path
 
-    def fit(self, recipe: str, dataset: Path, settings: FitSettings) -> StudyFit:
-        """A closure trained on the dataset, with its parity figures beside it."""
-        path, beside = self.out / f"{recipe}.closure.h5", self.out / f"{recipe}.parity.npz"
-        if not (path.is_file() and beside.is_file()):
-            advance = self.listener.stage(f"train {recipe}", settings.epochs)
-            fit_to_files(recipe, [dataset], settings, path, beside, advance)
-        metadata = load_closure(path)[1]
-        return StudyFit(recipe, path, metadata, read_stored(beside))
+    def _closure(self, dataset: Path) -> Path:
+        """The closure trained on the dataset, with the arrays of its parity plot beside it."""
+        path = self.out / "filtered.closure.h5"
+        if not (path.is_file() and parity_file(path).is_file()):
+            advance = self.listener.stage("train filtered", self.plan.settings.epochs)
+            fit_to_files("filtered", [dataset], self.plan.settings, path, advance)
+        return path
 
-    def _coarse_runs(self, factor: int, sharp: str = "", fit: StudyFit | None = None) -> list[Run]:
-        """Runs on a coarse mesh, with the scene's pack and with the others; `sharp` is what says so in their names."""
-        assert self.scene.fluid is not None
-        cells = [max(1, round(count / factor)) for count in self.scene.fluid.cells]
-        name = f"coarse_{factor}{sharp}" + ("" if fit is None else f"_{fit.recipe}")
-        overrides = {"fluid.cells": cells, **(self.plan.sharp if sharp else {})}
-        closure = None if fit is None else fit.path
-        return [self.simulation(name, self.scene, overrides, closure), *self._packs(name, overrides, closure)]
-
-    def _packs(self, name: str, overrides: dict[str, Any], closure: Path | None = None) -> list[Run]:
-        """The same run with the other packs."""
-        return [
-            self.simulation(f"{name}_seed_{seed}", self.scene, {**overrides, "seed": seed}, closure)
-            for seed in self.plan.seeds
-        ]
-
-    def _parity(self, fit: StudyFit) -> dict[str, dict[str, np.ndarray]]:
-        figures: dict[str, dict[str, np.ndarray]] = {}
-        for name, array in fit.parity.items():
-            factor, kind = name.split("/")
-            figures.setdefault(f"inputs averaged {factor}x" if factor != "1" else "fine inputs", {})[kind] = array
-        return figures
-
-    def _notes(self, fits: dict[str, StudyFit]) -> list[str]:
+    def _notes(self, metadata: dict[str, Any]) -> list[str]:
         notes = [
-            "The closures are trained on the fine run that is also the reference: what is tested is whether they give back what they have "
-            "seen, not whether they hold elsewhere."
+            "The closures are trained on the fine run that is also the reference: what is tested is whether they give "
+            "back what they have seen, not whether they hold elsewhere."
         ]
         if self.plan.sharp:
             settings = ", ".join(f"{key} = {value}" for key, value in self.plan.sharp.items())
             notes.append(f"Sharp is a coarse fluid that smears less: {settings}.")
-        for fit in fits.values():
-            for factor, figures in fit.metadata.get("r2", {}).items():
-                notes.append(
-                    f"Recipe {fit.recipe}, inputs averaged {factor}x, held out ({fit.metadata.get('split', '')}): "
-                    f"R2 {figures['closure']:.4f}, base law {figures['base']:.4f}, "
-                    f"regression {figures['regression']:.4f}."
-                )
+        for factor, figures in metadata.get("r2", {}).items():
+            notes.append(
+                f"Recipe filtered, inputs averaged {factor}x, held out ({metadata.get('split', '')}): "
+                f"R2 {figures['closure']:.4f}, base law {figures['base']:.4f}, regression {figures['regression']:.4f}."
+            )
         return notes
 
 
-@dataclasses.dataclass(frozen=True)
-class StudyFit:
-    """A trained closure: recipe, file, metadata, and arrays "factor/name" for the parity plot."""
-
-    recipe: str
-    path: Path
-    metadata: dict[str, Any]
-    parity: dict[str, np.ndarray]
-
-    @property
-    def seconds(self) -> float:
-        """Wall time of the training [s]."""
-        return float(self.metadata["study_seconds"])
-
-
-@dataclasses.dataclass(frozen=True)
-class StudyResult:
-    """What a study ended with.
-
-    Attributes:
-        comparison: that report.html shows; None where the reference run is missing.
-        problems: of the full size: what was not done, name -> why.
-    """
-
-    comparison: Comparison | None
-    problems: dict[str, str]
-
-
-def run_study(
-    name: str,
-    scale: str,
-    out: str | Path,
-    listener: Listener,
-    parts: Sequence[str] = (),
-    jobs: int | None = None,
-) -> StudyResult:
-    """A study by name, at the scale "demo" or "paper", in the folder `out`.
+def fit_to_files(
+    recipe: str, datasets: Sequence[Path], settings: FitSettings, out: Path, report: Callable[[float], None]
+) -> None:
+    """Train a closure; write its file and, beside it, the arrays "factor/name" of its parity plot.
 
     Args:
-        name: of the study.
-        scale: "demo" or "paper".
-        out: folder.
-        listener: hears how it goes on.
-        parts: of the full size; all by default.
-        jobs: processes at once of the full size, one a core by default; 0 does nothing, and writes the tables and the
-            report of what is there.
+        recipe: "paper" or "filtered".
+        datasets: files.
+        settings: of the fit.
+        out: closure file; its metadata has the time that all of it took, `study_seconds`.
+        report: called with the number of epochs done.
+    """
+    begin = clock.perf_counter()
+    fit = {"filtered": fit_filtered, "paper": fit_paper}[recipe]
+    found = fit([read_dataset(path) for path in datasets], settings, progress=lambda epoch, *_: report(epoch))
+    arrays = {f"{factor}/{name}": array for factor, plot in found.parity.items() for name, array in plot.items()}
+    content = io.BytesIO()
+    np.savez(content, **arrays)  # type: ignore[arg-type]
+    write_bytes(parity_file(out), content.getvalue())
+    save_closure(out, found.closure, {**found.metadata, "study_seconds": clock.perf_counter() - begin})
+
+
+def parity_file(closure: Path) -> Path:
+    """The file of a closure's parity plot."""
+    return closure.with_name(closure.name.replace(".closure.h5", ".parity.npz"))
+
+
+def parity_figures(arrays: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
+    """Arrays "factor/name" by the mesh that the inputs are averaged to, as `jaxdem.report.compare` takes them."""
+    figures: dict[str, dict[str, np.ndarray]] = {}
+    for key, array in arrays.items():
+        factor, name = key.split("/")
+        figures.setdefault("fine inputs" if factor == "1" else f"inputs averaged {factor}x", {})[name] = array
+    return figures
+
+
+def read_stored(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file of a study.
 
     Raises:
-        InputError: unknown name, scale or part, parts or jobs for a demonstration, or the folder holds another study
-            or another scene's run.
+        InputError: it is damaged.
+    """
+    try:
+        return read_arrays(path)
+    except (OSError, ValueError) as error:
+        limit = f"cannot be read ({reason_of(error)})"
+        raise InputError(path.name, str(path), limit, "Remove it, and the study makes it again.") from error
+
+
+def run_study(name: str, out: str | Path, listener: Listener) -> Comparison:
+    """A demonstration by its study's name, in the folder `out`; `listener` hears how it goes on.
+
+    Raises:
+        InputError: there is no such study, or the folder holds another study or another scene's run.
         Interrupted: SIGINT or SIGTERM; checkpoints were written.
     """
-    check_request(name, scale, Path(out), parts, jobs)
-    out, begin = Path(out), clock.perf_counter()
-    if scale == "paper":
-        full = FullStudy(FULL[name](), SCENES, out, listener, default_jobs() if jobs is None else jobs, tuple(parts))
-        assert full.parts, "unknown parts are refused before the folder is touched"
-        _claim(out, {"study": name, "scale": scale}, full.plan.files)
-        # Tables and report of what is there may be asked for while the runs go on.
-        with contextlib.nullcontext() if jobs == 0 else locked(out):
-            result = StudyResult(full.run(), full.problems)
-    else:
-        plan = DEMOS[name]
-        _claim(out, {"study": name, "scale": scale, "sharp": dict(plan.sharp), "seeds": list(plan.seeds)})
-        with locked(out):
-            study = Study(plan, load_scene(SCENES / plan.scene), out, listener)
-            result = StudyResult(study.run(), {})
+    if name not in DEMOS:
+        raise InputError("NAME", name, "is not known", f"known: {', '.join(DEMOS)}")
+    plan, out, begin = DEMOS[name], Path(out), clock.perf_counter()
+    claim(out, {"study": name, "scale": "demo", "sharp": dict(plan.sharp), "seeds": list(plan.seeds)})
+    with locked(out):
+        comparison = Study(plan, load_scene(SCENES / plan.scene), out, listener).run()
     listener.say(f"The study took {clock.perf_counter() - begin:.0f} s.")
-    return result
+    return comparison
 
 
-def _claim(out: Path, identity: dict[str, Any], known: Collection[str] = ()) -> None:
-    """Marks the folder as this study's; refuses a folder that holds something else than what is known."""
-    marker = out / "study.json"
-    if marker.is_file():
-        try:
-            found = parse_json(read_text(marker))
-        except (OSError, ValueError):
-            raise InputError(
-                "--out", str(out), "has a study.json that is not a study's", "choose another folder"
-            ) from None
-        if found != identity:
-            raise InputError("--out", str(out), f"holds the study {found}", "choose another folder")
-        return
-    if out.is_dir() and any(entry.name not in known for entry in out.iterdir()):
-        raise InputError("--out", str(out), "is not empty and holds no study", "choose another folder")
+def claim(out: Path, identity: dict[str, Any], known: Collection[str] = ()) -> None:
+    """Mark the folder as this study's; refuse a folder that holds something else than what is known.
+
+    Args:
+        out: the folder; made where there is none.
+        identity: of the study, kept in study.json.
+        known: names that may be in a folder that has no mark yet.
+
+    Raises:
+        InputError: it holds another study or something else, or cannot be written.
+    """
+    marker, remedy = out / "study.json", "choose another folder"
     try:
+        if marker.is_file():
+            found = parse_json(read_text(marker))
+            if found != identity:
+                raise InputError("--out", str(out), f"holds the study {found}", remedy)
+            return
+        if out.is_dir() and any(entry.name not in known for entry in out.iterdir()):
+            raise InputError("--out", str(out), "is not empty and holds no study", remedy)
         out.mkdir(parents=True, exist_ok=True)
         write_bytes(marker, (json.dumps(identity) + "\n").encode())
+    except ValueError:
+        raise InputError("--out", str(out), "has a study.json that is not a study's", remedy) from None
     except OSError as error:
-        raise InputError("--out", str(out), f"cannot be written ({error.strerror})", "choose another folder") from None
+        raise InputError("--out", str(out), f"cannot be written ({error.strerror})", remedy) from None

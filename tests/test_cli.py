@@ -484,18 +484,11 @@ def test_train_writes_a_closure_and_says_how_good_it_is(tmp_path):
     assert "the R2 of the given closure is" in result.stdout and load_closure(smaller)[0].hidden == (4, 4)
 
 
-def test_train_sweeps_and_ensembles(tmp_path):
-    path, out = tmp_path / "data.h5", tmp_path / "out"
+def test_train_ensembles(tmp_path):
+    path = tmp_path / "data.h5"
     small_dataset(path)
     common = ("train", path, "--recipe", "filtered", "--epochs", 2, "--hidden", "4-4")
-    refused(invoke(*common, "--out", out, "--sweep", "depth=1"), "--sweep", "seed")
-    refused(invoke(*common, "--out", out, "--sweep", "seed=1", "--ensemble", 2), "--ensemble", "--sweep")
-    refused(invoke(*common, "--out", out / "c.h5", "--terms", "lift"), "terms", "pressure_gradient")
-    result = invoke(*common, "--out", out, "--sweep", "seed=0,1")
-    assert result.exit_code == 0, result.output
-    assert "2 networks" in result.stdout and "R2 at 2x" in result.stdout
-    closures = {f"seed={seed}.closure.h5" for seed in (0, 1)}
-    assert {file.name for file in out.iterdir()} == closures | {"sweep.csv", "sweep.md", "sweep.png"}
+    refused(invoke(*common, "--out", tmp_path / "c.h5", "--terms", "lift"), "terms", "pressure_gradient")
     result = invoke(*common, "--out", tmp_path / "ensemble.h5", "--ensemble", 2)
     assert result.exit_code == 0, result.output
     assert "within two spreads" in result.stdout
@@ -589,8 +582,24 @@ def test_export_writes_what_was_asked_for(tmp_path):
     assert path.read_bytes() == kept
 
 
-def test_an_unknown_study_is_refused(tmp_path):
-    refused(invoke("study", "flying", "--out", tmp_path / "study"), "flying", "injection")
+def test_what_a_study_is_asked_for_in_vain_is_refused(tmp_path, monkeypatch):
+    """The full size too where the package is not in a checkout."""
+    out = tmp_path / "study"
+    refused(invoke("study", "flying", "--out", out), "flying", "injection")
+    refused(invoke("study", "injection", "--out", out, "--jobs", 2), "--jobs", "--scale paper")
+    monkeypatch.setattr(jaxdem, "__file__", str(tmp_path / "jaxdem" / "__init__.py"))
+    full = ("study", "injection", "--scale", "paper", "--out", out)
+    refused(invoke(*full), "--scale", "paper", "studies", "source code", "pip install --editable")
+    assert not out.exists()
+
+
+def test_the_full_size_study_is_that_of_the_checkout(tmp_path):
+    """With its options, its messages and its exit code."""
+    full = ("study", "injection", "--scale", "paper", "--jobs", 0)
+    result = invoke(*full, "--out", tmp_path, "--parts", "budget")
+    assert result.exit_code == 0 and "budget: " in result.output, result.output
+    assert "not run: fine" in (tmp_path / "tables.md").read_text()
+    assert invoke(*full, "--out", tmp_path / "new", "--parts", "mash").exit_code == 2
 
 
 def start(grains, out):

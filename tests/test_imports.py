@@ -28,7 +28,6 @@ FLOORS = (
     {"setup"},
     {"run"},
     {"check", "train", "report"},
-    {"studies"},
     {"study"},
     {"cli"},
     {"jaxdem", "__main__"},
@@ -117,7 +116,7 @@ def test_report_uses_files_and_metrics_only():
 
 def test_the_terminals_libraries_stay_with_the_command_line():
     """A solver that is imported into another program draws nothing."""
-    free = {"cli", "report", "study", "studies"}
+    free = {"cli", "report", "study"}
     for module, path in MODULES.items():
         if part(module) not in free:
             roots = {name.split(".")[0] for name in imported(path)}

@@ -120,7 +120,7 @@ def test_pictures_and_tables_are_whole_or_absent(tmp_path, full_disk):
 def test_a_study_with_a_marker_that_is_none_is_refused(tmp_path):
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(InputError, match="study.json that is not a study"):
-        study._claim(tmp_path, {"study": "injection"})
+        study.claim(tmp_path, {"study": "injection"})
 
 
 @pytest.mark.parametrize(

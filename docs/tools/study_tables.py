@@ -2,21 +2,24 @@
 
     python docs/tools/study_tables.py
 
-A table follows a line `<!-- table: PART: TITLE -->`. With `: HEADING; HEADING` it has these columns only, and with a further
-`: CELL; CELL` only the rows that begin with one of these.
-The numbers are `results.json` of `jaxdem study injection --scale paper`.
+A table follows a line `<!-- table: PART: TITLE -->`. With `: HEADING; HEADING` it has these columns only, and with a
+further `: CELL; CELL` only the rows that begin with one of these.
+The numbers are `results.json` of `python -m studies injection`.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
-from jaxdem.studies.tables import Table
-
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))  # run as a script from anywhere
+
+from studies.tables import Table  # noqa: E402
+
 PAGE = ROOT / "docs" / "results" / "injection_study.md"
 NUMBERS = ROOT / "benchmarks" / "results" / "injection_study.json"
 

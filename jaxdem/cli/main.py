@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from jaxdem.cli import networks, options, process, terminal
+from jaxdem.cli import networks, options, process, study, terminal
 from jaxdem.cli.inputs import (
     overrides,
     prepare_file,
@@ -316,41 +316,7 @@ def sweep(
         terminal.fail(f"{len(result.problems)} of {len(result.runs)} runs are not valid: {names}", code)
 
 
-@app.command()
-def study(
-    context: typer.Context,
-    name: options.StudyName,
-    out: Annotated[Path, options.folder_out("Folder for report.html and all runs.")],
-    scale: options.StudyScale = options.Scale.demo,
-    parts: options.Parts = "",
-    jobs: options.Jobs = None,
-    quiet: options.Quiet = False,
-) -> None:
-    """Do a whole study: run, make a dataset, train, run with the closure, compare.
-
-    The same command continues a stopped study.
-    """
-    from jaxdem.studies import check_request
-
-    chosen = [part.strip() for part in parts.split(",") if part.strip()]
-    check_request(name, scale.value, out, chosen, jobs)
-    start_jax()
-    from jaxdem.cli import progress
-    from jaxdem.run.simulate import Interrupted
-    from jaxdem.study import run_study
-
-    try:
-        with progress.study_display(quiet) as display:
-            result = run_study(name, scale.value, out, display, chosen, jobs)
-    except Interrupted as stop:
-        runs = "all its runs" if scale is options.Scale.paper else f"a run at t = {stop.time:.6g} s"
-        hint = f"Continue with: {this_command(context)}"
-        terminal.fail(f"The study was stopped, {runs} with a checkpoint. {hint}", 128 + stop.number)
-    if result.comparison is not None:
-        terminal.print_comparison(result.comparison)
-    if result.problems:
-        lines = "\n".join(f"  {piece}: {why}" for piece, why in result.problems.items())
-        terminal.fail(f"{len(result.problems)} pieces of the study are not done:\n{lines}", 1)
+app.command()(study.study)
 
 
 def _load_run(path: Path) -> Run:

@@ -1,4 +1,4 @@
-"""The commands that make networks: train (one, several at once, an ensemble), distill, prune, finetune."""
+"""The commands that make networks: train (one, or an ensemble), distill, prune, finetune."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from jaxdem.cli import options, terminal
 from jaxdem.cli.inputs import (
     prepare_file,
-    prepare_folder,
     read_scene,
     require_closure,
     require_datasets,
@@ -22,9 +21,8 @@ from jaxdem.train import check_trained
 if TYPE_CHECKING:
     from jaxdem.train.closures import Closures
     from jaxdem.train.dataset_file import Dataset
-    from jaxdem.train.fit import FitResult, FitSettings
+    from jaxdem.train.fit import FitResult
 
-FIGURE = "sweep.png"
 NEW = "new"
 """Value of --subgrid for a stress that has not been trained."""
 ALL = ("drag", "subgrid")
@@ -35,7 +33,7 @@ ClosureOut = Annotated[Path, options.file_out("Closure file to write (HDF5).")]
 
 def train(
     datasets: options.Datasets,
-    out: options.TrainOut,
+    out: ClosureOut,
     recipe: options.RecipeName = options.Recipe.filtered,
     seed: options.Seed = None,
     epochs: options.Epochs = None,
@@ -45,7 +43,6 @@ def train(
     loss: options.LossName = None,
     terms: options.Terms = None,
     ensemble: options.Members = None,
-    sweep: options.Sweep = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Train a drag closure on datasets. The run of the last dataset is held out for testing."""
@@ -53,12 +50,7 @@ def train(
         "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
         "hidden": _widths(hidden), "terms": None if terms is None else tuple(terms.split(",")),
     }  # fmt: skip
-    if sweep and ensemble is not None:
-        raise InputError("--ensemble", ensemble, "cannot be combined with --sweep", "Give only one of them.")
-    if sweep:
-        prepare_folder(out)
-    else:
-        prepare_file(out, *datasets)
+    prepare_file(out, *datasets)
     require_datasets(datasets)
     start_jax()
     from jaxdem.cli import progress
@@ -68,9 +60,6 @@ def train(
     paper = recipe is options.Recipe.paper
     chosen = (FitSettings if paper else FitSettings.filtered)(**{n: v for n, v in changes.items() if v is not None})
     data = _read(datasets)
-    if sweep:
-        _search(data, recipe, chosen, sweep, out, quiet)
-        return
     with progress.counted("epoch", quiet) as report:
         if ensemble is not None:
             result = fit_ensemble(data, recipe.value, chosen, ensemble, report)
@@ -81,40 +70,6 @@ def train(
         terminal.line(
             f"Coarsening {coarsening}: spread {figures['spread']:.2g}, error {figures['error']:.2g} of the force; "
             f"{100 * figures['within_two_spreads']:.0f} % of the errors are within two spreads"
-        )
-
-
-def _search(
-    data: Sequence[Dataset],
-    recipe: options.Recipe,
-    settings: FitSettings,
-    sweep: Sequence[str],
-    out: Path,
-    quiet: bool,
-) -> None:
-    from jaxdem.cli import progress
-    from jaxdem.report.networks import Scores, networks_figure
-    from jaxdem.train.architecture_search import parse_sweep, search
-    from jaxdem.train.architecture_table import as_text
-
-    varied = [parse_sweep(text) for text in sweep]
-    with progress.study_display(quiet) as display:
-        found = search(data, recipe.value, settings, varied, out, display)
-    scores = [
-        Scores(
-            ", ".join(f"{name} {as_text(value)}" for name, value in chosen.items()) or "all seeds",
-            {n: [network.r2(n) for network in networks] for n in found.coarsenings},
-            found.paper_r2(networks[0]),
-        )
-        for chosen, networks in found.by_seed()
-    ]
-    networks_figure(scores, out / FIGURE)
-    terminal.line(found.page())
-    terminal.line(f"Wrote {len(found.networks)} networks and their table to {out}")
-    lost = [network.name for network in found.networks if network.metadata is None]
-    if lost:
-        terminal.fail(
-            f"{len(lost)} of {len(found.networks)} networks did not reach a finite loss: {', '.join(lost)}", 1
         )
 
 

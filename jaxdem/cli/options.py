@@ -112,7 +112,9 @@ SnapshotTime = Annotated[
     float | None, Option("--time", metavar="T", help="Time of the snapshot [s]; the last output by default.")
 ]
 FrameRate = Annotated[float, Option("--fps", metavar="N", help="Outputs per second of film.")]
-StudyScale = Annotated[Scale, Option("--scale", help="demo: a few minutes. paper: the size of the source paper.")]
+StudyScale = Annotated[
+    Scale, Option("--scale", help="demo: a few minutes. paper: that of the source paper; needs the source code.")
+]
 Parts = Annotated[
     str,
     Option("--parts", metavar="A,B,...", help="Parts to run, for --scale paper, e.g. mesh,budget; all by default."),
@@ -147,7 +149,6 @@ CoarseSettings = Annotated[
 ]
 
 # Networks.
-TrainOut = Annotated[Path, Option("--out", metavar="PATH", help="Closure file to write; with --sweep a folder.")]
 RecipeName = Annotated[
     Recipe,
     Option(
@@ -182,14 +183,6 @@ Terms = Annotated[
 ]
 Members = Annotated[
     int | None, Option("--ensemble", metavar="N", min=2, help="Train N networks and write them as one closure.")
-]
-Sweep = Annotated[
-    list[str] | None,
-    Option(
-        "--sweep",
-        metavar="KEY=A,B,C",
-        help="Train all combinations of values, e.g. seed=0,1,2; may be given several times.",
-    ),
 ]
 KeptNeurons = Annotated[float, Option("--neurons", help="Fraction of the neurons of each layer that is kept.")]
 

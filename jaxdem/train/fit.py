@@ -41,7 +41,6 @@ __all__ = [
     "fit_filtered",
     "fit_paper",
     "fit_regression",
-    "fit_together",
 ]
 
 RANGE_QUANTILE = 1e-3
@@ -91,34 +90,6 @@ def fit_filtered(
         RunError: the loss becomes non-finite.
     """
     return _fit_one(filtered_problem, datasets, settings or FitSettings.filtered(), progress)
-
-
-def fit_together(
-    problems: Sequence[Problem], progress: Progress | None = None
-) -> list[tuple[Outcome, FitResult | None]]:
-    """Train the networks of problems of one kind at once, and judge each by itself.
-
-    Args:
-        problems: of equal `Problem.kind`.
-        progress: see `Progress`; its loss is the mean over the networks.
-
-    Returns:
-        How each training went, and its result, whose `seconds` are an equal share of the time of all; None where
-        the loss did not stay finite.
-
-    Raises:
-        ValueError: problems of different kinds.
-    """
-    started = time.perf_counter()
-    outcomes = solve(problems, progress)
-    seconds = (time.perf_counter() - started) / len(problems)
-    return [
-        (
-            outcome,
-            None if outcome.diverged else problem.judge(problem.trained(outcome), outcome.history, seconds),
-        )
-        for problem, outcome in zip(problems, outcomes, strict=True)
-    ]
 
 
 def _fit_one(

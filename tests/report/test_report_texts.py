@@ -16,11 +16,9 @@ import pytest
 from figure_texts import as_shown, drawn_texts, faults
 from matplotlib.figure import Figure
 
-from jaxdem.report import animation, compare, figures, interactive, networks, single, snapshots, style
+from jaxdem.report import animation, compare, figures, interactive, single, snapshots, style
 from jaxdem.report.comparison import Entry, build
 from jaxdem.report.runs import history_until
-from jaxdem.studies import part_pareto
-from jaxdem.studies.measure import NAMES
 
 HOSTILE = ("a$b_c^2$", "$\\frac{1}{0}$", "_hidden $", "<b>&amp;</b>%{x}", "two\nlines\x1b[31m", "n" * 250)
 
@@ -98,18 +96,6 @@ def test_boxes_of_any_size(make: Any, tmp_path: Path, size: tuple[float, ...]) -
     entries = [Entry(name, "run", run, history_until(run, None)) for name, run in zip("ab", runs, strict=True)]
     looks = style.styles(["a", "b"])
     snapshots.snapshots_figure(entries, build(entries[0], entries[1:], [], {}, None), looks, tmp_path / "s.png")
-
-
-def test_figures_of_networks_and_studies(tmp_path: Path, figure_names: list[str]) -> None:
-    figure_names += HOSTILE
-    scores = [networks.Scores(name, {"1": [0.9, -3.0], "4": [0.5]}, 0.97) for name in HOSTILE]
-    networks.networks_figure(scores, tmp_path / "sweep.png")
-    rng = np.random.default_rng(1)
-    points = [
-        (f"coarse_{i}_with_a_long_name", 10.0 + i + 0.01 * (i % 3), dict(zip(NAMES, rng.uniform(0.5, 20.0, 9) / (1 + i), strict=True)), 9.0 * (i % 2))
-        for i in range(20)
-    ]  # fmt: skip
-    part_pareto.draw(points, 20.0, tmp_path / "pareto.png", "the scene")
 
 
 def test_plotly_and_the_page_show_names_as_they_are(make: Any) -> None:

@@ -15,30 +15,38 @@ from jaxdem import metrics
 from jaxdem.closures import load_closure, load_subgrid
 from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
-from jaxdem.studies.arrays import read_stored
-from jaxdem.studies.measure import errors, mean_errors, noise_floor
-from jaxdem.studies.oracle import Replay, read_replay
-from jaxdem.studies.plan import RunSpec, StudyPlan, files_of, made_of
+from jaxdem.study import parity_figures, read_stored
+from studies.measure import errors, mean_errors, noise_floor
+from studies.replay import Replay, read_replay
+from studies.specs import DatasetSpec, Folder, Plan, RunSpec
 
 
 @dataclasses.dataclass
 class Evidence:
-    """The study's folder.
+    """What is in the study's folder.
 
     Attributes:
-        plan: of the study.
-        out: its folder.
+        folder: the folder.
         problems: why something is not there, by name.
         jobs: processes that shared the machine; 0 where that is not known.
         missing: what was asked for and is not there, with the reason.
     """
 
-    plan: StudyPlan
-    out: Path
+    folder: Folder
     problems: dict[str, str]
     jobs: int = 1
     missing: dict[str, str] = dataclasses.field(default_factory=dict)
     _runs: dict[str, Run] = dataclasses.field(default_factory=dict)
+
+    @property
+    def plan(self) -> Plan:
+        """Of the study."""
+        return self.folder.plan
+
+    @property
+    def out(self) -> Path:
+        """The folder."""
+        return self.folder.out
 
     @property
     def sharing(self) -> str:
@@ -49,7 +57,7 @@ class Evidence:
 
     def run(self, name: str) -> Run | None:
         """A run of the plan that is complete and valid."""
-        if name not in self.plan.runs:
+        if name not in self.plan.specs:
             return None
         if name not in self._runs:
             if not (self.out / name).is_dir():
@@ -79,13 +87,14 @@ class Evidence:
     def jittered(self, name: str) -> list[Run]:
         """Runs of the plan that differ from this one in the jitter of the pack alone, as far as they have been begun; none of
         a run that is not in the plan."""
-        if name not in self.plan.runs:
+        if name not in self.plan.specs:
             return []
-        wanted = _but_for_the_pack(self.plan.runs[name])
+        wanted = _but_for_the_pack(self.plan.run(name))
         return self.runs(
             other
-            for other, spec in self.plan.runs.items()
-            if other != name
+            for other, spec in self.plan.specs.items()
+            if isinstance(spec, RunSpec)
+            and other != name
             and "seed" in spec.overrides
             and _but_for_the_pack(spec) == wanted
             and (self.out / other).is_dir()
@@ -109,61 +118,53 @@ class Evidence:
         """Number of packs that a run was done with."""
         return len(self.runs([name])) + len(self.jittered(name))
 
-    def closure_file(self, name: str) -> Path:
-        """File of a drag closure."""
-        return self.out / files_of(self.plan.closures[name])["drag"]
-
     def closure(self, name: str) -> dict[str, Any] | None:
         """Metadata of a closure; where drag and subgrid stress were trained together, the drag's."""
-        kind, file = next(iter(files_of(self.plan.closures[name]).items()))
-        path = self.out / file
-        if not path.is_file():
-            self.missing[name] = self.problems.get(name, "not trained")
+        path = self._path(name, "not trained")
+        if path is None:
             return None
-        return (load_closure if kind == "drag" else load_subgrid)(path)[1]
+        return (load_subgrid if path.name.endswith(".subgrid.h5") else load_closure)(path)[1]
+
+    def dataset(self, name: str) -> Path | None:
+        """File of a dataset."""
+        return self._path(name, "not made")
+
+    def replay(self, factor: int) -> Replay | None:
+        """A replay of the fine run."""
+        path = self._path(f"oracle_{factor}", "not made")
+        return None if path is None else read_replay(path)
+
+    def _path(self, name: str, why: str) -> Path | None:
+        """The first file of something in the plan; where it is not there, it is missing for a reason."""
+        path = self.out / self.plan.specs[name].files[0]
+        if path.is_file():
+            return path
+        self.missing[name] = self.problems.get(name, why)
+        return None
 
     def training_seconds(self, *names: str) -> float | None:
         """Wall time that closures took to train, with those that they are made of; without the runs [s].
 
         None where nothing was trained.
         """
-        waiting, seconds = list(names), {}  # type: tuple[list[str], dict[str, float]]
+        waiting, seconds = list(names), dict[str, float]()
         while waiting:
             name = waiting.pop()
             if name not in seconds and (found := self.closure(name)) is not None:
                 seconds[name] = float(found.get("study_seconds", found.get("seconds", math.nan)))
-                waiting += made_of(self.plan.closures[name])
+                needs = self.plan.specs[name].needs
+                waiting += [other for other in needs if not isinstance(self.plan.specs[other], RunSpec | DatasetSpec)]
         return sum(seconds.values()) if seconds else None
 
     def training_of(self, run: str) -> float | None:
         """Wall time of the training of what a run uses [s]."""
-        return self.training_seconds(*self.plan.runs[run].learned)
+        return self.training_seconds(*self.plan.run(run).needs)
 
     def parity(self, name: str) -> dict[str, dict[str, np.ndarray]]:
         """Arrays for the parity plot, by the mesh that the inputs are averaged to; {} without."""
-        path, figures = self.out / f"{name}.parity.npz", {}  # type: tuple[Path, dict[str, dict[str, np.ndarray]]]
-        if path.is_file():
-            for key, array in read_stored(path).items():
-                factor, kind = key.split("/")
-                inputs = "fine inputs" if factor == "1" else f"inputs averaged {factor}x"
-                figures.setdefault(f"{name}, {inputs}", {})[kind] = array
-        return figures
-
-    def dataset(self, name: str) -> Path | None:
-        """File of a dataset."""
-        path = self.out / f"{name}.h5"
-        if path.is_file():
-            return path
-        self.missing[name] = self.problems.get(name, "not made")
-        return None
-
-    def oracle(self, factor: int) -> Replay | None:
-        """A replay of the fine run."""
-        path = self.out / f"oracle_{factor}.npz"
-        if path.is_file():
-            return read_replay(path)
-        self.missing[path.stem] = self.problems.get(path.stem, "not made")
-        return None
+        path = self.out / f"{name}.parity.npz"
+        figures = parity_figures(read_stored(path)) if path.is_file() else {}
+        return {f"{name}, {inputs}": arrays for inputs, arrays in figures.items()}
 
 
 def _computed_by(run: Run) -> tuple[str, str]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jaxdem.fluid.remap import coarsened
-from jaxdem.studies import paper
-from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import grid_of
-from jaxdem.studies.part_closures import over_noise
-from jaxdem.studies.plan import TuneSpec
-from jaxdem.studies.subgrid_stress import EDGE, hidden_stress
-from jaxdem.studies.tables import Cell, Section, Table
+from studies import paper
+from studies.evidence import Evidence
+from studies.hidden_stress import EDGE, hidden_stress
+from studies.measure import grid_of
+from studies.part_closures import over_noise
+from studies.specs import RunSpec, TuneSpec
+from studies.tables import Cell, Section, Table
 
 FLUIDS = {
     "": "",
@@ -33,11 +33,12 @@ def solver_part(evidence: Evidence) -> Section:
         "that losses are comparable where the same is trained. Nothing is learned for the gradient stress, which has the "
         "coefficients of a smooth flow."
     )
-    part = evidence.plan.parts["solver"]
-    specs = [evidence.plan.closures[name] for name in part.closures]
+    plan = evidence.plan
+    specs = [plan.specs[name] for name in plan.parts["solver"].needs]
     tuned = [spec for spec in specs if isinstance(spec, TuneSpec)]
+    names = [spec.name for spec in specs if not isinstance(spec, RunSpec)]
     section.tables += [_hidden(evidence), _trainings(evidence, tuned)]
-    section.tables.append(over_noise(evidence, _runs(evidence, part.closures)))
+    section.tables.append(over_noise(evidence, _runs(evidence, names)))
     section.missing = dict(evidence.missing)
     return section
 
@@ -104,7 +105,7 @@ def _trainings(evidence: Evidence, specs: list[TuneSpec]) -> Table:
 
 def _runs(evidence: Evidence, names: Sequence[str]) -> list[tuple[str, str, str]]:
     """Mesh, drag and name of the runs: Koch-Hill, the closures that the training starts from, and what came of it."""
-    planned = evidence.plan.parts["solver"].runs
+    planned = set(evidence.plan.names("solver", RunSpec))
     drags = {"Koch-Hill": "", **{name: f"_{name}" for name in names}}
     drags["filtered and gradient_stress"] = "_filtered_gradient_stress"
     every = [

@@ -16,9 +16,10 @@ from matplotlib.transforms import Bbox
 from jaxdem import metrics
 from jaxdem.io import Run
 from jaxdem.report import style
-from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor, over
-from jaxdem.studies.tables import Cell, Section, Table
+from studies.evidence import Evidence
+from studies.measure import LABELS, NAMES, mean, mean_over, noise_floor, over
+from studies.specs import RunSpec
+from studies.tables import Cell, Section, Table
 
 LETTERS = string.ascii_letters
 """Of the runs on a front; what is beyond has a point alone."""
@@ -60,15 +61,12 @@ def _time_per_second(evidence: Evidence, run: Run, reference: str) -> float:
 
 def runs_of(evidence: Evidence, prefix: str) -> list[str]:
     """Names of the plan's runs that are compared with the fine run of a scene."""
-    part = evidence.plan.parts["pareto"].runs
-    scene = evidence.plan.runs[f"{prefix}fine"].scene
-    runs = {name: evidence.plan.runs[name] for name in part}
+    plan = evidence.plan
+    scene = plan.run(f"{prefix}fine").scene
+    runs = [plan.run(name) for name in plan.names("pareto", RunSpec)]
     # Another pack is in the error of the first.
-    return [
-        name
-        for name, spec in runs.items()
-        if spec.scene == scene and name != f"{prefix}fine" and "seed" not in spec.overrides
-    ]
+    same = [run.name for run in runs if run.scene == scene and "seed" not in run.overrides]
+    return [name for name in same if name != f"{prefix}fine"]
 
 
 def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Point]]:

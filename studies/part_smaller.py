@@ -7,10 +7,11 @@ import numpy as np
 
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.file import load_single
-from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import mean, mean_over
-from jaxdem.studies.part_closures import evaluation_time
-from jaxdem.studies.tables import Cell, Section, Table
+from studies.evidence import Evidence
+from studies.measure import mean, mean_over
+from studies.part_closures import evaluation_time
+from studies.specs import ClosureSpec
+from studies.tables import Cell, Section, Table
 
 FACTOR = 4
 """Of the mesh on which they are run."""
@@ -22,11 +23,11 @@ def smaller_part(evidence: Evidence) -> Section:
     plain = evidence.errors(f"coarse_{FACTOR}")
     cost = evaluation_time(DRAG_LAWS["koch_hill"]())
     rows: list[list[Cell]] = [["Koch-Hill", None, None, 1e9 * cost, None, *_error(evidence, plain)]]
-    for name in evidence.plan.parts["smaller"].closures:
+    for name in evidence.plan.names("smaller", ClosureSpec):
         found = evidence.closure(name)
         if found is None:
             continue
-        closure, _ = load_single(evidence.closure_file(name), "")
+        closure, _ = load_single(evidence.folder.closure(name), "")
         weights = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(closure.weights))
         r2 = found["r2"].get(str(FACTOR), {}).get("closure")
         hidden = "-".join(str(width) for width in closure.hidden)

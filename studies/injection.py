@@ -7,26 +7,28 @@ closure's; `_seed_1` behind the mesh is another jitter of the pack. Without a sc
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from jaxdem.closures.invariant import TERMS
-from jaxdem.studies.plan import (
+from jaxdem.study import SHARP
+from jaxdem.train.dataset_file import SEEING
+from jaxdem.train.finetune import FinetuneSettings
+from jaxdem.train.fit_settings import FitSettings
+from studies.specs import (
     DatasetSpec,
     EnsembleSpec,
     FitSpec,
     Part,
+    Plan,
+    ReplaySpec,
     RunSpec,
-    SearchSpec,
     SmallerSpec,
+    Spec,
     StressSpec,
-    StudyPlan,
     TuneSpec,
     by_name,
 )
-from jaxdem.train.dataset_file import SEEING
-from jaxdem.train.finetune import FinetuneSettings
-from jaxdem.train.fit_settings import FitSettings
 
 INJECTION, SLAB, DILUTE = "injection.toml", "injection_slab.toml", "dilute_jet.toml"
 
@@ -84,19 +86,19 @@ UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
 ACTIVATIONS = ("elu", "relu", "softplus")
 """Of the networks that are run in the solver."""
 
-SWEEPS = (
-    "activation=relu,elu,sigmoid,tanh,softsign,softplus,selu",
-    "loss=mse,mae,msle,mape,log_cosh",
-    "samples=10000,25000,50000,100000,250000,500000,1000000",
-    "hidden=170-70-30,170-70,170,64-32-16,64-32,32-16,16-8,8-4,4",
-)
+SWEEPS: dict[str, tuple[Any, ...]] = {
+    "activation": ("relu", "elu", "sigmoid", "tanh", "softsign", "softplus", "selu"),
+    "loss": ("mse", "mae", "msle", "mape", "log_cosh"),
+    "samples": (10_000, 25_000, 50_000, 100_000, 250_000, 500_000, 1_000_000),
+    "hidden": ((170, 70, 30), (170, 70), (170,), (64, 32, 16), (64, 32), (32, 16), (16, 8), (8, 4), (4,)),
+}
 """Settings of the paper's network that are varied, one at a time."""
 
-NARROW: dict[str, Any] = {"coupling.kernel_width": {"diameters": 1.5, "cells": 0.5}}
-"""Kernels half as wide as the scenes' on coarse meshes, where the cells decide."""
+SWEEP_EPOCHS = 100
+"""A twentieth of the source study's: with all of them the networks would take half a day of one core."""
 
-SHARP: dict[str, Any] = {"fluid.advection": "central", **NARROW}
-"""A coarse fluid that smears less: of its own momentum, and of what the particles do to it."""
+NARROW: dict[str, Any] = {"coupling.kernel_width": SHARP["coupling.kernel_width"]}
+"""Kernels half as wide as the scenes' on coarse meshes, where the cells decide; the sharp fluid has them too."""
 
 FOURTH: dict[str, Any] = {**SHARP, "fluid.advection": "central_4"}
 """The same with eddies of a few cells that run at nearly their speed."""
@@ -302,10 +304,20 @@ def _words(numbers: Iterable[float]) -> str:
     return "_".join(f"{number:g}".replace(".", "_") for number in numbers)
 
 
-def searches() -> list[SearchSpec]:
-    """The source study's tables, a twentieth of its epochs each: with all of them they would take half a day of one core."""
-    settings = FitSettings(epochs=100)
-    return [SearchSpec(f"sweep_{sweep.split('=')[0]}", sweep, settings, DATASETS) for sweep in SWEEPS]
+def sweeps() -> dict[str, list[FitSpec]]:
+    """The source study's tables: the paper's network with one setting varied."""
+    usual = FitSettings(epochs=SWEEP_EPOCHS)
+    return {
+        what: [
+            FitSpec(f"sweep_{what}_{_word(value)}", "paper", dataclasses.replace(usual, **{what: value}), DATASETS)
+            for value in values
+        ]
+        for what, values in SWEEPS.items()
+    }
+
+
+def _word(value: Any) -> str:
+    return "_".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def closure_runs() -> list[RunSpec]:
@@ -382,45 +394,34 @@ def pareto_runs() -> list[RunSpec]:
     return [*settings, *stiff, DILUTE_FINE, *jittered(DILUTE_FINE)[:1], *DILUTE_COARSE.values(), *closed]
 
 
-def injection_plan() -> StudyPlan:
+def injection_plan() -> Plan:
     """The study of the injection scene at full size."""
     # Rows of a sample are grains: some hundred thousand in all are enough, and memory is not.
     training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=3) for run in TRAINING]
-    tests = [DatasetSpec("dataset_fine", "fine", (1, 2, 3, 4, 8), every=10)]
+    held_out = DatasetSpec("dataset_fine", FINE.name, (1, 2, 3, 4, 8), every=10)
     seen = [
         dataclasses.replace(one, name=f"{one.name}_{name}", overrides=overrides)
         for name, overrides in SEEN.items()
-        for one in (*training, *tests)
+        for one in (*training, held_out)
     ]
-    tests += [DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN]
-    every = (mesh_runs, budget_runs, closure_runs, solver_runs, smaller_runs, unseen_runs, pareto_runs)
-    mesh, budget, closed, through, small, unseen, pareto = (
-        tuple(dict.fromkeys(run.name for run in runs())) for runs in every
-    )
-    plain = tuple(run.name for run in (FINE, *jittered(FINE), *(COARSE[factor] for factor in FACTORS)))
-    begun = tuple(COARSE[factor].with_closure("filtered").name for factor in FACTORS)
-    names = (*(fit.name for fit in fits()), ENSEMBLE.name)
-    parts = [
-        Part("mesh", mesh),
-        Part("budget", budget, oracles=COARSENINGS),
-        Part("closures", (*plain, *closed), names, ("dataset_fine",), searches=tuple(by_name(searches()))),
-        Part(
-            "solver",
-            (*plain, *begun, *through),
-            (
-                "filtered",
-                "filtered_terms",
-                ENSEMBLE.name,
-                *(f"filtered_{seen}" for seen in SEEN),
-                "filtered_narrow_terms",
-                GRADIENT_STRESS.name,
-                *(one.name for one in tuned()),
-            ),
-        ),
-        Part("smaller", (*plain, *small), ("filtered", "paper", *(one.name for one in smaller()))),
-        Part("generalisation", (*plain, *unseen), ("filtered", "paper"), tuple(test.name for test in tests)),
-        Part("pareto", (*plain, *closed, *through, *pareto), ("filtered", "paper")),
-    ]
-    runs = by_name([*TRAINING, *(run for runs in every for run in runs())])
-    closures = by_name([*fits(), ENSEMBLE, GRADIENT_STRESS, *tuned(), *smaller()])
-    return StudyPlan(runs, by_name([*training, *seen, *tests]), closures, by_name(parts), by_name(searches()))
+    tests = [held_out, *(DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN)]
+    replays = [ReplaySpec(f"oracle_{factor}", FINE.name, factor) for factor in COARSENINGS]
+    varied_once = [fit for group in sweeps().values() for fit in group]
+    plain = [FINE, *jittered(FINE), *(COARSE[factor] for factor in FACTORS)]
+    begun = [COARSE[factor].with_closure("filtered") for factor in FACTORS]
+    closed, through = closure_runs(), solver_runs()
+    fitted = by_name(fits())
+    filtered, paper = fitted["filtered"], fitted["paper"]
+    names = ("filtered_terms", *(f"filtered_{fluid}" for fluid in SEEN), "filtered_narrow_terms")
+    for_solver = [filtered, *(fitted[name] for name in names), ENSEMBLE, GRADIENT_STRESS, *tuned()]
+    parts: dict[str, Sequence[Spec]] = {
+        "mesh": mesh_runs(),
+        "budget": [*budget_runs(), *replays],
+        "closures": [*plain, *closed, *fitted.values(), ENSEMBLE, held_out, *varied_once],
+        "solver": [*plain, *begun, *through, *for_solver],
+        "smaller": [*plain, *smaller_runs(), filtered, paper, *smaller()],
+        "generalisation": [*plain, *unseen_runs(), filtered, paper, *tests],
+        "pareto": [*plain, *closed, *through, *pareto_runs(), filtered, paper],
+    }
+    specs = by_name([*TRAINING, *training, *seen, *(one for part in parts.values() for one in part)])
+    return Plan(specs, {name: Part(name, tuple(by_name(needed))) for name, needed in parts.items()})

@@ -10,7 +10,7 @@ import numpy as np
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.remap import remap_cells
 from jaxdem.io import Run
-from jaxdem.studies.measure import fluid_frame, grid_of, screen_time
+from studies.measure import fluid_frame, grid_of, screen_time
 
 EDGE = 1
 """Coarse cells at the sides of the box that are left out: their gradients are one-sided."""

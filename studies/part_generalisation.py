@@ -14,13 +14,13 @@ from jaxdem.closures import load_closure
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.registry import drag_law
-from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, noise_floor
-from jaxdem.studies.plan import FitSpec
-from jaxdem.studies.tables import Cell, Section, Table
 from jaxdem.train.dataset_file import Group, read_dataset
 from jaxdem.train.fit_evaluate import Predictor, map_rows, r_squared, thin
 from jaxdem.train.fit_regression import fit_regression, prepare_rows
+from studies.evidence import Evidence
+from studies.measure import mean, mean_over, noise_floor
+from studies.specs import DatasetSpec, FitSpec, RunSpec
+from studies.tables import Cell, Section, Table
 
 ROWS = 60_000
 """Rows of a group that the regression is fitted to, and that closures are judged on."""
@@ -41,7 +41,7 @@ COARSE = {
 def generalisation_part(evidence: Evidence) -> Section:
     """A-priori and a-posteriori errors in scenes that no closure was trained on."""
     section = Section("generalisation", "Scenes that no closure has seen")
-    section.tables += [_forces(evidence), *_runs(evidence)]
+    section.tables += [_forces(evidence), _runs(evidence)]
     section.missing = dict(evidence.missing)
     return section
 
@@ -74,19 +74,19 @@ def _forces(evidence: Evidence) -> Table:
     laws: dict[str, Any] = {}
     for name in CLOSURES:
         if evidence.closure(name) is not None:
-            laws[name] = load_closure(evidence.closure_file(name))[0]
+            laws[name] = load_closure(evidence.folder.closure(name))[0]
     predictors: dict[str, Predictor] = {
         name: partial(lambda closure, group: map_rows(partial(_force, closure), group), closure)
         for name, closure in laws.items()
     }
-    spec = evidence.plan.closures["filtered"]
-    assert isinstance(spec, FitSpec)
-    files = [evidence.dataset(name) for name in spec.datasets[:-1]]
-    if isinstance(laws.get("filtered"), InvariantClosure) and all(files):
-        data = [read_dataset(file) for file in files if file is not None]
-        predictors["regression"] = regression_of(laws["filtered"], data, spec.settings.coarsenings or (1,))
+    spec, filtered = evidence.plan.specs["filtered"], laws.get("filtered")
+    if isinstance(spec, FitSpec) and isinstance(filtered, InvariantClosure):
+        files = [file for name in spec.datasets[:-1] if (file := evidence.dataset(name)) is not None]
+        if len(files) == len(spec.datasets) - 1:
+            data = [read_dataset(file) for file in files]
+            predictors["regression"] = regression_of(filtered, data, spec.settings.coarsenings or (1,))
     rows: list[list[Cell]] = []
-    for name in evidence.plan.parts["generalisation"].datasets:
+    for name in evidence.plan.names("generalisation", DatasetSpec):
         file = evidence.dataset(name)
         if file is None:
             continue
@@ -118,13 +118,12 @@ def _scores(predictors: dict[str, Any], group: Group) -> list[Cell]:
 
 def scene_names(evidence: Evidence) -> list[str]:
     """What stands before the runs' names, of every scene with coarse runs of 4x; "" is injection.toml's."""
-    names = [name.removesuffix("fine") for name in evidence.plan.parts["generalisation"].runs if name.endswith("_fine")]
-    return ["", *names]
+    runs = evidence.plan.names("generalisation", RunSpec)
+    return ["", *(name.removesuffix("fine") for name in runs if name.endswith("_fine"))]
 
 
-def _runs(evidence: Evidence) -> list[Table]:
+def _runs(evidence: Evidence) -> Table:
     rows: list[list[Cell]] = []
-    detail: list[list[Cell]] = []
     for prefix in scene_names(evidence):
         fine = evidence.run(f"{prefix}fine")
         if fine is None:
@@ -132,16 +131,11 @@ def _runs(evidence: Evidence) -> list[Table]:
         floor = noise_floor(fine, evidence.jittered(f"{prefix}fine"))
         for factor in (3, 4) if prefix == "" else (4,):
             row: list[Cell] = [f"{prefix or 'injection_'}"[:-1], f"{factor}x", 100 * mean(floor)]
-            for what, end in COARSE.items():
+            for end in COARSE.values():
                 error = evidence.errors(f"{prefix}coarse_{factor}{end}", f"{prefix}fine")
                 row += [None, None] if error is None else [100 * mean(error), mean_over(error, floor)]
-                if error is not None:
-                    detail.append([row[0], row[1], what, *(100 * error[n] for n in NAMES)])
             rows.append(row)
     headings = ["scene", "mesh", "noise [%]"]
     headings += [f"{what}, {kind}" for kind in COARSE for what in ("mean error [%]", "over noise [-]")]
     note = "Coarse runs against the fine run of the same scene; mean over the nine metrics."
-    return [
-        Table("Coarse runs in scenes that no closure has seen", headings, rows, note),
-        Table("Error by metric [%]", ["scene", "mesh", "drag", *LABELS], detail),
-    ]
+    return Table("Coarse runs in scenes that no closure has seen", headings, rows, note)

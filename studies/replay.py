@@ -34,7 +34,7 @@ from jaxdem.metrics import history_row
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
 from jaxdem.setup.time_steps import simulated_time
-from jaxdem.studies.arrays import read_stored
+from jaxdem.study import read_stored
 from jaxdem.train.dataset import CoarseView
 
 FLUID_METRICS = ("fluid_pressure_mean", "fluid_velocity_mean", "fluid_velocity_median")

@@ -7,21 +7,19 @@ import math
 from jaxdem import metrics
 from jaxdem.io import Run
 from jaxdem.report.runs import history_until
-from jaxdem.studies import paper
-from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import (
+from studies import paper
+from studies.evidence import Evidence
+from studies.measure import (
     LABELS,
     NAMES,
     flux_error,
     mean,
-    mean_over,
-    over,
     peak_speed,
     run_flux_error,
     screen_time,
 )
-from jaxdem.studies.oracle import FLUID_METRICS
-from jaxdem.studies.tables import Cell, Section, Table
+from studies.replay import FLUID_METRICS
+from studies.tables import Cell, Section, Table
 
 COARSE = "coarse, Koch-Hill"
 DRAG = "fine fluid, drag on inputs averaged to this mesh"
@@ -71,7 +69,6 @@ def budget_part(evidence: Evidence) -> Section:
         ]
         headings = ["what", *LABELS, "mean", "flux of the fluid"]
         section.tables.append(Table(f"Errors at {mesh} [%]", headings, [*rows, noise]))
-        section.tables.append(_over_noise(found, evidence.floor, mesh))
         section.text += _shares(found, mesh)
     section.missing = dict(evidence.missing)
     return section
@@ -79,7 +76,7 @@ def budget_part(evidence: Evidence) -> Section:
 
 def oracle_errors(evidence: Evidence, factor: int) -> dict[str, float] | None:
     """Errors of the fluid's metrics in the replay, and of its flux."""
-    fine, replay = evidence.run("fine"), evidence.oracle(factor)
+    fine, replay = evidence.run("fine"), evidence.replay(factor)
     if fine is None or replay is None:
         return None
     until = screen_time(fine)
@@ -100,15 +97,6 @@ def _row(words: str, error: dict[str, float]) -> list[Cell]:
         100 * mean({n: error[n] for n in NAMES}) if whole else None,
         100 * error["flux"],
     ]
-
-
-def _over_noise(found: dict[str, dict[str, float]], floor: dict[str, float], mesh: str) -> Table:
-    rows: list[list[Cell]] = []
-    for words, error in found.items():
-        ratio = over(error, floor)
-        nine = [ratio.get(name, math.nan) for name in NAMES]
-        rows.append([words, *nine, mean_over(error, floor) if len(ratio) == len(NAMES) else None])
-    return Table(f"Errors over noise at {mesh} [-]", ["what", *LABELS, "mean"], rows)
 
 
 def _shares(found: dict[str, dict[str, float]], mesh: str) -> list[str]:
@@ -144,7 +132,7 @@ def _peaks(evidence: Evidence, fine: Run) -> Table:
     rows: list[list[Cell]] = []
     for factor, mesh in list(paper.MESHES.items())[1:]:
         coarse, drag = evidence.run(f"coarse_{factor}"), evidence.run(f"fine_inputs_{factor}")
-        replay, cells = evidence.oracle(factor), None if coarse is None else coarse.cells
+        replay, cells = evidence.replay(factor), None if coarse is None else coarse.cells
         row: list[Cell] = [mesh]
         row.append(None if cells is None else peak_speed(fine, until, cells))
         row.append(None if coarse is None else peak_speed(coarse, until))

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from jaxdem.io import Run
-from jaxdem.studies import paper
-from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import (
+from studies import paper
+from studies.evidence import Evidence
+from studies.measure import (
     LABELS,
     NAMES,
-    at,
     errors,
     mean,
     mean_errors,
     mean_over,
     noise_floor,
-    over,
     screen_time,
     whole,
 )
-from jaxdem.studies.tables import Cell, Section, Table
-
-NEAR = 10.0
-"""Radii from the upper wall within which the height stands for grains that reach it."""
+from studies.tables import Cell, Section, Table
 
 SETTINGS = {
     "single layer": "",
@@ -92,7 +85,7 @@ def _spread(values: list[float]) -> Cell:
 
 
 def _errors(evidence: Evidence, setting: str, prefix: str, section: Section) -> list[Table]:
-    """Errors of the nine metrics by mesh, in per cent and over noise."""
+    """Errors of the nine metrics by mesh."""
     fine = evidence.run(f"{prefix}fine")
     if fine is None:
         return []
@@ -105,57 +98,13 @@ def _errors(evidence: Evidence, setting: str, prefix: str, section: Section) -> 
         else f"{setting[0].upper()}{setting[1:]}: compared up to {until:.3g} s of {end:.3g} s, the last output before the fine run's front "
         "comes to the outlet's screen."
     )
-    plain: list[list[Cell]] = [["noise", *(100 * floor[n] for n in NAMES), 100 * mean(floor)]]
-    relative: list[list[Cell]] = []
-    behaviour: list[list[Cell]] = []
-    for factor, mesh in paper.MESHES.items():
-        runs = packs(evidence, prefix, factor)
-        if not runs:
-            continue
-        behaviour.append(_behaviour(mesh, whole(runs, fine), end))
-        if factor == 1:
-            continue
-        error = mean_errors([errors(run, fine) for run in runs])
-        plain.append([mesh, *(100 * error[n] for n in NAMES), 100 * mean(error)])
-        ratio = over(error, floor)
-        relative.append([mesh, *(ratio[n] for n in NAMES), mean_over(error, floor)])
-    headings = ["mesh", *LABELS, "mean"]
-    return [
-        Table(f"Error against 4 cm, {setting} [%]", headings, plain, "Mean over the packs."),
-        Table(f"Error over noise, {setting} [-]", headings, relative),
-        Table(
-            f"What the paper's text tells of, {setting}",
-            ["mesh", "grains at the upper wall at [s]", "largest collision force at [s]", "mean grain speed at 2 s [m/s]",
-             "and at the end [m/s]", "front passes 9.1 m at [s]"],
-            behaviour,
-        ),
-    ]  # fmt: skip
-
-
-def _behaviour(mesh: str, runs: list[Run], end: float) -> list[Cell]:
-    """Means over the packs of when and how fast; empty where no run was done to the end."""
-    if not runs:
-        return [mesh, *[None] * 5]
-    values = []
-    for run in runs:
-        history, top = run.history, float(run.scene["domain"]["size"][-1])
-        radius = float(np.max(run.scene["particles"]["radius"]))
-        time = np.asarray(history["time"])
-        values.append(
-            [
-                _first(time, np.asarray(history["height"]) > top - NEAR * radius),
-                float(time[int(np.argmax(history["collision_force_mean"]))]),
-                at(run, "particle_velocity_mean", min(2.0, end)),
-                float(history["particle_velocity_mean"][-1]),
-                _first(time, np.asarray(history["runoff"]) > paper.RUNOFF[1]),
-            ]
-        )
-    with np.errstate(invalid="ignore"):
-        return [mesh, *(float(np.mean(column)) for column in zip(*values, strict=True))]
-
-
-def _first(time: np.ndarray, when: np.ndarray) -> float:
-    return float(time[int(np.argmax(when))]) if when.any() else math.nan
+    rows: list[list[Cell]] = [["noise", *(100 * floor[n] for n in NAMES), 100 * mean(floor)]]
+    for factor, mesh in list(paper.MESHES.items())[1:]:
+        if runs := packs(evidence, prefix, factor):
+            error = mean_errors([errors(run, fine) for run in runs])
+            rows.append([mesh, *(100 * error[n] for n in NAMES), 100 * mean(error)])
+    title = f"Error against 4 cm, {setting} [%]"
+    return [Table(title, ["mesh", *LABELS, "mean"], rows, "Mean over the packs.")]
 
 
 def _laws(evidence: Evidence) -> Table:

@@ -12,11 +12,12 @@ import numpy as np
 
 from jaxdem.closures import DRAG_LAWS, load_closure
 from jaxdem.closures.base import DragInputs
-from jaxdem.studies import paper
-from jaxdem.studies.evidence import Evidence
-from jaxdem.studies.measure import LABELS, NAMES, mean, mean_over, over, whole
-from jaxdem.studies.tables import Cell, Section, Table
-from jaxdem.train.architecture_table import read_search
+from studies import paper
+from studies.evidence import Evidence
+from studies.injection import SWEEP_EPOCHS, SWEEPS, sweeps
+from studies.measure import LABELS, NAMES, mean, mean_over, over, whole
+from studies.specs import ClosureSpec
+from studies.tables import Cell, Section, Table
 
 EVALUATED = 20_000
 """Particles in the measurement of a drag evaluation."""
@@ -40,14 +41,20 @@ def closures_part(evidence: Evidence) -> Section:
         "with another pack and inlet. The fine run of injection.toml is held out."
     )
     section.tables += [_held_out(evidence), *_coarse_runs(evidence), _band(evidence), _figures(evidence)]
-    section.tables += searches_tables(evidence)
+    section.tables += sweep_tables(evidence)
     section.missing = dict(evidence.missing)
     return section
 
 
+def _trained(evidence: Evidence) -> list[str]:
+    """Names of the part's closures but those of the sweeps."""
+    names = evidence.plan.names("closures", ClosureSpec)
+    return [name for name in names if not name.startswith("sweep_")]
+
+
 def _held_out(evidence: Evidence) -> Table:
     rows: list[list[Cell]] = []
-    for name in evidence.plan.parts["closures"].closures:
+    for name in _trained(evidence):
         found = evidence.closure(name)
         for factor, r2 in ({} if found is None else found["r2"]).items():
             scores = [float(r2[key]) for key in ("closure", "base", "regression")]
@@ -134,8 +141,7 @@ def _band(evidence: Evidence) -> Table:
         "paper, softplus": "paper_softplus",
     }
     for words, name in kinds.items():
-        known = evidence.plan.parts["closures"].closures
-        seeds = [fit for fit in known if fit == name or fit.startswith(f"{name}_seed_")]
+        seeds = [fit for fit in _trained(evidence) if fit == name or fit.startswith(f"{name}_seed_")]
         runs = evidence.runs(f"coarse_2_{fit}" for fit in seeds)
         errors = [error for fit in seeds if (error := evidence.errors(f"coarse_2_{fit}")) is not None]
         full = whole(runs, evidence.run("fine"))
@@ -170,7 +176,7 @@ def _figures(evidence: Evidence) -> Table:
         ]
     )
     for name in ("paper", "filtered"):
-        file = evidence.closure_file(name)
+        file = evidence.folder.closure(name)
         seconds = evaluation_time(load_closure(file)[0]) if file.is_file() else None
         theirs = paper.EVALUATION["learned"] if name == "paper" else None
         rows.append([f"drag of a particle, {name} [s]", theirs, seconds])
@@ -202,29 +208,16 @@ def evaluation_time(closure: Any, particles: int = EVALUATED) -> float:
     return min(times) / particles
 
 
-def searches_tables(evidence: Evidence) -> list[Table]:
+def sweep_tables(evidence: Evidence) -> list[Table]:
     """R2 by one setting of the paper's network, the paper's beside ours."""
     tables = []
-    for name, spec in evidence.plan.searches.items():
-        rows = read_search(evidence.out / name)
-        if not rows:
-            evidence.missing[name] = evidence.problems.get(name, "not trained")
-            continue
-        what = spec.sweep.split("=")[0]
-        lines: list[list[Cell]] = [
-            [
-                row[what],
-                _number(row["r2_paper"]),
-                _number(row.get("r2_1_closure", "")),
-                _number(row["seconds"]),
-            ]
-            for row in rows
-        ]
-        title = f"R2 by {what}, fine inputs, {spec.settings.epochs} epochs"
-        tables.append(Table(title, [what, "the paper's (2,000 epochs)", "ours", "s a network"], lines, digits=4))
+    for what, fits in sweeps().items():
+        rows: list[list[Cell]] = []
+        for fit, value in zip(fits, SWEEPS[what], strict=True):
+            if (found := evidence.closure(fit.name)) is not None:
+                r2 = float(found["r2"]["1"]["closure"])
+                words = "-".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                rows.append([words, paper.R2.get(what, {}).get(value), r2, float(found["seconds"])])
+        title = f"R2 by {what}, fine inputs, {SWEEP_EPOCHS} epochs"
+        tables.append(Table(title, [what, "the paper's (2,000 epochs)", "ours", "s a network"], rows, digits=4))
     return tables
-
-
-def _number(text: str) -> float | None:
-    value = float(text or "nan")
-    return value if np.isfinite(value) else None

@@ -80,11 +80,6 @@ def mean(values: Mapping[str, float]) -> float:
     return float(np.mean(finite)) if finite else math.nan
 
 
-def at(run: Run, name: str, time: float) -> float:
-    """A metric at a time, linear between outputs."""
-    return float(np.interp(time, run.history["time"], run.history[name]))
-
-
 def grid_of(run: Run) -> Grid:
     """The run's grid; its sides do not matter for averages."""
     domain = run.scene["domain"]
