@@ -587,7 +587,7 @@ def test_what_a_study_is_asked_for_in_vain_is_refused(tmp_path, monkeypatch):
     out = tmp_path / "study"
     refused(invoke("study", "flying", "--out", out), "flying", "injection")
     refused(invoke("study", "injection", "--out", out, "--jobs", 2), "--jobs", "--scale paper")
-    monkeypatch.setattr(jaxdem, "__file__", str(tmp_path / "jaxdem" / "__init__.py"))
+    monkeypatch.setattr("jaxdem.cli.study.SOURCE", tmp_path)
     full = ("study", "injection", "--scale", "paper", "--out", out)
     refused(invoke(*full), "--scale", "paper", "studies", "source code", "pip install --editable")
     assert not out.exists()

@@ -128,7 +128,6 @@ class StudyDisplay:
     def __init__(self, progress: Progress, lines: Lines):
         self._progress, self._lines = progress, lines
         self._task: TaskID | None = None
-        self._pieces: dict[str, TaskID] = {}
 
     def stage(self, name: str, total: float) -> Callable[[float], None]:
         """A stage of the given length starts; the result is called with how much of it is done."""
@@ -144,25 +143,10 @@ class StudyDisplay:
 
         return advance
 
-    def begin(self, name: str, total: float) -> Callable[[float], None]:
-        """One of several pieces of work at once starts; its bar goes when it is over."""
-        self._finish()
-        task = self._pieces[name] = self._progress.add_task(name, total=total)
-        self._tell_pieces()
-        return lambda done: self._progress.update(task, completed=done)
-
-    def end(self, name: str) -> None:
-        """That piece is over."""
-        self._progress.remove_task(self._pieces.pop(name))
-        self._tell_pieces()
-
     def say(self, message: str) -> None:
         """A line for the reader."""
         self._finish()
         self._progress.console.print(message, markup=False, highlight=False, soft_wrap=True)
-
-    def _tell_pieces(self) -> None:
-        self._lines.begin(f"running: {', '.join(self._pieces) or 'nothing'}")
 
     def _finish(self) -> None:
         """A stage that is over has no time left to show."""

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-import jaxdem
 from jaxdem.cli import options, terminal
 from jaxdem.cli.inputs import prepare_folder, start_jax, this_command
 from jaxdem.errors import InputError
 
 STUDIES = ("injection",)
+SOURCE = Path(__file__).parents[2]
+"""The checkout, where the package is in one."""
 
 
 def study(
@@ -60,9 +62,10 @@ def _full_size(arguments: list[str], command: str) -> None:
         InputError: the package is not in a checkout.
         typer.Exit: with the study's exit code.
     """
-    if not (Path(jaxdem.__file__).parents[1] / "studies" / "__main__.py").is_file():
+    if not (SOURCE / "studies" / "__main__.py").is_file():
         limit = "needs the folder `studies` of the source code, which the package does not contain"
         remedy = "Get the source code and install it with `pip install --editable .`, or use --scale demo."
         raise InputError("--scale", options.Scale.paper.value, limit, remedy)
     start_jax()
+    sys.path.insert(0, str(SOURCE))  # not another program's `studies`
     raise typer.Exit(import_module("studies.__main__").main(arguments, command))
