@@ -6,7 +6,7 @@ The loop is that of `jaxdem train` on synthetic samples: velocities and void fra
 normalised. With fewer epochs than the paper's 2000 the time of 2000 is extrapolated; `--epochs 2000` runs all of them.
 Below 200 epochs the loop reads every loss, so the next shuffle cannot run at the same time as the device.
 
-Eight at once is `minimize` with eight networks, as `jaxdem train --sweep seed=0,1,2,3,4,5,6,7` calls it: mapped in one program on an
+Eight at once is `minimize` with eight networks, as an ensemble of eight calls it: mapped in one program on an
 accelerator, a thread each on a CPU; mapped is measured on both. `PJRT_NPROC=1` in the environment gives XLA one thread.
 """
 

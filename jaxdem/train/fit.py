@@ -18,7 +18,7 @@ from jaxdem.closures.network import PaperNetwork
 from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset, Group
 from jaxdem.train.fit_evaluate import Forces, map_rows, split_by_run
-from jaxdem.train.fit_loop import LOSSES, Outcome, Progress
+from jaxdem.train.fit_loop import LOSSES, Progress
 from jaxdem.train.fit_network import network_columns
 from jaxdem.train.fit_problem import (
     FitResult,
@@ -27,7 +27,6 @@ from jaxdem.train.fit_problem import (
     constants,
     mean_and_scale,
     on_device,
-    solve,
     solve_all,
     training_groups,
 )
