@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 
 import jaxdem
 from benchmarks import harness
-from jaxdem.setup.time_steps import time_steps
+from tests.cases.steps import time_steps
 
 ROOT = Path(__file__).parents[1]
 SCENES = ("injection.toml", "injection_demo.toml", "chute.toml")

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 import jaxdem
 from benchmarks import harness
 from jaxdem import metrics
-from jaxdem.setup.time_steps import time_steps
+from tests.cases.steps import time_steps
 
 MODULI = (7e6, 7e7, 7e8, 7e9, 7e10)
 SCENE = Path(__file__).parents[1] / "scenes" / "injection_demo.toml"

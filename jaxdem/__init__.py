@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from jaxdem.run.rollout import Rollout, rollout
     from jaxdem.run.simulate import simulate
     from jaxdem.scene import Scene, load_scene
-    from jaxdem.setup.build import build, initial_state
+    from jaxdem.setup.builder import build, initial_state
     from jaxdem.simulation import Simulation
 
 __all__ = [
@@ -39,8 +39,8 @@ _MODULES = {
     "RunError": "errors",
     "Scene": "scene",
     "Simulation": "simulation",
-    "build": "setup.build",
-    "initial_state": "setup.build",
+    "build": "setup.builder",
+    "initial_state": "setup.builder",
     "load_run": "io",
     "load_scene": "scene",
     "rollout": "run.rollout",

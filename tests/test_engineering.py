@@ -23,7 +23,7 @@ from jaxdem.check.run_cost import FACTOR, run_cost
 from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.particles.neighbors import Room
-from jaxdem.setup.initial import scene_bodies
+from jaxdem.setup.particles import particle_setup
 
 SCENES = Path(__file__).parents[1] / "scenes"
 DIAMETER, DENSITY, FLUID, VISCOSITY = np.array([1e-4, 2e-2]), np.array([2650.0, 1200.0]), 1000.0, 1e-6
@@ -119,7 +119,7 @@ def test_the_load_on_a_screen_is_the_drag_of_all_that_is_carried_there():
     still = {"domain": {"gravity": [0.0, 0.0]}, "contact": {"speed": 0.5}}
     scene = scene_with(boundary=flow, coupling={"drag": "stokes"}, fluid={"viscosity": 1.0}, **still)
     simulation, parameters = build(scene)
-    load = screen_load(scene, simulation, parameters, scene_bodies(scene), 20)
+    load = screen_load(scene, simulation, parameters, particle_setup(scene).bodies, 20)
     void = 1.0 - 0.85 * 2.0 / 3.0
     force = 20 / 10 * 3.0 * math.pi * 1000.0 * 0.02 * 3.0 / void**2
     assert load.side == "top"
@@ -131,7 +131,7 @@ def test_the_load_on_a_screen_is_the_drag_of_all_that_is_carried_there():
     said = [one for one in check_scene(soft).warnings if "top" in one]
     assert said and said[0].startswith("contact.young_modulus = 1e+06")
     removed = scene_with(boundary={**flow, "top": {"kind": "outlet", "particles": "remove"}})
-    assert screen_load(removed, *build(removed), scene_bodies(removed), 20) is None
+    assert screen_load(removed, *build(removed), particle_setup(removed).bodies, 20) is None
 
 
 # --- Costs ---------------------------------------------------------------------------------------------
@@ -157,7 +157,7 @@ def test_one_large_grain_among_small_ones_is_dear_and_said_so():
     cost = run_cost(simulation, listed(1001, 893, 315_172, 652))
     assert 52.0 / FACTOR < cost.over_equal < 52.0 * FACTOR
     assert run_cost(simulation, listed(1001, 8, 3255, 6)).over_equal == pytest.approx(1.0, rel=0.01)
-    dear, one_law = cautions(scene, scene_bodies(scene), None, None, cost)
+    dear, one_law = cautions(scene, particle_setup(scene).bodies, None, None, cost)
     assert "particles.radius" in dear and "893" in dear
     assert "coupling.drag = 'wen_yu'" in one_law and "1 : 50" in one_law
 

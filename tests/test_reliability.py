@@ -25,8 +25,8 @@ from jaxdem.report.comparison import Comparison, Row, write_csv
 from jaxdem.run.restart import origin, require_same_origin
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.magnitudes import check_magnitudes
-from jaxdem.setup.time_steps import time_steps
 from tests.cases import damage, hostile
+from tests.cases.steps import time_steps
 
 DOMAIN = "[domain]\nsize = [0.4, 0.3]\n"
 

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jaxdem import InputError, build, initial_state, load_scene, rollout
+from jaxdem import InputError, build, initial_state, load_scene, rollout, simulate
 from jaxdem.run.simulate import samples_every
 from jaxdem.scene import parse_override
-from jaxdem.setup.initial import check_initial_positions, initial_positions
-from jaxdem.setup.time_steps import time_steps
+from jaxdem.setup.overlaps import check_initial_positions
+from jaxdem.setup.particles import particle_setup
+from tests.cases.steps import time_steps
 
 VALID = {
     "seed": 3,
@@ -328,7 +328,7 @@ def test_a_hair_below_zero_is_on_the_other_side_of_a_periodic_box():
     tables = placed([-1e-18, 0.1], [0.2, 0.1])
     tables["boundary"] = {name: {"kind": "periodic"} for name in ("left", "right")}
     build(load_scene(tables))
-    check_initial_positions(load_scene(tables), np.array([[-1e-18, 0.1], [0.2, 0.1]]))
+    check_initial_positions(particle_setup(load_scene(tables)))
 
 
 def test_a_parabola_needs_ends_that_hold_the_fluid():
@@ -454,20 +454,20 @@ def test_a_file_that_is_not_there_or_a_folder_is_refused(tmp_path):
 def test_overlapping_particles_are_refused_by_number_and_place():
     scene = load_scene(placed((0.1, 0.1), (0.2, 0.2), (0.215, 0.2)))
     with pytest.raises(InputError, match=r"particles 1 and 2 at .*overlap by 25 %"):
-        check_initial_positions(scene, initial_positions(scene))
+        check_initial_positions(particle_setup(scene))
 
 
 @pytest.mark.parametrize(("point", "wall"), [((0.005, 0.2), "left"), ((0.2, 0.5), "top"), ((-1.0, 0.2), "left")])
 def test_a_particle_outside_the_box_is_refused(point, wall):
     scene = load_scene(placed((0.1, 0.1), point))
     with pytest.raises(InputError, match=rf"particle 1 at .*{wall}"):
-        check_initial_positions(scene, initial_positions(scene))
+        check_initial_positions(particle_setup(scene))
 
 
 def test_a_pack_that_is_too_small_is_refused_with_what_it_holds():
     scene = load_scene(changed("particles.count", 500))
     with pytest.raises(InputError, match=r"the pack holds \d+ particles") as caught:
-        initial_positions(scene)
+        _ = particle_setup(scene).position
     assert caught.value.key == "particles.count"
 
 
@@ -495,7 +495,7 @@ def test_rows_from_a_file_are_named_relative_to_the_scene(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(load_scene(placed((0.1, 0.1))).to_toml().replace("placed", ""))
     scene = load_scene(path, {"particles": tables["particles"]})
-    assert initial_positions(scene).tolist() == [[0.1, 0.1], [0.2, 0.2]]
+    assert particle_setup(scene).position.tolist() == [[0.1, 0.1], [0.2, 0.2]]
 
 
 def test_the_papers_unstable_step_is_refused_naming_the_stable_one():
@@ -665,3 +665,11 @@ def test_tables_of_a_scene_are_that_scene(name):
     """Without a fluid, with both, with a patch of a side."""
     scene = load_scene(Path(__file__).parents[1] / "scenes" / f"{name}.toml")
     assert load_scene(scene.tables()).to_toml() == scene.to_toml()
+
+
+def test_a_keyword_of_another_name_is_refused_by_build_and_simulate(tmp_path):
+    scene = load_scene(VALID)
+    for work in (lambda: build(scene, wall=[]), lambda: simulate(scene, tmp_path / "run", wall=[])):
+        with pytest.raises(TypeError, match="'wall'"):
+            work()
+    assert not (tmp_path / "run").exists()

@@ -11,10 +11,12 @@ import pytest
 
 from jaxdem import InputError, build, initial_state, load_scene, simulate
 from jaxdem.check.check import check_scene
+from jaxdem.particles import packing
 from jaxdem.particles.packing import REACHABLE
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane
-from jaxdem.setup.initial import initial_positions
-from jaxdem.setup.time_steps import time_steps
+from jaxdem.setup.builder import build_case
+from jaxdem.setup.particles import particle_setup
+from tests.cases.steps import time_steps
 
 PLANE = {"kind": "plane", "point": [0.0, 0.1], "normal": [0.0, 2.0]}
 CIRCLE = {"kind": "cylinder", "center": [0.2, 0.2], "radius": 0.15}
@@ -234,13 +236,13 @@ def random(count, dimension=2, **more):
 @pytest.mark.parametrize(("dimension", "count"), [(2, 120), (3, 1000)])
 def test_a_random_pack_has_its_count_and_its_seed(dimension, count):
     scene = load_scene(random(count, dimension))
-    position = initial_positions(scene)
+    position = particle_setup(scene).position
     assert position.shape == (count, dimension)
     assert position.min() >= 0.06 and position.max() <= 0.34
     distance = np.linalg.norm(position[:, None] - position[None], axis=2) + np.eye(count)
     assert distance.min() >= 1.01 * 0.02
-    np.testing.assert_array_equal(initial_positions(load_scene(random(count, dimension))), position)
-    other = initial_positions(load_scene(random(count, dimension) | {"seed": 1}))
+    np.testing.assert_array_equal(particle_setup(load_scene(random(count, dimension))).position, position)
+    other = particle_setup(load_scene(random(count, dimension) | {"seed": 1})).position
     assert np.abs(other - position).max() > 0.01
     starts(random(count, dimension))
 
@@ -250,7 +252,7 @@ def test_a_pack_that_is_too_dense_is_refused_naming_the_limit(dimension):
     """The number of particles at which the limit lies, by hand: accepted or tried below, refused above."""
     unit = math.pi if dimension == 2 else 4 / 3 * math.pi
     most = REACHABLE[dimension] * 0.3**dimension / (unit * 0.01**dimension)
-    error = refusal(random(math.ceil(most), dimension, spacing=1.0), lambda t: initial_positions(load_scene(t)))
+    error = refusal(random(math.ceil(most), dimension, spacing=1.0), lambda t: particle_setup(load_scene(t)).position)
     assert error.key == "particles.count"
     assert f"the limit is {100 * REACHABLE[dimension]:g} %" in str(error) and "use a lattice" in error.remedy
 
@@ -260,7 +262,7 @@ def test_a_box_too_small_for_its_share_ends_with_a_message():
     = 1.27 cm apart at most."""
     given = random(3, stop=[0.0753, 0.0753], spacing=1.0)
     given["particles"]["radius"] = 0.0065
-    error = refusal(given, lambda t: initial_positions(load_scene(t)))
+    error = refusal(given, lambda t: particle_setup(load_scene(t)).position)
     assert error.key == "particles.count" and "have room" in str(error) and "use a lattice" in error.remedy
 
 
@@ -278,7 +280,17 @@ def test_a_random_pack_that_cannot_be_is_refused_naming_the_key(change, key):
     given = random(3, **change)
     pack = given["particles"]["pack"]
     given["particles"]["pack"] = {name: value for name, value in pack.items() if value is not ...}
-    assert refusal(given, lambda t: initial_positions(load_scene(t))).key == key
+    assert refusal(given, lambda t: particle_setup(load_scene(t)).position).key == key
     given = random(3)
     del given["particles"]["count"]
     assert refusal(given).key == "particles.count"
+
+
+def test_a_random_pack_is_laid_out_once(monkeypatch):
+    laid_out = []
+    random_pack = packing.random_pack
+    monkeypatch.setattr(packing, "random_pack", lambda *given: laid_out.append(1) or random_pack(*given))
+    case = build_case(load_scene(random(20, 2)))
+    assert laid_out == []  # the builders need sizes and numbers only
+    case.initial_state()
+    assert laid_out == [1]

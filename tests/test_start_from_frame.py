@@ -8,7 +8,7 @@ import pytest
 from jaxdem import InputError, build, initial_state, load_run, load_scene, simulate
 from jaxdem.particles.packing import deepest_overlap
 from jaxdem.scene.rows import rows_of
-from jaxdem.setup.initial import INSERTION_OVERLAP
+from jaxdem.setup.overlaps import INSERTION_OVERLAP
 
 RADIUS, SIZE, FRAMES = 0.01, (0.05, 0.2), 12
 TABLES = {

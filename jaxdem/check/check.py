@@ -21,10 +21,8 @@ from jaxdem.fluid.interval import VISCOUS_LIMIT
 from jaxdem.run.simulate import samples_every
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
-from jaxdem.setup.bodies import material_table
-from jaxdem.setup.build import build, initial_state
-from jaxdem.setup.initial import scene_bodies
-from jaxdem.setup.time_steps import boundary_speed
+from jaxdem.setup.boundaries import boundary_speed
+from jaxdem.setup.builder import Case, build_case
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -105,9 +103,10 @@ def check_scene(scene: Scene) -> CheckReport:
     Raises:
         InputError: whatever `simulate` would refuse before its first step.
     """
-    simulation, parameters = build(scene)
+    case = build_case(scene)
+    simulation, parameters, bodies = case.simulation, case.parameters, case.bodies
     samples_every(scene, simulation)
-    state, neighbors = initial_state(scene, simulation, parameters)
+    state, neighbors = case.initial_state()
     steps, fluid = simulation.steps, simulation.fluid
     time_steps: dict[str, float] = {
         "interval": steps.interval,
@@ -119,8 +118,7 @@ def check_scene(scene: Scene) -> CheckReport:
     if fluid is not None:
         time_steps |= {"fluid": steps.interval / steps.fluid_substeps, "fluid_substeps": steps.fluid_substeps}
     spacing = fluid.solver.grid.spacing if fluid is not None else None
-    bodies = scene_bodies(scene)
-    diameter = 2.0 * float(np.max(bodies.radius)) if scene.particles else None
+    diameter = bodies.largest_diameter if scene.particles else None
     count = 0 if state.particles is None else len(state.particles.position)
     load = screen_load(scene, simulation, parameters, bodies, count)
     cost = run_cost(simulation, neighbors)
@@ -151,7 +149,7 @@ def check_scene(scene: Scene) -> CheckReport:
         population=_population(scene, simulation, state),
         compiled_in=compiled_in,
         left_out=left_out,
-        **_particle_figures(scene, simulation),
+        **_particle_figures(case),
     )
 
 
@@ -195,18 +193,16 @@ def slip_error(contact_steps: float) -> float:
     return 0.09 * (20.0 / contact_steps) ** 0.92
 
 
-def _particle_figures(scene: Scene, simulation: Simulation) -> dict[str, float | None]:
+def _particle_figures(case: Case) -> dict[str, float | None]:
     """Errors of restitution and slip, resting overlap and its resolution, relaxation time; None without particles."""
     names = ("restitution_error", "slip_error", "resting_overlap", "overlap_resolution", "relaxation_time")
     figures: dict[str, float | None] = dict.fromkeys(names)
-    particles, contact = scene.particles, scene.contact
-    steps = simulation.steps
-    if particles is None or contact is None or simulation.contact is None or steps.contact is None:
+    scene, particles, steps = case.scene, case.particles, case.simulation.steps
+    if particles is None or steps.contact is None:
         return figures
-    bodies = scene_bodies(scene)
-    radius, density = float(np.min(bodies.radius)), float(np.min(bodies.density))
+    contact, bodies, table = particles.contact, particles.bodies, particles.materials
+    radius, density = bodies.smallest_radius, float(np.min(bodies.density))
     mass = 4.0 / 3.0 * math.pi * radius**3 * density
-    table = material_table(scene)
     moduli = contact.young_modulus / (1.0 - contact.poisson_ratio**2)
     if table is not None:  # the stiffest has the smallest overlap to resolve
         used = np.unique(bodies.material)
@@ -225,7 +221,7 @@ def _particle_figures(scene: Scene, simulation: Simulation) -> dict[str, float |
         figures["resting_overlap"] = overlap / (2.0 * radius)
         if scene.precision == "float32":
             # Between two builds of the list a particle moves half a skin at most.
-            moved = 0.5 * simulation.search.geometry.skin
+            moved = 0.5 * case.simulation.search.geometry.skin
             figures["overlap_resolution"] = FLOAT32_ROUNDING * moved / overlap
     if scene.fluid is not None and scene.fluid.viscosity > 0.0:
         viscosity = scene.fluid.density * scene.fluid.viscosity

@@ -16,7 +16,7 @@ from jaxdem.fluid.boundary import net_inflow
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.bodies import Bodies
-from jaxdem.setup.time_steps import boundary_speed
+from jaxdem.setup.boundaries import boundary_speed
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters
 

@@ -23,7 +23,7 @@ from jaxdem.particles.packing import into_period
 from jaxdem.run.profile import WORTH_SPLITTING, estimate_stages
 from jaxdem.run.totals import Totals
 from jaxdem.scene import Scene
-from jaxdem.setup.initial import scene_bodies
+from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.version import __version__
@@ -175,25 +175,25 @@ def sample_of(
     return sample | {f"face_velocity_{axis}": np.asarray(u) for axis, u in enumerate(before.fluid.face_velocity)}
 
 
-def sample_attributes(scene: Scene, simulation: Simulation) -> dict[str, Any]:
+def sample_attributes(case: Case) -> dict[str, Any]:
     """Constants that a reader of samples.h5 needs."""
-    assert scene.fluid is not None and scene.coupling is not None and scene.particles is not None
-    bodies = scene_bodies(scene)
-    assert simulation.coupling is not None
+    scene, bodies = case.scene, case.bodies
+    fluid, coupling = scene.fluid, scene.coupling
+    assert fluid is not None and coupling is not None
     return {
-        "drag": scene.coupling.drag,
+        "drag": coupling.drag,
         "closure": scene.closure.file or "",
-        "fluid_density": scene.fluid.density,
-        "kinematic_viscosity": scene.fluid.viscosity,
-        "cells": np.asarray(scene.fluid.cells),
+        "fluid_density": fluid.density,
+        "kinematic_viscosity": fluid.viscosity,
+        "cells": np.asarray(fluid.cells),
         "size": np.asarray(scene.domain.size),
         "depth": scene.domain.depth or 1.0,
-        "kernel_half_width": np.asarray(simulation.coupling.deposition.half_width),
-        "kernel_diameters": scene.coupling.kernel_width.diameters,
-        "kernel_cells": scene.coupling.kernel_width.cells,
+        "kernel_half_width": np.asarray(case.simulation.half_width),
+        "kernel_diameters": coupling.kernel_width.diameters,
+        "kernel_cells": coupling.kernel_width.cells,
         "radius": bodies.radius,
         "particle_density": bodies.density,
-        "interval": simulation.interval,
+        "interval": case.simulation.interval,
         "dimension": scene.dimension,
     }
 

@@ -21,6 +21,9 @@ KEPT_STEPS = 128
 """Up to this length reverse mode keeps the state of every step. The contact steps within a single interval
 keep 50 to 250 states anyway; a second level of checkpoints costs a fourth forward run, and its compilation."""
 
+Carry = tuple[State, Neighbors | None, Array]
+"""State, its list, and the flags of all steps so far."""
+
 
 class Rollout(NamedTuple):
     """Result of a rollout.
@@ -94,7 +97,7 @@ def measured_rollout(
             share one program, with the memory of the longest. None takes all `steps`.
     """
 
-    def one(carry: Any) -> tuple[Any, Any]:
+    def one(carry: Carry) -> tuple[Carry, Any]:
         state, neighbors, code = carry
         state, neighbors, diagnostics = simulation.step(parameters, state, neighbors)
         seen = None if measure is None else measure(state, diagnostics)
@@ -103,20 +106,21 @@ def measured_rollout(
     length = steps if steps <= KEPT_STEPS else math.isqrt(steps)
     count = -(-steps // max(length, 1))
 
-    def none(carry: Any) -> tuple[Any, Any]:
+    def none(carry: Carry) -> tuple[Carry, Any]:
         return carry, jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(one, carry)[1])
 
     @jax.checkpoint
-    def checked(carry: Any, number: Array) -> tuple[Any, Any]:
+    def checked(carry: Carry, number: Array) -> tuple[Carry, Any]:
         # The last stretch is filled up with steps left out: a loop of its own would compile it all once more.
         if stop is None and count * length == steps:
             return one(carry)
         return lax.cond(number < (steps if stop is None else stop), one, none, carry)
 
-    def stretch(carry: Any, numbers: Array) -> tuple[Any, Any]:
+    def stretch(carry: Carry, numbers: Array) -> tuple[Carry, Any]:
         return lax.scan(checked, carry, numbers)
 
-    carry, numbers = (state, neighbors, jnp.zeros((), jnp.int32)), jnp.arange(count * length)
+    carry: Carry = (state, neighbors, jnp.zeros((), jnp.int32))
+    numbers = jnp.arange(count * length)
     if count <= 1:
         carry, observations = stretch(carry, numbers)
         return Rollout(*carry, observations)

@@ -5,25 +5,20 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Unpack
 
 import jax
 import numpy as np
-from jax import Array
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import OF_PARTICLES, Failure
-from jaxdem.fluid.inlet import InletProfile
-from jaxdem.fluid.side_conditions import SideCondition
-from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.run_directory import SCENE
-from jaxdem.particles.contact import ContactLaw
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program
 from jaxdem.run.diagnosis import diagnosis
@@ -45,7 +40,8 @@ from jaxdem.run.restart import (
 from jaxdem.run.signals import Caught, Stopped, noted_signals
 from jaxdem.run.totals import Totals
 from jaxdem.scene import Scene
-from jaxdem.setup.build import build, initial_state
+from jaxdem.setup.builder import build, build_case
+from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.time_steps import simulated_time
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -72,30 +68,23 @@ def simulate(
     out: str | Path,
     *,
     closure: DragClosure | None = None,
-    walls: Sequence[Callable[[Array], Array]] = (),
-    contact_law: ContactLaw | None = None,
-    inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None = None,
-    subgrid: SubgridLaw | None = None,
-    side_conditions: Mapping[str, SideCondition] | None = None,
     resume: bool = False,
     progress: Progress | None = None,
     profile: bool = False,
+    **extensions: Unpack[Extensions],
 ) -> Run:
     """Runs a scene to its end and writes the run directory.
 
     Args:
         scene: from `jaxdem.load_scene`.
         out: run directory; must be new or empty unless `resume`.
-        closure: drag law or learned closure in place of the scene's, see `jaxdem.build`. This and the next four are
+        closure: drag law or learned closure in place of the scene's, see `jaxdem.build`. This and the extensions are
             not in the scene file: a resumed run must be given the same.
-        walls: signed distances of further walls.
-        contact_law: in place of the scene's.
-        inlet_profiles: in place of the scene's, by the side's name.
-        subgrid: closure of the subgrid stress in place of the scene's.
-        side_conditions: in place of the scene's kinds of sides, by the side's name.
         resume: go on from the directory's checkpoint.
         progress: called now and then, at every output at least.
-        profile: compile fluid and particles apart and measure both in every interval, for `stages_s` of the summary; slower.
+        profile: compile fluid and particles apart and measure both in every interval, for `stages_s` of the summary;
+            slower.
+        extensions: further parts in place of the scene's, see `jaxdem.build`.
 
     Returns:
         The run, as `jaxdem.load_run` gives it.
@@ -108,13 +97,14 @@ def simulate(
     complete = resume and RunDirectory.is_complete(out)
     if complete:
         RunDirectory.require_same_scene(out, scene.to_toml())
-    simulation, parameters = build(scene, closure, walls, contact_law, inlet_profiles, subgrid, side_conditions)
+    case = build_case(scene, closure, **extensions)
+    simulation, parameters = case.simulation, case.parameters
     if complete:
         require_same_parameters(out, origin(scene.to_toml(), parameters))
         return load_run(out)
     every = samples_every(scene, simulation)
-    state, neighbors = initial_state(scene, simulation, parameters)
-    attributes = sample_attributes(scene, simulation) if every else None
+    state, neighbors = case.initial_state()
+    attributes = sample_attributes(case) if every else None
     opener = RunDirectory.resume if resume else RunDirectory.create
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
     with noted_signals() as caught, opener(out, scene.to_toml(), attributes) as directory:

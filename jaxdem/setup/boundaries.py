@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,59 +11,90 @@ import numpy as np
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary, Side, net_inflow, open_fraction
 from jaxdem.fluid.grid import Grid
-from jaxdem.fluid.inlet import InletProfile
+from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.scene import Scene
-from jaxdem.setup.time_steps import inlet_profiles
+from jaxdem.scene.boundary import parabolic_axes
 
 
 def scene_boundary(
-    scene: Scene, given: Mapping[str, Sequence[InletProfile | None]], own: Mapping[str, SideCondition]
+    scene: Scene,
+    profiles: Mapping[str, Sequence[InletProfile | None]] | None,
+    conditions: Mapping[str, SideCondition] | None,
 ) -> Boundary:
     """The sides of the box.
 
     Args:
         scene: the scene.
-        given: profiles of inlets in place of the scene's, by the side's name.
-        own: conditions in place of the scene's kinds, by the side's name.
+        profiles: of inlets in place of the scene's, by the side's name.
+        conditions: in place of the scene's kinds, by the side's name.
 
     Raises:
         InputError: of a profile or condition that does not fit its side.
     """
-    _check_conditions(scene, own)
-    for name, profiles in given.items():
-        if name not in scene.sides or scene.boundary[name].kind != "inlet":
-            known = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
-            raise InputError("inlet_profiles", name, "is not an inlet", f"the inlets are: {', '.join(known) or 'none'}")
-        if len(profiles) != scene.dimension - 1:
-            raise InputError(
-                f"inlet_profiles.{name}",
-                len(profiles),
-                f"a side has {scene.dimension - 1} axes",
-                "give a profile, or None, for each of them",
-            )
+    profiles, conditions = profiles or {}, conditions or {}
+    _check_conditions(scene, conditions)
+    _check_profiles(scene, profiles)
     sides = []
     for number, name in enumerate(scene.sides):
-        side = scene.boundary[name]
-        sides.append(
-            Side(
-                number // 2,
-                bool(number % 2),
-                side.kind,
-                side.from_,
-                side.to,
-                side.ramp_time or 0.0,
-                tuple(given[name]) if name in given else inlet_profiles(scene, name),
-                side.times,
-                own.get(name),
-            )
+        table = scene.boundary[name]
+        side = Side(
+            axis=number // 2,
+            upper=bool(number % 2),
+            kind=table.kind,
+            start=table.from_,
+            stop=table.to,
+            ramp_time=table.ramp_time or 0.0,
+            profile=tuple(profiles[name]) if name in profiles else inlet_profiles(scene, name),
+            times=table.times,
+            own=conditions.get(name),
         )
+        sides.append(side)
     return Boundary(tuple(sides))
 
 
-def _check_conditions(scene: Scene, own: Mapping[str, SideCondition]) -> None:
+def inlet_profiles(scene: Scene, name: str) -> tuple[InletProfile | None, ...] | None:
+    """Profile of a side for each of its axes, None where it is even; None if it is so in all."""
+    side = scene.boundary[name]
+    if side.profile == "parabolic":
+        return tuple(Parabola() if zero else None for zero in parabolic_axes(scene, name, side))
+    if side.positions is not None and side.values is not None:
+        return (None,) * (scene.dimension - 2) + (LinearTable(side.positions, side.values),)
+    return None
+
+
+def boundary_speed(scene: Scene) -> float:
+    """Largest speed that a boundary, or the initial fluid, imposes [m/s]."""
+    speeds = [0.0]
+    for name, side in scene.boundary.items():
+        peak = math.prod(profile.peak for profile in inlet_profiles(scene, name) or () if profile is not None)
+        for velocity in (side.velocity, *(side.velocities or ())):
+            if isinstance(velocity, tuple):
+                speeds.append(peak * math.hypot(*velocity))
+    if scene.fluid is not None and scene.fluid.velocity is not None:
+        speeds.append(math.hypot(*scene.fluid.velocity))
+    return max(speeds)
+
+
+def _check_profiles(scene: Scene, profiles: Mapping[str, Sequence[InletProfile | None]]) -> None:
+    inlets = [side for side in scene.sides if scene.boundary[side].kind == "inlet"]
+    for name, given in profiles.items():
+        if name not in inlets:
+            raise InputError(
+                "inlet_profiles", name, "is not an inlet", f"the inlets are: {', '.join(inlets) or 'none'}"
+            )
+        if len(given) != scene.dimension - 1:
+            raise InputError(
+                f"inlet_profiles.{name}",
+                len(given),
+                f"a side has {scene.dimension - 1} axes",
+                "give a profile, or None, for each of them",
+            )
+
+
+def _check_conditions(scene: Scene, conditions: Mapping[str, SideCondition]) -> None:
     ends = [side for number, side in enumerate(scene.sides) if not scene.periodic[number // 2]]
-    for name in own:
+    for name in conditions:
         if name not in ends:
             known = f"sides: {', '.join(ends) or 'none'}"
             raise InputError("side_conditions", name, "is not a side at which the fluid ends", known)
@@ -110,5 +142,6 @@ def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
                 f"boundary.{key}.velocity",
                 f"the inflow exceeds the outflow by {net:.4g} m3/s at t = {time:g} s",
                 "an incompressible fluid without an outlet needs equal inflow and outflow",
-                'make a side an outlet (boundary.<side>.kind = "outlet"), or let the inlets remove as much as they bring',
+                'make a side an outlet (boundary.<side>.kind = "outlet"), or let the inlets remove as much as they '
+                "bring",
             )

@@ -11,6 +11,8 @@ import numpy as np
 from jaxdem.errors import InputError
 from jaxdem.particles.surfaces import Surface
 from jaxdem.particles.walls import BoxSide
+from jaxdem.scene import Scene
+from jaxdem.setup.walls import wall_keys
 
 SAMPLES = 32
 """Points of the box at which surfaces are compared; a plane is known by D + 1 of them, a cylinder by a few more."""
@@ -19,21 +21,16 @@ NEAR = 0.01
 """Two walls count as one where they are nearer to each other than this part of a diameter, in all of the box [-]."""
 
 
-def check_coincident(
-    sides: Sequence[tuple[str, BoxSide]],
-    surfaces: Sequence[tuple[str, Surface]],
-    box: tuple[float, ...],
-    diameter: float,
-) -> None:
+def check_coincident(scene: Scene, sides: Sequence[BoxSide], surfaces: Sequence[Surface], diameter: float) -> None:
     """Refuses a surface with the distance of a side of the box, or of another surface, everywhere in the box.
 
-    A particle that touches both has two contacts where one is meant: twice the stiffness and twice the dashpot (a rebound of
-    0.157 for a restitution of 0.3, linear law). Surfaces that face opposite ways have opposite distances.
+    A particle that touches both has two contacts where one is meant: twice the stiffness and twice the dashpot (a
+    rebound of 0.157 for a restitution of 0.3, linear law). Surfaces that face opposite ways have opposite distances.
 
     Args:
-        sides: walls of the box by name.
-        surfaces: walls beside it by name.
-        box: side lengths [m].
+        scene: that the walls belong to.
+        sides: walls of the box.
+        surfaces: walls beside it, those given as functions last.
         diameter: of the smallest particle [m].
 
     Raises:
@@ -41,15 +38,21 @@ def check_coincident(
     """
     if not surfaces:
         return
+    box = scene.domain.size
+    names = [key for key, _ in wall_keys(scene)]
+    names += [f"the function {k} of walls" for k in range(len(surfaces) - len(names))]
     points = np.random.default_rng(0).uniform(0.0, 1.0, (SAMPLES, len(box))) * np.asarray(box)
     places, radius = jnp.asarray(points, jnp.result_type(float)), jnp.zeros((), jnp.result_type(float))
 
     @jax.jit  # as one program: outside of jit every operation would be compiled by itself
     def distances() -> list[jax.Array]:
-        return [-jax.vmap(surface.overlap, in_axes=(0, None))(places, radius) for _, surface in surfaces]
+        return [-jax.vmap(surface.overlap, in_axes=(0, None))(places, radius) for surface in surfaces]
 
-    earlier = [(name, side.inward * (points[:, side.axis] - side.coordinate)) for name, side in sides]
-    for (name, surface), distance in zip(surfaces, np.asarray(distances(), float), strict=True):
+    earlier = []
+    for side in sides:
+        name = f"the {scene.sides[2 * side.axis + (side.inward < 0)]} side of the box"
+        earlier.append((name, side.inward * (points[:, side.axis] - side.coordinate)))
+    for name, surface, distance in zip(names, surfaces, np.asarray(distances(), float), strict=True):
         for other, known in earlier:
             apart = float(np.max(np.abs(distance - known)))
             if apart < NEAR * diameter:

@@ -17,7 +17,7 @@ RANGE = {"float32": (1e-35, 1e35), "float64": (1e-280, 1e280)}
 """Sizes that a product of a scene's numbers may have: the range of the floats, with room for a factor of 1000."""
 
 LONGEST_SIDE = 1e9
-"""Of the box, in radii of the smallest particle: pairs of float32 then carry overlaps of some millionths of the radius."""
+"""Of the box, in radii of the smallest particle: pairs of float32 then carry overlaps of millionths of the radius."""
 
 LEAST_BYTES_PER_PARTICLE = 500
 """State, forces and neighbours of a particle in float32, measured by `jaxdem check`; a bound from below."""

@@ -6,9 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 
 def rayleigh_time(radius: float, density: float, young_modulus: float, poisson_ratio: float) -> float:
     """Time a Rayleigh wave takes around a sphere, pi R sqrt(rho/G) / (0.1631 nu + 0.8766) [s].
@@ -120,7 +117,7 @@ def linear_contact(mass: float, normal: float, tangential: float, restitution: f
 
 
 ROOM = {0: (0,), 1: (2, 1), 2: (6, 4, 2), 3: (12, 9, 5, 3)}
-"""Equal spheres that touch one at once, in so many free dimensions: in the pack, and with 1, 2, 3 walls in their place."""
+"""Equal spheres that touch one at once, by free dimensions: in the pack, and with 1, 2, 3 walls in their place."""
 
 LOPSIDED = {
     0: (0.0,),
@@ -152,9 +149,10 @@ def contact_stability_limit(
 
     C D may be replaced by its symmetric part, in which a dashpot counts 4 for u u, 2 for w w and 3 for u w; with 9/4 in
     place of 2 that is the square of 2 u + 3/2 w. All matrices are then sums of squares over contacts, and
-    |a - b|^2 <= (1 + q) |a|^2 + (1 + 1/q) |b|^2: so the largest eigenvalue is at most that of one particle's own contacts, times 2 between equal particles (q = 1), 1 at a wall. With
-    k_n = dt^2 S_n + 4 dt c_n and k_t(D) = dt^2 S_t + D dt c_t, Z contacts of which at most n_Z act along one line and t_Z
-    on one axis of rotation (inertia 2/5 m r^2), and s_Z = |sum of their normals|,
+    |a - b|^2 <= (1 + q) |a|^2 + (1 + 1/q) |b|^2: so the largest eigenvalue is at most that of one particle's own
+    contacts, times 2 between equal particles (q = 1), 1 at a wall. With k_n = dt^2 S_n + 4 dt c_n and
+    k_t(D) = dt^2 S_t + D dt c_t, Z contacts of which at most n_Z act along one line and t_Z on one axis of rotation
+    (inertia 2/5 m r^2), and s_Z = |sum of their normals|,
 
         T = k_n n_Z + k_t(4) (Z - n_Z),   R = 5/2 k_t(9/4) t_Z,   X = sqrt(5/2) k_t(3) s_Z,
         dt at which  (T + R)/2 + sqrt((T - R)^2/4 + X^2) = 4 m.
@@ -246,48 +244,3 @@ def courant_time(speed: float, spacing: tuple[float, ...], courant: float) -> fl
 def viscous_time(viscosity: float, spacing: tuple[float, ...], limit: float) -> float:
     """Time step at which nu t sum(1/h^2) reaches `limit`; infinite without viscosity [s]."""
     return limit / (viscosity * sum(1.0 / h**2 for h in spacing)) if viscosity > 0.0 else math.inf
-
-
-def deconvolution_limit(half_width: Sequence[float], spacing: Sequence[float]) -> float:
-    """Largest a of `coupling.deconvolution` that does not grow in a pack that holds the fluid as fast as can be [-].
-
-    What is given back is of the velocity u at the start of an interval; the rest of the drag is implicit, face by face. For a
-    wave k, with B the resistance of the pack over the fluid's inertia, L = sum_k (2 - 2 cos k_k h_k), and T the part of the
-    wave that two faces and the kernel let through to a particle (and, of the force, back to the faces),
-
-        u' = u (1 - a B L <T^2>) / (1 + B),   T = cos(k_c h_c / 2) prod_k |sum_j w_j exp(i j k_k h_k)|
-
-    for component c, the mean taken over the places of particles in a cell: no larger than u for every B where a L <T^2> <= 1. Taken
-    is half of that, for drag that varies from grain to grain is worse (measured: by a quarter), and no more than 1/(L T^2) with all particles in
-    the middle of cells, where a kernel lets most through.
-
-    Args:
-        half_width: (D,) of the kernel, 0 for none [m].
-        spacing: (D,) [m].
-    """
-    wave = np.linspace(0.0, np.pi, 25)
-    curvature, anywhere, middle = np.zeros(()), np.ones(()), np.ones(())
-    faces = []
-    for axis, (width, size) in enumerate(zip(half_width, spacing, strict=True)):
-        along = [-1 if other == axis else 1 for other in range(len(spacing))]
-        passed = _passed_by_triangle(width / size, wave)
-        anywhere = anywhere * np.mean(passed, axis=0).reshape(along)
-        middle = middle * passed[len(passed) // 2].reshape(along)
-        curvature = curvature + (2.0 - 2.0 * np.cos(wave)).reshape(along)
-        faces.append(np.cos(0.5 * wave).reshape(along) ** 2)
-    return min(
-        share / max(float(np.max(curvature * face * part)) for face in faces)
-        for share, part in ((0.5, anywhere), (1.0, middle))
-    )
-
-
-def _passed_by_triangle(half_width: float, wave: NDArray[np.floating]) -> NDArray[np.floating]:
-    """|sum_j w_j exp(i j k)|^2 of a triangle at places across a cell, (places, waves); its half-width in cells, 0 for none."""
-    if half_width == 0.0:
-        return np.ones((1, len(wave)))
-    places = (np.arange(41) + 0.5) / 41 - 0.5
-    cells = np.arange(-math.ceil(half_width + 1.0), math.ceil(half_width + 1.0) + 1)
-    edges = np.append(cells - 0.5, cells[-1] + 0.5)
-    x = np.clip((edges[None] - places[:, None]) / half_width, -1.0, 1.0)
-    weights = np.diff(0.5 + x - 0.5 * x * np.abs(x), axis=1)
-    return np.abs(weights @ np.exp(1j * np.outer(cells, wave))) ** 2

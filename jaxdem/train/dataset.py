@@ -36,7 +36,7 @@ from jaxdem.io.outputs import refuse_what_is_read
 from jaxdem.io.samples import Samples
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene, named_files
-from jaxdem.setup.build import build
+from jaxdem.setup.builder import build
 from jaxdem.simulation import Simulation
 from jaxdem.train.dataset_file import SEEING, write_dataset
 

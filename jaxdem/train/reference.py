@@ -23,9 +23,7 @@ from jaxdem.numerics import vectors
 from jaxdem.particles.integrate import split_low
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
-from jaxdem.setup.build import build, initial_state
-from jaxdem.setup.initial import initial_positions, scene_bodies
-from jaxdem.setup.time_steps import time_steps
+from jaxdem.setup.builder import Case, build_case
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.train.closures import Closures
@@ -155,13 +153,14 @@ def follow(scene: Scene, run: Run, closures: Closures) -> Course:
     """
     _check_scene(scene, closures)
     _check_reference(scene, run)
-    _check_grains(scene, run)
-    per_output = _intervals_per_output(time_steps(scene).interval, run)
-    simulation, parameters = build(scene, closures.drag, subgrid=closures.subgrid)
+    case = build_case(scene, closures.drag, subgrid=closures.subgrid)
+    simulation, parameters = case.simulation, case.parameters
+    _check_grains(case, run)
+    per_output = _intervals_per_output(simulation.interval, run)
     if simulation.population is not None:
         limit = "training is not possible where particles enter or leave"
         raise InputError("particles", "inlets or exits", limit, "Take them out of the scene.")
-    template, _ = initial_state(scene, simulation, parameters)
+    template, _ = case.initial_state()
     course = Course(scene, simulation, parameters, run, template, per_output, targets=None)  # type: ignore[arg-type]
     return dataclasses.replace(course, targets=_targets(course))
 
@@ -235,14 +234,14 @@ def _check_reference(scene: Scene, run: Run) -> None:
         raise InputError("fluid.cells", scene.fluid.cells, limit, "Give as many cells as it has, or fewer.")
 
 
-def _check_grains(scene: Scene, run: Run) -> None:
+def _check_grains(case: Case, run: Run) -> None:
     frame = run.particles(0)
-    own, count = len(initial_positions(scene)), len(frame["position"])
+    own, count = 0 if case.particles is None else case.particles.count, len(frame["position"])
     remedy = "Take the reference's scene with fewer cells."
     if own != count:
         limit = f"the scene has {own} particles, the reference {count}"
         raise InputError("particles.count", own, limit, remedy)
-    radius = np.broadcast_to(scene_bodies(scene).radius, count)
+    radius = np.broadcast_to(case.bodies.radius, count)
     if not np.allclose(radius, frame["radius"], rtol=1e-5):
         raise InputError(
             "particles.radius", radius[:1].tolist(), "the grains of the reference have other radii", remedy

@@ -18,7 +18,8 @@ import numpy as np
 import jaxdem
 from jaxdem.closures import InvariantClosure, KochHill
 from jaxdem.failures import failures, first_meaning
-from jaxdem.setup.time_steps import time_steps
+from jaxdem.setup.boundaries import boundary_speed
+from tests.cases.steps import time_steps
 
 SCENES = Path(__file__).parents[2] / "scenes"
 PERIODIC = {side: {"kind": "periodic"} for side in ("left", "right", "bottom", "top")}
@@ -94,8 +95,6 @@ def available_energy(scene: Any, simulation: Any, parameters: Any, state: Any) -
             np.asarray(parameters.bodies.inertia) * np.sum(np.asarray(state.particles.angular_velocity) ** 2, axis=1)
         )
     )
-    from jaxdem.setup.time_steps import boundary_speed
-
     fluid_speed = boundary_speed(scene)
     # Carried along: a grain takes up the speed of the fluid, or what the fluid of the box has.
     return energy + 0.5 * float(np.sum(mass)) * (2.0 * fluid_speed) ** 2

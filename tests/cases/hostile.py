@@ -19,9 +19,10 @@ from pydantic import BaseModel
 from jaxdem.errors import InputError
 from jaxdem.failures import failures, first_meaning
 from jaxdem.scene import Scene, load_scene
-from jaxdem.setup.build import build, initial_state
-from jaxdem.setup.initial import check_initial_positions, initial_positions
-from jaxdem.setup.time_steps import time_steps
+from jaxdem.setup.builder import build, initial_state
+from jaxdem.setup.overlaps import check_initial_positions
+from jaxdem.setup.particles import particle_setup
+from tests.cases.steps import time_steps
 
 Tables = dict[str, Any]
 
@@ -377,7 +378,7 @@ def outcome(tables: Tables) -> str:
         scene.to_toml()
         steps = time_steps(scene)
         if scene.particles is not None:
-            check_initial_positions(scene, initial_positions(scene))
+            check_initial_positions(particle_setup(scene))
     except InputError as error:
         assert error.key and error.limit and error.remedy, error
         assert len(str(error)) < 2000, error

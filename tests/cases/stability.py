@@ -24,9 +24,13 @@ from jaxdem.particles.integrate import Motion, kinetic_energy
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
 from jaxdem.setup import stability
-from jaxdem.setup.time_steps import AUTO_COURANT, contact_stability, time_steps
+from jaxdem.setup.contact_bodies import contact_bodies
+from jaxdem.setup.contact_stability import contact_stability
+from jaxdem.setup.fluid_step import AUTO_COURANT
+from jaxdem.setup.particles import particle_setup
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
+from tests.cases.steps import time_steps
 
 WIDTH = 16
 """Steps tried at once."""
@@ -235,7 +239,8 @@ def contact_limit(name: str, material: str, **contact: Any) -> Limit:
     key = f"{name} {contact.get('law')}"
     simulation = _simulations.setdefault(key, simulation)  # one program for all materials
     depth = DEPTH * 2.0 * float(np.min(scene.particles.radius))
-    predicted = contact_stability(scene, 0.0, depth)
+    grains = particle_setup(scene)
+    predicted = contact_stability(grains, contact_bodies(grains), 0.0, depth)
     shape = state.particles.velocity.shape
     # So slow that no contact opens or slides before the growth is plain.
     noise = np.random.default_rng(0).normal(0.0, 1e-4 * depth / predicted, shape)

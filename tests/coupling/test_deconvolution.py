@@ -15,7 +15,7 @@ from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid, face_average, face_total, second_differences
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.setup.stability import deconvolution_limit
+from jaxdem.setup.deconvolution import deconvolution_limit
 
 CELLS, SIDE, DURATION, STRENGTH = 12, 0.24, 0.01, 0.2
 

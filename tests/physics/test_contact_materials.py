@@ -16,10 +16,10 @@ from jaxdem.particles.forces import MaterialIndex
 from jaxdem.particles.materials import SeveralMaterials, surroundings
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.surfaces import Plane
-from jaxdem.setup.bodies import material_table
-from jaxdem.setup.initial import initial_positions, scene_bodies
+from jaxdem.setup.materials import material_table
+from jaxdem.setup.particles import particle_setup
 from jaxdem.setup.stability import hertz_duration
-from jaxdem.setup.time_steps import time_steps
+from tests.cases.steps import time_steps
 from tests.cases.worlds import advance, batch, forces, track, world
 
 ELASTIC = {"soft": (1e9, 0.2), "hard": (1e10, 0.4)}
@@ -294,17 +294,17 @@ def mixed(**particles):
 def test_species_are_mixed_by_share_and_seed():
     """201 particles, 3 to 1: 151 and 50; every particle has the size, density and material of its species."""
     scene = mixed(species=SPECIES)
-    bodies = scene_bodies(scene)
+    bodies = particle_setup(scene).bodies
     assert sorted(np.unique(bodies.radius, return_counts=True)[1].tolist()) == [50, 151]
     np.testing.assert_array_equal(bodies.material, (bodies.radius > 0.015).astype(int))
     np.testing.assert_array_equal(bodies.density, np.where(bodies.radius > 0.015, 7800.0, 2500.0))
     assert 20 < np.flatnonzero(bodies.material).mean() / 201 * 100 < 80
-    other = scene_bodies(scene.model_copy(update={"seed": 4}))
+    other = particle_setup(scene.model_copy(update={"seed": 4})).bodies
     assert (other.material != bodies.material).any()
     again = jaxdem.load_scene(tomllib.loads(scene.to_toml()))
-    np.testing.assert_array_equal(scene_bodies(again).material, bodies.material)
+    np.testing.assert_array_equal(particle_setup(again).bodies.material, bodies.material)
     assert again == scene
-    position = initial_positions(scene)
+    position = particle_setup(scene).position
     depth = bodies.radius[:, None] + bodies.radius[None] - np.linalg.norm(position[:, None] - position, axis=2)
     assert depth[~np.eye(201, dtype=bool)].max() < 0.0
 
@@ -316,12 +316,12 @@ def test_sizes_and_densities_from_a_file(tmp_path):
     text = mixed(radius=0.01, density=1.0, material="soft").to_toml()
     text = text.replace("radius = 0.01", 'radius = "radius.csv"', 1).replace("density = 1.0", 'density = "density.npy"')
     (tmp_path / "scene.toml").write_text(text)
-    bodies = scene_bodies(jaxdem.load_scene(tmp_path / "scene.toml"))
+    bodies = particle_setup(jaxdem.load_scene(tmp_path / "scene.toml")).bodies
     np.testing.assert_allclose(bodies.radius, radius, rtol=1e-14)
     np.testing.assert_allclose(bodies.density, 1e5 * radius, rtol=1e-14)
     np.savetxt(tmp_path / "radius.csv", radius[1:])
     with pytest.raises(InputError, match="201 particles"):
-        scene_bodies(jaxdem.load_scene(tmp_path / "scene.toml"))
+        _ = particle_setup(jaxdem.load_scene(tmp_path / "scene.toml")).bodies
 
 
 @pytest.mark.parametrize(
@@ -344,6 +344,6 @@ def test_sizes_and_densities_from_a_file(tmp_path):
 def test_mistakes_are_named(particles, tables, key, words):
     base = {"radius": 0.01, "density": 2500.0, "position": [[0.5, 0.5, 0.5]]}
     with pytest.raises(InputError) as caught:
-        scene_bodies(jaxdem.load_scene({**TABLES, **tables, "particles": {**base, **particles}}))
+        _ = particle_setup(jaxdem.load_scene({**TABLES, **tables, "particles": {**base, **particles}})).bodies
     assert caught.value.key == key
     assert words in str(caught.value)

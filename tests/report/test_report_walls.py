@@ -24,7 +24,7 @@ from jaxdem.report.comparison import Entry, build
 from jaxdem.report.player import player
 from jaxdem.report.runs import history_until
 from jaxdem.scene.walls import NEEDED
-from jaxdem.setup.build import _of_wall
+from jaxdem.setup.walls import surfaces_of
 
 WALLS = {
     2: (
@@ -63,7 +63,7 @@ def test_walls_are_where_the_solver_has_them(dimension: int) -> None:
     for table in WALLS[dimension]:
         scene = scene_with(dimension, table)
         found = walls._distance(scene["walls"], points)
-        surfaces = _of_wall(load_scene(scene).walls[0])
+        surfaces = surfaces_of(load_scene(scene).walls[0])
         overlap = [jax.vmap(lambda x, s=s: s.overlap(x, jnp.zeros(())))(jnp.asarray(points)) for s in surfaces]
         np.testing.assert_allclose(found, -np.max(overlap, axis=0), atol=1e-12)
 

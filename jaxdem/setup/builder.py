@@ -1,0 +1,137 @@
+"""Scene -> Simulation, Parameters and State: the front door, a list of the parts with one builder each.
+
+Only this room knows both the description of a scene and what implements it. The parts of the user are keyword
+arguments and not an object, since `jaxdem.build(scene, walls=[...])` is how they have always been given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Unpack
+
+import jax
+import numpy as np
+
+from jaxdem.closures.base import DragClosure
+from jaxdem.errors import InputError
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.scene import Scene
+from jaxdem.setup.bodies import NO_BODIES, Bodies
+from jaxdem.setup.boundaries import scene_boundary
+from jaxdem.setup.closures import drag_closure
+from jaxdem.setup.contact import contact_interval
+from jaxdem.setup.coupling import fluid_coupling
+from jaxdem.setup.extensions import Extensions, refuse_unknown
+from jaxdem.setup.fluid import fluid_interval, fluid_setup
+from jaxdem.setup.magnitudes import check_magnitudes, check_memory
+from jaxdem.setup.parameters import scene_parameters
+from jaxdem.setup.particles import ParticleSetup, particle_setup
+from jaxdem.setup.population import population_of
+from jaxdem.setup.start import first_state
+from jaxdem.setup.time_steps import time_steps
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A scene that is ready to run.
+
+    Attributes:
+        scene: the scene.
+        particles: of it, with their positions and sizes; None without.
+        simulation: what is compiled.
+        parameters: its numbers.
+    """
+
+    scene: Scene
+    particles: ParticleSetup | None
+    simulation: Simulation
+    parameters: Parameters
+
+    @property
+    def bodies(self) -> Bodies:
+        """Size, density and material of all particles that there ever are; no entries in a scene without."""
+        return NO_BODIES if self.particles is None else self.particles.bodies
+
+    def initial_state(self) -> tuple[State, Neighbors | None]:
+        """See `jaxdem.initial_state`."""
+        return first_state(self.scene, self.particles, self.simulation, self.parameters)
+
+
+def build(
+    scene: Scene, closure: DragClosure | None = None, **extensions: Unpack[Extensions]
+) -> tuple[Simulation, Parameters]:
+    """The simulation of a scene, and its parameters.
+
+    Args:
+        scene: from `jaxdem.load_scene`.
+        closure: drag law or learned closure to use instead of the scene's `closure.file` or `coupling.drag`. One
+            that is a pytree goes into the parameters, and one may differentiate by its weights.
+        extensions: further parts in place of the scene's: `walls`, `contact_law`, `inlet_profiles`, `subgrid`,
+            `side_conditions`; see `jaxdem.setup.extensions.Extensions`.
+
+    Raises:
+        InputError: a step or size that the scene asks for cannot work.
+        TypeError: an extension of another name.
+    """
+    case = build_case(scene, closure, **extensions)
+    return case.simulation, case.parameters
+
+
+def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[State, Neighbors | None]:
+    """The state that a scene starts from, and its neighbour list.
+
+    Args:
+        scene: from `jaxdem.load_scene`.
+        simulation, parameters: from `jaxdem.build`.
+
+    Raises:
+        InputError: particles overlap each other or a wall, lie outside the box, or do not fit into their pack.
+    """
+    return Case(scene, particle_setup(scene), simulation, parameters).initial_state()
+
+
+def build_case(scene: Scene, closure: DragClosure | None = None, **extensions: Unpack[Extensions]) -> Case:
+    """`build`, with what it found out about the particles."""
+    refuse_unknown(extensions)
+    dtype = _dtype(scene)
+    check_memory(scene)
+    boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
+    particles, fluid = particle_setup(scene), fluid_setup(scene)
+    check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
+    steps = time_steps(scene, fluid, particles)
+    population = contact = interval = coupling = None
+    if particles is not None:
+        population = population_of(particles, steps.interval)
+        contact = contact_interval(particles, steps.contacts_per_interval, population, extensions, dtype)
+    if fluid is not None:
+        interval = fluid_interval(fluid, boundary, steps)
+    if interval is not None and particles is not None and scene.coupling is not None:
+        coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter)
+        closure = drag_closure(scene, scene.coupling, closure)
+    simulation = Simulation(
+        interval=steps.interval,
+        steps=steps,
+        box=scene.domain.size,
+        periodic=scene.periodic,
+        boundary=boundary,
+        contact=contact,
+        fluid=interval,
+        coupling=coupling,
+        population=population,
+    )
+    return Case(
+        scene, particles, simulation, scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
+    )
+
+
+def _dtype(scene: Scene) -> np.dtype[np.floating]:
+    if scene.precision == "float64" and not jax.config.read("jax_enable_x64"):
+        raise InputError(
+            "precision",
+            "float64",
+            "JAX computes in float32 by default",
+            'call jax.config.update("jax_enable_x64", True) first (the command line does)',
+        )
+    return np.dtype(scene.precision)

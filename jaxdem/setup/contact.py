@@ -1,0 +1,96 @@
+"""The contacts of a scene: neighbour list, walls, laws of contact and rolling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.forces import ContactModel, MaterialIndex
+from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.neighbors import NeighborGeometry, NeighborSearch
+from jaxdem.particles.population import Population
+from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot, RollingFriction
+from jaxdem.particles.walls import BoxSide, box_sides
+from jaxdem.setup.coincident_walls import check_coincident
+from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.walls import scene_surfaces
+
+CONTACT_LAWS: dict[str, Callable[[], ContactLaw]] = {
+    "hertz_mindlin": HertzMindlin,
+    "linear_spring_dashpot": LinearSpringDashpot,
+}
+ROLLING_MODELS: dict[str, Callable[[], RollingFriction]] = {
+    "cdt": ConstantDirectionalTorque,
+    "epsd": ElasticPlasticSpringDashpot,
+}
+
+
+def contact_interval(
+    particles: ParticleSetup,
+    steps: int,
+    population: Population | None,
+    extensions: Extensions,
+    dtype: np.dtype[np.floating],
+) -> ContactInterval:
+    """Contacts of the particles over a coupling interval.
+
+    Args:
+        particles: of the scene.
+        steps: number of contact steps.
+        population: how their number changes.
+        extensions: walls and contact law of the user.
+        dtype: of the positions.
+
+    Raises:
+        InputError: the box is too small for the neighbour list, or two walls are one.
+    """
+    bodies = particles.bodies
+    search = NeighborSearch(neighbor_geometry(particles), jnp.asarray(bodies.radius, dtype))
+    sides = _box_walls(particles, population)
+    surfaces = scene_surfaces(particles.scene, extensions.get("walls", ()), dtype)
+    check_coincident(particles.scene, sides, surfaces, 2.0 * bodies.smallest_radius)
+    table, index = particles.materials, None
+    if table is not None:
+        index = MaterialIndex(bodies.material, table.of_walls(len(sides), len(surfaces)), table.pair)
+    law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
+    model = ContactModel(law, _rolling(particles), sides, surfaces, index)
+    return ContactInterval(model, search, steps, reversible=False)
+
+
+def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
+    """Reach of the neighbour list; the automatic skin is 0.4 diameters.
+
+    That is the widest at which a dense layer still has fewer neighbours than `USUAL_SLOTS`: the list is
+    rebuilt half as often as with 0.2, and no wider.
+    """
+    scene, contact, cutoff = particles.scene, particles.contact, particles.bodies.largest_diameter
+    skin = (0.4 if contact.skin == "auto" else contact.skin) * cutoff
+    for axis, wraps in enumerate(scene.periodic):
+        needed = 3.0 * (cutoff + skin)
+        if wraps and scene.domain.size[axis] < needed:
+            raise InputError(
+                "domain.size",
+                scene.domain.size,
+                f"a periodic side must be at least {needed:.4g} m, three times the reach of the neighbour list",
+                "enlarge the box, or make that side a wall",
+            )
+    return NeighborGeometry(scene.domain.size, scene.periodic, cutoff, skin)
+
+
+def _box_walls(particles: ParticleSetup, population: Population | None) -> tuple[BoxSide, ...]:
+    """The sides of the box, without those at which particles leave."""
+    exits = () if population is None else population.exits
+    without = tuple((side.axis, -1 if side.upper else 1) for side in exits)
+    return box_sides(particles.scene.domain.size, particles.scene.periodic, without)
+
+
+def _rolling(particles: ParticleSetup) -> RollingFriction | None:
+    """The model of rolling friction; None where no contact has any."""
+    contact, table = particles.contact, particles.materials
+    largest = contact.rolling_friction if table is None else table.rolling_friction.max()
+    return ROLLING_MODELS[contact.rolling_model]() if largest > 0.0 else None

@@ -1,0 +1,127 @@
+"""How fluid and particles of a scene act on each other: deposition, corrections of the drag law, further forces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from jaxdem.coupling.coarse_inputs import CoarseInputs
+from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
+from jaxdem.coupling.drag import DragModel
+from jaxdem.coupling.forces import Basset, FluidForce, Magnus, RotationalDrag, SaffmanMei, VirtualMass
+from jaxdem.coupling.interpolation import KernelWidth, cells_under
+from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
+from jaxdem.errors import InputError
+from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.interval import FluidInterval
+from jaxdem.fluid.remap import coarsened
+from jaxdem.scene.coupling import Coupling as CouplingTable
+from jaxdem.setup.deconvolution import deconvolution_limit
+
+LIFT_LAWS: dict[str, Callable[[], FluidForce]] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
+MOST_KERNEL_CELLS = 8000
+"""A cube of 20: each takes some operations of the program, which would not be compiled within minutes."""
+
+
+def fluid_coupling(table: CouplingTable, fluid: FluidInterval, diameter: float) -> Coupling:
+    """The exchange between fluid and particles.
+
+    Args:
+        table: `[coupling]` of the scene.
+        fluid: solver and its steps.
+        diameter: of the largest particle [m].
+
+    Raises:
+        InputError: the kernel is too wide or too narrow for what is wanted.
+    """
+    grid = fluid.solver.grid
+    deposition = _deposition(table, grid, diameter)
+    drag = DragModel(
+        fluid.solver.model,
+        _self_disturbance(table, deposition, grid, diameter) if table.self_disturbance else None,
+        _coarse_inputs(table, grid, fluid.solver.boundary, diameter) if table.drag_inputs_coarsened > 1 else None,
+        _deconvolution(table, deposition, grid),
+    )
+    return Coupling(fluid, deposition, drag, _further_forces(table))
+
+
+def _further_forces(table: CouplingTable) -> tuple[FluidForce, ...]:
+    """The forces beside drag, pressure gradient and viscous force."""
+    forces: list[FluidForce] = [LIFT_LAWS[name]() for name in table.lift]
+    if table.rotational_drag:
+        forces.append(RotationalDrag())
+    if table.virtual_mass > 0.0:
+        forces.append(VirtualMass(table.virtual_mass))
+    if table.basset:
+        forces.append(Basset(table.basset))
+    return tuple(forces)
+
+
+def _deposition(table: CouplingTable, grid: Grid, diameter: float) -> Deposition:
+    if table.void_fraction == "centre":
+        return Centre((0.0,) * grid.dimension)
+    if table.void_fraction == "divided":
+        return Divided((0.5 * diameter,) * grid.dimension)
+    half_width = KernelWidth(table.kernel_width.diameters, table.kernel_width.cells).half_widths(grid, diameter)
+    for axis, (half, length) in enumerate(zip(half_width, grid.size, strict=True)):
+        # Two cells and a half-width on either side must not meet themselves round a periodic box.
+        if grid.periodic[axis] and 2.0 * half + 2.0 * grid.spacing[axis] > length:
+            raise _width_error(
+                table,
+                f"the kernel is {2.0 * half:.4g} m wide, too much for a periodic side of {length:.4g} m",
+                "narrow the kernel, or use more cells along that side",
+            )
+    if table.void_fraction != "kernel":
+        return Diffusion(half_width)
+    reached = math.prod(cells_under(half, h) for half, h in zip(half_width, grid.spacing, strict=True))
+    if reached > MOST_KERNEL_CELLS:
+        raise _width_error(
+            table,
+            f"the kernel of a particle reaches {reached:.3g} cells, and may reach {MOST_KERNEL_CELLS:,}",
+            'narrow the kernel, use fewer cells, or set coupling.void_fraction = "diffusion", which allows any width',
+        )
+    return Kernel(half_width)
+
+
+def _self_disturbance(table: CouplingTable, deposition: Deposition, grid: Grid, diameter: float) -> SelfDisturbance:
+    correction = SelfDisturbance(kernel_mobility(deposition.half_width, grid.spacing))
+    hidden = 3.0 * math.pi * diameter * correction.mobility
+    if hidden > LARGEST_STOKES_SHARE:
+        needed = hidden / LARGEST_STOKES_SHARE * max(deposition.half_width)
+        raise _width_error(
+            table,
+            f"the wake of a particle hides {100 * hidden:.3g} % of its slip with Stokes drag, and "
+            f"coupling.self_disturbance corrects up to {100 * LARGEST_STOKES_SHARE:.3g} %",
+            f"widen the kernel to a half-width of about {needed:.3g} m",
+        )
+    return correction
+
+
+def _width_error(table: CouplingTable, limit: str, remedy: str) -> InputError:
+    width = table.kernel_width
+    return InputError("coupling.kernel_width", {"diameters": width.diameters, "cells": width.cells}, limit, remedy)
+
+
+def _coarse_inputs(table: CouplingTable, grid: Grid, boundary: Boundary, diameter: float) -> CoarseInputs:
+    coarse = coarsened(grid, table.drag_inputs_coarsened)
+    deposition = _deposition(table, coarse, diameter)
+    return CoarseInputs(coarse, boundary, deposition, _deconvolution(table, deposition, coarse))
+
+
+def _deconvolution(table: CouplingTable, deposition: Deposition, grid: Grid) -> float:
+    """The strength of the deconvolution, if it is stable with these kernels on this mesh [-]."""
+    if table.deconvolution == 0.0:
+        return 0.0
+    width = deposition.half_width if table.void_fraction == "kernel" else (0.0,) * grid.dimension
+    limit = deconvolution_limit(width, grid.spacing)
+    if table.deconvolution > limit:
+        raise InputError(
+            "coupling.deconvolution",
+            table.deconvolution,
+            "in a dense pack the flow would grow from step to step; the limit with these cells and kernels is "
+            f"{limit:.3g}",
+            "lower it, or widen coupling.kernel_width",
+        )
+    return table.deconvolution

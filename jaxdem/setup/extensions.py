@@ -1,0 +1,52 @@
+"""Parts that a program of the user gives to `jaxdem.build` and `jaxdem.simulate` in place of, or beside, the scene's.
+
+They are keyword arguments of both, typed and described once, here. A part that is not given is that of the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypedDict
+
+from jax import Array
+
+from jaxdem.fluid.inlet import InletProfile
+from jaxdem.fluid.side_conditions import SideCondition
+from jaxdem.fluid.subgrid_stress import SubgridLaw
+from jaxdem.particles.contact import ContactLaw
+
+
+class Extensions(TypedDict, total=False):
+    """Keyword arguments of `jaxdem.build` and `jaxdem.simulate`.
+
+    Attributes:
+        walls: signed distances x (D,) [m] -> () [m], positive where particles may be, of walls beside those of
+            the scene; see `jaxdem.particles.surfaces.DistanceFunction`.
+        contact_law: to use instead of the scene's `contact.law`. The limits of the contact step and the overlap
+            stay those of the scene's law: name there the one that is most like it, or stiffer.
+        inlet_profiles: by the side's name, one for each of its other axes or None where it is even, instead of the
+            scene's `boundary.<side>.profile`; see `jaxdem.fluid.inlet.InletProfile`. The automatic fluid step
+            takes them for even; a faster flow is met by sub-steps, or by a flag.
+        subgrid: closure of the subgrid stress to use instead of the scene's `fluid.subgrid`. It goes into the
+            parameters, and one may differentiate by its weights.
+        side_conditions: by the side's name, what the fluid does there instead of what the scene's
+            `boundary.<side>.kind` says; see `jaxdem.fluid.side_conditions.SideCondition`. Checks of the scene and
+            limits of the fluid step are those of the kind: name there the one that is most like it.
+    """
+
+    walls: Sequence[Callable[[Array], Array]]
+    contact_law: ContactLaw | None
+    inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None
+    subgrid: SubgridLaw | None
+    side_conditions: Mapping[str, SideCondition] | None
+
+
+def refuse_unknown(extensions: Extensions) -> None:
+    """Python checks no keyword that is caught by `**`.
+
+    Raises:
+        TypeError: a keyword is none of `Extensions`.
+    """
+    for name in extensions.keys() - Extensions.__annotations__.keys():
+        known = ", ".join(("closure", *Extensions.__annotations__))
+        raise TypeError(f"build() got an unexpected keyword argument {name!r}; known: {known}")

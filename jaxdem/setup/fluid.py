@@ -1,0 +1,65 @@
+"""The fluid of a scene: its mesh, and the steps of an interval on it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+from jaxdem.fluid.advection import AdvectionScheme, Central, CentralFourth, Superbee, Upwind, VanLeer
+from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.interval import FluidInterval
+from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.scene import Scene
+from jaxdem.scene.fluid import Fluid
+from jaxdem.setup.boundaries import check_flow
+from jaxdem.structure import TimeSteps
+
+ADVECTION: dict[str, Callable[[], AdvectionScheme]] = {
+    "limited": VanLeer,
+    "superbee": Superbee,
+    "central": Central,
+    "central_4": CentralFourth,
+    "upwind": Upwind,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class FluidSetup:
+    """The fluid of a scene, and what several builders need of it.
+
+    Attributes:
+        scene: that it belongs to.
+        table: its table `[fluid]`.
+        grid: its mesh.
+    """
+
+    scene: Scene
+    table: Fluid
+    grid: Grid
+
+    @property
+    def velocity(self) -> tuple[float, ...]:
+        """(D,) at the start [m/s]."""
+        return self.table.velocity or (0.0,) * self.grid.dimension
+
+
+def fluid_setup(scene: Scene) -> FluidSetup | None:
+    """The fluid of a scene; None in a scene without."""
+    if scene.fluid is None:
+        return None
+    depth = scene.domain.depth if scene.dimension == 2 else 1.0
+    return FluidSetup(scene, scene.fluid, Grid(scene.fluid.cells, scene.domain.size, depth or 1.0, scene.periodic))
+
+
+def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps) -> FluidInterval:
+    """Solver and fluid steps of a coupling interval.
+
+    Raises:
+        InputError: no incompressible fluid can flow through these sides.
+    """
+    table = fluid.table
+    check_flow(fluid.scene, fluid.grid, boundary)
+    viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0
+    solver = FluidSolver(fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model)
+    return FluidInterval(solver, steps.interval, steps.fluid_substeps, table.courant_limit)

@@ -1,0 +1,100 @@
+"""Constants of the materials of a scene and of every pair of them. Host, numpy."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
+from jaxdem.scene import Contact, Scene
+from jaxdem.scene.materials import WALL
+
+OF_PAIRS = ("restitution", "friction", "rolling_friction")
+"""Constants that a pair of materials may have of its own."""
+
+
+class MaterialTable(NamedTuple):
+    """Constants of M materials and of their P = M (M + 1) / 2 pairs, walls without a material last.
+
+    Attributes:
+        names: of the materials.
+        young_modulus: (M,) infinite for rigid walls [Pa].
+        poisson_ratio: (M,) [-].
+        restitution, friction, rolling_friction: (P,) [-].
+        pair: (M, M) number of the pair that two materials make.
+        given: by constant, the (G,) numbers that the scene gives, and how these are made of them.
+        sides: material of the sides of the box, and of walls given as functions.
+        surfaces: material of the walls of the scene beside the box, a wedge counting twice.
+    """
+
+    names: tuple[str, ...]
+    young_modulus: np.ndarray
+    poisson_ratio: np.ndarray
+    restitution: np.ndarray
+    friction: np.ndarray
+    rolling_friction: np.ndarray
+    pair: np.ndarray
+    given: dict[str, tuple[np.ndarray, Mixing]]
+    sides: int
+    surfaces: tuple[int, ...]
+
+    def of_walls(self, sides: int, surfaces: int) -> np.ndarray:
+        """(S,) material of so many sides of the box, then of so many walls beside it, those given as functions last."""
+        functions = surfaces - len(self.surfaces)
+        return np.asarray([self.sides] * sides + [*self.surfaces] + [self.sides] * functions, np.int32)
+
+    @property
+    def wall_materials(self) -> list[int]:
+        """The materials that a wall may have, each once."""
+        return sorted({self.sides, *self.surfaces})
+
+
+def material_table(scene: Scene) -> MaterialTable | None:
+    """The materials of a scene and what their pairs have; None for a scene with one material only.
+
+    A pair that the scene says nothing about has the geometric mean of what the two have against themselves:
+    between the two, and zero if one of them is.
+    """
+    contact = scene.contact
+    if not scene.materials or contact is None:
+        return None
+    names = (*(m.name for m in scene.materials), WALL)
+    count = len(names)
+    first, second = np.triu_indices(count)
+    pair = np.zeros((count, count), np.int32)
+    pair[first, second] = pair[second, first] = np.arange(len(first))
+    of_one = ("young_modulus", "poisson_ratio")
+    given = {name: _given_numbers(scene, contact, name, pair) for name in (*of_one, *OF_PAIRS)}
+    own = {name: of_materials(*given[name]) for name in of_one}
+    mixed = {name: of_pairs(*given[name], np) for name in OF_PAIRS}
+    sides = names.index(contact.wall_material or WALL)
+    surfaces = []
+    for wall in scene.walls:
+        number = sides if wall.material is None else names.index(wall.material)
+        surfaces += [number] * (2 if wall.kind == "wedge" else 1)
+    return MaterialTable(names, **own, **mixed, pair=pair, given=given, sides=sides, surfaces=tuple(surfaces))
+
+
+def _given_numbers(scene: Scene, contact: Contact, name: str, pair: np.ndarray) -> tuple[np.ndarray, Mixing]:
+    """What a scene gives of a constant: that of `[contact]`, which the others follow, then of materials and pairs."""
+    keys, values, own = [f"contact.{name}"], [getattr(contact, name)], []
+
+    def number(key: str, value: float | str | None, without: int) -> int:
+        if value is None:
+            return without
+        keys.append(key)
+        values.append(np.inf if value == "rigid" else value)
+        return len(keys) - 1
+
+    for k, material in enumerate(scene.materials):
+        own.append(number(f"materials.{k}.{name}", getattr(material, name), 0))
+    own.append(number(f"contact.wall_{name}", getattr(contact, f"wall_{name}", None), 0))
+    of_pair: list[int] = []
+    if name in OF_PAIRS:
+        names = [*(material.name for material in scene.materials), WALL]
+        of_pair = [-1] * (int(pair.max()) + 1)
+        for k, one in enumerate(scene.material_pairs):
+            first, second = (names.index(material) for material in one.materials)
+            of_pair[pair[first, second]] = number(f"material_pairs.{k}.{name}", getattr(one, name), -1)
+    return np.asarray(values, float), Mixing(tuple(keys), tuple(own), tuple(of_pair))

@@ -1,0 +1,111 @@
+"""The numbers of a scene that one may differentiate by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxdem.closures.base import DragClosure
+from jaxdem.fluid.momentum import FluidProperties
+from jaxdem.fluid.subgrid_stress import SubgridLaw
+from jaxdem.particles.integrate import ParticleProperties
+from jaxdem.particles.materials import ContactParameters, MaterialNumbers, SeveralMaterials
+from jaxdem.scene import Contact, Scene
+from jaxdem.setup.closures import subgrid_closure
+from jaxdem.setup.materials import MaterialTable
+from jaxdem.setup.particles import ParticleSetup
+from jaxdem.state import Parameters
+
+Values = float | str | np.ndarray | Sequence[float | Sequence[float]] | None
+"""What a key of a scene may hold."""
+
+
+def scene_parameters(
+    scene: Scene,
+    particles: ParticleSetup | None,
+    closure: DragClosure | None,
+    subgrid: SubgridLaw | None,
+    dtype: np.dtype[np.floating],
+) -> Parameters:
+    """Every number of the scene that is traced.
+
+    Args:
+        scene: the scene.
+        particles: of it.
+        closure: the drag law.
+        subgrid: closure of the subgrid stress in place of the scene's.
+        dtype: of all arrays.
+
+    Raises:
+        InputError: the file of a closure cannot be read.
+    """
+    number = _Numbers(dtype)
+    sides = [scene.boundary[name] for name in scene.sides]
+    velocity = tuple(number(side.velocities or side.velocity or (0.0,) * scene.dimension) for side in sides)
+    moving = any(side.kind == "moving_wall" for side in sides)
+    bodies = contact = fluid = drag_scale = None
+    if particles is not None:
+        bodies = ParticleProperties(number(particles.bodies.radius), number(particles.bodies.density))
+        contact = _contact_constants(particles.contact, particles.materials, number)
+    if scene.fluid is not None:
+        table = scene.fluid
+        smagorinsky = number(table.smagorinsky) if table.smagorinsky > 0.0 else None
+        law = subgrid_closure(table, subgrid)
+        fluid = FluidProperties(number(table.density), number(table.viscosity), velocity, smagorinsky, law)
+        drag_scale = None if scene.coupling is None else number(1.0)
+    return Parameters(
+        gravity=number(scene.domain.gravity),
+        bodies=bodies,
+        contact=contact,
+        fluid=fluid,
+        drag_scale=drag_scale,
+        closure=closure,
+        inlet_velocity=() if particles is None else tuple(number(inlet.velocity) for inlet in particles.table.inlet),
+        side_velocity=velocity if fluid is None and moving else (),
+    )
+
+
+class _Numbers:
+    """Values of a scene as arrays."""
+
+    def __init__(self, dtype: np.dtype[np.floating]) -> None:
+        self._dtype = dtype
+
+    def __call__(self, value: Values) -> Array:
+        """One value; zero where there is none, for a constant that the scene's law does not use."""
+        rigid = isinstance(value, str) and value == "rigid"
+        return jnp.asarray(math.inf if rigid else (0.0 if value is None else value), self._dtype)
+
+    def optional(self, value: Values) -> Array | None:
+        """The same of a constant that follows another one where the scene gives none of its own."""
+        return None if value is None else self(value)
+
+
+def _contact_constants(
+    contact: Contact, table: MaterialTable | None, number: _Numbers
+) -> ContactParameters | SeveralMaterials:
+    if table is None:
+        return ContactParameters(
+            young_modulus=number(contact.young_modulus),
+            poisson_ratio=number(contact.poisson_ratio),
+            restitution=number(contact.restitution),
+            friction=number(contact.friction),
+            rolling_friction=number(contact.rolling_friction),
+            rolling_damping=number(contact.rolling_damping),
+            wall_young_modulus=number.optional(contact.wall_young_modulus),
+            wall_poisson_ratio=number.optional(contact.wall_poisson_ratio),
+            wall_friction=number.optional(contact.wall_friction),
+            normal_stiffness=number(contact.normal_stiffness),
+            tangential_stiffness=number.optional(contact.tangential_stiffness),
+        )
+    return SeveralMaterials(
+        **{name: number(values) for name, (values, _) in table.given.items()},
+        rolling_damping=number(contact.rolling_damping),
+        normal_stiffness=number(contact.normal_stiffness),
+        tangential_stiffness=number.optional(contact.tangential_stiffness),
+        numbers=MaterialNumbers(**{name: mixing for name, (_, mixing) in table.given.items()}),
+    )

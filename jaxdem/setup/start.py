@@ -1,0 +1,159 @@
+"""The state that a scene starts from, and its neighbour list."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.presence import present_weights
+from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.errors import InputError
+from jaxdem.failures import MINIMUM_VOID_FRACTION
+from jaxdem.fluid.momentum import FluidState
+from jaxdem.numerics import vectors
+from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
+from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.population import Population
+from jaxdem.particles.surfaces import Surface, surface_contacts
+from jaxdem.scene import Scene
+from jaxdem.scene.rows import rows_of
+from jaxdem.setup.overlaps import Overlap, allowed_overlap, check_initial_positions, check_walls
+from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.walls import wall_keys
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+
+
+def first_state(
+    scene: Scene, particles: ParticleSetup | None, simulation: Simulation, parameters: Parameters
+) -> tuple[State, Neighbors | None]:
+    """The state that a scene starts from, and its neighbour list.
+
+    Args:
+        scene: the scene.
+        particles: of it.
+        simulation, parameters: built from it.
+
+    Raises:
+        InputError: particles overlap each other or a wall, lie outside the box, or do not fit into their pack.
+    """
+    dtype, state, neighbors = parameters.gravity.dtype, None, None
+    if particles is not None and simulation.contact is not None and parameters.bodies is not None:
+        allowed = allowed_overlap(particles, simulation.steps)
+        check_initial_positions(particles, allowed)
+        state = _particles(particles, simulation.population, dtype)
+        _check_surfaces(scene, simulation.contact.model.surfaces, state, parameters.bodies.radius, allowed)
+        neighbors = simulation.allocate(state)
+        state = _with_memory(scene, simulation.contact, simulation.coupling, state, neighbors)
+    fluid = None
+    if simulation.fluid is not None:
+        grid, void_fraction = simulation.fluid.solver.grid, None
+        if simulation.coupling is not None and state is not None:
+            void_fraction = _void_fraction(simulation.coupling, parameters.mixture.bodies, state)
+        velocity = _fluid_velocity(scene)
+        faces = tuple(jnp.full(grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
+        fluid = FluidState(faces, jnp.zeros(grid.cells, dtype), void_fraction)
+    return State(state, fluid, jnp.zeros((), jnp.int32)), neighbors
+
+
+def _particles(particles: ParticleSetup, population: Population | None, dtype: np.dtype[np.floating]) -> ParticleState:
+    """Particles at their starting positions, without contact history; those still to come wait in their inlets."""
+    table, position = particles.table, particles.position
+    present, dimension = position.shape
+    inlets = () if population is None else population.inlets
+    places = [np.tile(0.5 * (inlet.lower + inlet.upper), (len(inlet.due), 1)) for inlet in inlets]
+    position = np.concatenate([position, *places])
+    count, turning = len(position), vectors.angular_size(dimension)
+    leading = position.astype(dtype)
+    single = dtype != np.float64
+
+    def rows(name: str, source: object, width: int) -> Array:
+        given = rows_of(f"particles.{name}", source, width, present, of_frame=True)
+        values = np.zeros((count, width))
+        if given is not None:
+            values[:present] = given
+        return jnp.asarray(values, dtype)
+
+    return ParticleState(
+        position=jnp.asarray(leading),
+        position_low=jnp.asarray((position - leading).astype(dtype)) if single else None,
+        velocity=rows("velocity", table.velocity, dimension),
+        angular_velocity=rows("angular_velocity", table.angular_velocity, turning),
+        contact_spring=(),
+        wall_spring=(),
+        contact_force=jnp.zeros((count, dimension), dtype),
+        fluid_force=None if particles.scene.fluid is None else jnp.zeros((count, dimension), dtype),
+        active=None if population is None else jnp.arange(count) < present,
+        inserted=jnp.zeros(len(inlets), jnp.int32) if inlets else None,
+    )
+
+
+def _check_surfaces(
+    scene: Scene, surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array, allowed: Overlap
+) -> None:
+    """Refuses particles that reach too far into a wall beside the box; those still to come are checked later."""
+    if not surfaces:
+        return
+    names = [f"{key} ({kind})" for key, kind in wall_keys(scene)]
+    names += ["a wall given as a function"] * (len(surfaces) - len(names))
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+    # As one program: operation by operation it takes seconds to compile.
+    overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
+    if particles.active is not None:
+        overlap = jnp.where(particles.active[None], overlap, -1.0)
+    check_walls(np.asarray(particles.position), np.asarray(radius), names, np.asarray(overlap), allowed)
+
+
+def _with_memory(
+    scene: Scene, contact: ContactInterval, coupling: Coupling | None, particles: ParticleState, neighbors: Neighbors
+) -> ParticleState:
+    """The particles with springs at rest, and what further forces remember of a slip that has always been as it is."""
+    count, dimension = particles.position.shape
+    dtype, kept = particles.position.dtype, contact.model.history_size(dimension)
+    memory = {}
+    if coupling is not None:
+        slip = jnp.asarray(_fluid_velocity(scene), dtype)[None] - particles.velocity
+        memory = {force.name: force.start(slip) for force in coupling.forces}
+    return particles._replace(
+        contact_spring=(jnp.zeros(neighbors.room.pairs, dtype),) * kept,
+        wall_spring=(jnp.zeros((contact.model.walls, count), dtype),) * kept,
+        fluid_memory={name: value for name, value in memory.items() if value is not None} or None,
+    )
+
+
+def _fluid_velocity(scene: Scene) -> tuple[float, ...]:
+    """(D,) at the start [m/s]."""
+    velocity = None if scene.fluid is None else scene.fluid.velocity
+    return velocity or (0.0,) * scene.dimension
+
+
+def _void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:
+    """Void fraction of the cells.
+
+    Raises:
+        InputError: it is too low for the fluid's equations.
+    """
+    grid, deposition = coupling.interval.solver.grid, coupling.deposition
+
+    @jax.jit  # as one program: outside of jit every operation would be compiled by itself
+    def deposited(position: Array, active: Array | None, radius: Array, volume: Array) -> Array:
+        weights = present_weights(deposition.weights(grid, position, radius), active)
+        return 1.0 - solid_fraction(grid, weights, volume)
+
+    void_fraction = deposited(particles.position, particles.active, bodies.radius, bodies.volume)
+    lowest = float(jnp.min(void_fraction))
+    if lowest < MINIMUM_VOID_FRACTION:
+        raise InputError(
+            "particles",
+            f"void fraction {lowest:.3g}",
+            f"the fluid's equations need a void fraction above {MINIMUM_VOID_FRACTION}",
+            "widen coupling.kernel_width, use larger cells, or a larger domain.depth",
+        )
+    return void_fraction
