@@ -18,7 +18,7 @@ class InputError(JaxdemError):
 
     Args:
         key: dotted key of the scene file, or the name of the option, file or argument at fault.
-        value: what was given.
+        value: what was given; None for nothing, which is then not shown.
         limit: what is allowed.
         remedy: what to do about it.
     """
@@ -28,7 +28,8 @@ class InputError(JaxdemError):
     def __init__(self, key: str, value: Any, limit: str, remedy: str):
         self.key, self.value, self.limit, self.remedy = key, value, limit, remedy
         named = visible(key).replace("\n", "\\n")
-        text = f"{cut(named)} = {cut(_repr(value))}: {cut(limit, 600)}. {sentence(cut(remedy, 600))}"
+        given = "" if value is None else f" = {cut(_repr(value))}"
+        text = f"{cut(named)}{given}: {cut(limit, 600)}. {sentence(cut(remedy, 600))}"
         super().__init__(visible(text))
 
 

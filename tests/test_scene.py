@@ -230,7 +230,12 @@ DROPS = [{"side": "top", "rate": 10.0, "velocity": 0.1}]
 @pytest.mark.parametrize(
     ("section", "tables", "key", "words"),
     [
-        ("boundary", {"left": VALID["boundary"]["left"]}, "boundary.left.velocity", "the inflow exceeds the outflow by 0.0002 m3/s at t = 0.025 s"),
+        (
+            "boundary",
+            {"left": VALID["boundary"]["left"]},
+            "boundary.left.velocity",
+            "the inflow exceeds the outflow by 0.0002 m3/s at t = 0.025 s",
+        ),
         (
             "boundary",
             VALID["boundary"] | {"right": {"kind": "inlet", "velocity": [0.0999, 0.0], "from": 0.1, "to": 0.2}},
@@ -295,7 +300,7 @@ def test_an_inlet_needs_a_fluid_and_pairs_need_materials():
     assert refusal(dry).key == "boundary.left.kind"
     alone = {key: VALID[key] for key in ("domain", "fluid", "boundary", "time")}
     pair = [{"materials": ["glass", "wall"], "friction": 0.1}]
-    assert refusal(alone | {"material_pairs": pair}).key == "material_pairs"
+    assert refusal(alone | {"material_pairs": pair}).key == "material_pairs.0.materials.0"
 
 
 def test_walls_of_the_material_called_wall_are_those_without_one():

@@ -81,7 +81,15 @@ def test_written_and_read_again_the_walls_are_the_same(tmp_path):
     [
         (PLANE, {"kind": "sphere"}, "kind", "must be"),
         (PLANE, {"pint": [0.0, 0.0]}, "pint", "Did you mean 'point'"),
-        (PLANE, {"point": ...}, "point", "Add this key"),
+        (PLANE, {"point": ...}, "point", "point: is needed by kind = plane: a point of the plane. Add this key"),
+        (
+            WEDGE,
+            {"apex": ...},
+            "apex",
+            "apex: is needed by kind = wedge: a point of the edge where its two planes meet.",
+        ),
+        (WEDGE, {"directions": ...}, "directions", "two directions, one in each plane, away from the edge"),
+        (WEDGE, {"directions": [1.0, -1.0]}, "directions.0", "must be a list. Write it in brackets: [1.0]"),
         (PLANE, {"radius": 1.0}, "radius", "are point, normal"),
         (PLANE, {"inside": True}, "inside", "are point, normal"),
         (PLANE, {"point": [0.0]}, "point", "needs 2 numbers"),
@@ -95,7 +103,7 @@ def test_written_and_read_again_the_walls_are_the_same(tmp_path):
         (WEDGE, {"directions": [[1.0, 1.0]]}, "directions", "two planes"),
         (WEDGE, {"directions": [[1.0, 1.0], [-2.0, -2.0]]}, "directions", "between 0 and 180"),
         (WEDGE, {"directions": [[1.0, 1.0], [3.0, 3.0]]}, "directions", "between 0 and 180"),
-        (WEDGE, {"directions": [[1.0], [-1.0, 1.0]]}, "directions", "needs 2 numbers"),
+        (WEDGE, {"directions": [[1.0], [-1.0, 1.0]]}, "directions.0", "needs 2 numbers"),
     ],
 )
 def test_a_wall_that_cannot_be_is_refused_naming_the_key(wall, change, key, words):
@@ -137,7 +145,7 @@ def test_a_wall_must_be_the_same_along_a_periodic_axis():
     ],
 )
 def test_a_wall_on_another_is_refused_naming_both(walls, second, first):
-    """It would count twice: a ball that falls on two planes in one place rebounds as from a wall of twice the damping."""
+    """It would count twice: a ball on two planes in one place rebounds as from a wall of twice the damping."""
     error = refusal(tables(*walls), lambda given: build(load_scene(given)))
     assert error.key == second and first in str(error)
 
@@ -197,8 +205,20 @@ def test_overrides_reach_a_wall_by_its_number():
     scene = load_scene(given, {"walls.0.normal": [1.0, 0.0], "walls.1.apex": [0.1, 0.0]})
     assert scene.walls[0].normal == (1.0, 0.0) and scene.walls[1].apex == (0.1, 0.0)
     assert given["walls"][0] == PLANE, "the tables that were given stay as they were"
-    for key in ("walls.2.normal", "walls.a.normal", "walls.0"):
+    for key in ("walls.2.normal", "walls.a.normal", "walls.0", "materials.0.friction"):
         assert "tables" in str(refusal(given, lambda given, key=key: load_scene(given, {key: 1.0})))
+
+
+@pytest.mark.parametrize("key", ["walls", "materials", "material_pairs", "particles.species", "particles.inlet"])
+def test_one_table_where_there_may_be_several_is_refused_with_how_to_write_it(key):
+    error = refusal(tables(), lambda given: load_scene(given, {key: {"kind": "plane"}}))
+    assert error.limit == "must be a list of tables" and f"Write [[{key}]]" in str(error)
+
+
+def test_what_is_not_given_is_not_shown_as_none():
+    """A table that only `--set` names, a missing key, a key that another one needs."""
+    for changes in ({"fluid.viscosity": 1e-3}, {"time": {}}, {"contact.law": "linear_spring_dashpot"}):
+        assert "None" not in str(refusal(tables(), lambda given, c=changes: load_scene(given, c)))
 
 
 def test_the_check_names_the_walls():
@@ -258,7 +278,7 @@ def test_a_pack_that_is_too_dense_is_refused_naming_the_limit(dimension):
 
 
 def test_a_box_too_small_for_its_share_ends_with_a_message():
-    """Three discs of 1.3 cm, 62 % of a box of 2.53 cm: their centres, in a square of 1.23 cm, are (sqrt 6 - sqrt 2) 1.23
+    """Three discs of 1.3 cm, 62 % of a box of 2.53 cm. Centres in a square of 1.23 cm are (sqrt 6 - sqrt 2) 1.23
     = 1.27 cm apart at most."""
     given = random(3, stop=[0.0753, 0.0753], spacing=1.0)
     given["particles"]["radius"] = 0.0065

@@ -1,13 +1,36 @@
-"""What the tables of a scene file are made of: numbers that are checked, and the base of the tables."""
+"""What the tables of a scene file are made of: checked numbers, vectors and names, and the base of the tables."""
 
 from __future__ import annotations
 
 import difflib
-from typing import Annotated, Any, NoReturn
+from collections.abc import Iterable
+from typing import Annotated, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
 
-from jaxdem.errors import InputError
+WALL = "wall"
+"""Name of the material of walls that have no other: the `contact.wall_*` keys."""
+
+UNKNOWN_KEY, NO_SUCH_MATERIAL = "unknown key", "there is no such material in [[materials]]"
+
+
+def wrong(key: str, value: object, limit: str, remedy: str) -> PydanticCustomError:
+    """What a validator raises: pydantic adds the table, and `scene/messages.py` makes an InputError of it.
+
+    Args:
+        key: of the table, or below the key that is validated; empty for that key or table itself.
+        value: that was given.
+        limit: what is allowed.
+        remedy: what to do.
+    """
+    return PydanticCustomError("wrong", "{limit}", {"key": key, "value": value, "limit": limit, "remedy": remedy})
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The remedy for a name that is none of those known: the one most like it, or all."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known) or 'none'}"
 
 
 def _sensible(value: float) -> float:
@@ -17,12 +40,52 @@ def _sensible(value: float) -> float:
     return value
 
 
+def per_axis(value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+    """A validator: as many numbers as the box has axes."""
+    dimension = (info.context or {}).get("dimension", len(value))
+    if len(value) != dimension:
+        raise wrong("", value, f"needs {dimension} numbers, got {len(value)}", f"give {dimension} numbers")
+    return value
+
+
+def _known_material(name: str, info: ValidationInfo, more: tuple[str, ...] = ()) -> str:
+    known = (*(info.context or {}).get("materials", (name,)), *more)
+    if name not in known:
+        raise wrong("", name, NO_SUCH_MATERIAL, nearest(name, known))
+    return name
+
+
+def _of_walls_too(name: str, info: ValidationInfo) -> str:
+    return _known_material(name, info, (WALL,))
+
+
+def _one_number(value: object) -> object:
+    return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _list_of_tables(value: object) -> object:
+    if not isinstance(value, list | tuple):
+        raise ValueError("must be a list of tables")
+    return value
+
+
 # Strict: neither true nor "1" is a number; a whole number is taken for a float.
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
 Fraction = Annotated[float, Field(ge=0, le=1, strict=True), AfterValidator(_sensible)]
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True), AfterValidator(_sensible)]
+Poisson = Annotated[float, Field(gt=-1.0, le=0.5, strict=True)]
 Rows = tuple[tuple[Finite, ...], ...]
+Vector = Annotated[tuple[Finite, ...], AfterValidator(per_axis)]
+"""As many numbers as the box has axes."""
+Corner = Annotated[tuple[Finite, ...], BeforeValidator(_one_number)]
+"""A place on a side, in the other axes; in 2-D a number is enough."""
+Name = Annotated[str, Field(min_length=1)]
+MaterialName = Annotated[Name, AfterValidator(_known_material)]
+WallMaterialName = Annotated[Name, AfterValidator(_of_walls_too)]
+
+Table = TypeVar("Table")
+Tables = Annotated[tuple[Table, ...], BeforeValidator(_list_of_tables)]
 
 
 class Section(BaseModel):
@@ -30,15 +93,11 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-
-def check_entries(key: str, value: tuple[Any, ...], count: int) -> None:
-    """Refuses a list that has not `count` numbers."""
-    if len(value) != count:
-        raise InputError(key, value, f"needs {count} number(s), got {len(value)}", f"give {count} number(s)")
-
-
-def refuse_unknown(key: str, name: str, allowed: tuple[str, ...]) -> NoReturn:
-    """Refuses a name that is none of those allowed, with the one that is most like it."""
-    near = difflib.get_close_matches(name, allowed, n=1)
-    remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(sorted(allowed))}"
-    raise InputError(key, name, "unknown key", remedy)
+    @model_validator(mode="before")
+    @classmethod
+    def _only_known_keys(cls, table: object) -> object:
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        for name, value in table.items() if isinstance(table, dict) else ():
+            if name not in known:
+                raise wrong(str(name), value, UNKNOWN_KEY, nearest(str(name), known))
+        return table

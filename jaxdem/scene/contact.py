@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, overload
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from jaxdem.errors import InputError
-from jaxdem.scene.base import (
-    NonNegative,
-    Positive,
-    Section,
-)
-from jaxdem.scene.materials import WALL
+from jaxdem.scene.base import WALL, Fraction, NonNegative, Poisson, Positive, Section, WallMaterialName, wrong
 
 
 class Contact(Section):
@@ -34,24 +28,24 @@ class Contact(Section):
         normal_stiffness: normal stiffness of the linear law [N/m].
         tangential_stiffness: tangential stiffness of the linear law. Default: 2/7 of the normal stiffness [N/m].
         time_step: contact step. "auto" takes a step that is stable and resolves an impact [s].
-        speed: largest expected speed, for the automatic time step and the expected overlap. "auto" computes it from the inlets,
-            the initial velocities and a fall through the box [m/s].
+        speed: largest expected speed, for the automatic time step and the expected overlap. "auto" computes it from the
+            inlets, the initial velocities and a fall through the box [m/s].
         maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
         skin: additional reach of the neighbour list over the (largest) diameter. "auto" is 0.4 [-].
     """
 
     law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
     young_modulus: Positive = 7e7
-    poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] = 0.3
-    restitution: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.7
+    poisson_ratio: Poisson = 0.3
+    restitution: Fraction = 0.7
     friction: NonNegative = 0.5
     rolling_friction: NonNegative = 0.0
     rolling_model: Literal["cdt", "epsd"] = "cdt"
-    rolling_damping: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.3
+    rolling_damping: Fraction = 0.3
     wall_young_modulus: Positive | Literal["rigid"] | None = None
-    wall_poisson_ratio: Annotated[float, Field(gt=-1.0, le=0.5, strict=True)] | None = None
+    wall_poisson_ratio: Poisson | None = None
     wall_friction: NonNegative | None = None
-    wall_material: str | None = None
+    wall_material: WallMaterialName | None = None
     normal_stiffness: Positive | None = None
     tangential_stiffness: NonNegative | None = None
     time_step: Positive | Literal["auto"] = "auto"
@@ -59,34 +53,26 @@ class Contact(Section):
     maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
     skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
 
-    def of_walls(self, name: str) -> Any:
+    @model_validator(mode="after")
+    def _walls_have_one_material(self) -> Contact:
+        """What follows a constant of the particles is not written in: it would be a number of its own."""
+        if self.law == "linear_spring_dashpot" and self.normal_stiffness is None:
+            limit = "is needed by contact.law = linear_spring_dashpot"
+            raise wrong("normal_stiffness", None, limit, "set a stiffness [N/m]")
+        if self.wall_material == WALL:  # the name of walls without a material
+            return self.model_copy(update={"wall_material": None})
+        for name in ("wall_young_modulus", "wall_poisson_ratio", "wall_friction"):
+            if self.wall_material is not None and getattr(self, name) is not None:
+                limit = f"the walls already have this constant from contact.wall_material = {self.wall_material!r}"
+                raise wrong(name, getattr(self, name), limit, "remove one of the two keys")
+        return self
+
+    @overload
+    def of_walls(self, name: Literal["young_modulus"]) -> float | Literal["rigid"]: ...
+    @overload
+    def of_walls(self, name: Literal["poisson_ratio", "friction"]) -> float: ...
+    def of_walls(self, name: str) -> float | Literal["rigid"]:
         """A constant of the walls; the particles' where none is given."""
-        own = getattr(self, f"wall_{name}")
-        return getattr(self, name) if own is None else own
-
-
-def completed_contact(contact: Contact) -> Contact:
-    """The contact with the walls' material by one name, checked.
-
-    What follows another key where it is not given (constants of the walls, the tangential stiffness) is not written in: it
-    would be a number of its own, to be changed and differentiated by apart from the one that it follows.
-    """
-    if contact.law == "linear_spring_dashpot" and contact.normal_stiffness is None:
-        raise InputError(
-            "contact.normal_stiffness",
-            None,
-            "is needed by contact.law = linear_spring_dashpot",
-            "set a stiffness [N/m]",
-        )
-    if contact.wall_material == WALL:
-        # The name of walls without a material.
-        contact = contact.model_copy(update={"wall_material": None})
-    for name in ("young_modulus", "poisson_ratio", "friction"):
-        if contact.wall_material is not None and getattr(contact, f"wall_{name}") is not None:
-            raise InputError(
-                f"contact.wall_{name}",
-                getattr(contact, f"wall_{name}"),
-                f"the walls already have this constant from contact.wall_material = {contact.wall_material!r}",
-                "remove one of the two keys",
-            )
-    return contact
+        own: float | Literal["rigid"] | None = getattr(self, f"wall_{name}")
+        of_particles: float = getattr(self, name)
+        return of_particles if own is None else own

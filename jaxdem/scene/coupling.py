@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import (
-    NonNegative,
-    Positive,
-    Section,
-)
+from jaxdem.scene.base import NonNegative, Positive, Section, wrong
 
 
 def _window(value: int) -> int:
     if value == 1:
-        raise ValueError(
-            "the window of the Basset force must have at least 2 intervals; with 20 the error of the remaining history is small"
-        )
+        limit = "the window of the Basset force must have at least 2 intervals"
+        raise ValueError(f"{limit}; with 20 the error of the remaining history is small")
     return value
 
 
@@ -27,7 +22,7 @@ BassetWindow = Annotated[int, Field(ge=0, le=1000, strict=True), AfterValidator(
 
 
 class Width(Section):
-    """Half-width of the deposition kernel: the larger of a multiple of the diameter d and a multiple of the cell side h, per axis.
+    """Half-width of the deposition kernel, per axis: the larger of a multiple of the diameter d and of the cell side h.
 
     Attributes:
         diameters: multiple of the (largest) diameter d [-].
@@ -49,23 +44,24 @@ class Coupling(Section):
 
     Attributes:
         drag: name of the drag law, one of `jaxdem.closures.DRAG_LAWS`.
-        void_fraction: how the volume of particles is distributed over the cells: "kernel" (triangular kernel), "centre" (all in
-            the cell of the centre), "divided" (by the volume in each cell) or "diffusion" (divided, then smoothed).
-        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples. For "diffusion": half-width
-            of the triangular kernel that has the same variance as the Gaussian.
-        interval: coupling interval, the time between two exchanges; particles enter and leave at its end. It must divide
-            `time.output_interval`. "auto" is the fluid step. In a scene without [fluid] this is the only key of the table, and
-            "auto" divides `time.output_interval` into equal parts of at most 0.01 s [s].
+        void_fraction: how the volume of particles is distributed over the cells: "kernel" (triangular kernel), "centre"
+            (all in the cell of the centre), "divided" (by the volume in each cell) or "diffusion" (divided, then
+            smoothed).
+        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples. For "diffusion":
+            half-width of the triangular kernel that has the same variance as the Gaussian.
+        interval: coupling interval, the time between two exchanges; particles enter and leave at its end. It must
+            divide `time.output_interval`. "auto" is the fluid step. In a scene without [fluid] this is the only key of
+            the table, and "auto" divides `time.output_interval` into equal parts of at most 0.01 s [s].
         lift: list of lift forces: "saffman_mei" (in a shear flow), "magnus" (of a rotating particle).
         rotational_drag: whether the fluid exerts a torque on the particles.
         virtual_mass: coefficient of the virtual mass; 0 for none, 0.5 for a sphere.
         basset: number of coupling intervals for which the Basset force uses the exact kernel; 0 for no Basset force.
         self_disturbance: whether the particle's own wake is removed from the slip that the drag law receives (3-D, with
             void_fraction = "kernel").
-        drag_inputs_coarsened: the drag law receives the fluid averaged to a mesh with this many times fewer cells per axis, through
-            the kernel of that mesh; 1 for the mesh of the fluid.
-        deconvolution: coefficient a of the velocity u - a h^2 lap(u) that the drag law receives. It restores a part of what
-            coarse cells and kernels filter out; 0 for the filtered velocity.
+        drag_inputs_coarsened: the drag law receives the fluid averaged to a mesh with this many times fewer cells per
+            axis, through the kernel of that mesh; 1 for the mesh of the fluid.
+        deconvolution: coefficient a of the velocity u - a h^2 lap(u) that the drag law receives. It restores a part of
+            what coarse cells and kernels filter out; 0 for the filtered velocity.
     """
 
     drag: str = "koch_hill"
@@ -89,15 +85,33 @@ class Coupling(Section):
 
     @field_validator("kernel_width", mode="before")
     @classmethod
-    def _one_number(cls, value: Any) -> Any:
+    def _one_number(cls, value: object) -> object:
         if isinstance(value, int | float) and not isinstance(value, bool):
             return {"diameters": value, "cells": value}
         return value
 
     @field_validator("drag", mode="before")
     @classmethod
-    def _spelling(cls, value: Any) -> Any:
+    def _spelling(cls, value: object) -> object:
         return value.strip().lower().replace("-", "_").replace(" ", "_") if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _wake_is_known(self) -> Coupling:
+        """The correction by a particle's own wake, only where that is known."""
+        if not self.self_disturbance:
+            return self
+        if self.deconvolution > 0.0:
+            limit = "would amplify a particle's own wake, which coupling.self_disturbance removes"
+            remedy = "set coupling.deconvolution = 0 or coupling.self_disturbance = false"
+            raise wrong("deconvolution", self.deconvolution, limit, remedy)
+        if self.void_fraction != "kernel":
+            limit = f'is only possible with coupling.void_fraction = "kernel", here it is "{self.void_fraction}"'
+            raise wrong("self_disturbance", True, limit, "change one of the two keys")
+        if self.drag_inputs_coarsened > 1:
+            limit = "the wake of a particle is not known on averaged fields"
+            remedy = "set coupling.self_disturbance = false"
+            raise wrong("drag_inputs_coarsened", self.drag_inputs_coarsened, limit, remedy)
+        return self
 
 
 class Closure(Section):
@@ -110,68 +124,24 @@ class Closure(Section):
     file: str | None = None
 
 
-def check_self_disturbance(coupling: Coupling, dimension: int) -> None:
-    """Refuse the correction where nothing is known to correct by."""
-    if not coupling.self_disturbance:
-        return
-    if dimension == 2:
-        raise InputError(
-            "coupling.self_disturbance",
-            True,
-            "needs three dimensions: in 2-D a steady wake grows with the box (Stokes' paradox)",
-            "set it to false, or make the scene 3-D",
-        )
-    if coupling.deconvolution > 0.0:
-        raise InputError(
-            "coupling.deconvolution",
-            coupling.deconvolution,
-            "would amplify a particle's own wake, which coupling.self_disturbance removes",
-            "set coupling.deconvolution = 0 or coupling.self_disturbance = false",
-        )
-    if coupling.void_fraction != "kernel":
-        raise InputError(
-            "coupling.self_disturbance",
-            True,
-            f'is only possible with coupling.void_fraction = "kernel", here it is "{coupling.void_fraction}"',
-            "change one of the two keys",
-        )
-
-
-def check_coarse_inputs(coupling: Coupling, cells: tuple[int, ...], samples: float) -> None:
-    """Refuse coarsened inputs of the drag law where nothing would be left of them, or they would be mistaken."""
-    factor = coupling.drag_inputs_coarsened
-    if factor == 1:
-        return
-    key = "coupling.drag_inputs_coarsened"
+def check_on_mesh(coupling: Coupling, cells: tuple[int, ...], samples: float) -> None:
+    """Refuses what the mesh, or the samples of a run, leave no sense to."""
+    factor, key = coupling.drag_inputs_coarsened, "coupling.drag_inputs_coarsened"
+    if coupling.self_disturbance and len(cells) == 2:
+        limit = "needs three dimensions: in 2-D a steady wake grows with the box (Stokes' paradox)"
+        raise InputError("coupling.self_disturbance", True, limit, "set it to false, or make the scene 3-D")
     if factor > max(cells):
-        raise InputError(
-            key, factor, f"would leave a single cell of the mesh {cells}", f"lower it to at most {max(cells)}"
-        )
-    if coupling.self_disturbance:
-        raise InputError(
-            key, factor, "the wake of a particle is not known on averaged fields", "set coupling.self_disturbance = false"
-        )  # fmt: skip
-    if samples > 0.0:
-        raise InputError(
-            key,
-            factor,
-            "training samples are only written for a drag law that uses the mesh of the fluid",
-            "set output.samples = 0",
-        )
+        limit = f"would leave a single cell of the mesh {cells}"
+        raise InputError(key, factor, limit, f"lower it to at most {max(cells)}")
+    if factor > 1 and samples > 0.0:
+        limit = "training samples are only written for a drag law that uses the mesh of the fluid"
+        raise InputError(key, factor, limit, "set output.samples = 0")
 
 
-def coupling_of_one(scene: Any) -> Coupling | None:
-    """What is left of the coupling in a scene of particles or of a fluid alone: of particles, the interval."""
-    if scene.closure.file is not None:
-        raise InputError("closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]")
-    if scene.particles is None:
-        if scene.coupling is not None:
-            raise InputError("coupling", "...", "needs [particles]", "remove [coupling]")
-        return None
-    coupling = scene.coupling or Coupling()
+def coupling_without_fluid(coupling: Coupling | None) -> Coupling:
+    """What is left of the coupling in a scene of particles alone: the interval."""
+    coupling = coupling or Coupling()
     for name in sorted(coupling.model_fields_set - {"interval"}):
-        raise InputError(
-            f"coupling.{name}", getattr(coupling, name), "needs [fluid]; without a fluid the only key of [coupling] is coupling.interval",
-            "remove this key, or add [fluid]",
-        )  # fmt: skip
+        limit = "needs [fluid]; without a fluid the only key of [coupling] is coupling.interval"
+        raise InputError(f"coupling.{name}", getattr(coupling, name), limit, "remove this key, or add [fluid]")
     return coupling

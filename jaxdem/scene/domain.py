@@ -2,23 +2,54 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pydantic import Field, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import (
-    Finite,
-    NonNegative,
-    Positive,
-    Section,
-)
+from jaxdem.scene.base import NonNegative, Positive, Section, Vector, wrong
 
-SIDES_2D = ("left", "right", "bottom", "top")
-SIDES_3D = ("left", "right", "front", "back", "bottom", "top")
+SIDES = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
 """Sides in the order axis by axis, lower before upper; the last axis is up."""
-
 
 MOST_OUTPUTS = 1_000_000
 """Frames that a run may write; more is a slip of the output interval's unit."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """The box: side lengths [m], and whether each axis is periodic."""
+
+    size: tuple[float, ...]
+    periodic: tuple[bool, ...]
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Names of the sides, axis by axis."""
+        return SIDES[len(self.size)]
+
+    def normal_of(self, side: str) -> tuple[int, bool]:
+        """Axis that a side is normal to, and whether it is the upper one of the two."""
+        axis, upper = divmod(self.sides.index(side), 2)
+        return axis, bool(upper)
+
+    def along(self, side: str) -> list[int]:
+        """Axes along a side."""
+        return [axis for axis in range(len(self.size)) if axis != self.normal_of(side)[0]]
+
+    def inward(self, side: str, speed: float) -> tuple[float, ...]:
+        """Velocity into the box at a side."""
+        normal, upper = self.normal_of(side)
+        return tuple((-speed if upper else speed) if axis == normal else 0.0 for axis in range(len(self.size)))
+
+    def check_same_along_periodic_axes(self, key: str, across: Sequence[float]) -> None:
+        """Refuses a wall that changes along a periodic axis: a particle that has gone round meets it again."""
+        for axis, (part, wraps) in enumerate(zip(across, self.periodic, strict=True)):
+            if wraps and part != 0.0:
+                limit = "the wall must be the same all along a periodic axis"
+                remedy = "turn the wall, or do not make that axis periodic"
+                raise InputError(key, f"along axis {axis}", limit, remedy)
 
 
 class Domain(Section):
@@ -26,14 +57,21 @@ class Domain(Section):
 
     Attributes:
         size: side lengths, two or three numbers; the last axis points up [m].
-        depth: extent in the third direction, in 2-D only. Default: one (largest) diameter, or 1 m without particles [m].
+        depth: extent in the third direction, in 2-D only. Default: one (largest) diameter, or 1 m without particles
+            [m].
         gravity: acceleration, one number per axis. Default: 9.81 downwards. With a fluid it must be zero along periodic
             axes [m/s2].
     """
 
     size: tuple[Positive, ...] = Field(min_length=2, max_length=3)
     depth: Positive | None = None
-    gravity: tuple[Finite, ...] | None = None
+    gravity: Vector | None = None
+
+    @model_validator(mode="after")
+    def _depth_of_a_plane(self) -> Domain:
+        if self.depth is not None and len(self.size) == 3:
+            raise wrong("depth", self.depth, "is for 2-D scenes only", "remove this key")
+        return self
 
 
 class Time(Section):
@@ -47,35 +85,28 @@ class Time(Section):
     end: Positive
     output_interval: Positive
 
+    @model_validator(mode="after")
+    def _outputs(self) -> Time:
+        """Outputs divide the run, and are no more than can be meant."""
+        end, frames = self.end, self.end / self.output_interval
+        if frames > MOST_OUTPUTS:
+            limit = f"makes {frames:.3g} outputs up to time.end = {end} s, the limit is {MOST_OUTPUTS}"
+            remedy = f"raise it to at least {end / MOST_OUTPUTS:.3g} s"
+            raise wrong("output_interval", self.output_interval, limit, remedy)
+        if frames < 1.0 - 1e-9 or abs(frames - round(frames)) > 1e-6 * frames:
+            remedy = f"use, for example, time.output_interval = {end / max(1, round(frames)):.6g}"
+            raise wrong("output_interval", self.output_interval, f"must divide time.end = {end} s", remedy)
+        return self
+
 
 class Output(Section):
     """Optional output.
 
     Attributes:
         samples: time between two samples of the inputs and results of the drag law; 0 for none [s].
-        checkpoint_interval: wall time between two checkpoints; a checkpoint is written at the first output after it [s].
+        checkpoint_interval: wall time between two checkpoints; a checkpoint is written at the first output after it
+            [s].
     """
 
     samples: NonNegative = 0.0
     checkpoint_interval: NonNegative = 60.0
-
-
-def check_times(time: Time) -> None:
-    """Refuse outputs that do not divide the run, or more than can be meant."""
-    end, interval = time.end, time.output_interval
-    frames = end / interval
-    if frames > MOST_OUTPUTS:
-        raise InputError(
-            "time.output_interval",
-            interval,
-            f"makes {frames:.3g} outputs up to time.end = {end} s, the limit is {MOST_OUTPUTS}",
-            f"raise it to at least {end / MOST_OUTPUTS:.3g} s",
-        )
-    if frames < 1.0 - 1e-9 or abs(frames - round(frames)) > 1e-6 * frames:
-        nearest = end / max(1, round(frames))
-        raise InputError(
-            "time.output_interval",
-            interval,
-            f"must divide time.end = {end} s",
-            f"use, for example, time.output_interval = {nearest:.6g}",
-        )

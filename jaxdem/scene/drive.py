@@ -14,7 +14,8 @@ def check_drive(key: str, gravity: Sequence[float], periodic: Sequence[bool]) ->
     """Refuses gravity along a periodic axis in a scene with a fluid.
 
     The fluid's pressure is the reduced one, p - rho g.x, which is periodic like everything else: along a periodic axis
-    the weight of the fluid drops out, and no wall holds it. Particles would feel that component and the fluid would not.
+    the weight of the fluid drops out, and no wall holds it. Particles would feel that component and the fluid would
+    not.
 
     Args:
         key: that holds it, for the message.
@@ -27,10 +28,7 @@ def check_drive(key: str, gravity: Sequence[float], periodic: Sequence[bool]) ->
     for axis, (component, wraps) in enumerate(zip(gravity, periodic, strict=True)):
         if wraps and component != 0.0:
             name = AXES[len(periodic)][axis]
-            raise InputError(
-                key,
-                tuple(gravity),
-                f"has {component:.6g} m/s2 along {name}, where the box is periodic: it would act on the particles and not on the fluid",
-                f"set that component to 0, or close the box along {name} with walls. A key that drives a fluid through a "
-                "periodic box, fluid.pressure_gradient, is planned but not there yet",
-            )
+            limit = f"has {component:.6g} m/s2 along {name}, where the box is periodic: it would act on the particles"
+            remedy = f"set that component to 0, or close the box along {name} with walls. A key that drives a fluid"
+            remedy += " through a periodic box, fluid.pressure_gradient, is planned but not there yet"
+            raise InputError(key, tuple(gravity), f"{limit} and not on the fluid", remedy)

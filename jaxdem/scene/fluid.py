@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
-from jaxdem.errors import InputError
-from jaxdem.scene.base import (
-    Finite,
-    Fraction,
-    NonNegative,
-    Positive,
-    Section,
-)
+from jaxdem.scene.base import Fraction, NonNegative, Positive, Section, Vector, per_axis, wrong
+
+Cells = Annotated[
+    tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...],
+    Field(min_length=2, max_length=3),
+    AfterValidator(per_axis),
+]
 
 
 class Fluid(Section):
@@ -23,19 +22,20 @@ class Fluid(Section):
         cells: number of cells per axis.
         density: density of the fluid [kg/m3].
         viscosity: kinematic viscosity [m2/s].
-        model: volume-averaged equations. "A": pressure gradient and viscous stress act on fluid and particles, in proportion to
-            their volumes. "B": they act on the fluid alone, and the drag is divided by the void fraction.
+        model: volume-averaged equations. "A": pressure gradient and viscous stress act on fluid and particles, in
+            proportion to their volumes. "B": they act on the fluid alone, and the drag is divided by the void fraction.
         smagorinsky: coefficient of Smagorinsky's subgrid viscosity, usually 0.1 to 0.2; 0 for none [-].
         subgrid: file of a learned subgrid stress, written by `jaxdem finetune --subgrid`.
         time_step: fluid step. "auto" is a Courant number of 0.5 at the largest boundary speed, but at most 0.01 s [s].
-        advection: advection scheme. "limited" is second order with van Leer's limiter. "superbee" has less numerical diffusion.
-            "central" (second order) has no numerical diffusion and "central_4" (fourth order) very little, but both make waves
-            beside steep gradients. These three are for meshes that hardly resolve the flow. "upwind" is first order.
+        advection: advection scheme. "limited" is second order with van Leer's limiter. "superbee" has less numerical
+            diffusion. "central" (second order) has no numerical diffusion and "central_4" (fourth order) very little,
+            but both make waves beside steep gradients. These three are for meshes that hardly resolve the flow.
+            "upwind" is first order.
         courant_limit: largest Courant number of a fluid step. A longer step is halved, up to three times [-].
         velocity: initial interstitial velocity, one number per axis. Default: at rest [m/s].
     """
 
-    cells: tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...] = Field(min_length=2, max_length=3)
+    cells: Cells
     density: Positive = 1000.0
     viscosity: NonNegative = 1e-6
     model: Literal["A", "B"] = "A"
@@ -44,24 +44,16 @@ class Fluid(Section):
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "superbee", "central", "central_4", "upwind"] = "limited"
     courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7
-    velocity: tuple[Finite, ...] | None = None
+    velocity: Vector | None = None
 
-
-def check_subgrid(fluid: Fluid) -> None:
-    """The learned subgrid stress scales with the viscosity, and has an eddy viscosity of its own."""
-    if fluid.subgrid is None:
-        return
-    if fluid.smagorinsky > 0.0:
-        raise InputError(
-            "fluid.smagorinsky",
-            fluid.smagorinsky,
-            "models the same unresolved eddies as the learned stress of fluid.subgrid",
-            "set fluid.smagorinsky to 0, or remove fluid.subgrid",
-        )
-    if fluid.viscosity == 0.0:
-        raise InputError(
-            "fluid.viscosity",
-            0.0,
-            "the inputs of fluid.subgrid include a Reynolds number of the cells, which needs a viscosity",
-            "set fluid.viscosity to a value above 0",
-        )
+    @model_validator(mode="after")
+    def _subgrid_stress(self) -> Fluid:
+        """The learned subgrid stress scales with the viscosity, and has an eddy viscosity of its own."""
+        if self.subgrid is not None and self.smagorinsky > 0.0:
+            limit = "models the same unresolved eddies as the learned stress of fluid.subgrid"
+            remedy = "set fluid.smagorinsky to 0, or remove fluid.subgrid"
+            raise wrong("smagorinsky", self.smagorinsky, limit, remedy)
+        if self.subgrid is not None and self.viscosity == 0.0:
+            limit = "the inputs of fluid.subgrid include a Reynolds number of the cells, which needs a viscosity"
+            raise wrong("viscosity", 0.0, limit, "set fluid.viscosity to a value above 0")
+        return self

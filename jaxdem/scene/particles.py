@@ -2,37 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, ValidationInfo, model_validator
 
-from jaxdem.errors import InputError
-from jaxdem.scene.base import (
-    Finite,
-    Positive,
-    Rows,
-    Section,
-)
-from jaxdem.scene.materials import Species
-from jaxdem.scene.population import ParticleInlet
+from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tables, wrong
+from jaxdem.scene.inlets import ParticleInlet
+from jaxdem.scene.materials import Mixture, Species
 from jaxdem.scene.sizes import column
 
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
+
+CORNERS: dict[str, tuple[str, ...]] = {
+    "polygon": ("vertices",),
+    "lattice": ("start", "stop"),
+    "random": ("start", "stop"),
+}
+"""Keys that say where a pack of each kind lies."""
 
 
 class Pack(Section):
     """The arrangement of the particles at the start.
 
     Attributes:
-        kind: "polygon" fills a polygon in the plane of the first and the vertical axis with rows, from below. "lattice" fills a
-            box. "random" puts particles at random positions in a box; where there is no more room, it pushes overlapping
-            particles apart.
+        kind: "polygon" fills a polygon in the plane of the first and the vertical axis with rows, from below. "lattice"
+            fills a box. "random" puts particles at random positions in a box; where there is no more room, it pushes
+            overlapping particles apart.
         vertices: corners (x, vertical) of the polygon. In 3-D the polygon extends over the whole second axis [m].
         start: lower corner of the box of a lattice or random pack [m].
         stop: upper corner of this box [m].
-        spacing: distance of neighbouring centres over the (largest) diameter. In a random pack: smallest distance of two centres
-            over the sum of their radii [-].
+        spacing: distance of neighbouring centres over the (largest) diameter. In a random pack: smallest distance of
+            two centres over the sum of their radii [-].
         jitter: largest random displacement over the (smallest) radius. Default: 0.005. A random pack has no jitter [-].
     """
 
@@ -43,84 +45,108 @@ class Pack(Section):
     spacing: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] = 1.01
     jitter: Annotated[float, Field(ge=0.0, le=0.5, strict=True)] | None = None
 
+    @model_validator(mode="after")
+    def _keys_of_its_kind(self) -> Pack:
+        needed = CORNERS[self.kind]
+        for name in ("vertices", "start", "stop"):
+            if (getattr(self, name) is None) == (name in needed):
+                limit = f"a {self.kind} pack needs {' and '.join(needed)}"
+                remedy = "give only these of the keys vertices, start and stop"
+                raise wrong(name, getattr(self, name), limit, remedy)
+        if self.kind == "random" and self.jitter is not None:
+            raise wrong("jitter", self.jitter, "a random pack has no jitter", "remove this key")
+        if self.kind != "random" and self.jitter is None:
+            return self.model_copy(update={"jitter": 0.005})
+        return self
+
 
 class Particles(Section):
     """The particles: spheres; in 2-D discs with the mass and inertia of a sphere.
 
     Attributes:
-        count: number of particles at the start. With `position` it must equal the number of positions. Default: a polygon or
-            lattice is filled.
-        radius: radius of all particles, one number per particle, or the name of a file (.npy or text) with one per particle [m].
+        count: number of particles at the start. With `position` it must equal the number of positions. Default: a
+            polygon or lattice is filled.
+        radius: radius of all particles, one number per particle, or the name of a file (.npy or text) with one per
+            particle [m].
         density: density of all particles, one number per particle, or the name of a file with one per particle [kg/m3].
         material: name of one of `[[materials]]`, or one name per particle. Only in a scene with `[[materials]]`.
         species: kinds of particles with their own radius, density or material, mixed at random with the seed.
         pack: arrangement at the start. Give either this or `position`.
-        position: centres of the particles, as rows or as the name of a file (.npy or text) of rows. The first row of a text file
-            may name the columns. In 2-D also in the form of a run's frames, (x, z, 0) [m].
-        velocity: velocities at the start, as rows or as the name of a file of rows, in the same forms. Default: at rest [m/s].
-        angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file. In 2-D also
-            in the form of a run's frames, (0, 0, scalar). Default: no rotation [rad/s].
+        position: centres of the particles, as rows or as the name of a file (.npy or text) of rows. The first row of a
+            text file may name the columns. In 2-D also in the form of a run's frames, (x, z, 0) [m].
+        velocity: velocities at the start, as rows or as the name of a file of rows, in the same forms. Default: at
+            rest [m/s].
+        angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file. In
+            2-D also in the form of a run's frames, (0, 0, scalar). Default: no rotation [rad/s].
         inlet: inlets through which particles enter during the run.
     """
 
     count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
     radius: Positive | PerParticle | str | None = None
     density: Positive | PerParticle | str | None = None
-    material: str | tuple[str, ...] | None = None
-    species: tuple[Species, ...] = ()
+    material: MaterialName | tuple[MaterialName, ...] | None = None
+    species: Mixture = ()
     pack: Pack | None = None
     position: Rows | str | None = None
     velocity: Rows | str | None = None
     angular_velocity: Rows | tuple[Finite, ...] | str | None = None
-    inlet: tuple[ParticleInlet, ...] = ()
+    inlet: Tables[ParticleInlet] = ()
 
+    @model_validator(mode="after")
+    def _sizes(self) -> Particles:
+        """Files of numbers are read here for the first time."""
+        for name, value in (("radius", self.radius), ("density", self.density)):
+            if value is None and not self.species:
+                raise wrong(name, None, "is missing", "add this key to the scene")
+            if isinstance(value, str):
+                column(f"particles.{name}", value)
+        return self
 
-def check_particles(particles: Particles) -> None:
-    """Refuse particles without sizes, or without a way to start; files of numbers are read here for the first time."""
-    for name in ("radius", "density"):
-        if getattr(particles, name) is None and not particles.species:
-            raise InputError(f"particles.{name}", None, "is missing", "add this key to the scene")
-        if isinstance(getattr(particles, name), str):
-            column(f"particles.{name}", getattr(particles, name))
-    ways = [name for name in ("pack", "position") if getattr(particles, name) is not None]
-    if particles.count and not ways and particles.inlet:
-        raise InputError(
-            "particles.count",
-            particles.count,
-            "is the number of particles at the start, but neither particles.pack nor particles.position is given",
-            "add one of these, or remove particles.count, which does not count the particles of inlets",
-        )
-    if len(ways) != 1 and particles.count != 0 and (ways or not particles.inlet):
-        raise InputError(
-            "particles.pack",
-            ways,
-            "the start needs either a pack or positions",
-            "give one of particles.pack and particles.position",
-        )
-
-
-def completed_pack(particles: Particles) -> Particles:
-    """The particles with the default of their pack that depends on its kind."""
-    pack = particles.pack
-    if pack is None:
-        return particles
-    needed = {"polygon": ("vertices",), "lattice": ("start", "stop"), "random": ("start", "stop")}[pack.kind]
-    for name in ("vertices", "start", "stop"):
-        if (getattr(pack, name) is None) == (name in needed):
-            raise InputError(
-                f"particles.pack.{name}",
-                getattr(pack, name),
-                f"a {pack.kind} pack needs {' and '.join(needed)}",
-                "give only these of the keys vertices, start and stop",
+    @model_validator(mode="after")
+    def _one_start(self) -> Particles:
+        ways = [name for name in ("pack", "position") if getattr(self, name) is not None]
+        if self.count and not ways and self.inlet:
+            limit = (
+                "is the number of particles at the start, but neither particles.pack nor particles.position is given"
             )
-    if pack.kind != "random":
-        jitter = 0.005 if pack.jitter is None else pack.jitter
-        return particles.model_copy(update={"pack": pack.model_copy(update={"jitter": jitter})})
-    if pack.jitter is not None:
-        raise InputError("particles.pack.jitter", pack.jitter, "a random pack has no jitter", "remove this key")
-    if particles.count is None:
-        raise InputError("particles.count", None, "is needed by a random pack", "give the number of particles")
-    return particles
+            remedy = "add one of these, or remove particles.count, which does not count the particles of inlets"
+            raise wrong("count", self.count, limit, remedy)
+        if len(ways) != 1 and self.count != 0 and (ways or not self.inlet):
+            remedy = "give one of particles.pack and particles.position"
+            raise wrong("pack", ways, "the start needs either a pack or positions", remedy)
+        if self.pack is not None and self.pack.kind == "random" and self.count is None:
+            raise wrong("count", None, "is needed by a random pack", "give the number of particles")
+        return self
+
+    @model_validator(mode="after")
+    def _species_are_whole(self, info: ValidationInfo) -> Particles:
+        """Every species has a radius, a density and, where there are materials, one of them."""
+        materials = (info.context or {}).get("materials", ())
+        starts = self.pack is not None or self.position is not None
+        if materials and not self.species and not self.material and starts:
+            raise wrong(
+                "material", None, "is missing, but the scene has [[materials]]", f"known: {', '.join(materials)}"
+            )
+        for name, kind in (("radius", float), ("density", float), ("material", str)):
+            if self.species and not isinstance(getattr(self, name), kind | None):
+                limit = "cannot be given per particle in a scene with [[particles.species]]"
+                remedy = "give one value for all particles or none, or remove [[particles.species]]"
+                raise wrong(name, "one per particle", limit, remedy)
+        for key, one in self._every_species():
+            for name in ("radius", "density"):
+                if getattr(one, name) is None and not isinstance(getattr(self, name), float):
+                    limit = f"is missing, and particles.{name} is not a single number"
+                    remedy = f"give it here, or give particles.{name} for all particles"
+                    raise wrong(f"{key}.{name}", None, limit, remedy)
+            if materials and not isinstance(one.material or self.material, str):
+                raise wrong(f"{key}.material", None, "is missing", f"known: {', '.join(materials)}")
+        return self
+
+    def _every_species(self) -> Iterator[tuple[str, Species]]:
+        yield from ((f"species.{k}", one) for k, one in enumerate(self.species))
+        for k, inlet in enumerate(self.inlet):
+            for j, one in enumerate(inlet.species_of(self.species)):
+                yield f"inlet.{k}" + (f".species.{j}" if inlet.species else ""), one
 
 
 def radius_range(particles: Particles) -> tuple[float, float]:
@@ -134,6 +160,5 @@ def radius_range(particles: Particles) -> tuple[float, float]:
 def largest_radius(particles: Particles) -> float:
     """Largest radius of all particles that there ever are [m]."""
     sizes = [radius_range(particles)[1]] if particles.radius is not None or particles.species else []
-    for inlet in particles.inlet:
-        sizes += [one.radius for one in inlet.species_of(particles) if one.radius is not None]
-    return max(sizes)
+    species = [one for inlet in particles.inlet for one in inlet.species_of(particles.species)]
+    return max(sizes + [one.radius for one in species if one.radius is not None])

@@ -51,10 +51,20 @@ def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | 
     _check_depth(tables)
     tables = _absolute_files(tables, folder)
     try:
-        scene = Scene.model_validate(tables)
+        scene = Scene.model_validate(tables, context=_context(tables))
     except ValidationError as error:
         raise as_input_error(error, tables) from None
     return completed(scene)
+
+
+def _context(tables: dict[str, Any]) -> dict[str, Any]:
+    """What keys of several tables are checked against: the number of axes, and the names of the materials."""
+    domain, materials = tables.get("domain"), tables.get("materials")
+    size = domain.get("size") if isinstance(domain, dict) else None
+    given = materials if isinstance(materials, list) else []
+    names = [material.get("name") for material in given if isinstance(material, dict)]
+    dimension = {"dimension": len(size)} if isinstance(size, list) and len(size) in (2, 3) else {}
+    return {"materials": tuple(name for name in names if isinstance(name, str)), **dimension}
 
 
 def named_files(tables: dict[str, Any]) -> list[str]:
@@ -66,31 +76,24 @@ def named_files(tables: dict[str, Any]) -> list[str]:
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
     """`key=value` of an option of the command line, the value as TOML; a word needs no quotes."""
     key, separator, value = text.partition("=")
-    if not separator or not key.strip():
+    key = key.strip()
+    if not separator or not key:
         raise InputError(option, text, "must have the form key=value", f"use, for example, {option} time.end=1.0")
     try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+        return key, tomllib.loads(f"value = {value}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError, ValueError):
         if any(mark in value for mark in "[]{}=\"'"):
-            raise InputError(
-                f"{option} {key}",
-                value,
-                "must be a TOML value",
-                f"quote strings: {option} coupling.drag='\"koch_hill\"'",
-            ) from None
-        return key.strip(), value.strip()
+            remedy = f"quote strings: {option} coupling.drag='\"koch_hill\"'"
+            raise InputError(f"{option} {key}", value, "must be a TOML value", remedy) from None
+        return key, value.strip()
 
 
 def _check_depth(tables: dict[str, Any]) -> None:
     """Refuses tables in tables without end, at which Python's own stack would: no key of a scene lies so deep."""
     level: list[Any] = [tables]
     for _ in range(DEEPEST):
-        level = [
-            inner
-            for outer in level
-            for inner in (outer.values() if isinstance(outer, dict) else outer)
-            if isinstance(inner, dict | list)
-        ]
+        entries = [inner for outer in level for inner in (outer.values() if isinstance(outer, dict) else outer)]
+        level = [inner for inner in entries if isinstance(inner, dict | list)]
     if level:
         limit = f"has tables or lists nested more than {DEEPEST} deep, where no key exists"
         raise InputError("SCENE", "...", limit, "correct the dotted keys and brackets")
@@ -100,44 +103,37 @@ def _read_toml(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(read_text(path))
     except FileNotFoundError:
-        raise InputError("SCENE", str(path), "no such file", "give the path of a scene file") from None
+        limit, remedy = "no such file", "give the path of a scene file"
     except OSError as error:
-        raise InputError(
-            "SCENE", str(path), f"cannot be read ({error.strerror})", "correct the path or the permissions"
-        ) from None
+        limit, remedy = f"cannot be read ({error.strerror})", "correct the path or the permissions"
     except UnicodeDecodeError:
-        raise InputError("SCENE", str(path), "is not UTF-8 text", "save the scene as UTF-8") from None
+        limit, remedy = "is not UTF-8 text", "save the scene as UTF-8"
     except tomllib.TOMLDecodeError as error:
-        raise InputError("SCENE", str(path), f"is not valid TOML: {error}", "correct that line") from None
+        limit, remedy = f"is not valid TOML: {error}", "correct that line"
     except ValueError as error:
-        raise InputError("SCENE", str(path), str(error), "correct the scene") from None
+        limit, remedy = str(error), "correct the scene"
+    raise InputError("SCENE", str(path), limit, remedy)
 
 
 def _set(tables: dict[str, Any], key: str, value: Any) -> None:
     *parents, last = key.split(".")
-    table = tables
+    holder: Any = tables
     for part in parents:
-        if isinstance(table, list):
-            if not part.isdecimal() or int(part) >= len(table):
-                raise InputError(
-                    f"--set {key}",
-                    value,
-                    f"there are {len(table)} tables, with numbers from 0",
-                    "give the number of one of them",
-                )
-            table = table[int(part)]
+        number = int(part) if part.isdecimal() else -1
+        entries = holder if isinstance(holder, list) else []
+        if part.isdecimal() or isinstance(holder, list):
+            if not 0 <= number < len(entries):
+                limit = f"there are {len(entries)} tables, with numbers from 0"
+                raise InputError(f"--set {key}", value, limit, "give the number of one of them")
+            holder = entries[number]
         else:
-            table = table.setdefault(part, {})
-        if not isinstance(table, dict | list):
+            holder = holder.setdefault(part, {})
+        if not isinstance(holder, dict | list):
             raise InputError(f"--set {key}", value, f"{part} is not a table", "correct the dotted key")
-    if isinstance(table, list):
-        raise InputError(
-            f"--set {key}",
-            value,
-            f"{parents[-1]} is a list of tables",
-            f"name a key of one of them: --set {key}.KEY=VALUE",
-        )
-    table[last] = value
+    if isinstance(holder, list):
+        remedy = f"name a key of one of them: --set {key}.KEY=VALUE"
+        raise InputError(f"--set {key}", value, f"{parents[-1]} is a list of tables", remedy)
+    holder[last] = value
 
 
 def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -149,12 +145,8 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
             try:
                 holder[key] = str((folder / holder[key]).resolve())
             except (OSError, ValueError, RuntimeError) as error:
-                raise InputError(
-                    f"{table}.{key}",
-                    holder[key],
-                    f"cannot be the name of a file ({error})",
-                    "correct the name",
-                ) from None
+                limit = f"cannot be the name of a file ({error})"
+                raise InputError(f"{table}.{key}", holder[key], limit, "correct the name") from None
     return tables
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,11 +15,22 @@ UNITS = {"position": "m", "velocity": "m/s", "angular_velocity": "rad/s", "radiu
 PREFIXES = {"position": "", "velocity": "v", "angular_velocity": "w"}
 """Before the name of the axis, in the name of a column."""
 
+Numbers = Sequence[float] | Sequence[Sequence[float]] | np.ndarray
+
 BEGINS_NUMBER = "+-.0123456789"
 
 
-def rows_of(key: str, source: Any, width: int, count: int | None = None, of_frame: bool = False) -> np.ndarray | None:
-    """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file; None stays None.
+def rows_of(
+    key: str, source: str | Numbers | None, width: int, count: int | None = None, of_frame: bool = False
+) -> np.ndarray | None:
+    """As `given_rows`; None stays None."""
+    return None if source is None else given_rows(key, source, width, count, of_frame)
+
+
+def given_rows(
+    key: str, source: str | Numbers, width: int, count: int | None = None, of_frame: bool = False
+) -> np.ndarray:
+    """Rows of `width` numbers from rows, from a flat list where the width is 1, or from a file.
 
     Args:
         key: scene key, for the messages.
@@ -31,13 +41,13 @@ def rows_of(key: str, source: Any, width: int, count: int | None = None, of_fram
             an angular velocity.
 
     Raises:
-        InputError: a file that cannot be read, a row of another width or with something that is no finite number (the line of the file
-            is named), a column of a header that is not used, or another number of rows.
+        InputError: a file that cannot be read, a row of another width or with something that is no finite number (the
+            line of the file is named), a column of a header that is not used, or another number of rows.
     """
-    if source is None:
-        return None
-    read = _read_rows if isinstance(source, str) else _as_array
-    rows = read(key, source, width, of_frame)
+    if isinstance(source, str):
+        rows = _read_rows(key, source, width, of_frame)
+    else:
+        rows = _as_array(key, source, width, of_frame)
     if rows.shape[1] != width:
         rows = _of_plane(key, rows, width)
     if count is not None and len(rows) != count:
@@ -134,7 +144,8 @@ def _numbers(key: str, place: str, line: str, width: int) -> list[float]:
         column = values.index(None)
         what = f"{cut(repr(fields[column]), 60)} is no number" if fields[column] else "nothing"
         limit = f"in {shown}, column {column + 1}: {what}; a row needs {_expected(key, width)}"
-        raise InputError(key, place, limit, "separate columns by commas or blanks, and write decimals with a point")
+        remedy = "separate columns by commas or blanks, and write decimals with a point"
+        raise InputError(key, place, limit, remedy)
     if len(values) != width:
         limit = f"{shown} has {len(values)} column(s), a row needs {_expected(key, width)}"
         raise InputError(key, place, limit, "keep the columns that are needed, in this order")
@@ -156,7 +167,7 @@ def _last(key: str) -> str:
 
 
 def _names(key: str, width: int) -> list[tuple[str, ...]]:
-    """Names that each column may have, the usual one first; the second axis of a 2-D scene is also called y elsewhere."""
+    """Names that each column may have, the usual one first; the second axis of a 2-D scene may be called y."""
     name = _last(key)
     if width == 1:
         return [(name,)]
@@ -198,7 +209,7 @@ def _plain_numbers(stored: np.ndarray) -> np.ndarray:
     return stored.astype(float)
 
 
-def _as_array(key: str, rows: Any, width: int, of_frame: bool) -> np.ndarray:
+def _as_array(key: str, rows: Numbers, width: int, of_frame: bool) -> np.ndarray:
     """Rows that stand in the scene itself."""
     if len(rows) and isinstance(rows[0], list | tuple | np.ndarray):
         width = _columns(len(rows[0]), width, of_frame)

@@ -6,29 +6,20 @@ import math
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import (
-    Section,
-    check_entries,
-)
-from jaxdem.scene.boundary import BoundarySide, check_inlets, completed_boundary
-from jaxdem.scene.contact import Contact, completed_contact
-from jaxdem.scene.coupling import (
-    Closure,
-    Coupling,
-    check_coarse_inputs,
-    check_self_disturbance,
-    coupling_of_one,
-)
-from jaxdem.scene.domain import SIDES_2D, SIDES_3D, Domain, Output, Time, check_times
+from jaxdem.scene.base import UNKNOWN_KEY, Section, Tables, nearest, wrong
+from jaxdem.scene.boundary import BoundarySide, completed_boundary
+from jaxdem.scene.contact import Contact
+from jaxdem.scene.coupling import Closure, Coupling, check_on_mesh, coupling_without_fluid
+from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
 from jaxdem.scene.drive import check_drive
-from jaxdem.scene.fluid import Fluid, check_subgrid
-from jaxdem.scene.materials import Material, MaterialPair, check_materials, check_particle_materials
-from jaxdem.scene.particles import Particles, check_particles, completed_pack, largest_radius
-from jaxdem.scene.population import check_exits, check_history, completed_inlets
-from jaxdem.scene.walls import Wall, completed_walls
+from jaxdem.scene.fluid import Fluid
+from jaxdem.scene.materials import MaterialPairs, Materials
+from jaxdem.scene.particles import Particles, largest_radius
+from jaxdem.scene.population import check_exits, completed_inlets
+from jaxdem.scene.walls import Wall, check_walls
 
 
 class Scene(Section):
@@ -44,7 +35,8 @@ class Scene(Section):
         material_pairs: constants of contacts between two different materials.
         walls: walls other than the sides of the box.
         fluid: the fluid and its mesh.
-        boundary: the sides of the box by name: left, right, bottom, top; in 3-D also front and back. Default: no-slip walls.
+        boundary: the sides of the box by name: left, right, bottom, top; in 3-D also front and back. Default: no-slip
+            walls.
         coupling: exchange of forces between particles and fluid.
         closure: a learned drag closure.
         time: duration and output.
@@ -56,9 +48,9 @@ class Scene(Section):
     domain: Domain
     particles: Particles | None = None
     contact: Contact | None = None
-    materials: tuple[Material, ...] = ()
-    material_pairs: tuple[MaterialPair, ...] = ()
-    walls: tuple[Wall, ...] = ()
+    materials: Materials = ()
+    material_pairs: MaterialPairs = ()
+    walls: Tables[Wall] = ()
     fluid: Fluid | None = None
     boundary: dict[str, BoundarySide] = {}
     coupling: Coupling | None = None
@@ -72,14 +64,35 @@ class Scene(Section):
         return len(self.domain.size)
 
     @property
+    def box(self) -> Box:
+        """Size and periodic axes."""
+        return Box(self.domain.size, self.periodic)
+
+    @property
     def sides(self) -> tuple[str, ...]:
         """Names of the sides, axis by axis."""
-        return SIDES_2D if self.dimension == 2 else SIDES_3D
+        return SIDES[self.dimension]
 
     @property
     def periodic(self) -> tuple[bool, ...]:
         """Whether each axis is periodic."""
-        return tuple(self.boundary[self.sides[2 * axis]].kind == "periodic" for axis in range(self.dimension))
+        return tuple(self.boundary[lower].kind == "periodic" for lower in self.sides[::2])
+
+    @property
+    def comes_and_goes(self) -> bool:
+        """Whether the number of particles changes while the scene runs."""
+        if self.particles is None:
+            return False
+        return bool(self.particles.inlet) or any(side.particles == "remove" for side in self.boundary.values())
+
+    @field_validator("boundary", mode="before")
+    @classmethod
+    def _known_sides(cls, sides: object, info: ValidationInfo) -> object:
+        known = SIDES[(info.context or {}).get("dimension", 3)]
+        for name in sides if isinstance(sides, dict) else ():
+            if name not in known:
+                raise wrong(str(name), str(name), UNKNOWN_KEY, nearest(str(name), known))
+        return sides
 
     def tables(self) -> dict[str, Any]:
         """The scene as tables of plain values, every default written out, as `load_scene` takes them."""
@@ -94,67 +107,65 @@ class Scene(Section):
 
 
 def completed(scene: Scene) -> Scene:
-    """The scene with every default that depends on other keys written in, and checked as a whole."""
-    dimension = scene.dimension
-    domain = scene.domain
-    if domain.depth is not None and dimension == 3:
-        raise InputError("domain.depth", domain.depth, "is for 2-D scenes only", "remove this key")
-    gravity = domain.gravity if domain.gravity is not None else (0.0,) * (dimension - 1) + (-9.81,)
-    check_entries("domain.gravity", gravity, dimension)
-    depth = domain.depth
+    """The scene with every default that depends on other tables written in, and checked as a whole."""
+    _check_tables(scene)
+    boundary, box = completed_boundary(scene.boundary, scene.domain.size, scene.particles is not None)
+    update: dict[str, object] = {"domain": _completed_domain(scene), "boundary": boundary}
     if scene.particles is not None:
-        check_particles(scene.particles)
-    if dimension == 2 and depth is None:
-        depth = 2.0 * largest_radius(scene.particles) if scene.particles else 1.0
-    boundary = completed_boundary(scene)
-    scene = scene.model_copy(update={"boundary": boundary})
+        inlets = completed_inlets(scene.particles, box, scene.time.end)
+        check_walls(scene.walls, box)
+        update["particles"] = scene.particles.model_copy(update={"inlet": inlets})
+        update["contact"] = scene.contact or Contact()
+        update["coupling"] = scene.coupling if scene.fluid is not None else coupling_without_fluid(scene.coupling)
     if scene.fluid is not None:
-        check_drive("domain.gravity", gravity, scene.periodic)
-    update: dict[str, Any] = {"domain": domain.model_copy(update={"gravity": gravity, "depth": depth})}
-    if scene.particles is not None:
-        contact = completed_contact(scene.contact or Contact())
-        update["contact"] = contact
-        check_materials(scene.materials, scene.material_pairs)
-        names = tuple(material.name for material in scene.materials)
-        check_particle_materials(scene.particles, scene.walls, contact, names)
-        inlets = completed_inlets(
-            scene.particles, scene.domain.size, scene.sides, scene.periodic, scene.time.end, names
-        )
-        update["particles"] = completed_pack(scene.particles).model_copy(update={"inlet": inlets})
-        update["walls"] = completed_walls(scene.walls, dimension, scene.periodic)
-    elif scene.walls:
-        raise InputError("walls", f"{len(scene.walls)} walls", "need [particles]", "remove [[walls]]")
-    elif scene.contact is not None:
-        raise InputError("contact", "...", "needs [particles]", "add [particles] or remove [contact]")
-    elif scene.materials or scene.material_pairs:
-        name = "materials" if scene.materials else "material_pairs"
-        raise InputError(name, "...", "need [particles]", f"remove [[{name}]], or add [particles]")
-    if scene.fluid is not None:
-        check_entries("fluid.cells", scene.fluid.cells, dimension)
-        velocity = scene.fluid.velocity or (0.0,) * dimension
-        check_entries("fluid.velocity", velocity, dimension)
+        velocity = scene.fluid.velocity or (0.0,) * scene.dimension
         update["fluid"] = scene.fluid.model_copy(update={"velocity": velocity})
-        check_subgrid(scene.fluid)
     if scene.fluid is not None and scene.particles is not None:
-        update["coupling"] = scene.coupling or Coupling()
-        check_self_disturbance(update["coupling"], dimension)
-        check_coarse_inputs(update["coupling"], scene.fluid.cells, scene.output.samples)
+        update["coupling"] = coupling = scene.coupling or Coupling()
+        check_on_mesh(coupling, scene.fluid.cells, scene.output.samples)
         if scene.fluid.viscosity == 0.0:
+            remedy = "set fluid.viscosity to a value above 0"
+            raise InputError("fluid.viscosity", 0.0, "drag needs a positive viscosity", remedy)
+    found = scene.model_copy(update=update)
+    for name, side in scene.boundary.items():
+        if side.kind == "inlet" and scene.fluid is None:
+            limit = "is an inlet of fluid, and the scene has no fluid"
+            raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
+    check_exits(found.boundary, found.particles is not None, found.fluid is not None)
+    if found.fluid is not None:
+        check_drive("domain.gravity", found.domain.gravity or (), found.periodic)
+    if found.coupling is not None and found.coupling.basset and found.comes_and_goes:
+        limit = "its history is kept only for particles that are present from the start to the end"
+        remedy = "set it to 0, or use a scene in which no particle enters or leaves"
+        raise InputError("coupling.basset", found.coupling.basset, limit, remedy)
+    return found
+
+
+def _check_tables(scene: Scene) -> None:
+    """Refuses tables that need another one."""
+    if scene.particles is None:
+        for name in ("walls", "materials", "material_pairs"):
+            if getattr(scene, name):
+                remedy = f"remove [[{name}]], or add [particles]"
+                raise InputError(name, f"{len(getattr(scene, name))} tables", "need [particles]", remedy)
+        for name in ("contact", "coupling"):
+            if getattr(scene, name) is not None:
+                raise InputError(name, "...", "needs [particles]", f"add [particles] or remove [{name}]")
+        if scene.fluid is None:
             raise InputError(
-                "fluid.viscosity",
-                0.0,
-                "drag needs a positive viscosity",
-                "set fluid.viscosity to a value above 0",
+                "particles", None, "a scene needs particles, a fluid or both", "add [particles] or [fluid]"
             )
-    else:
-        update["coupling"] = coupling_of_one(scene)
-    if scene.fluid is None and scene.particles is None:
-        raise InputError("particles", None, "a scene needs particles, a fluid or both", "add [particles] or [fluid]")
-    check_inlets(scene)
-    check_times(scene.time)
-    check_exits(scene)
-    check_history(scene)
-    return scene.model_copy(update=update)
+    if scene.closure.file is not None and (scene.particles is None or scene.fluid is None):
+        raise InputError("closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]")
+
+
+def _completed_domain(scene: Scene) -> Domain:
+    gravity, depth = scene.domain.gravity, scene.domain.depth
+    if gravity is None:
+        gravity = (0.0,) * (scene.dimension - 1) + (-9.81,)
+    if scene.dimension == 2 and depth is None:
+        depth = 2.0 * largest_radius(scene.particles) if scene.particles else 1.0
+    return scene.domain.model_copy(update={"gravity": gravity, "depth": depth})
 
 
 def _without_none(value: Any) -> Any:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.scene.rows import rows_of
+from jaxdem.scene.rows import given_rows
 
 
-def column(key: str, value: Any, count: int | None = None) -> np.ndarray:
+def column(key: str, value: float | Sequence[float] | str | None, count: int | None = None) -> np.ndarray:
     """() for one number, else one per particle, from a list or a file.
 
     Args:
@@ -19,7 +19,7 @@ def column(key: str, value: Any, count: int | None = None) -> np.ndarray:
         count: of particles, if known.
     """
     if isinstance(value, str):
-        rows = _file_column(key, value)
+        rows = given_rows(key, value, 1)[:, 0]
         if not (rows > 0.0).all():
             row = int(np.argmin(rows > 0.0))
             raise InputError(key, float(rows[row]), f"row {row} of {value} must be positive", "correct the number")
@@ -27,9 +27,3 @@ def column(key: str, value: Any, count: int | None = None) -> np.ndarray:
     if count is not None and isinstance(value, tuple) and len(value) != count:
         raise InputError(key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}")
     return np.asarray(value, float)
-
-
-def _file_column(key: str, name: str) -> np.ndarray:
-    rows = rows_of(key, name, 1)
-    assert rows is not None
-    return rows[:, 0]

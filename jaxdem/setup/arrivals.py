@@ -46,7 +46,7 @@ def arrivals(scene: Scene, particles: Particles) -> tuple[Arrivals, ...]:
 def _arrivals_of(scene: Scene, particles: Particles, number: int) -> Arrivals:
     """The particles of inlet `number`."""
     inlet, names = particles.inlet[number], tuple(material.name for material in scene.materials)
-    species = inlet.species_of(particles)
+    species = inlet.species_of(particles.species)
     one_each = species_bodies(species, particles, names, np.arange(len(species)))
     # What a particle of each species takes of the flow: one of a number, its mass of a mass flow.
     name, flow, part = "rate", inlet.rate or 0.0, np.ones(len(species))

@@ -57,7 +57,7 @@ def inlet_profiles(scene: Scene, name: str) -> tuple[InletProfile | None, ...] |
     """Profile of a side for each of its axes, None where it is even; None if it is so in all."""
     side = scene.boundary[name]
     if side.profile == "parabolic":
-        return tuple(Parabola() if zero else None for zero in parabolic_axes(scene, name, side))
+        return tuple(Parabola() if zero else None for zero in parabolic_axes(scene.boundary, scene.box, name))
     if side.positions is not None and side.values is not None:
         return (None,) * (scene.dimension - 2) + (LinearTable(side.positions, side.values),)
     return None

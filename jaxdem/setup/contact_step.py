@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.scene.population import inlet_speed
+from jaxdem.scene.inlets import inlet_speed
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup import stability
 from jaxdem.setup.contact_bodies import ContactBody, contact_bodies, effective
@@ -78,7 +78,7 @@ def expected_speed(particles: ParticleSetup, boundary_speed: float) -> float:
     fall = math.sqrt(2.0 * sum(abs(g) * length for g, length in zip(gravity, scene.domain.size, strict=True)))
     velocity = rows_of("particles.velocity", table.velocity, scene.dimension, of_frame=True)
     fastest = 0.0 if velocity is None or len(velocity) == 0 else float(np.linalg.norm(velocity, axis=1).max())
-    return max(boundary_speed, fall, 2.0 * max(fastest, inlet_speed(table)), 1e-3)
+    return max(boundary_speed, fall, 2.0 * max(fastest, inlet_speed(table.inlet)), 1e-3)
 
 
 def _meetings(bodies: Sequence[ContactBody]) -> list[tuple[ContactBody, ContactBody]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from jaxdem.particles.population import Exit, Inlet, Population
-from jaxdem.scene.population import comes_and_goes
 from jaxdem.setup.arrivals import ROUNDING
 from jaxdem.setup.particles import ParticleSetup
 
@@ -13,7 +12,7 @@ from jaxdem.setup.particles import ParticleSetup
 def population_of(particles: ParticleSetup, interval: float) -> Population | None:
     """How the number of particles changes in coupling intervals of this length [s]; None where it does not."""
     scene = particles.scene
-    if not comes_and_goes(scene):
+    if not scene.comes_and_goes:
         return None
     exits = tuple(
         Exit(number // 2, bool(number % 2), scene.domain.size[number // 2] if number % 2 else 0.0)

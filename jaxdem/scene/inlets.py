@@ -1,0 +1,81 @@
+"""The tables `[[particles.inlet]]` of a scene."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from jaxdem.scene.base import Corner, Finite, MaterialName, NonNegative, Positive, Section, Vector, wrong
+from jaxdem.scene.materials import Mixture, Species
+
+
+class ParticleInlet(Section):
+    """An inlet through which particles enter during the run. Values that are not given are those of `[particles]`.
+
+    Attributes:
+        side: side of the box; particles enter in a layer beside it that is one (largest) diameter thick. Give either
+            this or `start` and `stop`.
+        start: lower corner of a box in which particles enter; they lie wholly inside it [m].
+        stop: upper corner of this box [m].
+        from_: corner of a patch of the side, in the other axes (key `from`) [m].
+        to: opposite corner of the patch [m].
+        rate: particles per second. Give either this or `mass_flow` [1/s].
+        mass_flow: mass per second [kg/s].
+        velocity: velocity of the entering particles, one number per axis; at a side also the inward speed [m/s].
+        begin: start of the inlet; the first particle is due 1 / rate later [s].
+        end: end of the inlet; no particle is due later. Default: `time.end` [s].
+        total: largest number of particles.
+        radius: radius of these particles [m].
+        density: density of these particles [kg/m3].
+        material: name of one of `[[materials]]`.
+        species: kinds of particles with their own radius, density or material, drawn according to their shares.
+    """
+
+    side: str | None = None
+    start: Vector | None = None
+    stop: Vector | None = None
+    from_: Corner | None = Field(default=None, alias="from")
+    to: Corner | None = None
+    rate: Positive | None = None
+    mass_flow: Positive | None = None
+    velocity: Finite | Vector
+    begin: NonNegative = 0.0
+    end: Positive | None = None
+    total: Annotated[int, Field(ge=1, le=100_000_000, strict=True)] | None = None
+    radius: Positive | None = None
+    density: Positive | None = None
+    material: MaterialName | None = None
+    species: Mixture = ()
+
+    @model_validator(mode="after")
+    def _one_way_each(self) -> ParticleInlet:
+        if (self.rate is None) == (self.mass_flow is None):
+            raise wrong("rate", self.rate, "an inlet needs either rate or mass_flow", "give one of the two keys")
+        if self.species and (self.radius or self.density or self.material):
+            remedy = "remove radius, density and material of the inlet"
+            raise wrong("species", "...", "have their own radius, density and material", remedy)
+        if (self.side is None) == (self.start is None) or (self.start is None) != (self.stop is None):
+            limit = "an inlet needs either a side, or start and stop of a box"
+            raise wrong("side", self.side, limit, "give one of the two")
+        if self.side is None and (self.from_ is not None or self.to is not None):
+            raise wrong("from", self.from_ or self.to, "is only used with a side", "remove from and to")
+        if (self.from_ is None) != (self.to is None):
+            raise wrong("from", self.from_ or self.to, "a patch needs both from and to", "give both or neither")
+        if self.side is None and isinstance(self.velocity, float):
+            limit = "must be a vector, because without a side there is no inward direction"
+            raise wrong("velocity", self.velocity, limit, "give one number per axis")
+        return self
+
+    def species_of(self, others: tuple[Species, ...]) -> tuple[Species, ...]:
+        """Its species: its own, one of its own numbers, or those of `[particles]`."""
+        own = Species.model_construct(share=1.0, radius=self.radius, density=self.density, material=self.material)
+        has_own = (self.radius, self.density, self.material) != (None, None, None)
+        return self.species or ((own,) if has_own or not others else others)
+
+
+def inlet_speed(inlets: tuple[ParticleInlet, ...]) -> float:
+    """Largest speed with which particles come in; zero without inlets [m/s]."""
+    velocities = [inlet.velocity for inlet in inlets]
+    return max((math.hypot(*v) if isinstance(v, tuple) else abs(v) for v in velocities), default=0.0)
