@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import math
 import time as clock
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
@@ -22,7 +23,7 @@ from jaxdem.files.reading import parse_json, read_arrays, read_text
 from jaxdem.io import Run
 from jaxdem.io.access import locked, reason_of
 from jaxdem.io.durable import write_bytes
-from jaxdem.report import Comparison, compare
+from jaxdem.report import Candidate, Comparison, Page, compare
 from jaxdem.run.simulate import Progress, simulate_once
 from jaxdem.run.sweep import Listener
 from jaxdem.scene import Scene, load_scene
@@ -91,24 +92,15 @@ class Study:
         assert self.scene.fluid is not None
         cells = {"fluid.cells": [max(1, round(count / factor)) for count in self.scene.fluid.cells]}
         on_sharp, name = {**cells, **self.plan.sharp}, f"coarse_{factor}"
-        runs = {f"coarse {factor}x": self._packs(name, cells)}
         best = f"coarse {factor}x, sharp" if sharp else f"coarse {factor}x"
+        candidates = [_candidate(f"coarse {factor}x", self._packs(name, cells))]
         if sharp:
-            runs[best] = self._packs(f"{name}_sharp", on_sharp)
-        learned = {**on_sharp, "closure.file": str(closure)}
-        runs[f"{best} + filtered"] = self._packs(f"{name}{sharp}_filtered", learned)
-        return compare(
-            reference,
-            [first for first, *_ in runs.values()],
-            self.out,
-            names=["fine", *runs],
-            noise=noise,
-            packs={name: others for name, (_, *others) in runs.items()},
-            parity=parity_figures(read_stored(parity_file(closure))),
-            training_cost={f"{best} + filtered": float(metadata["study_seconds"])},
-            notes=self._notes(metadata),
-            title=f"{Path(self.plan.scene).stem}: a learned drag closure on coarse meshes",
-        )
+            candidates.append(_candidate(best, self._packs(f"{name}_sharp", on_sharp)))
+        learned = self._packs(f"{name}{sharp}_filtered", {**on_sharp, "closure.file": str(closure)})
+        candidates.append(_candidate(f"{best} + filtered", learned, float(metadata["study_seconds"])))
+        title = f"{Path(self.plan.scene).stem}: a learned drag closure on coarse meshes"
+        page = Page(title, self._notes(metadata), parity_figures(read_stored(parity_file(closure))))
+        return compare(Candidate(reference, "fine"), candidates, self.out, noise=noise, page=page)
 
     def _packs(self, name: str, overrides: Mapping[str, Any], first: Mapping[str, Any] | None = None) -> list[Run]:
         """Runs with the scene's pack, which has the overrides of `first` too, and with the other packs."""
@@ -158,6 +150,11 @@ class Study:
                 f"R2 {figures['closure']:.4f}, base law {figures['base']:.4f}, regression {figures['regression']:.4f}."
             )
         return notes
+
+
+def _candidate(name: str, runs: Sequence[Run], training_cost: float = math.nan) -> Candidate:
+    """The runs of one kind, the first with the scene's own pack."""
+    return Candidate(runs[0], name, runs[1:], training_cost)
 
 
 def fit_to_files(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import platform
 import sys
@@ -15,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from jaxdem.errors import InputError
 from jaxdem.io.access import locked
-from jaxdem.report import Comparison, compare
+from jaxdem.report import Candidate, Comparison, Page, compare
 from jaxdem.run.records import versions
 from jaxdem.study import claim
 from studies.evidence import Evidence
@@ -113,20 +114,15 @@ def report(evidence: Evidence, sections: Sequence[Section]) -> Comparison | None
     found = {name: run for name in names if (run := evidence.run(name)) is not None}
     if fine is None or not found:
         return None
-    cost = {name: evidence.training_of(name) for name in found}
-    return compare(
-        fine,
-        list(found.values()),
-        evidence.out,
-        names=["fine", *found],
-        noise=evidence.jittered("fine"),
-        parity={**evidence.parity("filtered"), **evidence.parity("paper")},
-        training_cost={name: seconds for name, seconds in cost.items() if seconds is not None},
-        sections=[section.page() for section in sections],
-        until=screen_time(fine),
-        notes=["Runs whose errors alone are used end earlier: their run times are of less simulated time."],
+    candidates = [Candidate(run, name, (), evidence.training_of(name) or math.nan) for name, run in found.items()]
+    page = Page(
         title="Injection: a learned drag closure on coarse meshes",
+        notes=["Runs whose errors alone are used end earlier: their run times are of less simulated time."],
+        parity={**evidence.parity("filtered"), **evidence.parity("paper")},
+        sections=[section.page() for section in sections],
     )
+    noise, until = evidence.jittered("fine"), screen_time(fine)
+    return compare(Candidate(fine, "fine"), candidates, evidence.out, noise=noise, until=until, page=page)
 
 
 def default_jobs() -> int:

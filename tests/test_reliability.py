@@ -7,6 +7,7 @@ import dataclasses
 import errno
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +22,7 @@ from jaxdem.files import hdf5
 from jaxdem.io import RunDirectory
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid
 from jaxdem.report import style
-from jaxdem.report.comparison import Comparison, Row, write_csv
+from jaxdem.report.comparison import Comparison, row_of_one, write_csv
 from jaxdem.run.restart import origin, require_same_origin
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.magnitudes import check_magnitudes
@@ -106,10 +107,7 @@ def test_a_full_disk_leaves_the_earlier_file_and_nothing_beside_it(tmp_path, kin
 
 def test_pictures_and_tables_are_whole_or_absent(tmp_path, full_disk):
     figure = style.new_figure(1.0, 1.0)
-    row = Row(
-        "a", "run", "", None, 1, "", "", "float32", 1.0, 1.0, 1.0, True, True, "", 1.0, 0.0, 1.0, {}, {}, 0.0, 0,
-        packs=((1.0, 0.0),),
-    )  # fmt: skip
+    row = row_of_one(SimpleNamespace(path=tmp_path, summary={}, scene={}, history={}, times=np.empty(0)))
     with pytest.raises(OSError, match="No space left.*picture.png'$"):
         style.save(figure, tmp_path / "picture.png")
     with pytest.raises(OSError, match="No space left"):

@@ -15,9 +15,8 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
 from jaxdem.errors import InputError
 from jaxdem.report import pictures, style
-from jaxdem.report.pictures import Scales
 from jaxdem.report.runs import RunLike
-from jaxdem.report.single import draw_frame, frame_axes, frame_size, name_openings
+from jaxdem.report.single import Frame, frame_size
 
 MAX_GIF_FRAMES = 300
 """A GIF is put together in memory; of a longer run every second (third, ...) output is drawn."""
@@ -68,22 +67,26 @@ def animate(
         if progress is not None:
             progress(done, total)
 
-    scales = Scales(None, None)
+    tops: pictures.Tops = {}
     for index in indices:
-        scales = scales.widened(Scales.of([pictures.take(run, index)], color))
+        own = pictures.tops([pictures.take(run, index)])
+        tops |= {name: max(top, tops.get(name, 0.0)) for name, top in own.items()}
         advance()
     out.parent.mkdir(parents=True, exist_ok=True)
     with style.look():
-        size = frame_size(run)
-        figure = style.new_figure(*size, layout=None)
-        axis = frame_axes(figure, size, run, scales, color)
-        name_openings(figure, size, pictures.take(run, 0))
+        figure = style.new_figure(*frame_size(run))
+        first = pictures.take(run, 0)
+        frame = Frame(figure, run, tops, color, first)
+        frame.draw(first)
+        # The layout of the first frame stands still.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
         # The ending tells the writer what to write, so the name aside keeps it.
         part = out.with_name(f".{out.stem}.part{out.suffix}")
         try:
             with writer.saving(figure, str(part), DPI):
                 for index in indices:
-                    draw_frame(axis, run, pictures.take(run, index), scales, color)
+                    frame.draw(pictures.take(run, index))
                     writer.grab_frame()
                     advance()
             os.replace(part, out)

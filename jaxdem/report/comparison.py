@@ -1,14 +1,14 @@
-"""The numbers of a comparison: one row a run, its errors against the reference, the noise floor, what to beware of."""
+"""The numbers of a comparison: one row a run, its errors against the reference, the noise floor, the Pareto front."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,58 +16,79 @@ from jaxdem import metrics
 from jaxdem.errors import InputError
 from jaxdem.io.durable import write_bytes
 from jaxdem.report import runs as read
-from jaxdem.report.runs import RunLike
+from jaxdem.report.runs import NAMES, Array, RunLike
+from jaxdem.report.style import NOISE, RunStyle, styles
 
-NAMES = tuple(metric.name for metric in metrics.METRICS)
 NAN = float("nan")
 
 
 @dataclass(frozen=True)
+class Candidate:
+    """A run to be compared.
+
+    Attributes:
+        run: as `jaxdem.load_run` gives it.
+        name: under which it is shown; by default that of its folder.
+        packs: the same run with other packs; its errors are means over all of them, and their scatter is shown.
+        training_cost_s: time spent to train its closure [s]; NaN without training.
+    """
+
+    run: RunLike
+    name: str = ""
+    packs: Sequence[RunLike] = ()
+    training_cost_s: float = NAN
+
+
+class Trial(NamedTuple):
+    """A run with one of its packs: `metrics.run_time`, `metrics.compile_time` [s], `metrics.relative_error` of each [-]."""
+
+    run_time_s: float
+    compile_time_s: float
+    errors: dict[str, float]
+
+    @property
+    def finite_errors(self) -> list[float]:
+        """Those that the mean is over."""
+        return [error for error in self.errors.values() if math.isfinite(error)]
+
+    @property
+    def mean_error(self) -> float:
+        """Mean of the finite errors [-]; NaN where there is none."""
+        return float(np.mean(self.finite_errors)) if self.finite_errors else NAN
+
+
+@dataclass(frozen=True, eq=False)
 class Row:
     """One run of a comparison.
 
     Attributes:
-        role: "reference", "run" or "noise" (a reference run again, its pack jittered).
-        cells: fluid cells along each axis, None without fluid.
-        contact_time_step, training_cost_s: [s]; NaN where not recorded.
-        run_time_s, compile_time_s: `metrics.run_time`, which is without compiling, and `metrics.compile_time` [s]; medians
-            over the packs.
-        valid: what the run's summary says; False where there is no summary.
+        role: "noise" is a reference run again, its pack jittered.
+        history: what is compared of it; columns (T,), SI.
+        look: how it is drawn.
         complete: whether the history reaches the end that scene and reference ask for.
-        end_time, compared_from, compared_until: [s]; last output, and the span shared with the reference.
-        final: the nine metrics at the last output, SI.
-        errors: `metrics.relative_error` of each [-]; NaN where missing. With several packs the mean over them.
-        mean_error: mean of the finite errors [-]; metrics_counted: how many those are.
-        packs: (run time [s], mean error [-]) with each pack; one for a run that was done once.
-        error_over_noise: mean error over the noise floor's [-]; NaN without noise runs.
-        pareto: on the front of mean error against run time, among valid and complete runs; see `Comparison`.
+        status: "valid", or in words what is wrong.
+        compared_from, compared_until: span shared with the reference [s].
+        trials: with each pack that is valid and complete; one for a run that was done once.
+        trials_done: how many packs it was done with.
     """
 
     name: str
-    role: str
-    path: str
-    cells: tuple[int, ...] | None
-    particles: float
-    closure: str
-    drag: str
-    precision: str
-    contact_time_step: float
-    run_time_s: float
-    compile_time_s: float
-    valid: bool
+    role: Literal["reference", "run", "noise"]
+    run: RunLike
+    history: dict[str, Array]
+    look: RunStyle
     complete: bool
     status: str
-    end_time: float
     compared_from: float
     compared_until: float
-    final: dict[str, float]
-    errors: dict[str, float]
-    mean_error: float
-    metrics_counted: int
-    packs: tuple[tuple[float, float], ...] = ()
-    training_cost_s: float = NAN
-    error_over_noise: float = NAN
-    pareto: bool = False
+    trials: tuple[Trial, ...]
+    trials_done: int
+    training_cost_s: float
+
+    @property
+    def valid(self) -> bool:
+        """What the run's summary says; False where there is no summary."""
+        return read.lookup(self.run.summary, "valid") is True
 
     @property
     def ranked(self) -> bool:
@@ -75,26 +96,100 @@ class Row:
         return self.valid and self.complete
 
     @property
-    def pack_errors(self) -> tuple[float, ...]:
+    def label(self) -> str:
+        """Name in a legend, with what one must know of the run."""
+        state = "" if self.ranked else "incomplete" if self.valid else "INVALID"
+        remarks = ["reference"] * (self.role == "reference") + [state] * bool(state)
+        return f"{self.name} ({', '.join(remarks)})" if remarks else self.name
+
+    @property
+    def run_time_s(self) -> float:
+        """`metrics.run_time`, which is without compiling, median over the packs [s]; NaN where not recorded."""
+        return float(np.median([trial.run_time_s for trial in self.trials]))
+
+    @property
+    def compile_time_s(self) -> float:
+        """Median over the packs [s]; NaN where not recorded."""
+        return float(np.median([trial.compile_time_s for trial in self.trials]))
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Of each metric, mean over the packs [-]; NaN where missing."""
+        return {name: float(np.mean([trial.errors[name] for trial in self.trials])) for name in NAMES}
+
+    @property
+    def mean_error(self) -> float:
+        """Mean of the finite errors, and over the packs [-]."""
+        return float(np.mean([trial.mean_error for trial in self.trials]))
+
+    @property
+    def pack_errors(self) -> list[float]:
         """Mean error with each pack [-]."""
-        return tuple(error for _, error in self.packs)
+        return [trial.mean_error for trial in self.trials]
+
+    @property
+    def metrics_counted(self) -> int:
+        """Number of finite errors."""
+        return len(self.trials[0].finite_errors)
+
+    @property
+    def end_time(self) -> float:
+        """Last output [s]; NaN without."""
+        return float(self.history["time"][-1]) if len(self.history["time"]) else NAN
+
+    @property
+    def final(self) -> dict[str, float]:
+        """The nine metrics at the last output, SI."""
+        return {n: float(self.history[n][-1]) if len(self.history.get(n, ())) else NAN for n in NAMES}
+
+    @property
+    def cells(self) -> tuple[int, ...] | None:
+        """Number of fluid cells along each axis; None without fluid."""
+        return read.cells(self.run)
 
     @property
     def cells_text(self) -> str:
         """Mesh as "75 x 12"; a dash without fluid."""
         return " x ".join(str(n) for n in self.cells) if self.cells else "-"
 
+    @property
+    def particles(self) -> float:
+        """Number of particles; NaN where not recorded."""
+        return self._number("counts.particles", "particles.count")
+
+    @property
+    def contact_time_step(self) -> float:
+        """[s]; NaN where not recorded."""
+        return self._number("time_steps.contact", "contact.time_step")
+
+    @property
+    def closure(self) -> str:
+        """File of the learned closure; empty for a drag law alone."""
+        return read.closure_file(self.run)
+
+    @property
+    def drag(self) -> str:
+        """Name of the drag law."""
+        return str(read.lookup(self.run.scene, "coupling.drag", ""))
+
+    @property
+    def precision(self) -> str:
+        """float32 or float64."""
+        return str(read.lookup(self.run.summary, "precision", read.lookup(self.run.scene, "precision", "")))
+
+    def _number(self, in_summary: str, in_scene: str) -> float:
+        return read.number(read.lookup(self.run.summary, in_summary, read.lookup(self.run.scene, in_scene)))
+
 
 @dataclass
 class Comparison:
     """Runs against a reference. `rows` has the reference first; `noise_rows` the jittered reference runs.
 
-    Two mean errors, or two run times, that differ by no more than the noise are the same here: on the Pareto front, in the
-    findings, everywhere.
+    Two mean errors, or two run times, that differ by no more than the noise are the same here: on the Pareto front, in
+    the findings, everywhere.
 
     Attributes:
-        noise_floor: mean over the noise runs of each metric's error [-]; empty without noise runs.
-        noise_mean: mean over the noise runs of their mean error [-]; NaN without.
+        until: nothing after this time is compared [s].
         warnings: sentences on what limits the comparison.
         sentences: the plain-language summary, one finding each.
         files: what was written, by its short name.
@@ -102,11 +197,9 @@ class Comparison:
 
     rows: list[Row]
     noise_rows: list[Row] = field(default_factory=list)
-    noise_floor: dict[str, float] = field(default_factory=dict)
-    noise_mean: float = NAN
+    until: float | None = None
     warnings: list[str] = field(default_factory=list)
     sentences: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
     files: dict[str, Path] = field(default_factory=dict)
 
     @property
@@ -115,12 +208,38 @@ class Comparison:
         return self.rows[0]
 
     @property
+    def runs(self) -> list[Row]:
+        """The rows of the runs that are compared with it."""
+        return self.rows[1:]
+
+    @property
+    def every(self) -> list[Row]:
+        """All rows, those of the noise last."""
+        return [*self.rows, *self.noise_rows]
+
+    @property
+    def noise_floor(self) -> dict[str, float]:
+        """Mean over the sound noise runs of each metric's error [-]; empty without."""
+        used = [row.errors for row in self.noise_rows if row.ranked]
+        return {name: float(np.mean([errors[name] for errors in used])) for name in NAMES} if used else {}
+
+    @property
+    def noise_mean(self) -> float:
+        """Mean over the sound noise runs of their mean error [-]; NaN without."""
+        used = [row.mean_error for row in self.noise_rows if row.ranked]
+        return float(np.mean(used)) if used else NAN
+
+    def over_noise(self, row: Row) -> float:
+        """Mean error over the noise floor's [-]; NaN without noise runs."""
+        return row.mean_error / self.noise_mean if self.noise_mean > 0.0 else NAN
+
+    @property
     def error_noise(self) -> float:
         """Difference of two mean errors that means nothing [-]; NaN where it is not known.
 
         The noise floor, or half the range of a run's mean error over its packs where that is more.
         """
-        known = [half_range(row.pack_errors) for row in self.rows if len(row.packs) > 1]
+        known = [0.5 * float(np.ptp(row.pack_errors)) for row in self.rows if len(row.trials) > 1]
         return max([*known, *filter(math.isfinite, [self.noise_mean])], default=NAN)
 
     @property
@@ -129,182 +248,119 @@ class Comparison:
 
         Half the range over packs of a run, or over reference and noise runs, over the middle of it: the largest.
         """
-        reference = [row.run_time_s for row in (self.reference, *self.noise_rows) if row.ranked]
-        groups = [reference, *([time for time, _ in row.packs] for row in self.rows)]
+        groups = [[row.run_time_s for row in (self.reference, *self.noise_rows) if row.ranked]]
+        groups += [[trial.run_time_s for trial in row.trials] for row in self.rows]
         groups = [[time for time in group if time > 0.0] for group in groups]
-        known = [2.0 * half_range(group) / (min(group) + max(group)) for group in groups if len(group) > 1]
+        known = [float(np.ptp(group)) / (min(group) + max(group)) for group in groups if len(group) > 1]
         return max(known, default=NAN)
 
+    @property
+    def front(self) -> list[Row]:
+        """The Pareto front of mean error against run time, cheapest first; see `metrics.pareto_front`.
 
-@dataclass(frozen=True)
-class Entry:
-    """A run under its name and role, with the history that is compared (columns (T,), SI).
-
-    Attributes:
-        packs: the same run with other packs, each with its history.
-    """
-
-    name: str
-    role: str
-    run: RunLike
-    history: dict[str, read.Array]
-    packs: tuple[tuple[RunLike, dict[str, read.Array]], ...] = ()
-
-
-def half_range(values: Sequence[float]) -> float:
-    """Half of the largest less the smallest."""
-    return 0.5 * (max(values) - min(values))
-
-
-def choose_names(reference: RunLike, runs: Sequence[RunLike], names: Sequence[str] | None) -> list[str]:
-    """Names of the reference and the runs, all different; by default the names of their directories.
-
-    Args:
-        names: one a run, or one more with the reference's name first.
-
-    Raises:
-        InputError: another number of names, or two that are equal.
-    """
-    if names is not None:
-        if len(names) not in (len(runs), len(runs) + 1):
-            raise InputError(
-                "names",
-                list(names),
-                f"must have one name for each of {len(runs)} run(s)",
-                "Give that many, or one more with the name of the reference first.",
-            )
-        chosen = [str(n) for n in names]
-        if len(chosen) == len(runs):
-            chosen.insert(0, _default_name(reference) if _default_name(reference) not in chosen else "reference")
-        if len(set(chosen)) < len(chosen):
-            raise InputError("names", chosen, "must all be different", "Rename one of the two.")
-        return chosen
-    chosen = [_default_name(run) for run in (reference, *runs)]
-    longer = [
-        f"{Path(run.path).resolve().parent.name}/{name}" for run, name in zip((reference, *runs), chosen, strict=True)
-    ]
-    if len(set(chosen)) < len(chosen):
-        chosen = longer
-    return [name if chosen.count(name) == 1 else f"{name} #{i}" for i, name in enumerate(chosen)]
-
-
-def _default_name(run: RunLike) -> str:
-    return Path(run.path).resolve().name or "run"
-
-
-def make_row(entry: Entry, reference: Entry, training_cost: float, until: float | None) -> Row:
-    """Read one run's figures and its errors against the reference; with several packs the means over the sound runs."""
-    first = _row_of_one(entry, reference, training_cost, until)
-    others = [replace(entry, run=run, history=history, packs=()) for run, history in entry.packs]
-    rows = [first, *(_row_of_one(other, reference, training_cost, until) for other in others)]
-    rows = [row for row in rows if row.ranked and math.isfinite(row.mean_error)]
-    if not first.ranked or len(rows) < 2:
-        return first
-    return replace(
-        first,
-        errors={name: float(np.mean([row.errors[name] for row in rows])) for name in NAMES},
-        mean_error=float(np.mean([row.mean_error for row in rows])),
-        run_time_s=float(np.median([row.run_time_s for row in rows])),
-        compile_time_s=float(np.median([row.compile_time_s for row in rows])),
-        packs=tuple(pack for row in rows for pack in row.packs),
-    )
-
-
-def _row_of_one(entry: Entry, reference: Entry, training_cost: float, until: float | None) -> Row:
-    run, history = entry.run, entry.history
-    own, other = history["time"], reference.history["time"]
-    errors = metrics.errors(history, reference.history)
-    finite = [error for error in errors.values() if math.isfinite(error)]
-    shared = (max(own[0], other[0]), min(own[-1], other[-1])) if len(own) and len(other) else (NAN, NAN)
-    valid = read.lookup(run.summary, "valid") is True
-    end_time = float(own[-1]) if len(own) else NAN
-    complete, status = _status(run, valid, end_time, other, until)
-    mean_error, time = float(np.mean(finite)) if finite else NAN, metrics.run_time(run.summary or {})
-    return Row(
-        name=entry.name,
-        role=entry.role,
-        path=str(run.path),
-        cells=read.cells(run),
-        particles=read.number(read.lookup(run.summary, "counts.particles", read.lookup(run.scene, "particles.count"))),
-        closure=read.closure_file(run),
-        drag=str(read.lookup(run.scene, "coupling.drag", "")),
-        precision=str(read.lookup(run.summary, "precision", read.lookup(run.scene, "precision", ""))),
-        contact_time_step=read.number(
-            read.lookup(run.summary, "time_steps.contact", read.lookup(run.scene, "contact.time_step"))
-        ),
-        run_time_s=time,
-        compile_time_s=metrics.compile_time(run.summary or {}),
-        valid=valid,
-        complete=complete,
-        status=status,
-        end_time=end_time,
-        compared_from=float(shared[0]),
-        compared_until=float(shared[1]),
-        final={name: float(history[name][-1]) if name in history and len(own) else NAN for name in NAMES},
-        errors=errors,
-        mean_error=mean_error,
-        metrics_counted=len(finite),
-        packs=((time, mean_error),),
-        training_cost_s=training_cost,
-    )
-
-
-def _status(
-    run: RunLike, valid: bool, end_time: float, reference_times: read.Array, until: float | None
-) -> tuple[bool, str]:
-    """(complete, text): whether the history reaches the planned end, to within half an output interval."""
-    planned = read.number(read.lookup(run.scene, "time.end"))
-    ends = [end for end in (planned, float(reference_times[-1]) if len(reference_times) else NAN) if math.isfinite(end)]
-    wanted = min(max(ends, default=NAN), math.inf if until is None else until)
-    interval = float(np.median(np.diff(reference_times))) if len(reference_times) > 1 else 0.0
-    complete = bool(math.isfinite(end_time) and end_time >= wanted - 0.5 * interval - 1e-9)
-    parts = []
-    if not valid:
-        reason = read.lookup(run.summary, "reason") or ("no reason recorded" if run.summary else "no summary")
-        parts.append(f"INVALID: {reason}")
-    if not complete:
-        parts.append(
-            f"incomplete: ended at {end_time:.4g} s of {wanted:.4g} s" if math.isfinite(end_time) else "no history"
-        )
-    return complete, "; ".join(parts) or "valid"
+        It is over runs that are valid and as long as the reference: a run that stopped early is cheap and has had less
+        time to err, and would win for the wrong reason. The reference, whose error is zero by definition, is not on it.
+        Its points differ by more than the noise, as far as that is known.
+        """
+        ranked = [row for row in self.runs if row.ranked]
+        noise = (value if math.isfinite(value) else 0.0 for value in (self.time_noise, self.error_noise))
+        on = metrics.pareto_front([row.run_time_s for row in ranked], [row.mean_error for row in ranked], *noise)
+        return sorted((row for row, yes in zip(ranked, on, strict=True) if yes), key=lambda row: row.run_time_s)
 
 
 def build(
-    reference: Entry,
-    entries: Sequence[Entry],
-    noise: Sequence[Entry],
-    cost: Mapping[str, float],
-    until: float | None,
+    reference: Candidate, runs: Sequence[Candidate], noise: Sequence[RunLike] = (), until: float | None = None
 ) -> Comparison:
-    """Rows of all runs, the noise floor, and the Pareto front of mean error against run time.
+    """Rows of all runs.
 
-    The front is over runs that are valid and as long as the reference: a run that stopped early is cheap and has had
-    less time to err, and would win for the wrong reason. The reference, whose error is zero by definition, is not on it.
-    Its points differ by more than the noise, as far as that is known.
+    Raises:
+        InputError: no run, two of one name, a history whose times do not increase.
     """
-    rows = [make_row(entry, reference, cost.get(entry.name, NAN), until) for entry in (reference, *entries)]
-    noise_rows = [make_row(entry, reference, NAN, until) for entry in noise]
-    used = [row for row in noise_rows if row.ranked]
-    floor, mean = {}, NAN
-    if used:
-        floor = {name: float(np.mean([row.errors[name] for row in used])) for name in NAMES}
-        mean = float(np.mean([row.mean_error for row in used]))
-    if mean > 0.0:
-        rows = [replace(row, error_over_noise=row.mean_error / mean) for row in rows]
-        noise_rows = [replace(row, error_over_noise=row.mean_error / mean) for row in noise_rows]
-    result = Comparison(rows=rows, noise_rows=noise_rows, noise_floor=floor, noise_mean=mean)
-    candidates = [row.ranked and row.role == "run" for row in rows]
-    costs = [row.run_time_s if ok else NAN for row, ok in zip(rows, candidates, strict=True)]
-    known = [value if math.isfinite(value) else 0.0 for value in (result.time_noise, result.error_noise)]
-    front = metrics.pareto_front(costs, [row.mean_error for row in rows], *known)
-    result.rows = [replace(row, pareto=bool(on)) for row, on in zip(rows, front, strict=True)]
-    return result
+    if not runs:
+        raise InputError("runs", list(runs), "needs at least one run", "Name a run to compare with the reference.")
+    every = [reference, *runs]
+    base = read.history_until(reference.run, until)
+    rows = [
+        _row(candidate, name, "run" if number else "reference", look, base, until)
+        for number, (candidate, name, look) in enumerate(zip(every, _names(every), styles(len(every)), strict=True))
+    ]
+    grey = RunStyle(NOISE, "solid", "circle", 0.9)
+    jittered = [_row(Candidate(run), f"noise {i}", "noise", grey, base, until) for i, run in enumerate(noise, start=1)]
+    return Comparison(rows, jittered, until)
+
+
+def row_of_one(run: RunLike) -> Row:
+    """A run by itself."""
+    return _row(Candidate(run), folder_name(run), "run", styles(2)[1], read.history_until(run, None), None)
+
+
+def _names(candidates: Sequence[Candidate]) -> list[str]:
+    """All different; those that are not given are the names of the directories, with their parents' where needed."""
+    given = [candidate.name for candidate in candidates if candidate.name]
+    if len(set(given)) < len(given):
+        raise InputError("names", given, "must all be different", "Rename one of the two.")
+    names = [candidate.name or folder_name(candidate.run) for candidate in candidates]
+    if len(set(names)) < len(names):
+        names = [one.name or "/".join(Path(one.run.path).resolve().parts[-2:]) for one in candidates]
+    return [name if names.count(name) == 1 else f"{name} #{i}" for i, name in enumerate(names)]
+
+
+def folder_name(run: RunLike) -> str:
+    """Name of the run's folder."""
+    return Path(run.path).resolve().name or "run"
+
+
+def _row(
+    candidate: Candidate,
+    name: str,
+    role: Literal["reference", "run", "noise"],
+    look: RunStyle,
+    reference: dict[str, Array],
+    until: float | None,
+) -> Row:
+    """Read a run's figures and its errors against the reference's history; of its packs those of the sound runs."""
+    history, other = read.history_until(candidate.run, until), reference["time"]
+    own = history["time"]
+    complete, status = _state(candidate.run, own, other, until)
+    trials = [_trial(candidate.run, history, reference)]
+    if status == "valid":
+        for run in candidate.packs:
+            more = read.history_until(run, until)
+            trial = _trial(run, more, reference)
+            if _state(run, more["time"], other, until)[1] == "valid" and math.isfinite(trial.mean_error):
+                trials.append(trial)
+    shared = (float(max(own[0], other[0])), float(min(own[-1], other[-1]))) if len(own) and len(other) else (NAN, NAN)
+    done = 1 + len(candidate.packs)
+    return Row(
+        name, role, candidate.run, history, look, complete, status, *shared, tuple(trials), done,
+        float(candidate.training_cost_s),
+    )  # fmt: skip
+
+
+def _trial(run: RunLike, history: dict[str, Array], reference: dict[str, Array]) -> Trial:
+    summary = run.summary or {}
+    return Trial(metrics.run_time(summary), metrics.compile_time(summary), metrics.errors(history, reference))
+
+
+def _state(run: RunLike, times: Array, reference_times: Array, until: float | None) -> tuple[bool, str]:
+    """(complete, in words): whether the history reaches the planned end, to within half an output interval."""
+    ends = [read.number(read.lookup(run.scene, "time.end")), *reference_times[-1:]]
+    wanted = min(max(filter(math.isfinite, ends), default=NAN), math.inf if until is None else until)
+    interval = float(np.median(np.diff(reference_times))) if len(reference_times) > 1 else 0.0
+    complete = bool(len(times) and times[-1] >= wanted - 0.5 * interval - 1e-9)
+    parts = []
+    if read.lookup(run.summary, "valid") is not True:
+        reason = read.lookup(run.summary, "reason") or ("no reason recorded" if run.summary else "no summary")
+        parts.append(f"INVALID: {reason}")
+    if not complete:
+        ended = f"incomplete: ended at {times[-1]:.4g} s of {wanted:.4g} s" if len(times) else "no history"
+        parts.append(ended)
+    return complete, "; ".join(parts) or "valid"
 
 
 def write_csv(comparison: Comparison, path: Path) -> None:
     """comparison.csv: one row a run, the reference first, noise runs last; missing numbers are `nan`."""
-    with_noise = bool(comparison.noise_rows)
-    records = [_record(row, with_noise) for row in (*comparison.rows, *comparison.noise_rows)]
+    records = [_record(row, comparison) for row in comparison.every]
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, fieldnames=list(records[0]))
     writer.writeheader()
@@ -312,8 +368,9 @@ def write_csv(comparison: Comparison, path: Path) -> None:
     write_bytes(path, text.getvalue().encode())
 
 
-def _record(row: Row, with_noise: bool) -> dict[str, Any]:
-    record: dict[str, Any] = {
+def _record(row: Row, comparison: Comparison) -> dict[str, Any]:
+    noise = {"error_over_noise": comparison.over_noise(row)} if comparison.noise_rows else {}
+    return {
         "name": row.name,
         "cells": "x".join(str(n) for n in row.cells or ()),
         "particle_count": int(row.particles) if math.isfinite(row.particles) else "",
@@ -326,10 +383,7 @@ def _record(row: Row, with_noise: bool) -> dict[str, Any]:
         **row.final,
         **{f"error_{name}": error for name, error in row.errors.items()},
         "mean_error": row.mean_error,
-    }
-    if with_noise:
-        record["error_over_noise"] = row.error_over_noise
-    return record | {
+        **noise,
         "role": row.role,
         "status": row.status,
         "end_time": row.end_time,
@@ -338,10 +392,10 @@ def _record(row: Row, with_noise: bool) -> dict[str, Any]:
         "metrics_counted": row.metrics_counted,
         "run_time_s": row.run_time_s,
         "compile_time_s": row.compile_time_s,
-        "packs": len(row.packs),
+        "packs": len(row.trials),
         "mean_error_lowest": min(row.pack_errors),
         "mean_error_highest": max(row.pack_errors),
         "training_cost_s": row.training_cost_s,
-        "pareto": "true" if row.pareto else "false",
-        "path": row.path,
+        "pareto": "true" if row in comparison.front else "false",
+        "path": str(row.run.path),
     }

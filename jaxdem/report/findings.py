@@ -12,9 +12,10 @@ from enum import Enum
 
 from jaxdem.metrics import METRICS
 from jaxdem.report import runs as read
-from jaxdem.report.comparison import Comparison, Entry, Row
+from jaxdem.report.comparison import Comparison, Row
 
 LABEL = {metric.name: metric.label for metric in METRICS}
+FRONT_MEANING = "no other run is both faster and more accurate"
 
 
 def percent(value: float) -> str:
@@ -65,7 +66,9 @@ def judge(error: float, other: float, noise: float) -> Verdict:
 
 
 def time_ratio(row: Row, reference: Row, noise: float) -> float:
-    """The reference's run time over a run's [-]; exactly 1 where they differ by no more than the noise, NaN where not recorded.
+    """The reference's run time over a run's [-]; exactly 1 where they differ by no more than the noise.
+
+    NaN where not recorded.
 
     Args:
         row, reference: the two.
@@ -79,14 +82,14 @@ def time_ratio(row: Row, reference: Row, noise: float) -> float:
 
 
 def sentences(comparison: Comparison) -> list[str]:
-    """The findings, one sentence or two each: the reference, the noise, every run, every closure with its cost, the front."""
-    runs = sorted(comparison.rows[1:], key=lambda row: (not row.ranked, _or_inf(row.mean_error)))
+    """The findings, one sentence or two each: reference, noise, every run, every closure with its cost, the front."""
+    runs = sorted(comparison.runs, key=lambda row: (not row.ranked, _or_inf(row.mean_error)))
     result = [_reference_sentence(comparison.reference), *_noise_sentences(comparison)]
     result.extend(_run_sentence(row, comparison) for row in runs)
     for row in runs:
         if (row.closure or math.isfinite(row.training_cost_s)) and row.ranked:
             result.append(_closure_sentence(row, comparison))
-    return result + _front_sentence(comparison, runs)
+    return result + _front_sentences(comparison, runs)
 
 
 def _or_inf(value: float) -> float:
@@ -95,12 +98,11 @@ def _or_inf(value: float) -> float:
 
 def _reference_sentence(reference: Row) -> str:
     took = f", which took {duration(reference.run_time_s)}" if math.isfinite(reference.run_time_s) else ""
+    mesh = f" on {reference.cells_text} cells" if reference.cells else " (no fluid)"
     return (
-        f"The reference is {reference.name}"
-        + (f" on {reference.cells_text} cells" if reference.cells else " (no fluid)")
-        + took
-        + ". Run times do not include compilation. The error of a run in a metric is the time integral of the absolute difference from the reference, divided by"
-        " the time integral of the reference's absolute value. The mean error is the mean over the metrics."
+        f"The reference is {reference.name}{mesh}{took}. Run times do not include compilation. The error of a run in a "
+        "metric is the time integral of the absolute difference from the reference, divided by the time integral of "
+        "the reference's absolute value. The mean error is the mean over the metrics."
     )
 
 
@@ -108,21 +110,21 @@ def _noise_sentences(comparison: Comparison) -> list[str]:
     noise, floor = comparison.error_noise, comparison.noise_mean
     if not math.isfinite(noise):
         return [
-            "The noise is not known, because no run was repeated with another pack. A small difference between two errors may be due to "
-            "chance."
+            "The noise is not known, because no run was repeated with another pack. A small difference between two "
+            "errors may be due to chance."
         ]
     result = []
     if math.isfinite(floor):
         used = sum(row.ranked for row in comparison.noise_rows)
         result.append(
-            f"Reference runs that differ only in a small jitter of the pack differ by {percent(floor)} "
-            f"({used} run(s)). This is the noise; no model can be expected to have a smaller error."
+            f"Reference runs that differ only in a small jitter of the pack differ by {percent(floor)} ({used} run(s)). "
+            "This is the noise; no model can be expected to have a smaller error."
         )
     result.append(f"Two mean errors that differ by {percent(noise)} or less count as equal within the noise.")
     if math.isfinite(comparison.time_noise):
         result.append(
-            f"Run times of the same work with other packs vary by {percent(comparison.time_noise)} about their median. A smaller "
-            "difference between two run times is not significant."
+            f"Run times of the same work with other packs vary by {percent(comparison.time_noise)} about their median. "
+            "A smaller difference between two run times is not significant."
         )
     return result
 
@@ -132,88 +134,78 @@ def _run_sentence(row: Row, comparison: Comparison) -> str:
         return f"{row.name}: the error is not known ({row.status})."
     known = {name: error for name, error in row.errors.items() if math.isfinite(error)}
     worst, best = max(known, key=known.__getitem__), min(known, key=known.__getitem__)
-    parts = [f"{row.name} has a mean error of {percent(row.mean_error)}"]
-    if len(row.packs) > 1:
-        parts.append(f", {_range(row)}")
-    if math.isfinite(row.error_over_noise):
-        parts.append(f" ({times(row.error_over_noise)} times the noise)")
-    if len(known) > 1:
-        parts.append(
-            f", largest in {LABEL[worst]} ({percent(known[worst])}) and smallest in {LABEL[best]} ({percent(known[best])})"
-        )
+    text = f"{row.name} has a mean error of {percent(row.mean_error)}"
+    if len(row.trials) > 1:
+        text += f", {_range(row)}"
+    if math.isfinite(over_noise := comparison.over_noise(row)):
+        text += f" ({times(over_noise)} times the noise)"
+    if known[worst] > known[best]:
+        text += f", largest in {LABEL[worst]} ({percent(known[worst])})"
+        text += f" and smallest in {LABEL[best]} ({percent(known[best])})"
     ratio = time_ratio(row, comparison.reference, comparison.time_noise)
     if math.isfinite(ratio) and row.ranked:
         faster = f"{times(ratio)} times faster than" if ratio > 1 else f"{times(1 / ratio)} times slower than"
-        parts.append(f"; it runs {'as fast as' if ratio == 1.0 else faster} the reference")
-    if not row.ranked:
-        parts.append(f". It is not ranked: {row.status}")
-    return "".join(parts) + "."
+        text += f"; it runs {'as fast as' if ratio == 1.0 else faster} the reference"
+    return text + ("." if row.ranked else f". It is not ranked: {row.status}.")
 
 
 def error_range(row: Row) -> str:
     """Smallest and largest mean error over the packs, e.g. "4.9-5.6 %"."""
-    low, high = (percent(error).removesuffix(" %") for error in (min(row.pack_errors), max(row.pack_errors)))
-    return f"{low}-{high} %"
+    return f"{percent(min(row.pack_errors)).removesuffix(' %')}-{percent(max(row.pack_errors))}"
 
 
 def _range(row: Row) -> str:
-    return f"{error_range(row)} over {len(row.packs)} packs"
+    return f"{error_range(row)} over {len(row.trials)} packs"
 
 
 def twin_without_closure(row: Row, comparison: Comparison) -> Row | None:
-    """The sound run that differs from this one in the closure alone, as far as rows tell: mesh, particles and, if there is
-    one, drag law; the best of several."""
-    twins = [
-        other
-        for other in comparison.rows[1:]
-        if not other.closure
-        and other is not row
-        and other.ranked
-        and other.cells == row.cells
-        and other.particles == row.particles
-    ]
+    """The sound run that differs from this one in the closure alone, as far as rows tell: mesh, particles and, if there
+    is one, drag law; the best of several."""
+    plain = [other for other in comparison.runs if other.ranked and not other.closure and other is not row]
+    twins = [other for other in plain if (other.cells, other.particles) == (row.cells, row.particles)]
     twins = [twin for twin in twins if twin.drag == row.drag] or twins
     return min(twins, key=lambda other: _or_inf(other.mean_error), default=None)
 
 
 OUTCOME = {
-    Verdict.LOWER: "On {cells} cells the closure lowers the mean error",
-    Verdict.HIGHER: "On {cells} cells the closure raises the mean error",
-    Verdict.SAME: "On {cells} cells the run with the learned closure is no better than the run without it; the difference is within the noise",
-    Verdict.MAYBE_LOWER: "On {cells} cells the mean error is lower with the closure; because the noise is not known, this may be chance",
-    Verdict.MAYBE_HIGHER: "On {cells} cells the mean error is higher with the closure; because the noise is not known, this may be chance",
-    Verdict.UNKNOWN: "On {cells} cells it is not known whether the closure helps",
+    Verdict.LOWER: "the closure lowers the mean error",
+    Verdict.HIGHER: "the closure raises the mean error",
+    Verdict.SAME: "the run with the learned closure is no better than the run without it; the difference is within the "
+    "noise",
+    Verdict.MAYBE_LOWER: "the mean error is lower with the closure; because the noise is not known, this may be chance",
+    Verdict.MAYBE_HIGHER: "the mean error is higher with the closure; because the noise is not known, this may be chance",
+    Verdict.UNKNOWN: "it is not known whether the closure helps",
 }
-"""What is said of a closure."""
+"""What is said of a closure on a mesh."""
 
 
 def _closure_sentence(row: Row, comparison: Comparison) -> str:
-    """The learned run against the run on the same mesh with the drag law alone; what the training costs follows from that."""
+    """The learned run against the run on the same mesh with the drag law alone; what its training costs follows."""
     twin = twin_without_closure(row, comparison)
     if twin is None:
         return (
             f"It is not known whether the closure improves {row.name}: there is no valid run on the same mesh "
-            f"({row.cells_text}) without a closure.{_cost(row, None, comparison)}"
+            f"({row.cells_text}) without a closure.{_cost(row, Verdict.UNKNOWN, comparison)}"
         )
     pairs = [(row.errors[name], twin.errors[name]) for name in LABEL]
-    pairs = [pair for pair in pairs if all(math.isfinite(error) for error in pair)]
+    pairs = [pair for pair in pairs if all(map(math.isfinite, pair))]
     better = sum(mine < theirs for mine, theirs in pairs)
     verdict = judge(row.mean_error, twin.mean_error, comparison.error_noise)
-    with_it, without = (f" ({one.name}{', ' + _range(one) if len(one.packs) > 1 else ''})" for one in (row, twin))
+    with_it, without = (f" ({one.name}{', ' + _range(one) if len(one.trials) > 1 else ''})" for one in (row, twin))
     noise = f"; the noise is {percent(comparison.error_noise)}" if verdict is Verdict.SAME else ""
     return (
-        f"{OUTCOME[verdict].format(cells=row.cells_text)}: {percent(row.mean_error)} with it{with_it} against "
+        f"On {row.cells_text} cells {OUTCOME[verdict]}: {percent(row.mean_error)} with it{with_it} against "
         f"{percent(twin.mean_error)} without{without}, with a smaller error in {better} of {len(pairs)} metrics{noise}."
         f"{_cost(row, verdict, comparison)}"
     )
 
 
-def _cost(row: Row, verdict: Verdict | None, comparison: Comparison) -> str:
+def _cost(row: Row, verdict: Verdict, comparison: Comparison) -> str:
     """What the training took, and when it pays: only where it made the run better. "" without a training."""
     if not math.isfinite(row.training_cost_s):
         return ""
     start = f" Its training took {duration(row.training_cost_s)}"
-    if verdict is None or verdict is Verdict.UNKNOWN:
+    if verdict is Verdict.UNKNOWN:
         return start + "; it is not known whether this time is regained."
     if verdict not in (Verdict.LOWER, Verdict.MAYBE_LOWER):
         return start + ", which is not regained, because the run without the closure needs no training."
@@ -227,25 +219,19 @@ def _cost(row: Row, verdict: Verdict | None, comparison: Comparison) -> str:
     return start + f"; compared with the run time of the reference it is regained after {runs} run(s){sure}."
 
 
-def _front_sentence(comparison: Comparison, runs: Sequence[Row]) -> list[str]:
-    front = [row for row in sorted(runs, key=lambda row: _or_inf(row.run_time_s)) if row.pareto]
-    if not front:
+def _front_sentences(comparison: Comparison, runs: Sequence[Row]) -> list[str]:
+    """Which runs are worth their time, where there is a choice."""
+    front = comparison.front
+    if not front or sum(row.ranked for row in runs) < 2:
         return []
-    names = ", ".join(row.name for row in front)
-    order = " (cheapest first)" if len(front) > 1 else ""
+    text = f"On the Pareto front ({FRONT_MEANING}): {', '.join(row.name for row in front)}"
+    text += " (cheapest first)." if len(front) > 1 else "."
     if not math.isfinite(comparison.error_noise):
-        return [
-            f"On the Pareto front of error against run time{order}: {names}. Every difference counts, because the noise is not known."
-        ]
-    alike = [
-        row.name
-        for row in runs
-        if row.ranked and not row.pareto and any(_alike(row, other, comparison) for other in front)
-    ]
-    return [
-        f"On the Pareto front of error against run time{order}: {names}. Its points differ by more than the noise."
-        + (f" Within the noise of a point on it: {', '.join(alike)}." if alike else "")
-    ]
+        return [text + " Every difference counts, because the noise is not known."]
+    others = [row for row in runs if row.ranked and row not in front]
+    alike = [row.name for row in others if any(_alike(row, other, comparison) for other in front)]
+    text += " Its points differ by more than the noise."
+    return [text + (f" Within the noise of a point on it: {', '.join(alike)}." if alike else "")]
 
 
 def _alike(row: Row, other: Row, comparison: Comparison) -> bool:
@@ -254,66 +240,58 @@ def _alike(row: Row, other: Row, comparison: Comparison) -> bool:
     return same and time_ratio(row, other, comparison.time_noise) == 1.0
 
 
-def warnings(comparison: Comparison, entries: Sequence[Entry], until: float | None) -> list[str]:
+def warnings(comparison: Comparison) -> list[str]:
     """What limits the comparison: invalid or short runs, unlike scenes or machines, missing figures."""
-    reference, runs = comparison.reference, comparison.rows[1:]
+    reference, runs = comparison.reference, comparison.runs
     result = []
     if not reference.ranked:
         result.append(
             f"The reference is not valid and complete ({reference.status}): do not trust any error on this page."
         )
-    bad = [row for row in (*runs, *comparison.noise_rows) if not row.ranked]
-    if bad:
-        listed = "; ".join(f"{row.name}: {row.status}" for row in bad)
-        result.append(f"Not ranked, and not on the Pareto front: {listed}.")
-    by_name = {entry.name: entry for entry in entries}
+    if bad := [f"{row.name}: {row.status}" for row in (*runs, *comparison.noise_rows) if not row.ranked]:
+        result.append(f"Not ranked, and not on the Pareto front: {'; '.join(bad)}.")
     for row in comparison.rows:
-        done, used = 1 + len(by_name[row.name].packs), len(row.packs)
-        if used < done:
-            result.append(f"{row.name}: {used} of {done} packs are counted; the others are invalid or incomplete.")
+        if (used := len(row.trials)) < row.trials_done:
+            result.append(
+                f"{row.name}: {used} of {row.trials_done} packs are counted; the others are invalid or incomplete."
+            )
     if comparison.noise_rows and not math.isfinite(comparison.noise_mean):
         result.append("No noise run is valid and complete, so the noise is not known.")
-    spans = {(row.compared_from, row.compared_until) for row in runs if math.isfinite(row.compared_until)}
-    short = [row for row in runs if math.isfinite(row.compared_until) and row.end_time != reference.end_time]
-    if len(spans) > 1 or short:
+    timed = [row for row in runs if math.isfinite(row.compared_until)]
+    short = [row for row in timed if row.end_time != reference.end_time]
+    if short or len({(row.compared_from, row.compared_until) for row in timed}) > 1:
         listed = ", ".join(f"{row.name} {row.compared_from:.4g} to {row.compared_until:.4g} s" for row in short)
         result.append(
             "The runs differ in length. Each is compared with the reference over the time that both cover"
             + (f": {listed}" if listed else "")
             + ". Final values are those at the last output of each run."
         )
-    if until is not None:
-        result.append(f"The comparison ends at {until:.4g} s.")
-    return result + _unlike(comparison, entries)
+    if comparison.until is not None:
+        result.append(f"The comparison ends at {comparison.until:.4g} s.")
+    return result + _unlike(comparison)
 
 
-def _unlike(comparison: Comparison, entries: Sequence[Entry]) -> list[str]:
+def _unlike(comparison: Comparison) -> list[str]:
     """Differences between the runs that make errors or run times incomparable."""
-    rows = comparison.rows
-    result = []
-    sizes = {read.domain_size(entry.run) for entry in entries} - {None}
-    if len(sizes) > 1:
+    rows, result = comparison.rows, []
+    if len({read.domain_size(row.run) for row in comparison.every} - {None}) > 1:
         result.append("The runs have boxes of different size, so the errors compare different scenes.")
-    counts = {row.particles for row in rows if math.isfinite(row.particles)}
+    counts = sorted({row.particles for row in rows if math.isfinite(row.particles)})
     if len(counts) > 1:
-        result.append(
-            f"The runs have different numbers of particles ({', '.join(f'{n:.0f}' for n in sorted(counts))})."
-        )
-    devices = {read.text(read.lookup(entry.run.summary, "device")) for entry in entries}
+        result.append(f"The runs have different numbers of particles ({', '.join(f'{n:.0f}' for n in counts)}).")
+    devices = {read.text(read.lookup(row.run.summary, "device")) for row in comparison.every}
     if len(devices) > 1:
         result.append(f"Run times are from different machines ({'; '.join(sorted(devices))}) and cannot be compared.")
-    untimed = [row.name for row in rows if not math.isfinite(row.run_time_s)]
-    if untimed:
+    if untimed := [row.name for row in rows if not math.isfinite(row.run_time_s)]:
         result.append(
             f"Not in the plot of error against run time, because no run time is recorded: {', '.join(untimed)}."
         )
-    counted = {row.metrics_counted for row in rows[1:] if row.metrics_counted}
-    if len(counted) > 1:
-        listed = ", ".join(f"{row.name} {row.metrics_counted}" for row in rows[1:])
+    if len({row.metrics_counted for row in comparison.runs} - {0}) > 1:
+        listed = ", ".join(f"{row.name} {row.metrics_counted}" for row in comparison.runs)
         result.append(f"The mean errors are over different numbers of metrics: {listed}.")
-    infinite = sorted({LABEL[name] for row in rows for name, error in row.errors.items() if math.isinf(error)})
-    if infinite:
+    if infinite := sorted({LABEL[name] for row in rows for name, error in row.errors.items() if math.isinf(error)}):
         result.append(
-            f"The reference is zero in {', '.join(infinite)}. There is no relative error for it, and the mean error leaves it out."
+            f"The reference is zero in {', '.join(infinite)}. There is no relative error for it, and the mean error "
+            "leaves it out."
         )
     return result

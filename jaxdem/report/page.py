@@ -3,49 +3,28 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
+from plotly.offline import get_plotlyjs  # type: ignore[import-untyped, unused-ignore]
+
 from jaxdem.io.durable import write_bytes
 from jaxdem.metrics import METRICS
-from jaxdem.report import interactive, player
 from jaxdem.report import runs as read
-from jaxdem.report.comparison import Comparison, Entry, Row
-from jaxdem.report.figures import label
-from jaxdem.report.findings import duration, error_range, percent
-from jaxdem.report.style import RunStyle
+from jaxdem.report.chart import Panel, to_html
+from jaxdem.report.comparison import Comparison, Row
+from jaxdem.report.findings import FRONT_MEANING, duration, error_range, percent
+from jaxdem.report.parity import Forces
+from jaxdem.report.player import player
 
-CSS = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #1c1c1c; background: #fff;
-  margin: 0 auto; padding: 1.5rem; max-width: 1280px; }
-h1 { font-size: 1.7rem; margin: 0 0 .3rem; } h2 { font-size: 1.2rem; margin: 2.2rem 0 .5rem; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
-.lead li, .notes li { margin: .25rem 0; max-width: 58rem; }
-.warning { border-left: 4px solid #B00020; background: #fdf1f2; padding: .5rem 1rem; margin: 1rem 0; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .3rem .6rem; border-bottom: 1px solid #e2e2e2; text-align: right; vertical-align: top; }
-th { font-weight: 600; border-bottom: 2px solid #888; vertical-align: bottom; }
-th:first-child, td:first-child, td.text, th.text { text-align: left; }
-td:not(.text) { white-space: nowrap; } tr.reference td { background: #f4f4f4; } tr.noise td { color: #666; } tr.unsound td, .bad { color: #B00020; }
-td.best { font-weight: 700; } .swatch { display: inline-block; width: .8em; height: .8em; margin-right: .4em; }
-#player .controls { display: flex; flex-wrap: wrap; gap: .6rem 1rem; align-items: center; margin: .4rem 0; }
-#player input { flex: 1 1 12rem; } #player button { min-width: 5rem; } #player output { min-width: 7rem; }
-#player .panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 300px), 1fr)); gap: .6rem 1rem; }
-#player .panels.long { grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr)); }
-#player figure { margin: 0; } #player figcaption { font-size: .88rem; } #player small { color: #B00020; }
-#player canvas { width: 100%; display: block; outline: 1px solid #888; }
-#player .scale { display: flex; justify-content: space-between; gap: 1rem; font-size: .8rem; width: 22rem; height: 10px; }
-#player .scale span { margin-top: 12px; } #player .controls:last-child { min-height: 2.2rem; align-items: flex-start; }
-img { max-width: 100%; height: auto; } .caption { color: #555; font-size: .88rem; max-width: 58rem; }
-"""
+CSS = Path(__file__).with_name("page.css")
+DASH = "&ndash;"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class PageTable:
     """A table of words; the first column is text, the others are numbers as they shall stand there."""
 
@@ -55,7 +34,7 @@ class PageTable:
     note: str = ""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class PageSection:
     """A heading with sentences and tables of its own."""
 
@@ -64,62 +43,62 @@ class PageSection:
     tables: Sequence[PageTable]
 
 
-def write_page(
-    title: str,
-    comparison: Comparison,
-    entries: Sequence[Entry],
-    styles: dict[str, RunStyle],
-    path: Path,
-    sections: Sequence[PageSection] = (),
-) -> None:
-    """Write the page; the PNG files named in `comparison.files` are embedded.
+@dataclass(frozen=True)
+class Page:
+    """What the page has beside the comparison.
 
-    Args:
-        entries: reference, runs and noise runs, in the order of the rows.
-        styles: by name; noise runs have none.
+    Attributes:
+        notes: sentences.
+        parity: of closures, by a heading.
         sections: after the notes.
     """
+
+    title: str = "Comparison of runs"
+    notes: Sequence[str] = ()
+    parity: Mapping[str, Forces] = field(default_factory=dict)
+    sections: Sequence[PageSection] = ()
+
+
+def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequence[Panel], path: Path) -> None:
+    """Write the page; PNG files that are named in `comparison.files` are embedded, snapshots where nothing is played."""
+    clips = player(comparison.rows)
     body = [
-        f"<h1>{escape(title)}</h1>",
+        f"<h1>{escape(page.title)}</h1>",
         "<h2>Summary</h2>",
         _list(comparison.sentences, "lead"),
         _warnings(comparison),
         "<h2>Error against run time</h2>",
-        interactive.error_plot(comparison, styles),
+        to_html([error], "error-plot"),
         _caption(
-            "Each point is a run. Lower and further to the left is better. The run time does not include compilation. The error is the mean over the "
-            "metrics. Small points are the same run with other packs. A hollow point includes the training time. The vertical line is the run time of the reference, whose error is zero by definition."
+            "Each point is a run. Lower and further to the left is better. The run time does not include compilation. "
+            "The error is the mean over the metrics. Small points are the same run with other packs. A hollow point "
+            "includes the training time. The vertical line is the run time of the reference, whose error is zero by "
+            f"definition. The Pareto front joins the runs of which it holds that {FRONT_MEANING}."
         ),
         "<h2>Errors by metric</h2>",
-        _error_table(comparison, styles),
+        _error_table(comparison),
         "<h2>Final values</h2>",
-        _final_table(comparison, styles),
-        "<h2>The nine metrics over time</h2>",
-        interactive.metrics_plot(entries, comparison, styles),
-        _caption(
-            "Click a name in the legend to hide that run in all panels. Drag to zoom in; double-click to zoom out."
-        ),
-        *_animations(entries, comparison, styles),
-        *_image(
-            comparison,
-            "snapshots",
-            "Snapshots",
-            "Particles are drawn with their true radius. All panels have the same colour scale.",
-        ),
-        *_image(comparison, "parity", "Force from the closure and from its base law against the target", ""),
-        *(["<h2>Notes</h2>", _list(comparison.notes, "notes")] if comparison.notes else []),
-        *map(_section, sections),
+        _final_table(comparison),
+        "<h2>The metrics over time</h2>",
+        to_html(metrics, "metrics-plot"),
+        _caption("Click a name in the legend to hide that run in all panels. Drag to zoom; double-click to zoom out."),
+        *(["<h2>Animations</h2>", clips.html, _caption(clips.caption)] if clips else _image(comparison, "snapshots")),
+        *_image(comparison, "parity"),
+        *(["<h2>Notes</h2>", _list(page.notes, "notes")] if page.notes else []),
+        *map(_section, page.sections),
         "<h2>Differences from the scene of the reference</h2>",
-        _difference_table(entries),
+        _difference_table(comparison),
         "<h2>Versions, machines and state of the runs</h2>",
-        _machine_table(comparison, entries),
+        _machine_table(comparison),
     ]
-    page = (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{CSS}</style>'
-        f"<script>{interactive.plotly_script()}</script></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
+    head = (
+        f'<meta charset="utf-8"><title>{escape(page.title)}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<style>{CSS.read_text(encoding='utf-8')}</style><script>{get_plotlyjs()}</script>"
     )
-    write_bytes(path, page.encode())
+    lines = "\n".join(body)
+    html = f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{lines}\n</body></html>\n'
+    write_bytes(path, html.encode())
 
 
 def _section(section: PageSection) -> str:
@@ -145,33 +124,29 @@ def _warnings(comparison: Comparison) -> str:
     return f'<div class="warning"><strong>Warnings</strong>{_list(comparison.warnings, "notes")}</div>'
 
 
-def _image(comparison: Comparison, name: str, heading: str, caption: str) -> list[str]:
+IMAGES = {
+    "snapshots": ("Snapshots", "Particles have their true radius. All panels have the same colour scales."),
+    "parity": ("Force from the closure and from its base law against the target", ""),
+}
+"""Heading and caption of the PNG files in the page."""
+
+
+def _image(comparison: Comparison, name: str) -> list[str]:
     if name not in comparison.files:
         return []
+    heading, caption = IMAGES[name]
     data = base64.b64encode(comparison.files[name].read_bytes()).decode("ascii")
     image = f'<img alt="{escape(heading)}" src="data:image/png;base64,{data}">'
     return [f"<h2>{escape(heading)}</h2>", image, _caption(caption)]
 
 
-def _animations(entries: Sequence[Entry], comparison: Comparison, styles: dict[str, RunStyle]) -> list[str]:
-    rows = {row.name: row for row in comparison.rows}
-    shown = player.player([entry for entry in entries if entry.role != "noise"], rows, styles)
-    if shown is None:
-        return []
-    return ["<h2>Animations</h2>", shown.html, _caption(shown.caption)]
-
-
 def _table(head: Sequence[str], body: Sequence[tuple[str, Sequence[str]]], text_columns: Sequence[int] = ()) -> str:
     """A table of cells that are HTML already; `body` has (class of the row, cells), a cell may begin with <td."""
 
-    def cell(kind: str, column: int, content: str) -> str:
-        if content.startswith("<td"):
-            return content
-        name = ' class="text"' if column in text_columns else ""
-        return f"<{kind}{name}>{content}</{kind}>"
-
     def cells(kind: str, row: Sequence[str]) -> str:
-        return "".join(cell(kind, column, content) for column, content in enumerate(row))
+        names = (' class="text"' if column in text_columns else "" for column in range(len(row)))
+        pairs = zip(row, names, strict=True)
+        return "".join(cell if cell.startswith("<td") else f"<{kind}{name}>{cell}</{kind}>" for cell, name in pairs)
 
     lines = "".join(f'<tr class="{kind}">{cells("td", row)}</tr>' for kind, row in body)
     return f'<div class="wide"><table><thead><tr>{cells("th", head)}</tr></thead><tbody>{lines}</tbody></table></div>'
@@ -181,77 +156,65 @@ def _kind(row: Row) -> str:
     return " ".join(filter(None, (row.role if row.role != "run" else "", "" if row.ranked else "unsound")))
 
 
-def _name(row: Row, styles: dict[str, RunStyle]) -> str:
-    look = styles.get(row.name)
-    swatch = f'<span class="swatch" style="background:{look.color}"></span>' if look else ""
-    return swatch + escape(label(row))
+def _name(row: Row) -> str:
+    return f'<span class="swatch" style="background:{row.look.color}"></span>{escape(row.label)}'
 
 
 def _value(number: float, pattern: str = ".4g") -> str:
-    return format(number, pattern) if math.isfinite(number) else "&ndash;"
+    return format(number, pattern) if math.isfinite(number) else DASH
 
 
-def _seconds(number: float) -> str:
-    return duration(number) if math.isfinite(number) else "&ndash;"
+def _seconds(number: float, unknown: str = DASH) -> str:
+    return duration(number) if math.isfinite(number) else unknown
 
 
-def _error_table(comparison: Comparison, styles: dict[str, RunStyle]) -> str:
-    noise = bool(comparison.noise_rows)
-    packs = any(len(row.packs) > 1 for row in comparison.rows)
-    head = [
-        "run",
-        "cells",
-        "run time",
-        "compile time",
-        "speed-up",
-        *(metric.label for metric in METRICS),
-        "mean",
-    ]
-    head += ["range over packs"] if packs else []
-    head += ["mean over noise"] if noise else []
+def _error_table(comparison: Comparison) -> str:
+    noise, packs = bool(comparison.noise_rows), any(len(row.trials) > 1 for row in comparison.rows)
+    head = ["run", "cells", "run time", "compile time", "speed-up", *(metric.label for metric in METRICS), "mean"]
+    head += ["range over packs"] * packs + ["mean over noise"] * noise
     body = []
-    for row in comparison.rows[1:]:
+    for row in comparison.runs:
         speed_up = comparison.reference.run_time_s / row.run_time_s if row.run_time_s > 0 else math.nan
-        line = [_name(row, styles), row.cells_text, _seconds(row.run_time_s), _seconds(row.compile_time_s)]
-        line.append(_value(speed_up, ".2f"))
-        line += [_error_cell(row, metric.name, comparison) for metric in METRICS]
+        line = [_name(row), row.cells_text, _seconds(row.run_time_s), _seconds(row.compile_time_s)]
+        line += [_value(speed_up, ".2f"), *(_error_cell(row, metric.name, comparison) for metric in METRICS)]
         line.append(f"<td><strong>{percent(row.mean_error)}</strong></td>")
-        line += [error_range(row) if len(row.packs) > 1 else "&ndash;"] if packs else []
-        body.append((_kind(row), line + ([_value(row.error_over_noise, ".2f")] if noise else [])))
+        line += [error_range(row) if len(row.trials) > 1 else DASH] * packs
+        body.append((_kind(row), line + [_value(comparison.over_noise(row), ".2f")] * noise))
     if math.isfinite(comparison.noise_mean):
         floor = [percent(comparison.noise_floor[metric.name]) for metric in METRICS]
-        floor += [percent(comparison.noise_mean), *([""] if packs else []), "1"]
-        body.append(("noise", ["noise", "", "", "", "", *floor]))
+        body.append(("noise", ["noise", *[""] * 4, *floor, percent(comparison.noise_mean), *[""] * packs, "1"]))
     return _table(head, body) + _caption(
-        "Bold: the smallest error in that metric among valid, complete runs. The run time does not include compilation; loading a program from "
-        "the cache counts as compilation." + (" Errors are means over the packs, times are medians." if packs else "")
+        "Bold: the smallest error in that metric among valid, complete runs. The run time does not include "
+        "compilation; loading a program from the cache counts as compilation."
+        + (" Errors are means over the packs, times are medians." if packs else "")
     )
 
 
 def _error_cell(row: Row, name: str, comparison: Comparison) -> str:
     error = row.errors[name]
-    others = [r.errors[name] for r in comparison.rows[1:] if r.ranked and math.isfinite(r.errors[name])]
-    text = percent(error) if math.isfinite(error) else "&infin;" if error == math.inf else "&ndash;"
+    others = [r.errors[name] for r in comparison.runs if r.ranked and math.isfinite(r.errors[name])]
+    text = percent(error) if math.isfinite(error) else "&infin;" if error == math.inf else DASH
     best = len(others) > 1 and row.ranked and error == min(others)
     return f'<td class="best">{text}</td>' if best else f"<td>{text}</td>"
 
 
-def _final_table(comparison: Comparison, styles: dict[str, RunStyle]) -> str:
+def _final_table(comparison: Comparison) -> str:
     head = ["run", "at time [s]", *(f"{metric.label} [{metric.unit}]" for metric in METRICS)]
-    body = []
-    for row in (*comparison.rows, *comparison.noise_rows):
-        values = [_value(row.final[metric.name]) for metric in METRICS]
-        body.append((_kind(row), [_name(row, styles), _value(row.end_time), *values]))
-    return _table(head, body)
+    return _table(
+        head,
+        [
+            (_kind(row), [_name(row), _value(row.end_time), *map(_value, row.final.values())])
+            for row in comparison.every
+        ],
+    )  # fmt: skip
 
 
-def _difference_table(entries: Sequence[Entry]) -> str:
-    body = []
-    for entry in entries[1:]:
-        changed = read.scene_differences(entry.run.scene, entries[0].run.scene)
-        for key, (here, there) in changed.items():
-            values = [escape(_short(value)) for value in (here, there)]
-            body.append(("", [escape(entry.name), escape(key), *values]))
+def _difference_table(comparison: Comparison) -> str:
+    body = [
+        ("", [escape(text) for text in (row.name, key, _short(here), _short(there))])
+        for row in comparison.every[1:]
+        for key, (here, there) in read.scene_differences(row.run.scene, comparison.reference.run.scene).items()
+    ]
     if not body:
         return _caption("None: all scenes are the same.")
     return _table(["run", "key", "value", "in the reference"], body, text_columns=(1, 2, 3))
@@ -262,38 +225,19 @@ def _short(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _machine_table(comparison: Comparison, entries: Sequence[Entry]) -> str:
-    head = [
-        "run",
-        "state",
-        "run time",
-        "compile time",
-        "time steps [s]",
-        "closure",
-        "out of range",
-        "residuals",
-        "precision",
-        "device",
-    ]
+def _machine_table(comparison: Comparison) -> str:
+    head = ["run", "state", "run time", "compile time", "time steps [s]", "closure", "out of range"]
+    recorded = ("residuals", "precision", "device")
     body = []
-    for row, entry in zip((*comparison.rows, *comparison.noise_rows), entries, strict=True):
-        summary = entry.run.summary
+    for row in comparison.every:
+        summary = row.run.summary
         outside = read.number(read.lookup(summary, "closure.out_of_range_fraction"))
-        line = [
-            row.name,
-            row.status,
-            *(
-                duration(time) if math.isfinite(time) else "not recorded"
-                for time in (row.run_time_s, row.compile_time_s)
-            ),
-        ]
-        line += [
-            read.text(read.lookup(summary, "time_steps")),
-            row.closure or f"none ({row.drag or 'no drag'})",
-        ]
+        line = [row.name, row.status]
+        line += [_seconds(time, "not recorded") for time in (row.run_time_s, row.compile_time_s)]
+        line += [read.text(read.lookup(summary, "time_steps")), row.closure or f"none ({row.drag or 'no drag'})"]
         line += [percent(outside) if math.isfinite(outside) else "-"]
-        line += [read.text(read.lookup(summary, key)) for key in ("residuals", "precision", "device")]
+        line += [read.text(read.lookup(summary, key)) for key in recorded]
         body.append((_kind(row), [escape(cell) for cell in line]))
-    versions = sorted({read.text(read.lookup(entry.run.summary, "versions")) for entry in entries})
-    text = _caption("Versions: " + "; ".join(versions) + ".")
-    return _table(head, body, text_columns=range(1, len(head))) + text
+    versions = sorted({read.text(read.lookup(row.run.summary, "versions")) for row in comparison.every})
+    columns = range(1, len(head) + len(recorded))
+    return _table([*head, *recorded], body, columns) + _caption("Versions: " + "; ".join(versions) + ".")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
 from jaxdem.errors import InputError
@@ -20,8 +22,6 @@ from jaxdem.report.walls import INLET, OUTLET, Opening, Solid
 WATER = LinearSegmentedColormap.from_list("water", ["#FFFFFF", "#CFE3F3", "#86B9DE", "#3D86BF", "#0B4A85"])
 GRAINS = LinearSegmentedColormap.from_list("grains", ["#2B1408", "#7A3B12", "#C9661B", "#F39A1E", "#FFD23F"])
 """Dark at rest, so that a pack shows on still water, and bright in motion, so that grains show in a jet."""
-GRAIN = "#A4541A"
-"""Particles whose speed is not shown."""
 
 WALL = LinearSegmentedColormap.from_list("wall", ["#A9AFB700", "#A9AFB7C8"])
 """Not quite opaque: the fluid does not see these walls, and its speed behind them is part of the result."""
@@ -33,17 +33,22 @@ TOP_PERCENTILE = 99.5
 
 
 class Quantity(NamedTuple):
-    """What particles are coloured by: the size of this array of a frame."""
+    """What has a colour: the size of this array of a frame, on a scale from zero."""
 
     array: str
     label: str
-    unit: str
+    colors: LinearSegmentedColormap
 
 
 QUANTITIES = {
-    "velocity": Quantity("velocity", "particle speed", "m/s"),
-    "drag": Quantity("drag_force", "drag force", "N"),
+    "velocity": Quantity("velocity", "particle speed [m/s]", GRAINS),
+    "drag": Quantity("drag_force", "drag force [N]", GRAINS),
 }
+"""What particles may be coloured by."""
+FLUID = Quantity("velocity", "fluid speed [m/s]", WATER)
+
+Tops = dict[str, float]
+"""Tops of the colour scales of "fluid" and of `QUANTITIES`, those that the pictures have."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,12 @@ def nearest(run: RunLike, time: float, until: float) -> int | None:
     i = int(np.argmin(np.abs(frames - time)))
     slack = 0.51 * float(np.max(np.diff(frames))) if len(frames) > 1 else 1e-6 + 0.01 * until
     return i if abs(frames[i] - time) <= slack else None
+
+
+def near(run: RunLike, time: float, until: float) -> Picture | None:
+    """The frame that `nearest` finds."""
+    index = nearest(run, time, until)
+    return None if index is None else take(run, index)
 
 
 def take(run: RunLike, index: int) -> Picture:
@@ -142,49 +153,36 @@ def require(run: RunLike, quantity: str) -> None:
         raise InputError("--color", quantity, limit, "Colour by velocity.")
 
 
-def largest(values: Array | None) -> float:
-    """`TOP_PERCENTILE` of the finite values; 0 where there are none."""
-    if values is None:
-        return 0.0
-    finite = values[np.isfinite(values)]
-    return float(np.percentile(finite, TOP_PERCENTILE)) if finite.size else 0.0
+def tops(pictures: Sequence[Picture]) -> Tops:
+    """The largest of the pictures' `TOP_PERCENTILE` of the finite values."""
+    found: Tops = {}
+    for picture in pictures:
+        fluid = {} if picture.speed is None else {"fluid": picture.speed}
+        for name, values in (fluid | picture.values).items():
+            finite = values[np.isfinite(values)]
+            top = float(np.percentile(finite, TOP_PERCENTILE)) if finite.size else 0.0
+            found[name] = max(found.get(name, 0.0), top)
+    return found
 
 
-class Scales(NamedTuple):
-    """Colour scales of the fluid's speed and of the particles; None for what the run does not have."""
+def common_tops(runs: Iterable[Sequence[Picture | None]]) -> Tops:
+    """One scale for all runs, by the first that has the quantity, which is the reference as a rule.
 
-    water: Normalize | None
-    grains: Normalize | None
-
-    @staticmethod
-    def of(pictures: Sequence[Picture], quantity: str) -> Scales:
-        """From zero to the largest of the pictures' tops."""
-        water = [largest(picture.speed) for picture in pictures if picture.speed is not None]
-        grains = [largest(picture.values[quantity]) for picture in pictures if quantity in picture.values]
-        return Scales(_from_zero(water), _from_zero(grains))
-
-    def widened(self, other: Scales) -> Scales:
-        """Scales that cover both."""
-        return Scales(_wider(self.water, other.water), _wider(self.grains, other.grains))
+    So a run that blew up does not hide all others; what is above the scale has its last colour.
+    """
+    found: Tops = {}
+    for pictures in runs:
+        own = tops([picture for picture in pictures if picture])
+        found = {name: top for name, top in own.items() if top > 0.0} | found
+    return found
 
 
-def _from_zero(tops: Sequence[float]) -> Normalize | None:
-    return Normalize(0.0, max(tops) or 1.0) if tops else None
-
-
-def _wider(one: Normalize | None, other: Normalize | None) -> Normalize | None:
-    if one is None or other is None:
-        return one or other
-    return max(one, other, key=lambda scale: scale.vmax or 0.0)
+def _scale(tops: Tops, name: str) -> Normalize:
+    return Normalize(0.0, tops.get(name) or 1.0)
 
 
 def draw(
-    axis: Axes,
-    picture: Picture | None,
-    box: tuple[float, float],
-    size: tuple[float, float],
-    water: Normalize | None,
-    grains: tuple[str, Normalize] | None = None,
+    axis: Axes, picture: Picture | None, box: tuple[float, float], size: tuple[float, float], tops: Tops, color: str
 ) -> None:
     """Draw a picture; an earlier one is taken away.
 
@@ -192,8 +190,8 @@ def draw(
         picture: None leaves an empty panel.
         box: length and height of the run's own box [m].
         size: of what the panel shows [m].
-        water: scale of the fluid's speed.
-        grains: quantity and scale of the particles' colours; without it they have one colour.
+        tops: of the colour scales.
+        color: of the particles, a key of `QUANTITIES`.
     """
     for artist in (*axis.images, *axis.collections):
         artist.remove()
@@ -205,9 +203,10 @@ def draw(
     if picture is None:
         axis.set_facecolor("#F4F4F4")
         return
+    extent = (0.0, box[0], 0.0, box[1])
     if picture.speed is not None:
         axis.imshow(
-            picture.speed.T, origin="lower", extent=(0.0, box[0], 0.0, box[1]), cmap=WATER, norm=water,
+            picture.speed.T, origin="lower", extent=extent, cmap=WATER, norm=_scale(tops, "fluid"),
             interpolation="nearest", aspect="equal",
         )  # fmt: skip
     if picture.walls is not None:
@@ -216,15 +215,12 @@ def draw(
     colours = [OPENINGS[opening.kind] for opening in picture.openings]
     axis.add_collection(LineCollection(outlines, colors=colours, linewidths=3.0, clip_on=False, zorder=2.6))
     if picture.centres is not None and picture.radius is not None:
-        values = None if grains is None else picture.values.get(grains[0])
         discs = EllipseCollection(
             2.0 * picture.radius, 2.0 * picture.radius, np.zeros_like(picture.radius), units="xy",
-            offsets=picture.centres, offset_transform=axis.transData, linewidths=0.0,
+            offsets=picture.centres, offset_transform=axis.transData, linewidths=0.0, cmap=GRAINS,
+            norm=_scale(tops, color),
         )  # fmt: skip
-        if values is None or grains is None:
-            discs.set_facecolor(GRAIN)
-        else:
-            discs.set(array=values, cmap=GRAINS, norm=grains[1])
+        discs.set_array(picture.values.get(color, np.zeros_like(picture.radius)))
         axis.add_collection(discs, autolim=False)
     axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]))
 
@@ -246,7 +242,21 @@ def _outline(opening: Opening) -> list[tuple[float, float]]:
     return [(x, z), (right, z), (right, top), (x, top), (x, z)]
 
 
-def opening_handles(pictures: Sequence[Picture | None]) -> list[Line2D]:
-    """Entries of a legend for the kinds of openings that the pictures have."""
-    kinds = {opening.kind for picture in pictures if picture for opening in picture.openings}
-    return [Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds]
+def add_keys(
+    figure: Figure | SubFigure, axes: Sequence[Axes], shown: Sequence[Picture], tops: Tops, color: str, inches: float
+) -> None:
+    """Bars of the colour scales below panels that take this width, and what the coloured edges are."""
+    for name, quantity in (("fluid", FLUID), (color, QUANTITIES[color])):
+        if name in tops:
+            tall = figure.bbox.height / figure.dpi
+            figure.colorbar(
+                ScalarMappable(_scale(tops, name), quantity.colors), ax=axes, label=quantity.label, location="bottom",
+                extend="max", fraction=0.3 / tall, pad=0.1 / tall, shrink=min(1.0, 7.0 / inches),
+                aspect=min(inches, 7.0) / 0.14,
+            )  # fmt: skip
+    kinds = {opening.kind for picture in shown for opening in picture.openings}
+    if kinds:
+        handles = [
+            Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds
+        ]
+        figure.legend(handles=handles, loc="outside lower right", ncols=2)

@@ -1,7 +1,7 @@
 """The animations of the page: all runs side by side at the same time, drawn by the browser from the data itself.
 
-Positions, sizes, particle speeds, drags and the fluid's speed lie in the page as small whole numbers, compressed: a tenth of
-what pictures would take, sharp at any size, and nothing has to be drawn while the page is made.
+Positions, sizes, particle speeds, drags and the fluid's speed lie in the page as small whole numbers, compressed: a
+tenth of what pictures would take, sharp at any size, and nothing has to be drawn while the page is made.
 """
 
 from __future__ import annotations
@@ -10,22 +10,19 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.colors import Colormap, to_hex
+from matplotlib.colors import to_hex
 
 from jaxdem.report import pictures
 from jaxdem.report import runs as read
-from jaxdem.report.comparison import Entry, Row
-from jaxdem.report.figures import label
-from jaxdem.report.pictures import QUANTITIES, Picture, Scales
+from jaxdem.report.comparison import Row
+from jaxdem.report.pictures import FLUID, QUANTITIES, Picture, Tops
 from jaxdem.report.runs import Array
-from jaxdem.report.style import RunStyle
-from jaxdem.report.walls import openings
 
 MAX_BYTES = 16_000_000
 """Most that all animations may add to a page; outputs are left out evenly until they fit."""
@@ -42,55 +39,46 @@ LONG_BOX = 2.0
 
 
 class Player(NamedTuple):
-    """Fragment of the page, and what one must know of it; None where there is nothing to show."""
+    """Fragment of the page, and what one must know of it."""
 
     html: str
     caption: str
 
 
-class _Scene(NamedTuple):
-    """What is the same in all frames of a run."""
+class _Clip(NamedTuple):
+    """A run in the page: sides of the box and largest radius [m], first picture, its frames at the common times."""
 
+    row: Row
     box: tuple[float, float]
-    largest_radius: float
+    radius: float
+    first: Picture | None
+    frames: list[str | None]
 
 
-def player(
-    entries: Sequence[Entry],
-    rows: Mapping[str, Row],
-    styles: Mapping[str, RunStyle],
-    max_bytes: int = MAX_BYTES,
-) -> Player | None:
-    """The animations of all runs at the reference's output times, one colour scale for all.
-
-    Args:
-        entries: the reference first.
-        rows: by name.
-        styles: by name.
-        max_bytes: see `MAX_BYTES`.
+def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> Player | None:
+    """The animations of all runs at the output times of the first, which is the reference; one colour scale for all.
 
     Returns:
-        None where the reference has fewer than two outputs, or where two would not fit.
+        None where the reference has fewer than two outputs, or where two would not fit into `max_bytes`.
     """
-    outputs = entries[0].history["time"]
-    shown = [entry for entry in entries if read.domain_size(entry.run)]
+    outputs = rows[0].history["time"]
+    rows = [row for row in rows if read.domain_size(row.run)]
     times = _thinned(outputs, MAX_TIMES)
-    if len(times) < 2 or not shown:
+    if len(times) < 2 or not rows:
         return None
-    scales = _scales(shown, times)
-    size = sum(len(_encoded(entry, times[-1], times, scales) or b"") for entry in shown) * 4 / 3
-    while True:
-        times = _thinned(times, int(max_bytes / max(size, 1.0)))
-        if len(times) < 2:
-            return None
-        data = [[_encoded(entry, time, times, scales) for time in times] for entry in shown]
-        total = sum(len(frame or b"") for frames in data for frame in frames) * 4 / 3
-        if total <= max_bytes:
-            break
-        size = total / len(times)
-    if not any(frame for frames in data for frame in frames):
+    # Of a few outputs: what is above has the last colour.
+    tops = pictures.common_tops(
+        [[pictures.near(row.run, time, times[-1]) for time in _thinned(times, 8)] for row in rows]
+    )
+    one = sum(len(_clip(row, times[-1:], tops).frames[0] or "") for row in rows)
+    times = _thinned(times, max_bytes // max(one, 1))
+    clips = [_clip(row, times, tops) for row in rows]
+    sizes = np.sum([[len(frame or "") for frame in clip.frames] for clip in clips], axis=0)
+    every = next((n for n in range(1, len(times)) if sizes[::n].sum() <= max_bytes), None)
+    if every is None or not sizes.any():
         return None
-    return Player(_html(shown, rows, styles, times, data, scales), _caption(shown, outputs, times))
+    clips = [clip._replace(frames=clip.frames[::every]) for clip in clips]
+    return Player(_html(clips, times[::every], tops), _caption(rows, clips, len(times[::every]), len(outputs)))
 
 
 def _thinned(times: Array, most: int) -> Array:
@@ -98,150 +86,104 @@ def _thinned(times: Array, most: int) -> Array:
     return times[:: math.ceil(len(times) / most)] if most > 0 else times[:0]
 
 
-def _picture(entry: Entry, time: float, times: Array) -> Picture | None:
-    index = pictures.nearest(entry.run, float(time), float(times[-1]))
-    return None if index is None else pictures.take(entry.run, index)
+def _clip(row: Row, times: Array, tops: Tops) -> _Clip:
+    size, begun = read.domain_size(row.run) or (), row.run.number_of_frames > 0
+    box, particles = (size[0], size[-1]), (row.run.particles(0) if begun else None) or {}
+    radius = float(np.max(particles.get("radius", 0.0), initial=0.0))
+    shots = (pictures.near(row.run, float(time), float(times[-1])) for time in times)
+    frames = [None if shot is None else _packed(_planes(shot, box, radius, tops)) for shot in shots]
+    return _Clip(row, box, radius, pictures.take(row.run, 0) if begun else None, frames)
 
 
-def _scales(entries: Sequence[Entry], times: Array) -> dict[str, float]:
-    """Top of the scale of the fluid's speed, and of each quantity of the particles, by the reference where it has one.
-
-    From a few outputs: what is above has the last colour.
-    """
-    tops: dict[str, float] = {}
-    for entry in entries:
-        some = [shot for time in _thinned(times, 8) if (shot := _picture(entry, time, times)) is not None]
-        for quantity in QUANTITIES:
-            scales = Scales.of(some, quantity)
-            for name, scale in (("fluid", scales.water), (quantity, scales.grains)):
-                if scale is not None and scale.vmax:
-                    tops.setdefault(name, float(scale.vmax))
-    return tops
-
-
-def _scene(entry: Entry) -> _Scene:
-    size = read.domain_size(entry.run)
-    assert size is not None
-    particles = (entry.run.particles(0) if entry.run.number_of_frames else None) or {}
-    radius = np.asarray(particles.get("radius", 0.0), dtype=np.float64)
-    return _Scene((size[0], size[-1]), float(radius.max(initial=0.0)))
-
-
-def _encoded(entry: Entry, time: float, times: Array, scales: Mapping[str, float]) -> bytes | None:
-    """One frame as the script reads it: counts, then bytes by plane, deflated.
+def _planes(shot: Picture, box: tuple[float, float], radius: float, tops: Tops) -> bytes:
+    """One frame as the script reads it: counts, then bytes by plane.
 
     Little endian: uint32 number of particles N, of cells along x and up; then N bytes each of x low, x high, height
     low, height high (65535 is the box's side), radius (255 is the largest), then of each quantity N bytes, then the
     cells' speed, x fastest; 255 is the top of a scale.
     """
-    shot = _picture(entry, time, times)
-    if shot is None:
-        return None
-    scene = _scene(entry)
-    count = 0 if shot.centres is None else len(shot.centres)
-    planes: list[Any] = []
+    count, cells, planes = 0, (0, 0), []
     if shot.centres is not None and shot.radius is not None:
-        places = np.clip(np.rint(shot.centres / scene.box * 65535), 0, 65535).astype("<u2")
-        planes += [places[:, 0] & 255, places[:, 0] >> 8, places[:, 1] & 255, places[:, 1] >> 8]
-        planes.append(_bytes(shot.radius, scene.largest_radius))
-        planes += [_bytes(shot.values.get(name, np.zeros(count)), scales.get(name, 1.0)) for name in QUANTITIES]
-    cells = (0, 0)
+        count = len(shot.centres)
+        places = np.clip(np.rint(shot.centres / box * 65535), 0, 65535).astype(np.uint16)
+        planes = [part.astype(np.uint8) for column in places.T for part in (column & 255, column >> 8)]
+        planes.append(_bytes(shot.radius, radius))
+        planes += [_bytes(shot.values.get(name, np.zeros(count)), tops.get(name, 1.0)) for name in QUANTITIES]
     if shot.speed is not None:
         every = max(1, math.ceil(max(shot.speed.shape) / MAX_CELLS))
-        speed = shot.speed[::every, ::every]
-        cells = speed.shape
-        planes.append(_bytes(speed.T.ravel(), scales.get("fluid", 1.0)))
-    head = np.array([count, *cells], "<u4").tobytes()
-    return zlib.compress(head + b"".join(np.asarray(plane, np.uint8).tobytes() for plane in planes), 6)
+        cells = shot.speed[::every, ::every].shape
+        planes.append(_bytes(shot.speed[::every, ::every].T.ravel(), tops.get("fluid", 1.0)))
+    return b"".join([np.array([count, *cells], "<u4").tobytes(), *(plane.tobytes() for plane in planes)])
 
 
 def _bytes(values: Array, top: float) -> np.ndarray:
     """Values from zero to `top` as 0 to 255; what is not finite as the top."""
-    return np.clip(np.rint(np.nan_to_num(values, nan=top, posinf=top) / (top or 1.0) * 255), 0, 255)
+    levels = np.rint(np.nan_to_num(values, nan=top, posinf=top) / (top or 1.0) * 255)
+    return np.clip(levels, 0, 255).astype(np.uint8)
 
 
-def _colours(colours: Colormap) -> list[str]:
-    return [to_hex(colours(level)) for level in range(256)]
+def _packed(data: bytes) -> str:
+    """Deflated, as text."""
+    return base64.b64encode(zlib.compress(data, 6)).decode("ascii")
 
 
-def _walls(shot: Picture) -> dict[str, Any] | None:
-    """The walls, which stand still: numbers of points along x and up, and how solid each is, x fastest, 255 all."""
-    if shot.walls is None:
-        return None
-    share = shot.walls.share
-    packed = zlib.compress(_bytes(share.T.ravel(), 1.0).astype(np.uint8).tobytes(), 6)
-    return {"points": share.shape, "share": base64.b64encode(packed).decode("ascii")}
+def _data(clip: _Clip) -> dict[str, Any]:
+    """Of a run: its frames, and the walls, which stand still: numbers of points along x and up, and how solid each is."""
+    walls = clip.first.walls if clip.first else None
+    openings = clip.first.openings if clip.first else ()
+    return {
+        "box": clip.box,
+        "radius": clip.radius,
+        "walls": walls and {"points": walls.share.shape, "share": _packed(_bytes(walls.share.T.ravel(), 1.0).tobytes())},
+        "openings": [{"color": pictures.OPENINGS[o.kind], "corners": [*o.start, *o.stop]} for o in openings],
+        "frames": clip.frames,
+    }  # fmt: skip
 
 
-def _openings(shot: Picture) -> list[dict[str, Any]]:
-    return [{"color": pictures.OPENINGS[one.kind], "corners": [*one.start, *one.stop]} for one in shot.openings]
-
-
-def _html(
-    entries: Sequence[Entry],
-    rows: Mapping[str, Row],
-    styles: Mapping[str, RunStyle],
-    times: Array,
-    data: Sequence[Sequence[bytes | None]],
-    scales: Mapping[str, float],
-) -> str:
-    scenes = [_scene(entry) for entry in entries]
-    first = [pictures.take(entry.run, 0) if entry.run.number_of_frames else None for entry in entries]
-    long = max(scene.box[0] / scene.box[1] for scene in scenes) >= LONG_BOX
-    has_fluid = "fluid" in scales
-    quantities = [name for name in QUANTITIES if name in scales and (name != "drag" or has_fluid)]
+def _html(clips: Sequence[_Clip], times: Array, tops: Tops) -> str:
+    scales = {"fluid": FLUID} | QUANTITIES
     settings = {
         "times": [float(f"{time:.6g}") for time in times],
-        "tops": dict(scales),
+        "tops": tops,
         "planes": list(QUANTITIES),
-        "water": _colours(pictures.WATER),
-        "grains": _colours(pictures.GRAINS),
+        "water": [to_hex(pictures.WATER(level)) for level in range(256)],
+        "grains": [to_hex(pictures.GRAINS(level)) for level in range(256)],
         "wall": to_hex(pictures.WALL(255), keep_alpha=True),
-        "runs": [
-            {
-                "box": scene.box,
-                "radius": scene.largest_radius,
-                "walls": shot and _walls(shot),
-                "openings": _openings(shot) if shot else [],
-                "frames": [None if f is None else base64.b64encode(f).decode("ascii") for f in frames],
-            }
-            for scene, frames, shot in zip(scenes, data, first, strict=True)
-        ],
+        "runs": [_data(clip) for clip in clips],
     }
+    quantities = [name for name in QUANTITIES if name in tops and (name != "drag" or "fluid" in tops)]
     panels = "".join(
-        f'<figure><figcaption><span class="swatch" style="background:{styles[entry.name].color}"></span>'
-        f"{escape(label(rows[entry.name]))}<small></small></figcaption>"
-        f'<canvas role="img" aria-label="Particles and fluid of {escape(entry.name)}"></canvas></figure>'
-        for entry in entries
+        f'<figure><figcaption><span class="swatch" style="background:{clip.row.look.color}"></span>'
+        f"{escape(clip.row.label)}<small></small></figcaption>"
+        f'<canvas role="img" aria-label="Particles and fluid of {escape(clip.row.name)}"></canvas></figure>'
+        for clip in clips
     )
-    options = "".join(
-        f'<option value="{name}">{QUANTITIES[name].label} [{QUANTITIES[name].unit}]</option>' for name in quantities
-    )
+    options = "".join(f'<option value="{name}">{scales[name].label}</option>' for name in quantities)
     choice = f'<label>particles by <select name="color">{options}</select></label>' if quantities else ""
     bars = "".join(
-        f'<span class="scale" data-scale="{name}"></span>' for name in ("fluid", "grains")
-        if (has_fluid if name == "fluid" else quantities)
-    )  # fmt: skip
+        f'<span class="scale" data-scale="{name}"></span>'
+        for name in ["fluid"] * ("fluid" in tops) + ["grains"] * bool(quantities)
+    )
+    long = " long" if max(clip.box[0] / clip.box[1] for clip in clips) >= LONG_BOX else ""
     # `<` cannot stand in a script: nothing in the data may end it.
     text = json.dumps(settings).replace("<", "\\u003c")
     return (
-        f'<div id="player"><div class="controls"><button type="button">Play</button>'
-        f'<input type="range" min="0" max="{len(times) - 1}" value="0" aria-label="output">'
-        f"<output></output>{choice}</div>"
-        f'<div class="panels{" long" if long else ""}">{panels}</div><div class="controls">{bars}</div></div>'
+        '<div id="player"><div class="controls"><button type="button">Play</button>'
+        f'<input type="range" min="0" max="{len(times) - 1}" value="0" aria-label="output"><output></output>{choice}'
+        f'</div><div class="panels{long}">{panels}</div><div class="controls">{bars}</div></div>'
         f'<script type="application/json" id="player-data">{text}</script>'
         f"<script>{SCRIPT.read_text(encoding='utf-8')}</script>"
     )
 
 
-def _caption(entries: Sequence[Entry], outputs: Array, times: Array) -> str:
+def _caption(rows: Sequence[Row], clips: Sequence[_Clip], shown: int, outputs: int) -> str:
     parts = ["Discs have their true radius, but are at least one pixel wide. All runs have the same colour scale."]
-    if any(entry.run.dimension == 3 for entry in entries):
+    if any(row.run.dimension == 3 for row in rows):
         parts.append(
             "3-D runs are seen from the front. The speed of the fluid and the walls are averaged over the depth."
         )
-    if any(openings(entry.run.scene, read.domain_size(entry.run) or ()) for entry in entries):
+    if any(clip.first and clip.first.openings for clip in clips):
         parts.append("Green lines are inlets, pink lines are outlets.")
-    if len(times) < len(outputs):
-        parts.append(f"To keep the page small, {len(times)} of {len(outputs)} outputs are shown.")
+    if shown < outputs:
+        parts.append(f"To keep the page small, {shown} of {outputs} outputs are shown.")
     return " ".join(parts)

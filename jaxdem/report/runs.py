@@ -13,6 +13,9 @@ from jaxdem.metrics import METRICS
 
 Array = NDArray[np.float64]
 
+NAMES = tuple(metric.name for metric in METRICS)
+PRESSURE = "fluid_pressure_mean"
+
 
 class RunLike(Protocol):
     """The part of `jaxdem.io.Run` that the report uses."""
@@ -70,38 +73,37 @@ def text(value: Any, fallback: str = "not recorded") -> str:
 def history_until(run: RunLike, until: float | None) -> dict[str, Array]:
     """The history up to and including the time `until` [s]; columns (T,), with `time` first.
 
-    Columns of another length than the time are left out (a history cut by a kill), and so is the mean pressure of a box
-    without an outlet: it is zero by convention, and what is written is rounding.
+    Columns of another length than the time are left out (a history cut by a kill), and so is the mean pressure of a
+    box `without_outlet`.
     """
     history = run.history or {}
     times = np.asarray(history.get("time", run.times), dtype=np.float64)
     keep = np.ones(len(times), bool) if until is None else times <= until * (1 + 1e-9)
     result = {"time": times[keep]}
-    for metric in METRICS:
-        values = history.get(metric.name)
-        if metric.name == "fluid_pressure_mean" and without_outlet(run):
-            continue
-        if values is not None and len(values) == len(times):
-            result[metric.name] = np.asarray(values, dtype=np.float64)[keep]
+    for name in NAMES:
+        values = history.get(name)
+        if values is not None and len(values) == len(times) and not (name == PRESSURE and without_outlet(run)):
+            result[name] = np.asarray(values, dtype=np.float64)[keep]
     return result
 
 
 def without_outlet(run: RunLike) -> bool:
-    """Whether the run's box is known to have no side that fixes the pressure."""
+    """Whether no side of the run's box fixes the pressure, as far as is known.
+
+    Its mean pressure is zero by convention, and what is written is rounding.
+    """
     sides = lookup(run.scene, "boundary", {})
     return bool(sides) and all(lookup(side, "kind") != "outlet" for side in sides.values())
 
 
 def cells(run: RunLike) -> tuple[int, ...] | None:
     """Number of fluid cells along each axis; None without fluid."""
-    given = lookup(run.scene, "fluid.cells")
-    return tuple(int(n) for n in given) if isinstance(given, list | tuple) and len(given) else None
+    return tuple(map(int, lookup(run.scene, "fluid.cells", ()))) or None
 
 
 def domain_size(run: RunLike) -> tuple[float, ...] | None:
     """Box sides [m], the vertical one last; None where the scene does not tell."""
-    given = lookup(run.scene, "domain.size")
-    return tuple(float(side) for side in given) if isinstance(given, list | tuple) and len(given) else None
+    return tuple(map(float, lookup(run.scene, "domain.size", ()))) or None
 
 
 def closure_file(run: RunLike) -> str:

@@ -7,20 +7,16 @@ Example:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure, SubFigure
 
 from jaxdem.errors import InputError
-from jaxdem.metrics import METRICS, Metric
-from jaxdem.report import figures, pictures, style
+from jaxdem.report import chart, pictures, style
 from jaxdem.report import runs as read
-from jaxdem.report.comparison import NAN, Entry, make_row
-from jaxdem.report.pictures import Picture, Scales
+from jaxdem.report.comparison import folder_name, row_of_one
+from jaxdem.report.figures import metrics_panels
+from jaxdem.report.pictures import Picture, Tops
 from jaxdem.report.runs import RunLike
 
 FORMATS = (".png", ".pdf", ".svg")
@@ -28,8 +24,6 @@ FORMATS = (".png", ".pdf", ".svg")
 
 LONG_SIDE, SHORTEST = 8.0, 5.2
 """Longer side of the picture of a frame and least width of its figure [inch]."""
-LEFT, RIGHT, TOP, BOTTOM = 1.0, 0.4, 0.65, 1.15
-"""Room around it [inch]: axes with numbers of up to seven characters, title, colour bars."""
 
 
 def plot_run(run: RunLike, out: Path, *, time: float | None = None, color: str = "velocity") -> list[Path]:
@@ -50,22 +44,20 @@ def plot_run(run: RunLike, out: Path, *, time: float | None = None, color: str =
     pictures.require(run, color)
     single = is_file(out)
     picture = pictures.take(run, frame_at(run, time))
+    panels = metrics_panels([row_of_one(run)])
+    (out.parent if single else out).mkdir(parents=True, exist_ok=True)
     with style.look():
-        size = frame_size(run)
-        metrics = _recorded(run)
-        height = 2.9 * math.ceil(len(metrics) / 3) + 0.3
+        width, tall = frame_size(run)
+        wide, height = min(4.2 * len(panels), 12.5), 2.9 * math.ceil(len(panels) / chart.COLUMNS) + 0.3
         if single:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            figure = style.new_figure(max(size[0], 12.5), size[1] + height)
-            upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[size[1], height]).flat
-            _snapshot(upper, (figure.get_figwidth(), size[1]), run, picture, color)
-            _metrics(lower, run, metrics, picture.time)
+            figure = style.new_figure(max(width, 12.5), tall + height)
+            upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[tall, height]).flat
+            _snapshot(upper, run, picture, color)
+            _metrics(lower, run, panels, picture.time)
             return [style.save(figure, out)]
-        out.mkdir(parents=True, exist_ok=True)
-        still = style.new_figure(*size, layout=None)
-        _snapshot(still, size, run, picture, color)
-        lines = style.new_figure(min(4.2 * len(metrics), 12.5), height)
-        _metrics(lines, run, metrics, picture.time)
+        still, lines = style.new_figure(width, tall), style.new_figure(wide, height)
+        _snapshot(still, run, picture, color)
+        _metrics(lines, run, panels, picture.time)
         return [style.save(lines, out / "metrics.png"), style.save(still, out / "snapshot.png")]
 
 
@@ -98,46 +90,18 @@ def frame_at(run: RunLike, time: float | None) -> int:
     return index
 
 
-def _recorded(run: RunLike) -> list[Metric]:
-    """The metrics that the run has: those of the fluid or of the particles may be missing, the pressure of a closed box is."""
-    history = read.history_until(run, None)
-    return [metric for metric in METRICS if metric.name in history and np.isfinite(history[metric.name]).any()]
-
-
-def _metrics(figure: Figure | SubFigure, run: RunLike, metrics: Sequence[Metric], time: float) -> None:
+def _metrics(figure: Figure | SubFigure, run: RunLike, panels: list[chart.Panel], time: float) -> None:
     """The panels, with the time of the snapshot marked."""
-    entry = Entry(name_of(run), "reference", run, read.history_until(run, None))
-    row = make_row(entry, entry, NAN, None)
-    axes = figures.metrics_panels(
-        figure, metrics, [entry], {entry.name: row}, {entry.name: style.styles(["", entry.name])[entry.name]}
-    )
-    for axis in axes:
+    for axis in chart.draw_panels(figure, panels):
         axis.axvline(time, color=style.NOISE, linewidth=1.0, linestyle=":", zorder=1)
+    row = row_of_one(run)
     if row.status != "valid":
-        status = style.escaped(f"{entry.name}: {row.status}", math.inf)
+        status = style.escaped(f"{row.name}: {row.status}", math.inf)
         figure.suptitle(status, color=style.INVALID, fontsize=10, wrap=True)
 
 
-def _snapshot(
-    figure: Figure | SubFigure, size: tuple[float, float], run: RunLike, picture: Picture, color: str
-) -> None:
-    scales = Scales.of([picture], color)
-    axis = frame_axes(figure, size, run, scales, color)
-    draw_frame(axis, run, picture, scales, color)
-    name_openings(figure, size, picture)
-
-
-def name_openings(figure: Figure | SubFigure, size: tuple[float, float], picture: Picture) -> None:
-    """What the coloured edges are, on the line of the label of the x axis; `size` of the figure [inch]."""
-    if handles := pictures.opening_handles([picture]):
-        right = 0.5 * (size[0] + min(size[0], LONG_SIDE + LEFT + RIGHT)) - 0.1
-        place = (right / size[0], (BOTTOM - 0.35) / size[1])
-        figure.legend(handles=handles, loc="center right", bbox_to_anchor=place, ncols=2, borderpad=0.0)
-
-
-def name_of(run: RunLike) -> str:
-    """Name of the run's folder."""
-    return Path(run.path).resolve().name or "run"
+def _snapshot(figure: Figure | SubFigure, run: RunLike, picture: Picture, color: str) -> None:
+    Frame(figure, run, pictures.tops([picture]), color, picture).draw(picture)
 
 
 def _box(run: RunLike) -> tuple[float, float]:
@@ -149,47 +113,26 @@ def _box(run: RunLike) -> tuple[float, float]:
 
 
 def frame_size(run: RunLike) -> tuple[float, float]:
-    """Width and height of the figure of one frame [inch]."""
+    """Width and height of the figure of one frame [inch]: the box, and room for title, axes and keys."""
     length, height = _box(run)
     scale = LONG_SIDE / max(length, height)
-    width = max(scale * length + LEFT + RIGHT, SHORTEST)
-    return width, scale * height + TOP + BOTTOM
+    return max(scale * length + 1.2, SHORTEST), scale * height + 2.7
 
 
-def frame_axes(figure: Figure | SubFigure, size: tuple[float, float], run: RunLike, scales: Scales, color: str) -> Axes:
-    """Axes in the box's own shape with the colour bars below; `size` of the figure [inch]."""
-    length, height = _box(run)
-    width, tall = size
-    scale = LONG_SIDE / max(length, height)
-    left = LEFT + 0.5 * (width - LEFT - RIGHT - scale * length)
-    axis = figure.add_axes((left / width, BOTTOM / tall, scale * length / width, scale * height / tall))
-    axis.set(xlabel="x [m]", ylabel="height [m]")
-    axis.locator_params(axis="x", nbins=max(2, int(1.3 * scale * length)))
-    quantity = pictures.QUANTITIES[color]
-    bars = [
-        (norm, colours, text)
-        for norm, colours, text in (
-            (scales.water, pictures.WATER, "fluid speed [m/s]"),
-            (scales.grains, pictures.GRAINS, f"{quantity.label} [{quantity.unit}]"),
-        )
-        if norm is not None
-    ]
-    room = (min(width, LONG_SIDE + LEFT + RIGHT) - LEFT - RIGHT) / max(len(bars), 1)
-    start = 0.5 * (width - room * len(bars))
-    for number, (norm, colours, text) in enumerate(bars):
-        place = ((start + (number + 0.1) * room) / width, 0.47 / tall, 0.8 * room / width, 0.12 / tall)
-        mappable = ScalarMappable(norm, colours)
-        bar = figure.colorbar(mappable, cax=figure.add_axes(place), orientation="horizontal", extend="max")
-        bar.set_label(text, labelpad=1)
-    return axis
+class Frame:
+    """Axes in the box's own shape with the colour bars below, for one frame after another."""
 
+    def __init__(self, figure: Figure | SubFigure, run: RunLike, tops: Tops, color: str, first: Picture) -> None:
+        self.run, self.tops, self.color, self.box = run, tops, color, _box(run)
+        self.axis = figure.subplots()
+        self.axis.set(xlabel="x [m]", ylabel="height [m]")
+        inches = LONG_SIDE * self.box[0] / max(self.box)
+        self.axis.locator_params(axis="x", nbins=max(2, int(1.3 * inches)))
+        pictures.add_keys(figure, [self.axis], [first], tops, color, inches)
 
-def draw_frame(axis: Axes, run: RunLike, picture: Picture, scales: Scales, color: str) -> None:
-    """A frame onto its axes, with run, time and view above."""
-    box = _box(run)
-    grains = None if scales.grains is None else (color, scales.grains)
-    pictures.draw(axis, picture, box, box, scales.water, grains)
-    seen = pictures.view(run, picture)
-    when = f",  t = {picture.time:.4g} s"
-    name = style.escaped(name_of(run), frame_size(run)[0] - (LEFT - RIGHT) - style.text_width(when) - 0.4)
-    axis.set_title(name + when + (f"\n{seen}" if seen else ""), fontsize=10)
+    def draw(self, picture: Picture) -> None:
+        """A frame, with run, time and view above."""
+        pictures.draw(self.axis, picture, self.box, self.box, self.tops, self.color)
+        view, when = pictures.view(self.run, picture), f",  t = {picture.time:.4g} s"
+        name = style.escaped(folder_name(self.run), frame_size(self.run)[0] - style.text_width(when) - 1.0)
+        self.axis.set_title(name + when + (f"\n{view}" if view else ""), fontsize=10)

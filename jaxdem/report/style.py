@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,9 +21,11 @@ from jaxdem.io.durable import write_bytes
 # Okabe and Ito (2008), without black (the reference) and yellow (too light on white).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 REFERENCE, NOISE, INVALID = "#000000", "#9A9A9A", "#B00020"
+# Names of plotly's -> what matplotlib has for them.
+DASHES: dict[str, Any] = {"solid": "-", "dash": (0, (5, 2)), "dashdot": (0, (5, 1.5, 1, 1.5)), "dot": (0, (1, 1.2))}
+MARKERS = {"circle": "o", "square": "s", "triangle-up": "^", "diamond": "D", "star": "*", "x": "X"}
 # After one round of colours the dash and the marker change, so that no two runs look alike up to 24.
-DASHES = (("-", "solid"), ((0, (5, 2)), "dash"), ((0, (5, 1.5, 1, 1.5)), "dashdot"), ((0, (1, 1.2)), "dot"))
-MARKERS = (("o", "circle"), ("s", "square"), ("^", "triangle-up"), ("D", "diamond"))
+RUN_DASHES, RUN_MARKERS = tuple(DASHES), ("circle", "square", "triangle-up", "diamond")
 
 RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -56,27 +59,22 @@ LEGEND_LINE, LEGEND_HANDLE = 0.22, 0.65
 
 
 class RunStyle(NamedTuple):
-    """How one run is drawn, in matplotlib's and in plotly's words."""
+    """How one run is drawn: a colour, a key of `DASHES` and one of `MARKERS`, and the width of its line [pt]."""
 
     color: str
-    dash: Any
-    plotly_dash: str
+    dash: str
     marker: str
-    plotly_marker: str
     width: float
 
 
-def styles(names: Sequence[str]) -> dict[str, RunStyle]:
-    """Style by name; the first name is the reference."""
-    result = {names[0]: RunStyle(REFERENCE, "-", "solid", "*", "star", 2.4)}
-    for i, name in enumerate(names[1:]):
-        turn = i // len(COLOURS) % len(DASHES)
-        (dash, plotly_dash), (marker, plotly_marker) = DASHES[turn], MARKERS[turn]
-        result[name] = RunStyle(COLOURS[i % len(COLOURS)], dash, plotly_dash, marker, plotly_marker, 1.6)
-    return result
+def styles(number: int) -> list[RunStyle]:
+    """Styles of a reference and of that many runs less one."""
+    looks = itertools.product(zip(RUN_DASHES, RUN_MARKERS, strict=True), COLOURS)
+    runs = [RunStyle(color, dash, marker, 1.6) for (dash, marker), color in looks]
+    return [RunStyle(REFERENCE, "solid", "star", 2.4), *itertools.islice(itertools.cycle(runs), number - 1)]
 
 
-def new_figure(width: float, height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
+def new_figure(width: float, height: float, layout: Literal["constrained", "compressed"] = "constrained") -> Figure:
     """A figure of that many inches that touches no global state of matplotlib's; draw it inside `look()`."""
     figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)

@@ -16,10 +16,10 @@ from matplotlib.image import imread
 from PIL import Image
 
 from jaxdem.errors import InputError
-from jaxdem.report import animation, pictures, single, style
-from jaxdem.report.comparison import Entry, build
+from jaxdem.report import animation, pictures, single
+from jaxdem.report.comparison import Candidate, build, row_of_one
+from jaxdem.report.figures import metrics_panels
 from jaxdem.report.player import player
-from jaxdem.report.runs import history_until
 
 
 def test_a_plot_has_both_pictures(make: Any, tmp_path: Path) -> None:
@@ -30,7 +30,7 @@ def test_a_plot_has_both_pictures(make: Any, tmp_path: Path) -> None:
     assert run.calls[-1] == 2, "the output nearest to the time"
     grains = make("grains", cells=None, size=(0.5, 0.5, 2.0))
     (both,) = single.plot_run(grains, tmp_path / "new" / "both.png")
-    assert len(single._recorded(grains)) == 5 and grains.calls[-1] == 20
+    assert len(metrics_panels([row_of_one(grains)])) == 5 and grains.calls[-1] == 20
     for file in (*files, both):
         assert np.ptp(imread(file)) > 0.5
 
@@ -56,7 +56,7 @@ def test_a_film_has_every_output_and_one_scale(make: Any, tmp_path: Path, monkey
     scales, reports = [], []
     draw = pictures.draw
     monkeypatch.setattr(
-        pictures, "draw", lambda *given: (scales.append((given[4].vmax, given[5][1].vmax)), draw(*given))
+        pictures, "draw", lambda *given: (scales.append((given[4]["fluid"], given[4][given[5]])), draw(*given))
     )
     run = make("film", outputs=4, count=20)
     path = tmp_path / "new" / "film.gif"
@@ -86,10 +86,8 @@ def test_films_that_cannot_be_made_are_refused(make: Any, tmp_path: Path, monkey
 
 def played(runs: list[Any], **options: Any) -> Any:
     """The page's fragment, and its data."""
-    roles = ["reference"] + ["run"] * (len(runs) - 1)
-    entries = [Entry(r.path.name, role, r, history_until(r, None)) for r, role in zip(runs, roles, strict=True)]
-    rows = {row.name: row for row in build(entries[0], entries[1:], [], {}, None).rows}
-    result = player(entries, rows, style.styles([entry.name for entry in entries]), **options)
+    first, *others = map(Candidate, runs)
+    result = player(build(first, others or [first]).rows, **options)
     if result is None:
         return None, None
     text = re.search(r'id="player-data">(.*?)</script>', result.html)

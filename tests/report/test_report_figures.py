@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,31 +13,30 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.image import imread
 
 from jaxdem.errors import InputError
-from jaxdem.report import compare, figures, pictures, snapshots, style
-from jaxdem.report.comparison import Entry, build
-from jaxdem.report.runs import history_until
+from jaxdem.report import chart, compare, figures, parity, pictures, snapshots, style
+from jaxdem.report.comparison import Candidate, Comparison, build
 
 
-def entries_of(*runs: Any) -> list[Entry]:
-    roles = ["reference"] + ["run"] * (len(runs) - 1)
-    return [Entry(run.path.name, role, run, history_until(run, None)) for run, role in zip(runs, roles, strict=True)]
+def compared(*runs: Any) -> Comparison:
+    first, *others = map(Candidate, runs)
+    return build(first, others)
 
 
-def drawn(monkeypatch: pytest.MonkeyPatch, *runs: Any) -> Any:
-    """The figure that snapshots.png is made of."""
+@pytest.fixture
+def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The figures that would be written."""
     kept: list[Any] = []
     monkeypatch.setattr(style, "save", lambda figure, path, **_: kept.append(figure))
-    entries = entries_of(*runs)
-    result = build(entries[0], entries[1:], [], {}, None)
-    snapshots.snapshots_figure(entries, result, style.styles([e.name for e in entries]), Path("x.png"))
-    return kept[0]
+    return kept
 
 
 def test_colours_are_the_same_everywhere_and_differ() -> None:
-    names = [f"run {i}" for i in range(25)]
-    looks = style.styles(names)
-    assert looks["run 0"].color == style.REFERENCE
-    assert len({(look.color, look.plotly_dash, look.marker) for look in looks.values()}) == 25
+    looks = style.styles(25)
+    assert looks[0].color == style.REFERENCE
+    assert len({(look.color, look.dash, look.marker) for look in looks}) == 25
+    assert {look.dash for look in looks} <= style.DASHES.keys() and {
+        look.marker for look in looks
+    } <= style.MARKERS.keys()
 
 
 def test_snapshot_times_are_outputs_of_the_reference() -> None:
@@ -67,8 +68,10 @@ def test_planes(make: Any) -> None:
     assert pictures.view(flat, two) == "" and "averaged over the depth" in pictures.view(deep, three)
 
 
-def test_discs_have_their_true_radius_on_equal_axes(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    figure = drawn(monkeypatch, make("a", radius=0.03), make("b", cells=(38, 6)), make("short", end=0.5, outputs=6))
+def test_discs_have_their_true_radius_on_equal_axes(make: Any, saved: list[Any]) -> None:
+    runs = make("a", radius=0.03), make("b", cells=(38, 6)), make("short", end=0.5, outputs=6)
+    snapshots.snapshots_figure(compared(*runs), Path("x.png"))
+    figure = saved[0]
     figure.canvas.draw()
     shown = [axis for axis in figure.axes if axis.get_visible() and axis.get_title(loc="left")]
     assert len(shown) == 12
@@ -88,54 +91,101 @@ def test_discs_have_their_true_radius_on_equal_axes(make: Any, monkeypatch: pyte
     assert len(scales) == 1 and scales.pop()[0] == 0.0
 
 
-def test_scale_ignores_a_run_that_blew_up(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scales_are_the_reference_s(make: Any, saved: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the fluid and of the grains, the same in all panels, with their units, also beside a run that blew up."""
     bad = make("bad")
     fluid = bad.fluid
     monkeypatch.setattr(bad, "fluid", lambda i: {"velocity": fluid(i)["velocity"] * 1e6}, raising=False)
-    figure = drawn(monkeypatch, make("a"), bad)
-    tops = {image.get_clim()[1] for axis in figure.axes for image in axis.images}
-    assert max(tops) == pytest.approx(3.0, rel=0.05)
+    fine = make("a")
+    snapshots.snapshots_figure(compared(fine, bad), Path("x.png"))
+    panels = [axis for axis in saved[0].axes if axis.get_title(loc="left")]
+    tops = {image.get_clim()[1] for axis in panels for image in axis.images}
+    assert len(tops) == 1 and max(tops) == pytest.approx(3.0, rel=0.05)
+    discs = [item for axis in panels for item in axis.collections if isinstance(item, EllipseCollection)]
+    assert len(discs) == len(panels) == 8 and len({one.get_clim() for one in discs}) == 1
+    speeds = np.linalg.norm(fine.particles(0)["velocity"], axis=1)
+    assert np.allclose(discs[0].get_array(), speeds) and np.ptp(discs[0].get_array()) > 0.0
+    bars = {axis.get_xlabel() for axis in saved[0].axes if axis not in panels}
+    assert bars == {"fluid speed [m/s]", "particle speed [m/s]"}
+
+
+def test_a_film_s_scale_is_not_that_of_rest(make: Any) -> None:
+    """Nothing moves at first: the scale is that of the later outputs, however small."""
+    still, moving = pictures.take(make(), 0), pictures.take(make(), 0)
+    assert still.speed is not None and moving.speed is not None
+    still.speed[:] = 0.0
+    moving.speed[:] = 1e-3
+    assert pictures.tops([still, moving])["fluid"] == pytest.approx(1e-3)
+    assert "fluid" not in pictures.common_tops([[still, None]])
+    assert pictures.common_tops([[still], [moving]])["fluid"] == pytest.approx(1e-3)
 
 
 def test_sound_runs_choose_the_axis(make: Any) -> None:
     bad = make("bad", valid=False)
     bad.history["runoff"][-1] = 1e6
-    entries = entries_of(make("a"), make("b", factor=1.1), bad)
-    rows = {row.name: row for row in build(entries[0], entries[1:], [], {}, None).rows}
-    limits = figures.sound_limits(entries, "runoff", rows)
-    assert limits is not None and limits[1] < 5.0
-    assert figures.sound_limits(entries, "height", rows) is None
+    panels = {panel.y_label: panel for panel in figures.metrics_panels(compared(make("a"), make("b"), bad).every)}
+    runoff, height = panels["run-off [m]"], panels["height [m]"]
+    assert runoff.y_limits is not None and runoff.y_limits[1] < 5.0 and "leaves this panel" in runoff.note
+    assert height.y_limits is None and not height.note
+
+
+def test_a_pressure_that_is_left_out_is_said(make: Any, saved: list[Any]) -> None:
+    """In a closed box the panel is there and says why it is empty, in the file and on the page; without fluid it is not."""
+    closed = make("closed")
+    closed.scene["boundary"] = {side: {"kind": "no_slip"} for side in ("left", "right", "bottom", "top")}
+    panels = figures.metrics_panels(compared(closed, closed).every)
+    assert len(panels) == 9 and not panels[6].series and "zero by convention" in panels[6].note
+    chart.write_png(panels, Path("x.png"))
+    texts = [[text.get_text() for text in axis.texts] for axis in saved[0].axes]
+    assert texts[6] == [panels[6].note] and not any(texts[:6])
+    page = chart.to_html(panels, "metrics")
+    note = re.search(r'"text":"not shown[^}]*', page)
+    assert note is not None and '"xref":"x7 domain"' in note[0]
+    assert len(figures.metrics_panels(compared(*[make("dry", cells=None)] * 2).every)) == 5
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.0001, 1.05, 1.4, 3.0, 70.0, 3e3, 1e7])
+@pytest.mark.parametrize("first", [0.14141701702890233, 5.8, 9.97])
+def test_several_plain_numbers_on_every_logarithmic_axis(first: float, ratio: float) -> None:
+    """However near the values are to each other, and both ends of the axis are beyond them."""
+    low, high = chart.log_limits([first, first * ratio])
+    assert low < 0.9 * first and high > 1.1 * first * ratio
+    ticks = chart.log_ticks(low, high)
+    assert 3 <= len(ticks) <= 12 and all(low <= tick <= high for tick in ticks)
+    assert all(len(f"{tick:g}") <= 6 for tick in ticks)
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_copy_of_the_reference_is_drawn(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One run time on a logarithmic axis: at this one matplotlib's limits, apart by rounding, have no width."""
-    kept: list[Any] = []
-    monkeypatch.setattr(style, "save", lambda figure, path, **_: kept.append(figure))
+@pytest.mark.parametrize("factor", [1.0, 1.01])
+def test_runs_of_one_run_time_are_drawn(make: Any, saved: list[Any], factor: float) -> None:
+    """A copy of the reference has the error zero: file and page have the same limits, which hold all points."""
     wall = 0.14141701702890233
-    entries = entries_of(make("fine", wall=wall), make("copy", wall=wall))
-    result = build(entries[0], entries[1:], [], {}, None)
-    figures.error_figure(result, style.styles(["fine", "copy"]), Path("x.png"))
-    kept[0].canvas.draw()
-    low, high = kept[0].axes[0].get_xlim()
-    assert 0.01 < low < 0.9 * wall and 1.1 * wall < high < 2.0
+    panel = figures.error_panel(compared(make("fine", wall=wall), make("copy", wall=wall, factor=factor)))
+    chart.write_png([panel], Path("x.png"))
+    saved[0].canvas.draw()
+    axis = saved[0].axes[0]
+    x, y = panel.x_limits, panel.y_limits
+    assert x == axis.get_xlim() == pytest.approx(chart.log_limits([wall])) and y == axis.get_ylim()
+    layout = json.loads(re.search(r"\],\s*(\{.*?\}),\s*\{\"responsive", chart.to_html([panel], "e"), re.S)[1])
+    assert np.allclose(10.0 ** np.array(layout["xaxis"]["range"]), x)
+    assert layout["yaxis"]["automargin"] and "tickvals" not in layout["xaxis"], "plotly chooses ticks after a zoom"
 
 
 def test_r_squared() -> None:
     target = np.array([[0.0, 10.0], [2.0, 12.0]])
-    assert figures.r_squared(target, target) == 1.0
-    assert figures.r_squared(target, np.broadcast_to(target.mean(0), (2, 2))) == 0.0
-    assert figures.r_squared(target, target[::-1]) == pytest.approx(-3.0)
-    assert np.isnan(figures.r_squared(np.ones((3, 2)), np.ones((3, 2))))
+    assert parity.r_squared(target, target) == 1.0
+    assert parity.r_squared(target, np.broadcast_to(target.mean(0), (2, 2))) == 0.0
+    assert parity.r_squared(target, target[::-1]) == pytest.approx(-3.0)
+    assert np.isnan(parity.r_squared(np.ones((3, 2)), np.ones((3, 2))))
 
 
 def test_parity_refuses_unlike_shapes() -> None:
     target = np.ones((3, 2))
-    figures.check_parity({"a": {"target": target, "predicted": target}})
+    parity.check_parity({"a": {"target": target, "predicted": target}})
     with pytest.raises(InputError, match=r"parity\['a'\].predicted"):
-        figures.check_parity({"a": {"target": target, "predicted": np.ones((3, 3))}})
+        parity.check_parity({"a": {"target": target, "predicted": np.ones((3, 3))}})
     with pytest.raises(InputError, match="predicted"):
-        figures.check_parity({"a": {"target": target}})
+        parity.check_parity({"a": {"target": target}})
 
 
 def test_hard_cases_draw(make: Any, tmp_path: Path) -> None:

@@ -16,9 +16,8 @@ import pytest
 from figure_texts import as_shown, drawn_texts, faults
 from matplotlib.figure import Figure
 
-from jaxdem.report import animation, compare, figures, interactive, single, snapshots, style
-from jaxdem.report.comparison import Entry, build
-from jaxdem.report.runs import history_until
+from jaxdem.report import Candidate, Page, animation, chart, compare, figures, parity, single, snapshots, style
+from jaxdem.report.comparison import build
 
 HOSTILE = ("a$b_c^2$", "$\\frac{1}{0}$", "_hidden $", "<b>&amp;</b>%{x}", "two\nlines\x1b[31m", "n" * 250)
 
@@ -60,8 +59,12 @@ def test_a_name_is_shown_as_it_is(name: str) -> None:
     assert not text.get_text().startswith("_")
 
 
-def hostile_runs(make: Any) -> list[Any]:
-    return [make(name, wall=2.0**i, factor=1.0 + 0.03 * i) for i, name in enumerate(HOSTILE)]
+def hostile_runs(make: Any) -> list[Candidate]:
+    cost = {2: 300.0, 3: 5.0}
+    return [
+        Candidate(make("run", wall=2.0**i, factor=1.0 + 0.03 * i), name, training_cost_s=cost.get(i, float("nan")))
+        for i, name in enumerate(HOSTILE)
+    ]
 
 
 def test_a_comparison_of_hostile_names(make: Any, tmp_path: Path, figure_names: list[str]) -> None:
@@ -70,10 +73,9 @@ def test_a_comparison_of_hostile_names(make: Any, tmp_path: Path, figure_names: 
     target = 1e-5 * rng.standard_normal((1700, 2))
     arrays = {"target": target, "predicted": 1.1 * target, "base": 1.5 * target}
     few = {name: array[:20] for name, array in arrays.items() if name != "base"}
-    result = compare(
-        make("fine", wall=90.0), hostile_runs(make), tmp_path, parity={HOSTILE[0]: arrays, HOSTILE[-1]: few},
-        training_cost={HOSTILE[2]: 300.0, HOSTILE[3]: 5.0}, noise=[make("again", factor=1.01)], names=["fine", *HOSTILE],
-    )  # fmt: skip
+    page = Page(parity={HOSTILE[0]: arrays, HOSTILE[-1]: few})
+    noise = [make("again", factor=1.01)]
+    result = compare(make("fine", wall=90.0), hostile_runs(make), tmp_path, noise=noise, page=page)
     assert {"metrics", "error_vs_time", "snapshots", "parity"} <= result.files.keys()
 
 
@@ -93,24 +95,16 @@ def test_boxes_of_any_size(make: Any, tmp_path: Path, size: tuple[float, ...]) -
     """Numbers on the axes have up to seven characters."""
     runs = [make(name, size=size, cells=None, radius=0.01 * size[0], outputs=2) for name in "ab"]
     single.plot_run(runs[0], tmp_path)
-    entries = [Entry(name, "run", run, history_until(run, None)) for name, run in zip("ab", runs, strict=True)]
-    looks = style.styles(["a", "b"])
-    snapshots.snapshots_figure(entries, build(entries[0], entries[1:], [], {}, None), looks, tmp_path / "s.png")
+    snapshots.snapshots_figure(build(Candidate(runs[0]), [Candidate(runs[1])]), tmp_path / "s.png")
 
 
 def test_plotly_and_the_page_show_names_as_they_are(make: Any) -> None:
     """Plotly's markup is a kind of HTML and `%{x}` a template of its own; a script ends nowhere but at its end."""
-    runs = [make("fine"), *hostile_runs(make)]
-    runs[2].summary["reason"], runs[2].summary["valid"] = "%{y} </script><b>", False
-    roles = ["reference"] + ["run"] * len(HOSTILE)
-    entries = [
-        Entry(name, role, run, history_until(run, None))
-        for name, role, run in zip(("fine", *HOSTILE), roles, runs, strict=True)
-    ]
-    result = build(entries[0], entries[1:], [], {HOSTILE[3]: 3.0}, None)
-    looks = style.styles([entry.name for entry in entries])
-    metrics = interactive.metrics_plot(entries, result, looks)
-    error = interactive.error_plot(result, looks)
+    runs = hostile_runs(make)
+    runs[1].run.summary.update(reason="%{y} </script><b>", valid=False)
+    result = build(Candidate(make("fine")), runs)
+    metrics = chart.to_html(figures.metrics_panels(result.every), "metrics")
+    error = chart.to_html([figures.error_panel(result)], "error")
     for fragment in (metrics, error):
         assert fragment.count("</script>") == fragment.count("<script")
         data = json.loads(re.search(r'newPlot\(\s*"[^"]+",\s*(\[.*?\]),\s*\{', fragment, re.S)[1])
@@ -126,7 +120,7 @@ def test_one_scale_for_both_panels_of_a_parity_plot(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(style, "save", lambda figure, path, **_: kept.append(figure))
     target = np.random.default_rng(0).standard_normal((4000, 1))
     arrays = {"target": target, "predicted": target, "base": 0.5 * target}
-    figures.parity_figure({"a": arrays}, Path("x.png"))
+    parity.parity_figure({"a": arrays}, Path("x.png"))
     panels = [axis for axis in kept[0].findobj(lambda item: hasattr(item, "get_xlabel")) if axis.collections]
     kept[0].canvas.draw()
     shapes = [axis.get_window_extent() for axis in panels if "force" in axis.get_ylabel()]

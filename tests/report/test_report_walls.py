@@ -19,10 +19,9 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
 from jaxdem import load_scene
-from jaxdem.report import animation, pictures, single, snapshots, style, walls
-from jaxdem.report.comparison import Entry, build
+from jaxdem.report import animation, pictures, single, snapshots, walls
+from jaxdem.report.comparison import Candidate, build
 from jaxdem.report.player import player
-from jaxdem.report.runs import history_until
 from jaxdem.scene.walls import NEEDED
 from jaxdem.setup.walls import surfaces_of
 
@@ -71,7 +70,7 @@ def test_walls_are_where_the_solver_has_them(dimension: int) -> None:
 def drawn(run: Any, index: int = 0) -> Any:
     axis = Figure(layout="constrained").subplots()
     size = run.scene["domain"]["size"]
-    pictures.draw(axis, pictures.take(run, index), (size[0], size[-1]), (size[0], size[-1]), None)
+    pictures.draw(axis, pictures.take(run, index), (size[0], size[-1]), (size[0], size[-1]), {}, "velocity")
     return axis
 
 
@@ -98,7 +97,7 @@ def test_an_obstacle_is_drawn_as_a_disc(make: Any) -> None:
     assert image.get_extent() == [0.0, 1.0, 0.0, 0.8]
     assert share.mean() * 0.8 == pytest.approx(math.pi * 0.01, rel=2e-3)
     assert image.get_cmap()(0.0)[3] == 0.0 and image.get_cmap()(1.0)[3] > 0.5
-    pictures.draw(axis, pictures.take(run, 1), (1.0, 0.8), (1.0, 0.8), None)
+    pictures.draw(axis, pictures.take(run, 1), (1.0, 0.8), (1.0, 0.8), {}, "velocity")
     assert len(axis.images) == 1 and len(outline(axis)) == len(distance)
 
 
@@ -154,8 +153,9 @@ def test_openings_are_drawn_on_their_sides(make: Any) -> None:
     (lines,) = [item for item in drawn(run).collections if isinstance(item, LineCollection)]
     for opening, path in zip(found, lines.get_segments(), strict=True):
         assert path.min(axis=0).tolist() == list(opening.start) and path.max(axis=0).tolist() == list(opening.stop)
-    handles = pictures.opening_handles([pictures.take(run, 0), None])
-    assert [handle.get_label() for handle in handles] == ["inlet", "outlet"]
+    figure = Figure(layout="constrained")
+    pictures.add_keys(figure, [figure.subplots()], [pictures.take(run, 0)], {}, "velocity", 5.0)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["inlet", "outlet"]
 
 
 def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,12 +169,11 @@ def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypa
     assert len(calls) == 1
     monkeypatch.setattr(animation, "DPI", 30)
     animation.animate(run, tmp_path / "film.gif")
-    assert len(calls) == 1 + 3
-    entries = [Entry(name, "run", run, history_until(run, None)) for name in ("a", "b")]
-    result, looks = build(entries[0], entries[1:], [], {}, None), style.styles(["a", "b"])
-    snapshots.snapshots_figure(entries, result, looks, tmp_path / "snapshots.png")
-    assert len(calls) == 4 + 6
-    page = player(entries, {row.name: row for row in result.rows}, looks)
+    assert len(calls) == 1 + 1 + 3, "the first frame gives the layout too"
+    result = build(Candidate(run, "a"), [Candidate(run, "b")])
+    snapshots.snapshots_figure(result, tmp_path / "snapshots.png")
+    assert len(calls) == 5 + 6
+    page = player(result.rows)
     assert page is not None and "pink lines are outlets" in page.caption
     data = json.loads(re.search(r'id="player-data">(.*?)</script>', page.html)[1])["runs"][1]
     nx, nz = data["walls"]["points"]
