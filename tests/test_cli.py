@@ -303,6 +303,14 @@ def test_compare_says_where_the_report_is(done, tmp_path):
     assert not (tmp_path / "other").exists()
 
 
+def test_results_of_several_runs_do_not_go_into_the_folder_of_one(done, grains):
+    """A comparison and a sweep are refused before anything is read or written."""
+    out, before = done[0], sorted(path.name for path in done[0].iterdir())
+    for command in (("compare", out, out), ("sweep", grains, "--vary", "seed=1,2")):
+        refused(invoke(*command, "--out", out), "--out", "is a run directory", "another folder")
+    assert sorted(path.name for path in out.iterdir()) == before
+
+
 def test_plot_and_animate_a_run(done, tmp_path):
     out, _ = done
     result = invoke("plot", out, "--out", tmp_path / "plots", "--time", 0.0)

@@ -67,7 +67,7 @@ def test_chain_leaves_every_file(study):
     assert jaxdem.load_run(done.out / "coarse_2").cells == (5, 3)
     closure = jaxdem.load_run(done.out / "coarse_2_filtered").summary["closure"]
     assert closure["file"].endswith("filtered.closure.h5")
-    assert [len(row.packs) for row in comparison.rows] == [1, 2, 2] and len(comparison.noise_rows) == 1
+    assert [len(row.trials) for row in comparison.rows] == [1, 2, 2] and len(comparison.noise_rows) == 1
     learned = comparison.rows[2]
     assert learned.mean_error == pytest.approx(np.mean(learned.pack_errors))
     assert comparison.error_noise >= comparison.noise_mean > 0.0

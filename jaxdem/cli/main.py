@@ -226,7 +226,9 @@ def compare(
 ) -> None:
     """Compare runs with a reference run: errors of nine metrics, and error against run time."""
     from jaxdem.io.access import locked
+    from jaxdem.io.outputs import refuse_run_folder
 
+    refuse_run_folder("--out", out)
     loaded = [_load_run(path) for path in (reference, *runs)]
     prepare_folder(out)
     from jaxdem.report import compare as compare_runs
@@ -289,13 +291,14 @@ def sweep(
     quiet: options.Quiet = False,
 ) -> None:
     """Run a scene with all combinations of the values of some keys. The same command continues a stopped sweep."""
-    from jaxdem.io.outputs import refuse_what_is_read
+    from jaxdem.io.outputs import refuse_run_folder, refuse_what_is_read
     from jaxdem.run.sweep import TABLE, check_sweep, parse_variation, run_sweep
     from jaxdem.scene import named_files
 
     variations = [parse_variation(text) for text in vary]
     # What is wrong without variations is said here.
     description = read_scene(scene, settings, closure, subgrid)
+    refuse_run_folder("--out", out)
     refuse_what_is_read("--out", out / TABLE, (scene, *named_files(description.model_dump())))
     changed = overrides(settings, closure, subgrid)
     check_sweep(scene, changed, variations, out)

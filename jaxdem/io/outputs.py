@@ -38,6 +38,17 @@ def refuse_what_is_read(option: str, out: Path, inputs: Iterable[str | Path | No
             raise InputError(option, str(out), "is what is read, and would be lost", "Name another file.")
 
 
+def refuse_run_folder(option: str, out: Path) -> None:
+    """Refuse a folder for results of several runs that is a run's own.
+
+    Raises:
+        InputError: it holds a scene as run, as a run directory does from its first second.
+    """
+    if (out / SCENE).is_file():
+        remedy = f"Name another folder, for example {out / 'results'}."
+        raise InputError(option, str(out), "is a run directory, which holds one run and nothing else", remedy)
+
+
 def _files(place: Path) -> Iterator[Path]:
     """The file itself; of a run directory its files."""
     if not place.is_dir():
