@@ -6,7 +6,7 @@ Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SI
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -105,16 +105,21 @@ def _options(
     pass
 
 
+def _warn_of_units(description: Scene) -> None:
+    """What of a scene looks like another unit."""
+    from jaxdem.check.unit_warnings import unit_warnings
+
+    for warning in unit_warnings(description):
+        terminal.warn(warning)
+
+
 @contextmanager
 def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
     """Where a scene is refused, what of it looks like another unit: the refusal itself names a consequence."""
-    from jaxdem.check.unit_warnings import unit_warnings
-
     try:
         yield
     except InputError:
-        for warning in unit_warnings(description):
-            terminal.warn(warning)
+        _warn_of_units(description)
         raise
 
 
@@ -152,12 +157,15 @@ def run(
 
     RunDirectory.check(out, description.to_toml(), resume)
     complete = resume and RunDirectory.is_complete(out)
+    if not quiet:
+        _warn_of_units(description)
     start_jax(description.precision)
     from jaxdem.cli import progress
     from jaxdem.run.simulate import Interrupted, simulate
 
+    beside = _units_beside_a_refusal(description) if quiet else nullcontext()
     try:
-        with _units_beside_a_refusal(description), progress.simulated_time(quiet) as report:
+        with beside, progress.simulated_time(quiet) as report:
             result = simulate(description, out, resume=resume, progress=report, profile=profile)
     except Interrupted as stop:
         hint = f"A checkpoint is in {out}. Continue with: {this_command(context, resume=True)}"
@@ -302,6 +310,8 @@ def sweep(
     refuse_what_is_read("--out", out / TABLE, (scene, *named_files(description.model_dump())))
     changed = overrides(settings, closure, subgrid)
     check_sweep(scene, changed, variations, out)
+    if not quiet:
+        _warn_of_units(description)
     start_jax(description.precision)
     from jaxdem.cli import progress
     from jaxdem.run.simulate import Interrupted

@@ -95,7 +95,9 @@ Vary = Annotated[
 ]
 
 # How a command works.
-Quiet = Annotated[bool, Option("--quiet", help="Show no progress, neither a bar nor lines in a log.")]
+Quiet = Annotated[
+    bool, Option("--quiet", help="Show no progress, neither a bar nor lines in a log, and no warnings of units.")
+]
 Resume = Annotated[bool, Option("--resume", help="Continue from the checkpoint in --out.")]
 Profile = Annotated[bool, Option("--profile", help="Measure fluid and particles apart in every interval; slower.")]
 Form = Annotated[ExportFormat, Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")]

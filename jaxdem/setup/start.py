@@ -22,7 +22,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.population import Population
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
-from jaxdem.scene.rows import rows_of
+from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.overlaps import Overlap, allowed_overlap, check_initial_positions, check_walls
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import wall_keys
@@ -73,7 +73,7 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
     leading = position.astype(dtype)
     single = dtype != np.float64
 
-    def rows(name: str, source: object, width: int) -> Array:
+    def rows(name: str, source: str | Numbers | None, width: int) -> Array:
         given = rows_of(f"particles.{name}", source, width, present, of_frame=True)
         values = np.zeros((count, width))
         if given is not None:
