@@ -12,6 +12,7 @@ its windows one after the other; the table gives median and range. One that fail
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import re
@@ -50,7 +51,6 @@ def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
 
 def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None:
     """Runs the pile and prints, as JSON, times and list builds of every window, the times with the list kept, and the lists' share."""
-    import dataclasses
 
     import jax
 
@@ -102,7 +102,7 @@ output_interval = {100 * STEP}
         }, now
 
     everything = compiled(simulation)
-    kept = compiled(dataclasses.replace(simulation, contact=simulation.contact._replace(search=None)))
+    kept = compiled(dataclasses.replace(simulation, contact=dataclasses.replace(simulation.contact, search=None)))
     _, now = window(warm_up, everything, (state, neighbors))
     window(chunk, kept, now)
     with_search, without = [], []

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from typing import Any
+from typing import Any, TypeVar
+
+Part = TypeVar("Part")
 
 
 class JaxdemError(Exception):
@@ -31,6 +33,17 @@ class InputError(JaxdemError):
         given = "" if value is None else f" = {cut(_repr(value))}"
         text = f"{cut(named)}{given}: {cut(limit, 600)}. {sentence(cut(remedy, 600))}"
         super().__init__(visible(text))
+
+
+def required(part: Part | None, name: str) -> Part:
+    """A part that not every scene has, where it is needed.
+
+    Raises:
+        InputError: it is None.
+    """
+    if part is None:
+        raise InputError(name, part, "the scene has no such part, and it is needed here", "add the part to the scene")
+    return part
 
 
 class RunError(JaxdemError):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
+from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.neighbors import Neighbors, Room, carry_history
 from jaxdem.state import Diagnostics, Parameters, State
@@ -12,7 +14,7 @@ from jaxdem.step import step
 from jaxdem.structure import Structure
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@static
 class Simulation(Structure):
     """A scene ready to be run; see `Structure` for its parts."""
 
@@ -24,24 +26,26 @@ class Simulation(Structure):
 
     def reversible(self) -> Simulation:
         """The same simulation with loops that reverse-mode differentiation can run backwards."""
-        contact = None if self.contact is None else self.contact._replace(reversible=True)
+        contact = None if self.contact is None else dataclasses.replace(self.contact, reversible=True)
         fluid, coupling = self.fluid, self.coupling
         if fluid is not None:
             fluid = dataclasses.replace(fluid, reversible=True)
             coupling = None if coupling is None else dataclasses.replace(coupling, interval=fluid)
         return dataclasses.replace(self, contact=contact, fluid=fluid, coupling=coupling)
 
-    def allocate(self, particles: ParticleState) -> Neighbors:
-        """A neighbour list with room for these positions; not jittable."""
+    def allocate(self, parameters: Parameters, particles: ParticleState, room: Room | None = None) -> Neighbors:
+        """A neighbour list with room for these positions, or with exactly so much room; not jittable."""
         position = vectors.components(particles.position)
         low = split_low(particles.position_low, len(position))
-        return self.search.allocate(position, low, active=particles.active)
+        bodies = required(parameters.bodies, "parameters.bodies")
+        return self.search.allocate(position, low, bodies.radius, room, particles.active)
 
     def with_room(self, state: State, neighbors: Neighbors, room: Room) -> tuple[State, Neighbors]:
         """State and list with more room, the pairs and what they keep as before; not jittable."""
-        particles = state.particles
-        assert particles is not None
-        wider = self.search.allocate(neighbors.reference, neighbors.reference_low, room, particles.active)
+        particles = required(state.particles, "state.particles")
+        wider = self.search.allocate(
+            neighbors.reference, neighbors.reference_low, neighbors.radius, room, particles.active
+        )
         springs = carry_history(particles.contact_spring, neighbors, wider)
         wider = dataclasses.replace(wider, builds=neighbors.builds)
         return state._replace(particles=particles._replace(contact_spring=springs)), wider

@@ -9,6 +9,7 @@ from jax import Array
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.coupled import Mixture
 from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
+from jaxdem.errors import required
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
@@ -58,9 +59,13 @@ class Parameters(NamedTuple):
     @property
     def mixture(self) -> Mixture:
         """What the exchange between fluid and particles needs; for a scene that has both."""
-        assert self.closure is not None and self.drag_scale is not None
-        assert self.fluid is not None and self.bodies is not None
-        return Mixture(self.closure, self.drag_scale, self.fluid, self.bodies, self.gravity)
+        return Mixture(
+            required(self.closure, "parameters.closure"),
+            required(self.drag_scale, "parameters.drag_scale"),
+            required(self.fluid, "parameters.fluid"),
+            required(self.bodies, "parameters.bodies"),
+            self.gravity,
+        )
 
 
 class ParticleDiagnostics(NamedTuple):

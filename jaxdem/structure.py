@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.coupling.coupled import Coupling
+from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, ramp
 from jaxdem.fluid.interval import FluidInterval
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch
@@ -18,7 +21,8 @@ from jaxdem.particles.population import Population, renewed
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 
 
-class TimeSteps(NamedTuple):
+@static
+class TimeSteps:
     """The steps of a run and what they were chosen from; None where a part does not exist.
 
     Attributes:
@@ -40,13 +44,13 @@ class TimeSteps(NamedTuple):
     contact: float | None
     contacts_per_interval: int
     fluid_substeps: int
-    limits: dict[str, float]
+    limits: Mapping[str, float] = dataclasses.field(compare=False)
     expected_speed: float | None
     expected_overlap: float | None
     speed_limit: float | None
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@static
 class Structure:
     """What is compiled of a scene. Numbers one may differentiate by are `Parameters`.
 
@@ -98,11 +102,9 @@ class Structure:
         self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
     ) -> tuple[ParticleState, Neighbors]:
         """Particles and list after those that leave and come at the end of interval number `step`."""
-        assert self.population is not None and self.contact is not None
-        return renewed(
-            self.population, self.search, self.contact.model.surfaces, parameters.inlet_velocity,
-            particles, neighbors, step,
-        )  # fmt: skip
+        population, contact = required(self.population, "population"), required(self.contact, "particles")
+        velocity = parameters.inlet_velocity
+        return renewed(population, self.search, contact.model.surfaces, velocity, particles, neighbors, step)
 
     def particle_report(
         self, particles: ParticleState, neighbors: Neighbors, collision: Array, step: Array
@@ -115,7 +117,7 @@ class Structure:
             outside = outside & particles.active[:, None]
         waiting = None
         if self.population is not None and self.population.inlets:
-            waiting = self.population.waiting(particles.inserted, step)
+            waiting = self.population.waiting(required(particles.inserted, "inserted of the particles"), step)
         squared = jnp.sum(velocity**2, axis=1)
         return ParticleDiagnostics(
             collision,
@@ -137,5 +139,4 @@ class Structure:
     @property
     def search(self) -> NeighborSearch:
         """Builder of the neighbour list of a scene with particles."""
-        assert self.contact is not None and self.contact.search is not None
-        return self.contact.search
+        return required(required(self.contact, "particles").search, "search")

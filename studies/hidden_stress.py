@@ -46,7 +46,7 @@ def hidden_stress(run: Run, cells: tuple[int, ...]) -> HiddenStress:
         cells: of the coarser mesh, more than twice `EDGE` along every axis.
     """
     fine, until = grid_of(run), screen_time(run)
-    coarse = fine._replace(cells=cells)
+    coarse = dataclasses.replace(fine, cells=cells)
     sums = np.zeros(6)
     for index, time in enumerate(run.times):
         if time == 0.0 or (until is not None and time > until):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -117,7 +118,7 @@ def flux_error(
 def averaged(run: Run, index: int, cells: tuple[int, ...]) -> tuple[list[np.ndarray], np.ndarray]:
     """Flux g u, D arrays (cells...) [m/s], and void fraction (cells...) of an output, averaged to a coarser mesh."""
     fine, frame = grid_of(run), fluid_frame(run, index)
-    coarse, void_fraction = fine._replace(cells=cells), np.asarray(frame["void_fraction"], float)
+    coarse, void_fraction = dataclasses.replace(fine, cells=cells), np.asarray(frame["void_fraction"], float)
     flux = [void_fraction * np.asarray(frame["velocity"][..., axis], float) for axis in range(fine.dimension)]
     return [remap_cells(fine, coarse, f) for f in flux], remap_cells(fine, coarse, void_fraction)
 

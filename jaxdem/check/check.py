@@ -237,7 +237,7 @@ def _memory(simulation: Simulation, state: State, neighbors: Any) -> dict[str, i
     memory["kernel weights"] = 0
     if coupling is not None and state.particles is not None:
         grid, deposition = coupling.interval.solver.grid, coupling.deposition
-        radius = simulation.search.radius
+        radius = neighbors.radius
         shapes = jax.eval_shape(lambda x: deposition.weights(grid, x, radius), state.particles.position)
         memory["kernel weights"] = sum(math.prod(s.shape) * s.dtype.itemsize for s in jax.tree.leaves(shapes))
     memory = {name: size for name, size in memory.items() if size}
@@ -257,7 +257,7 @@ def _parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> tupl
             (f"contact law {type(model.law).__name__}", True),
             ("rolling friction", model.rolling is not None),
             ("rolling springs", model.rolling is not None and model.rolling.has_spring),
-            ("radius per particle", simulation.search.radius.ndim > 0),
+            ("radius per particle", parameters.bodies is not None and parameters.bodies.radius.ndim > 0),
             ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
             (f"contact with {len(model.sides)} walls", bool(model.sides)),
             (_walls_beside_the_box(scene), bool(model.surfaces)),

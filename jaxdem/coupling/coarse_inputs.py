@@ -6,8 +6,6 @@ coarse mesh's kernel, and the interstitial velocity is the averaged flux over it
 
 from __future__ import annotations
 
-import dataclasses
-
 from jax import Array
 
 from jaxdem.closures.base import DragInputs
@@ -21,10 +19,11 @@ from jaxdem.fluid.grid import FaceField, Grid, face_average
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.fluid.remap import remap_cells, remap_flux
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, centres_in_box
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class CoarseInputs:
     """A coarser mesh of the same box, to look at the fluid through; static.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -17,9 +16,11 @@ from jaxdem.coupling.inputs import drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
+from jaxdem.errors import required
 from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval, diagnostics
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box
 
 
@@ -67,7 +68,7 @@ class Seen(NamedTuple):
     of_law: DragInputs
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Coupling:
     """How fluid and particles act on each other; static.
 
@@ -114,7 +115,6 @@ class Coupling:
     def begin(self, mixture: Mixture, fluid: FluidState, particles: ParticleState, time: Array) -> Exchange:
         """The exchange of the interval that begins at `time`."""
         bodies = mixture.bodies
-        assert fluid.void_fraction is not None
         seen = self.see(mixture, fluid, particles)
         start = self.start(mixture, fluid, particles, seen)
         memory = particles.fluid_memory or {}
@@ -126,7 +126,7 @@ class Coupling:
         yielding = 1.0 / (1.0 + coefficient / bodies.mass)
         reported = seen.inputs if self.drag.coarse_inputs is not None else seen.of_law
         return Exchange(
-            self.interval, self.forces, start, fluid.void_fraction, 1.0 - seen.solids, reported, drag, given,
+            self.interval, self.forces, start, required(fluid.void_fraction, "void_fraction of the fluid"), 1.0 - seen.solids, reported, drag, given,
             steady_force(mixture, particles), substeps, slip_mass, yielding, coefficient * yielding,
         )  # fmt: skip
 
@@ -183,8 +183,7 @@ class Coupling:
             return after
         duration = jnp.asarray(self.interval.duration, before.velocity.dtype)
         end = IntervalEnd(mixture.bodies, mixture.properties, after.velocity - before.velocity, duration)
-        acted, memory = after.fluid_force, {}
-        assert acted is not None
+        acted, memory = required(after.fluid_force, "fluid_force of the particles"), {}
         for force in self.forces:
             mean = forces.further[force.name]
             own, kept = force.end(mean, end)

@@ -6,7 +6,6 @@ the same weights for interpolation.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from typing import Protocol
@@ -17,6 +16,7 @@ from jax import Array
 
 from jaxdem.coupling.interpolation import Weights, kernel_weights, point_weights
 from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.static import static
 
 
 class Deposition(Protocol):
@@ -32,7 +32,7 @@ class Deposition(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Kernel:
     """A triangular kernel, integrated exactly over the cells; a smooth function of the position.
 
@@ -47,7 +47,7 @@ class Kernel:
         return kernel_weights(grid, self.half_width, position)
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Centre:
     """All of a particle in the cell of its centre (particle-centroid method). Jumps from cell to cell.
 
@@ -62,7 +62,7 @@ class Centre:
         return point_weights(grid, position[:, None])
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Divided:
     """A sphere divided among the cells that it lies in, by 29 points that stand for equal parts of its volume.
 
@@ -84,7 +84,7 @@ class Divided:
         return point_weights(grid, position[:, None] + radius[:, None, None] * points[None])
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Diffusion:
     """The divided sphere, smoothed by diffusion with zero flux through the sides of the box.
 

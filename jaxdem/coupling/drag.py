@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -17,12 +16,13 @@ from jaxdem.coupling.presence import present_drag
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
 from jaxdem.fluid.momentum import FluidState
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import as_column
 
 Law = Callable[[DragInputs], Drag]
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class DragModel:
     """How the drag law is applied; static.
 

@@ -20,9 +20,11 @@ from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, share_to_faces
 from jaxdem.numerics.products import PRECISION, along_axis
+from jaxdem.numerics.static import static
 
 
-class KernelWidth(NamedTuple):
+@static
+class KernelWidth:
     """Half-width of the kernel, max(diameters d, cells h) per axis; static.
 
     Attributes:

@@ -30,7 +30,6 @@ Appl. Sci. Res. A 1 (1949) 27-34.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 
@@ -41,6 +40,7 @@ from jax import Array
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.static import static
 
 LARGEST_SHARE = 0.75
 """Most of the undisturbed slip that the wake is taken to hide; more is counted as out of range."""
@@ -52,7 +52,7 @@ HASIMOTO = 2.837297
 CELLS, OFFSETS = 48, 16
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class SelfDisturbance:
     """The correction; static.
 

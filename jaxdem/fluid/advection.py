@@ -11,6 +11,7 @@ from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, momentum_excess, with_ghosts
 from jaxdem.fluid.grid import FaceField, Grid, along, control_width, sum_of
+from jaxdem.numerics.static import static
 
 
 class AdvectionScheme(Protocol):
@@ -35,7 +36,7 @@ class AdvectionScheme(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Upwind:
     """First-order upwind: the value of the control volume that the flow comes from."""
 
@@ -65,7 +66,7 @@ class Limited(abc.ABC):
         return half, half
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class VanLeer(Limited):
     """Van Leer's harmonic limiter: flat at extrema.
 
@@ -82,7 +83,7 @@ class VanLeer(Limited):
         return jnp.where(monotone, 2.0 * product / total, 0.0)
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Superbee(Limited):
     """The steepest limiter without new extrema: fronts and shear layers stay two cells wide.
 
@@ -100,7 +101,7 @@ class Superbee(Limited):
         return jnp.where(behind * ahead > 0, jnp.sign(behind) * size, 0.0)
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Central:
     """The mean of both sides of a surface: no numerical viscosity, and waves of two cells at fronts.
 
@@ -120,7 +121,7 @@ class Central:
         return 0.5 * behind, 0.5 * ahead
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class CentralFourth:
     """The mean over a surface of the cubic that has the means of the two control volumes to either side of it.
 

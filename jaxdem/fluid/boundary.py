@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +13,11 @@ from jax import Array
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.side_conditions import CONDITIONS, Inlet, SideCondition
+from jaxdem.numerics.static import static
 
 
-class Side(NamedTuple):
+@static
+class Side:
     """One side of the box; static.
 
     Attributes:
@@ -46,7 +48,8 @@ class Side(NamedTuple):
         return CONDITIONS[self.kind] if self.own is None else self.own
 
 
-class Boundary(NamedTuple):
+@static
+class Boundary:
     """All sides, lower before upper, axis by axis; static."""
 
     sides: tuple[Side, ...]
@@ -113,7 +116,7 @@ def momentum_excess(grid: Grid, side: Side) -> np.ndarray | None:
     """
     if not isinstance(side.condition, Inlet):
         return None
-    covered = coverage(grid, side._replace(profile=None))
+    covered = coverage(grid, dataclasses.replace(side, profile=None))
     # Faces that rounding alone puts into the patch, or leaves out of it, are none of it.
     part = (covered > 1e-9) & (covered < 1.0 - 1e-9)
     return np.where(part, 1.0 / np.where(part, covered, 1.0) - 1.0, 0.0) if part.any() else None
@@ -183,7 +186,7 @@ def largest_inflow(side: Side, velocity: Array, start: Array, stop: Array) -> Ar
     if side.times is not None:
         times = jnp.asarray(side.times, velocity.dtype)
         passed = jnp.max(jnp.where((times >= start) & (times <= stop), normal, 0.0))
-        held = side._replace(ramp_time=0.0)
+        held = dataclasses.replace(side, ramp_time=0.0)
         ends = [jnp.abs(velocity_at(held, velocity, time)[side.axis]) for time in (start, stop)]
         normal = jnp.maximum(passed, jnp.maximum(*ends))
     for profile in side.profile or ():

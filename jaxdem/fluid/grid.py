@@ -10,17 +10,19 @@ Source: F. H. Harlow, J. E. Welch, Phys. Fluids 8 (1965) 2182-2189.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxdem.numerics.static import static
+
 FaceField = tuple[Array, ...]
 CellOrOne = Array | float
 
 
-class Grid(NamedTuple):
+@static
+class Grid:
     """A box of equal cells; static.
 
     Attributes:

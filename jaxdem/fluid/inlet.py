@@ -6,10 +6,11 @@ profile on every mesh, to round-off.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Protocol
 
 import numpy as np
+
+from jaxdem.numerics.static import static
 
 
 class InletProfile(Protocol):
@@ -25,7 +26,7 @@ class InletProfile(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Parabola:
     """6 s (1 - s), s from 0 to 1 across the patch: the profile of plane Poiseuille flow, of mean 1."""
 
@@ -40,7 +41,7 @@ class Parabola:
         return (stop - start) * s**2 * (3.0 - 2.0 * s)
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class LinearTable:
     """Values at positions, linear between them.
 

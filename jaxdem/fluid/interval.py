@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
@@ -14,6 +13,7 @@ from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.grid import along
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState, FluidStep
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.static import static
 
 SUBSTEPS = (1, 2, 4, 8)
 """Numbers of fluid steps that a coupling interval may be cut into."""
@@ -77,7 +77,7 @@ class SolverRecord(NamedTuple):
     converged: Array
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class FluidInterval:
     """A coupling interval seen by the fluid; static.
 

@@ -43,6 +43,7 @@ from jaxdem.fluid.subgrid_stress import (
     subgrid_flow,
     subgrid_stress,
 )
+from jaxdem.numerics.static import static
 
 
 class FluidState(NamedTuple):
@@ -119,7 +120,7 @@ class _Rates(NamedTuple):
     stress: FaceField
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class FluidSolver:
     """The static description of the fluid, and its step.
 
@@ -374,5 +375,7 @@ def _halfway(a: FaceField, b: FaceField) -> FaceField:
 def _closed(boundary: Boundary) -> Boundary:
     """The same box without outlets."""
     return Boundary(
-        tuple(s._replace(kind="no_slip", own=None) if s.condition.sets_pressure else s for s in boundary.sides)
+        tuple(
+            dataclasses.replace(s, kind="no_slip", own=None) if s.condition.sets_pressure else s for s in boundary.sides
+        )
     )

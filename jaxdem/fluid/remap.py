@@ -8,6 +8,7 @@ the fine cells it covers, to round-off, for any ratio of the grids.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ Field = TypeVar("Field", np.ndarray, Array)
 
 def coarsened(grid: Grid, factor: int) -> Grid:
     """The grid with `factor` times fewer cells per axis, rounded to whole cells, at least one."""
-    return grid._replace(cells=tuple(max(1, round(count / factor)) for count in grid.cells))
+    return dataclasses.replace(grid, cells=tuple(max(1, round(count / factor)) for count in grid.cells))
 
 
 def remap_cells(fine: Grid, coarse: Grid, field: Field) -> Field:

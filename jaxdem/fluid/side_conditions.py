@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne
+from jaxdem.numerics.static import static
 
 
 class SideCondition(Protocol):
@@ -43,7 +44,7 @@ class SideCondition(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Wall:
     """Nothing passes, and the fluid sticks to it; it may move along itself."""
 
@@ -58,7 +59,7 @@ class Wall:
         return 2.0 * covered * speed - mirrored
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class FreeSlip(Wall):
     """Nothing passes, and nothing drags; a patch is free, the rest a wall."""
 
@@ -67,7 +68,7 @@ class FreeSlip(Wall):
         return covered * mirrored - (1.0 - covered) * mirrored
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Inlet(Wall):
     """The superficial velocity is given."""
 
@@ -76,7 +77,7 @@ class Inlet(Wall):
         return jnp.zeros_like(predicted) + speed / void_fraction
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Outlet(FreeSlip):
     """The pressure is zero where fluid leaves, and where it comes in the total pressure of the normal velocity.
 

@@ -16,13 +16,14 @@ J. Opt. Soc. Am. 73 (1983) 1832-1835.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
 from jaxdem.numerics.products import along_axis
+from jaxdem.numerics.static import static
 
 FAST_FROM = 128
 """Cells from which a fast transform takes less time than a product with the matrix of eigenvectors."""
@@ -30,7 +31,8 @@ FAST_FROM = 128
 End = Literal["no_flux", "zero"]
 
 
-class Row(NamedTuple):
+@static
+class Row:
     """One axis of cells; static.
 
     Attributes:

@@ -16,12 +16,12 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.pairs import WRITTEN_OUT, at, last_up_to
 
@@ -44,7 +44,8 @@ APART = 12
 """Two cells nearer than so many cells along every axis never share a column; across a periodic side two around one."""
 
 
-class CellGrid(NamedTuple):
+@static
+class CellGrid:
     """Cells at least as wide as the reach, over a box; static.
 
     Attributes:

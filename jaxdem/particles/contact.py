@@ -15,13 +15,13 @@ Sources:
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple, Protocol
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 
 
@@ -124,7 +124,7 @@ def pull_share(damping_ratio: Array) -> Array:
     return b * (1.0 + b * (-1.4 + b * (0.98 - 0.4 * b)))
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class HertzMindlin:
     """Hertz normal and Mindlin tangential force with history.
 
@@ -157,7 +157,7 @@ class HertzMindlin:
         )
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class LinearSpringDashpot:
     """Linear spring and dashpot, normal and tangential.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -10,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent, walls
 from jaxdem.particles.contact import Contact, ContactLaw, ContactMaterial
@@ -21,37 +21,45 @@ from jaxdem.particles.stages import stage
 from jaxdem.particles.surfaces import Surface, surface_contacts
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@static
 class MaterialIndex:
     """Which contact is of which pair of materials; static.
 
     Attributes:
-        particle: () or (N,) material of the particles.
-        wall: (S,) material of the walls.
-        pair: (M, M) number of the pair that two materials make.
+        particle: material of all particles, or of each of the N.
+        wall: of each of the S walls.
+        pair: M x M, number of the pair that two materials make.
     """
 
-    particle: np.ndarray
-    wall: np.ndarray
-    pair: np.ndarray
+    particle: int | tuple[int, ...]
+    wall: tuple[int, ...]
+    pair: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, particle: np.ndarray, wall: np.ndarray, pair: np.ndarray) -> MaterialIndex:
+        """The same from arrays: () or (N,), (S,) and (M, M)."""
+        own = particle.tolist()
+        return cls(tuple(own) if particle.ndim else own, tuple(wall.tolist()), tuple(map(tuple, pair.tolist())))
 
     def between_particles(self, table: ContactMaterial, pairs: Pairs) -> ContactMaterial:
         """Numbers () or (P,) of the contacts between particles."""
-        if self.particle.ndim == 0:
-            return _entries(table, self.pair[self.particle, self.particle])
+        if isinstance(self.particle, int):
+            return _entries(table, np.asarray(self.pair)[self.particle, self.particle])
         own = jnp.asarray(self.particle)
         return _entries(table, jnp.asarray(self.pair)[own[pairs.first], own[pairs.second]])
 
     def with_walls(self, table: ContactMaterial) -> ContactMaterial:
         """Numbers (S, 1) or (S, N) of the contacts of all particles with the S walls."""
-        return _entries(table, self.pair[self.wall[:, None], np.atleast_1d(self.particle)[None]])
+        pair, wall = np.asarray(self.pair), np.asarray(self.wall)
+        return _entries(table, pair[wall[:, None], np.atleast_1d(self.particle)[None]])
 
 
 def _entries(table: ContactMaterial, number: Array | np.ndarray) -> ContactMaterial:
     return ContactMaterial(*(column if column.ndim == 0 else column[number] for column in table))
 
 
-class ContactModel(NamedTuple):
+@static
+class ContactModel:
     """Which contacts a scene has; static.
 
     Attributes:

@@ -11,6 +11,7 @@ from jax import Array, lax
 
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.forces import ContactModel, Surroundings, contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
@@ -20,10 +21,12 @@ from jaxdem.particles.neighbors import (
     carry_history,
     displacement_since_build,
     out_of_date,
+    with_radius,
 )
 
 
-class ContactInterval(NamedTuple):
+@static
+class ContactInterval:
     """A coupling interval seen by the particles; static.
 
     Attributes:
@@ -117,6 +120,7 @@ def contact_interval(
         jnp.zeros((), jnp.int32),
     )
     loop = _reversible_loop if interval.reversible else _fast_loop
+    neighbors = with_radius(neighbors, properties.radius)
     carry, neighbors = loop(interval, step, time_step, carry, neighbors, active)
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)

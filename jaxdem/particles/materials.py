@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxdem.numerics.static import static
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.forces import Surroundings
 from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
@@ -51,8 +50,7 @@ class ContactParameters(NamedTuple):
     tangential_stiffness: Array | None
 
 
-@jax.tree_util.register_static
-@dataclasses.dataclass(frozen=True)
+@static
 class MaterialNumbers:
     """Which numbers of `SeveralMaterials` the constants of materials and pairs are made of; static."""
 

@@ -14,7 +14,7 @@ import importlib.machinery
 import math
 import sys
 import types
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ from scipy.spatial import KDTree
 
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.packing import into_period
@@ -45,7 +46,8 @@ DENSE = {2: 0.85, 3: 0.64}
 """Solid fraction of a dense pack, by dimension."""
 
 
-class NeighborGeometry(NamedTuple):
+@static
+class NeighborGeometry:
     """What the search needs to know; static.
 
     Attributes:
@@ -61,7 +63,8 @@ class NeighborGeometry(NamedTuple):
     skin: float
 
 
-class Room(NamedTuple):
+@static
+class Room:
     """What a list has room for; static.
 
     Attributes:
@@ -76,7 +79,11 @@ class Room(NamedTuple):
 
     def enlarged(self) -> Room:
         """Half as much again."""
-        return Room(*(n + max(2, n // 2) for n in self))
+        return Room(*(n + max(2, n // 2) for n in dataclasses.astuple(self)))
+
+    def covering(self, other: Room) -> Room:
+        """Room for what either has room for."""
+        return Room(*map(max, dataclasses.astuple(self), dataclasses.astuple(other)))
 
 
 @jax.tree_util.register_dataclass
@@ -88,7 +95,8 @@ class Neighbors:
         index: (K, N) int32, the other particle; an empty slot holds the particle itself.
         pairs: who the pairs are, and where those of each particle stand.
         separation: D arrays (P,), centre of the first less centre of the second, at the build [m].
-        overlap: (P,) overlap at the build, negative for a gap [m].
+        radius: () or (N,) at the build [m].
+        overlap: (P,) overlap at the build, of these radii, negative for a gap [m].
         reference: D arrays (N,), positions at the build, leading part [m].
         reference_low: D arrays (N,), trailing part, or Nones in float64.
         overflow: () bool, there were more neighbours or pairs than room; the list is then incomplete.
@@ -99,6 +107,7 @@ class Neighbors:
     index: Array
     pairs: Pairs
     separation: Vector
+    radius: Array
     overlap: Array
     reference: Vector
     reference_low: tuple[Low, ...]
@@ -129,21 +138,41 @@ def displacement_since_build(position: Vector, low: tuple[Low, ...], neighbors: 
     )
 
 
+def radius_sum(radius: Array, pairs: Pairs) -> Array:
+    """() or (P,) sum of the radii of each pair [m]."""
+    return 2.0 * radius if radius.ndim == 0 else radius[pairs.first] + radius[pairs.second]
+
+
+def with_radius(neighbors: Neighbors, radius: Array) -> Neighbors:
+    """The same list with the overlaps of other radii, () or (N,) [m], and with their slopes by these radii.
+
+    The list reaches as far as when it was made.
+    """
+    overlap, before = lax.stop_gradient((neighbors.overlap, radius_sum(neighbors.radius, neighbors.pairs)))
+    overlap = overlap + (radius_sum(radius, neighbors.pairs) - before)
+    return dataclasses.replace(neighbors, radius=radius, overlap=overlap)
+
+
 def out_of_date(displacement: Vector, geometry: NeighborGeometry) -> Array:
     """() bool: a particle has moved so far that an unlisted pair might touch."""
     return jnp.max(vectors.dot(displacement, displacement)) > (0.5 * geometry.skin) ** 2
 
 
+@static
 class NeighborSearch:
-    """Allocates and updates `Neighbors` for one geometry and one particle number.
+    """Allocates and updates `Neighbors`; a single particle and no particle at all have no slots.
 
-    The radius is one number or (N,); a single particle and no particle at all have no slots.
+    Attributes:
+        geometry: of the box, and how far the list reaches.
+        typical_radius: of the mean volume of all particles, those still to come included [m].
     """
 
-    def __init__(self, geometry: NeighborGeometry, radius: Array):
-        self.geometry = geometry
-        self.radius = radius
-        self._reach = geometry.cutoff + geometry.skin
+    geometry: NeighborGeometry
+    typical_radius: float
+
+    @property
+    def _reach(self) -> float:
+        return self.geometry.cutoff + self.geometry.skin
 
     def _cells(self, position: Vector) -> CellGrid:
         return CellGrid(self.geometry.box, self.geometry.periodic, self._reach, position[0].shape[0])
@@ -152,6 +181,7 @@ class NeighborSearch:
         self,
         position: Vector,
         low: tuple[Low, ...],
+        radius: Array,
         room: Room | None = None,
         active: Array | None = None,
     ) -> Neighbors:
@@ -160,6 +190,7 @@ class NeighborSearch:
         Args:
             position: D arrays (N,), leading parts [m]; must be finite.
             low: D arrays (N,) or Nones, trailing parts.
+            radius: () or (N,) [m].
             room: exactly so much room instead. A resumed run asks for what it had, so that it compiles and
                 computes the same.
             active: (N,) bool, which particles there are; all if None.
@@ -167,20 +198,23 @@ class NeighborSearch:
         if room is None:
             room = self._room(position, active)
         # As one program: outside of jit every operation would be compiled by itself.
-        built = jax.jit(self._built, static_argnums=2)
-        return built(position, low, room, jnp.zeros((), bool), jnp.ones((), jnp.int32), active)
+        built = jax.jit(self._built)
+        return built(position, low, radius, room, jnp.zeros((), bool), jnp.ones((), jnp.int32), active)
 
     def update(
         self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors, active: Array | None = None
     ) -> Neighbors:
-        """The list rebuilt at these positions; jittable, room unchanged, overflow flagged."""
-        position, low = lax.stop_gradient((position, low))
-        return self._built(position, low, neighbors.room, neighbors.overflow, neighbors.builds + 1, active)
+        """The list rebuilt at these positions for the same radii; jittable, room unchanged, overflow flagged."""
+        radius = neighbors.radius
+        given = lax.stop_gradient((position, low, radius))
+        built = self._built(*given, neighbors.room, neighbors.overflow, neighbors.builds + 1, active)
+        return with_radius(built, radius)
 
     def _built(
         self,
         position: Vector,
         low: tuple[Low, ...],
+        radius: Array,
         room: Room,
         overflow: Array,
         builds: Array,
@@ -196,10 +230,12 @@ class NeighborSearch:
             index, crowded = neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active)
             pairs, too_many = pairs_of(index, room.pairs)
             overflow = overflow | crowded | too_many
-            separation, overlap = self._pair_geometry(pairs, position, low)
-        return Neighbors(index, pairs, separation, overlap, position, low, overflow, builds, room.cell)
+            separation, overlap = self._pair_geometry(pairs, position, low, radius)
+        return Neighbors(index, pairs, separation, radius, overlap, position, low, overflow, builds, room.cell)
 
-    def _pair_geometry(self, pairs: Pairs, position: Vector, low: tuple[Low, ...]) -> tuple[Vector, Array]:
+    def _pair_geometry(
+        self, pairs: Pairs, position: Vector, low: tuple[Low, ...], radius: Array
+    ) -> tuple[Vector, Array]:
         """Separation, D arrays (P,), and overlap (P,) of all pairs."""
         apart = []
         for k, (high, trailing) in enumerate(zip(position, low, strict=True)):
@@ -211,15 +247,12 @@ class NeighborSearch:
                 image = compensated.whole_periods(number, self.geometry.box[k])
                 separation = compensated.difference(*separation, *image)
             apart.append(separation)
-        radius_sum = 2.0 * self.radius
-        if self.radius.ndim:
-            radius_sum = self.radius[pairs.first] + self.radius[pairs.second]
         # Where there is no pair the first particle stands with itself: placed out of reach, so that it never touches.
         empty = pairs.first == pairs.second
         far = jnp.asarray(2.0 * (self.geometry.cutoff + self.geometry.skin), position[0].dtype)
         first_low = None if apart[0][1] is None else jnp.where(empty, 0.0, apart[0][1])
         apart[0] = (jnp.where(empty, far, apart[0][0]), first_low)
-        return tuple(high for high, _ in apart), compensated.overlap_of_spheres(tuple(apart), radius_sum)
+        return tuple(high for high, _ in apart), compensated.overlap_of_spheres(tuple(apart), radius_sum(radius, pairs))
 
     def _room(self, position: Vector, active: Array | None) -> Room:
         """Room for these positions and for a dense pack, with a margin."""
@@ -249,8 +282,7 @@ class NeighborSearch:
         Where particles come in while the scene runs, what stands at the start tells nothing.
         """
         dimension = len(self.geometry.box)
-        mean = float(np.mean(np.asarray(self.radius) ** dimension))
-        return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * reach**dimension / mean))
+        return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * (reach / self.typical_radius) ** dimension))
 
     def _found_by_scipy(self, position: Vector) -> tuple[int, int]:
         """The same as of jax-md, whose table would be more than memory holds of very many or very full cells."""

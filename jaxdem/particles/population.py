@@ -11,16 +11,14 @@ population. Where it has changed the list is rebuilt there, and the springs of t
 
 from __future__ import annotations
 
-import dataclasses
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array, lax
 
+from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch, carry_history
 from jaxdem.particles.surfaces import Surface, surface_contacts
@@ -32,7 +30,8 @@ MARGIN = 1e-6
 """Gap that a new particle leaves to others and to walls, over the sum of the radii: more than float32 rounds."""
 
 
-class Exit(NamedTuple):
+@static
+class Exit:
     """A side of the box that removes the particles whose centre crosses it; static.
 
     Attributes:
@@ -46,26 +45,26 @@ class Exit(NamedTuple):
     coordinate: float
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@static
 class Inlet:
     """A region into which particles are put, one after the other where there is room; static.
 
     Attributes:
         first: row of its first particle; the others follow.
-        due: (M,) number of the coupling interval at whose end each should come in, in order.
-        lower: (D,) corner of the region, which holds the particles whole [m].
-        upper: (D,) opposite corner [m].
+        due: M, number of the coupling interval at whose end each should come in, in order.
+        lower: D, corner of the region, which holds the particles whole [m].
+        upper: D, opposite corner [m].
         batch: most that come in at the end of an interval.
     """
 
     first: int
-    due: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    due: tuple[int, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
     batch: int
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@static
 class Population:
     """How the number of particles changes; static.
 
@@ -83,11 +82,10 @@ class Population:
     periodic: tuple[bool, ...]
     seed: int
 
-    def waiting(self, inserted: Array | None, step: Array) -> Array:
+    def waiting(self, inserted: Array, step: Array) -> Array:
         """() int32, particles that are due after `step` intervals and have not found room."""
         waiting = jnp.zeros((), jnp.int32)
         for k, inlet in enumerate(self.inlets):
-            assert inserted is not None
             waiting = waiting + _due(inlet, step) - inserted[k]
         return waiting
 
@@ -116,7 +114,7 @@ def renewed(
     particles = _without_those_outside(population, particles)
     for number in range(len(population.inlets)):
         particles = _with_those_due(
-            population, number, search.radius, surfaces, inlet_velocity[number], particles, step
+            population, number, neighbors.radius, surfaces, inlet_velocity[number], particles, step
         )
     if neighbors.room.slots == 0:
         return particles, neighbors
@@ -135,8 +133,7 @@ def renewed(
 
 def _without_those_outside(population: Population, particles: ParticleState) -> ParticleState:
     """Those whose centre is beyond an exit taken out, at rest where they are."""
-    stays = particles.active
-    assert stays is not None
+    stays = required(particles.active, "active of the particles")
     for side in population.exits:
         along = particles.position[:, side.axis]
         inside = along <= side.coordinate if side.upper else along >= side.coordinate
@@ -168,8 +165,8 @@ def _with_those_due(
 ) -> ParticleState:
     """Those of an inlet that are due put where there is room, and the others left to wait."""
     inlet = population.inlets[number]
-    before, inserted = particles.active, particles.inserted
-    assert before is not None and inserted is not None
+    before = required(particles.active, "active of the particles")
+    inserted = required(particles.inserted, "inserted of the particles")
     due = _due(inlet, step)
     start = lax.stop_gradient(centres_in_box(particles, population.box, population.periodic))
     position, active, count = cond_in_batch(

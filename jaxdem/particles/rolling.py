@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Protocol
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
@@ -46,7 +46,7 @@ class RollingFriction(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class ConstantDirectionalTorque:
     """Torque of constant size against the relative rotation (CDT, model A of Ai et al.).
 
@@ -84,7 +84,7 @@ class ConstantDirectionalTorque:
         return vectors.scale(-coefficient, rolling), ()
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class ElasticPlasticSpringDashpot:
     """A rolling spring that yields, and a dashpot that acts while it does not (EPSD, model C of Ai et al.).
 

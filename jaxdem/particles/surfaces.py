@@ -11,7 +11,6 @@ computed from the position's leading part without cancellation: to 2e-11 m in a 
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from typing import Protocol
@@ -23,6 +22,7 @@ from jax import Array
 
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low, Pair
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 
 
@@ -42,7 +42,7 @@ class Surface(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Plane:
     """distance(x) = n . (x - point), n the unit vector along `normal`.
 
@@ -61,7 +61,7 @@ class Plane:
         return _value(compensated.affine(x, (-unit).tolist(), offset, radius))
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Cylinder:
     """distance(x) = R - rho inside and rho - R outside, rho the distance from the axis; in 2-D a circle.
 
@@ -102,7 +102,7 @@ class Cylinder:
         return np.stack([a, _unit(b - (b @ a) * a)])
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class DistanceFunction:
     """A surface given by a function of the user's.
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import DTypeLike
 
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 
 
-class BoxSide(NamedTuple):
+@static
+class BoxSide:
     """A flat side of the box; static.
 
     Attributes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import tomllib
@@ -42,7 +43,7 @@ def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) 
     arrays = _named("state", state)
     if neighbors is not None:
         arrays |= _named("neighbors", neighbors)
-        arrays["room"] = np.asarray(neighbors.room)
+        arrays["room"] = np.asarray(dataclasses.astuple(neighbors.room))
     return arrays | {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
 
 
@@ -74,7 +75,7 @@ def from_arrays(
         low: Any = (None,) * dimension
         if state.particles.position_low is not None:
             low = tuple(jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
-        fresh = simulation.search.allocate(reference, low, room)
+        fresh = simulation.search.allocate(reference, low, jnp.asarray(_get(arrays, "neighbors.radius")), room)
         neighbors = _restored("neighbors", fresh, arrays)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra
@@ -156,7 +157,7 @@ def _room(arrays: dict[str, np.ndarray]) -> Room:
     pairs = len(_get(arrays, "neighbors.overlap"))
     if (room.slots, room.pairs) != (slots, pairs) or not 0 < room.cell <= COLUMN_MARGIN * (count + 1):
         stored = f"the list in it has {slots} slots and {pairs} pairs of {count} particles"
-        raise InputError("checkpoint.h5", tuple(room), stored, "Start the run anew in another folder.")
+        raise InputError("checkpoint.h5", dataclasses.astuple(room), stored, "Start the run anew in another folder.")
     return room
 
 

@@ -50,13 +50,13 @@ def contact_interval(
         InputError: the box is too small for the neighbour list, or two walls are one.
     """
     bodies = particles.bodies
-    search = NeighborSearch(neighbor_geometry(particles), jnp.asarray(bodies.radius, dtype))
+    search = NeighborSearch(neighbor_geometry(particles), _typical_radius(particles))
     sides = _box_walls(particles, population)
     surfaces = scene_surfaces(particles.scene, extensions.get("walls", ()), dtype)
     check_coincident(particles.scene, sides, surfaces, 2.0 * bodies.smallest_radius)
     table, index = particles.materials, None
     if table is not None:
-        index = MaterialIndex(bodies.material, table.of_walls(len(sides), len(surfaces)), table.pair)
+        index = MaterialIndex.of(bodies.material, table.of_walls(len(sides), len(surfaces)), table.pair)
     law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
     model = ContactModel(law, _rolling(particles), sides, surfaces, index)
     return ContactInterval(model, search, steps, reversible=False)
@@ -80,6 +80,12 @@ def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
                 "enlarge the box, or make that side a wall",
             )
     return NeighborGeometry(scene.domain.size, scene.periodic, cutoff, skin)
+
+
+def _typical_radius(particles: ParticleSetup) -> float:
+    """Of the particle of the mean volume, in 2-D area [m]."""
+    dimension = particles.scene.dimension
+    return float(np.mean(np.power(particles.bodies.radius, dimension))) ** (1.0 / dimension)
 
 
 def _box_walls(particles: ParticleSetup, population: Population | None) -> tuple[BoxSide, ...]:

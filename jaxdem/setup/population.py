@@ -23,8 +23,8 @@ def population_of(particles: ParticleSetup, interval: float) -> Population | Non
     for inlet, coming in zip(particles.table.inlet, particles.arrivals, strict=True):
         due = np.maximum(np.ceil(coming.time / interval * (1.0 - ROUNDING) - ROUNDING), 1.0).astype(np.int32)
         most = int(np.bincount(due).max())
-        start, stop = np.asarray(inlet.start, float), np.asarray(inlet.stop, float)
+        start, stop = inlet.start or (), inlet.stop or ()
         # Twice as many as come at once, so that those who had to wait can catch up.
-        inlets.append(Inlet(first, due, start, stop, min(2 * most + 2, len(due))))
+        inlets.append(Inlet(first, tuple(due.tolist()), start, stop, min(2 * most + 2, len(due))))
         first += len(due)
     return Population(exits, tuple(inlets), scene.domain.size, scene.periodic, scene.seed)

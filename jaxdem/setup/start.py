@@ -49,7 +49,7 @@ def first_state(
         check_initial_positions(particles, allowed)
         state = _particles(particles, simulation.population, dtype)
         _check_surfaces(scene, simulation.contact.model.surfaces, state, parameters.bodies.radius, allowed)
-        neighbors = simulation.allocate(state)
+        neighbors = simulation.allocate(parameters, state)
         state = _with_memory(scene, simulation.contact, simulation.coupling, state, neighbors)
     fluid = None
     if simulation.fluid is not None:
@@ -67,7 +67,7 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
     table, position = particles.table, particles.position
     present, dimension = position.shape
     inlets = () if population is None else population.inlets
-    places = [np.tile(0.5 * (inlet.lower + inlet.upper), (len(inlet.due), 1)) for inlet in inlets]
+    places = [np.tile(0.5 * np.add(inlet.lower, inlet.upper), (len(inlet.due), 1)) for inlet in inlets]
     position = np.concatenate([position, *places])
     count, turning = len(position), vectors.angular_size(dimension)
     leading = position.astype(dtype)

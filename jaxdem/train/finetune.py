@@ -263,7 +263,7 @@ class Unrolled:
         if index not in self._states:
             self._states[index] = self.course.start(index)
             needed = self.course.with_list(self._states[index])[1].room
-            self.room = needed if self.room is None else Room(*map(max, self.room, needed))
+            self.room = needed if self.room is None else needed.covering(self.room)
         if index not in self._listed or self._listed[index][1].room != self.room:
             self._listed[index] = self.course.with_list(self._states[index], self.room)
         return self._listed[index]

@@ -19,8 +19,6 @@ from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.io import Run
-from jaxdem.numerics import vectors
-from jaxdem.particles.integrate import split_low
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case, build_case
@@ -96,9 +94,7 @@ class Course:
         """A state with its neighbour list, and springs of the list's size at rest; not jittable."""
         particles, simulation = state.particles, self.simulation
         assert particles is not None and simulation.contact is not None
-        position = vectors.components(particles.position)
-        low = split_low(particles.position_low, len(position))
-        neighbors = simulation.search.allocate(position, low, room, particles.active)
+        neighbors = simulation.allocate(self.parameters, particles, room)
         kept = simulation.contact.model.history_size(self.scene.dimension)
         springs = (jnp.zeros(neighbors.room.pairs, particles.position.dtype),) * kept
         return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
@@ -111,7 +107,7 @@ class Course:
         assert self.simulation.fluid is not None and self.parameters.fluid is not None
         solver, dtype = self.simulation.fluid.solver, position.dtype
         coarse, side_velocity = solver.grid, self.parameters.fluid.side_velocity
-        fine = coarse._replace(cells=tuple(flow["pressure"].shape))
+        fine = dataclasses.replace(coarse, cells=tuple(flow["pressure"].shape))
         given = (flow["void_fraction"].astype(dtype), flow["velocity"].astype(dtype))
         flux = tuple(np.asarray(f, float) for f in _flux_of_cells(fine, *given))
         void_fraction, gaps = self._deposited(position)

@@ -192,7 +192,9 @@ def moved(start: Coupled, position: np.ndarray, velocity: np.ndarray) -> tuple[A
     weights = coupling.deposition.weights(grid, particles.position, parameters.bodies.radius)
     solids = solid_fraction(grid, weights, parameters.bodies.volume)
     fluid = start.state.fluid._replace(void_fraction=1.0 - solids)
-    return start.state._replace(particles=particles, fluid=fluid), start.simulation.allocate(particles)
+    return start.state._replace(particles=particles, fluid=fluid), start.simulation.allocate(
+        start.parameters, particles
+    )
 
 
 def compared(what: str, gate: float, pairs: dict[str, tuple[Any, Any]]) -> list[Figure]:

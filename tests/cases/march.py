@@ -79,7 +79,7 @@ class March:
         self.state = State(particles, None, jnp.zeros_like(self.state.step))
         axes = tuple(leading.T)
         # As many slots as the list has, so that the compiled loop still fits.
-        self.neighbors = self.simulation.search.allocate(axes, split_low(low, len(axes)), old.room)
+        self.neighbors = self.simulation.search.allocate(axes, split_low(low, len(axes)), old.radius, old.room)
         self._fit(old.room.pairs)
 
     def advance(self, duration: float) -> Any:
@@ -115,8 +115,8 @@ class March:
         if not self._walls or self.simulation.contact is None:
             return self.simulation
         surfaces = tuple(DistanceFunction(partial(wall, place)) for wall in self._walls)
-        model = self.simulation.contact.model._replace(surfaces=surfaces)
-        return dataclasses.replace(self.simulation, contact=self.simulation.contact._replace(model=model))
+        model = dataclasses.replace(self.simulation.contact.model, surfaces=surfaces)
+        return dataclasses.replace(self.simulation, contact=dataclasses.replace(self.simulation.contact, model=model))
 
     def _run(
         self, place: Array, parameters: Parameters, state: State, neighbors: Neighbors | None, count: Array

@@ -201,7 +201,7 @@ def pressed_scene(arrangement: dict[str, Any], restitution: float, friction: flo
 def _growth(key: str, simulation: Simulation) -> Callable[..., Array]:
     """Compiled: energy of a perturbation after `TRIAL_STEPS` over that at the start, for steps (B,)."""
     assert simulation.contact is not None
-    interval = simulation.contact._replace(search=None, steps=TRIAL_STEPS)
+    interval = dataclasses.replace(simulation.contact, search=None, steps=TRIAL_STEPS)
 
     def one(time_step: Array, parameters: Parameters, state: State, neighbors: Any) -> Array:
         particles = state.particles
@@ -285,7 +285,7 @@ def impact_limit(speed: float, young_modulus: float) -> Limit:
     )
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    interval = simulation.contact._replace(search=None, steps=20)
+    interval = dataclasses.replace(simulation.contact, search=None, steps=20)
     predicted = time_steps(scene).limits["contact_stability"]
 
     def largest_energy(time_step: Array, phase: Array, count: int) -> Array:

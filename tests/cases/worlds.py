@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -67,7 +68,7 @@ def world(
     periodic = (False,) * dimension if periodic is None else tuple(periodic)
     largest = 2.0 * float(np.max(radius))
     geometry = NeighborGeometry(box, periodic, largest, skin * largest)
-    search = NeighborSearch(geometry, jnp.asarray(radius, dtype))
+    search = NeighborSearch(geometry, float(np.max(radius)))
     model = ContactModel(law or HertzMindlin(), rolling, box_sides(box, periodic) if walls else (), surfaces)
     leading = jnp.asarray(position.astype(dtype))
     low = None
@@ -85,7 +86,7 @@ def world(
     )
     motion = Motion.of(state)
     if rebuild:
-        neighbors = search.allocate(motion.position, motion.low, room)
+        neighbors = search.allocate(motion.position, motion.low, jnp.asarray(radius, dtype), room)
     else:
         neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
     state = state._replace(
@@ -124,6 +125,7 @@ def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
         jnp.asarray(others, jnp.int32),
         Pairs(*(jnp.asarray(x, jnp.int32) for x in (first, second, np.reshape(entry, others.shape)))),
         tuple(jnp.asarray(difference[:, k], dtype) for k in range(dimension)),
+        jnp.asarray(radius, dtype),
         jnp.asarray(overlap, dtype),
         motion.position, motion.low, jnp.zeros((), bool), jnp.ones((), jnp.int32), 0,
     )  # fmt: skip
@@ -138,7 +140,7 @@ def weights(scene: World) -> jax.Array:
 def advance(scene: World, time_step, steps: int, reversible: bool = False) -> World:
     """The world after `steps` contact steps; not yet compiled."""
     state, neighbors, _ = contact_interval(
-        scene.interval._replace(steps=steps, reversible=reversible),
+        dataclasses.replace(scene.interval, steps=steps, reversible=reversible),
         surroundings(scene.constants, scene.wall_velocity),
         scene.properties, scene.state, scene.neighbors, weights(scene), time_step,
     )  # fmt: skip

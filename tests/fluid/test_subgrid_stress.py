@@ -119,7 +119,7 @@ def test_it_turns_with_the_flow_and_is_the_same_in_a_mirror(cells):
         return tuple((-1.0 if a == 0 else 1.0) * jnp.flip(f, 0) for a, f in enumerate(values))
 
     swapped, other = box((cells[last], *cells[1:last], cells[0]), kinds[last], *kinds[1:last], kinds[0])
-    swapped = swapped._replace(size=(grid.size[last], *grid.size[1:last], grid.size[0]))
+    swapped = dataclasses.replace(swapped, size=(grid.size[last], *grid.size[1:last], grid.size[0]))
     _, turned = stress_of(swapped, other, shaken(), exchanged(velocity), jnp.swapaxes(share, 0, last))
     _, mirrored = stress_of(grid, boundary, shaken(), reversed_(velocity), jnp.flip(share, 0))
     scale = max(float(jnp.abs(values).max()) for values in moved)
@@ -207,7 +207,7 @@ def test_the_viscosity_number_counts_the_stress():
     shear = fluid._replace(face_velocity=linear_faces(grid, [[0.0, a], [0.0, 0.0]]))
     hx, hz = grid.spacing
     # At the walls, which the made-up flow does not know, the strain is another: far from it in a fluid at rest there.
-    boundary = Boundary(tuple(side._replace(kind="outlet") for side in solver.boundary.sides))
+    boundary = Boundary(tuple(dataclasses.replace(side, kind="outlet") for side in solver.boundary.sides))
     solver = dataclasses.replace(solver, boundary=boundary)
     found = [
         solver.largest_viscosity(properties, shear._replace(void_fraction=g), TIME)

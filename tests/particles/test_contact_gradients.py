@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from jaxdem.particles.contact import Contact, ContactForce, HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.materials import surroundings
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from tests.cases.worlds import advance, constants, forces, world
 
@@ -121,3 +122,44 @@ def test_slope_of_a_rotation_that_dies_out_is_finite(spin):
     slope = float(jax.grad(torque)(spin))
     stopping = 0.4 * mass * radius**2 / step
     assert slope == (pytest.approx(-stopping, rel=1e-12) if spin < 0.1 * radius / stopping else 0.0)
+
+
+@pytest.mark.parametrize("speed", [0.0, 3e3], ids=["list kept", "list rebuilt"])
+@pytest.mark.parametrize("radius", [RADIUS, (RADIUS, 1.5 * RADIUS)], ids=["one radius", "two radii"])
+def test_slope_by_the_radius(radius, speed):
+    """A list keeps overlaps as numbers; the slope of the force by the radius is that of Hertz's law all the same.
+
+    F = 4/3 E* sqrt(R*) (R1 + R2 - d)^1.5 of two spheres that fly side by side without friction, over two intervals.
+    """
+    apart = 1.999 * RADIUS if np.ndim(radius) == 0 else 2.499 * RADIUS
+    material = constants(restitution=1.0, friction=0.0)
+    start = world(
+        [[0.1, 0.1], [0.1, 0.1 + apart]],
+        [[speed, 0.0]] * 2,
+        radius=radius,
+        box=(1.0, 0.3),
+        walls=False,
+        material=material,
+    )
+
+    @jax.jit
+    def force(radius):
+        scene = start._replace(properties=start.properties._replace(radius=radius))
+        for _ in range(2):
+            scene = advance(scene, 1e-6, 1, reversible=True)
+        return scene.state.contact_force[1, 1]
+
+    def hertz(radius):
+        one, other = jnp.broadcast_to(radius, (2,))
+        modulus = surroundings(material, ()).pair.effective_young_modulus
+        reduced, overlap = one * other / (one + other), one + other - apart
+        return 4.0 / 3.0 * modulus * jnp.sqrt(reduced) * overlap**1.5
+
+    given = jnp.asarray(radius)
+    builds = advance(advance(start, 1e-6, 1), 1e-6, 1).neighbors.builds
+    assert int(builds) == (1 if speed == 0.0 else 3)
+    # The spheres part by 1e-8 of the overlap in two steps.
+    np.testing.assert_allclose(force(given), hertz(given), rtol=1e-6)
+    np.testing.assert_allclose(jax.grad(force)(given), jax.grad(hertz)(given), rtol=1e-6)
+    # The same list for spheres that are a little larger than when it was made.
+    np.testing.assert_allclose(force(1.0001 * given), hertz(1.0001 * given), rtol=1e-6)

@@ -15,6 +15,7 @@ from jaxdem.particles import pairs as pair_list
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid, neighbors_in_cells
 from jaxdem.particles.neighbors import Room, carry_history
 from jaxdem.particles.pairs import Pairs, pairs_of, place_of, sum_over_pairs
+from tests.cases import worlds
 from tests.cases.lists import listed_pairs, pairs_within
 from tests.cases.worlds import constants, track, world
 
@@ -63,6 +64,8 @@ def test_a_list_of_many_slots_gives_the_same_motion(trajectory, monkeypatch):
 
 def test_a_list_that_is_never_rebuilt_fails(trajectory, monkeypatch):
     """Negative control: with the rebuild switched off the trajectory is another."""
+    # Programs are shared by equal descriptions: these are compiled anew, and kept for nobody.
+    monkeypatch.setattr(worlds, "runner", worlds.runner.__wrapped__)
     monkeypatch.setattr(loop, "out_of_date", lambda displacement, geometry: jnp.zeros((), bool))
     end, seen = track(gas(True), 1e-5, 120, 5)
     assert int(end.neighbors.builds) == 1
@@ -214,7 +217,7 @@ def test_history_follows_the_identity_of_the_pair():
     first, second = map(np.asarray, scene.neighbors.pairs[:2])
     history = tuple(jnp.asarray(np.where(first == second, 0.0, x)) for x in value(first, second))
     moved = position + generator.uniform(-0.01, 0.01, position.shape)
-    slots, pairs, cell = scene.neighbors.room
+    slots, pairs, cell = dataclasses.astuple(scene.neighbors.room)
     new = world(moved, box=(0.08, 0.08), room=Room(slots + 3, pairs + 9, cell)).neighbors
     carried = np.stack(carry_history(history, scene.neighbors, new), axis=1)
     old_pairs, kept, lost = listed_pairs(scene.neighbors), 0, 0
@@ -236,6 +239,8 @@ def test_rebuilds_do_not_change_sliding_contacts(monkeypatch, control):
     assert int(plain.neighbors.builds) == 1
     springs = [float(jnp.abs(s).max()) for s in plain.state.contact_spring]
     assert max(springs) > 1e-7  # the contacts hold springs to be lost
+    # Programs are shared by equal descriptions: these are compiled anew, and kept for nobody.
+    monkeypatch.setattr(worlds, "runner", worlds.runner.__wrapped__)
     monkeypatch.setattr(loop, "out_of_date", lambda d, g: jnp.max(jnp.abs(d[0]) + jnp.abs(d[1])) > 1e-9)
     if control:
         monkeypatch.setattr(
@@ -266,7 +271,7 @@ def test_overflow_is_flagged():
     # 15 pairs of neighbours in the row, at a distance that the list reaches: 15 pairs fit, 14 do not.
     row = jnp.asarray(np.stack([np.arange(16) * 0.021 + 0.02, np.full(16, 0.1)], 1))
     for pairs, short in ((15, False), (14, True)):
-        listed = search.allocate((row[:, 0], row[:, 1]), low, Room(8, pairs + 1, 8))
+        listed = search.allocate((row[:, 0], row[:, 1]), low, scene.neighbors.radius, Room(8, pairs + 1, 8))
         assert bool(listed.overflow) == short
 
 

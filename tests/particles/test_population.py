@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import signal
@@ -144,21 +145,9 @@ def test_what_finds_no_room_waits_and_comes_later(sheet):
     particles = state.particles
     blocked = particles._replace(position=particles.position.at[:4].set(particles.position[3]))
     large = jnp.where(jnp.arange(16) < 4, 0.2, 0.02)
-
-    class Wide:
-        """The list's search with four particles that fill the inlet."""
-
-        def __init__(self, search):
-            self.radius, self.update = large, search.update
-
-    from jaxdem.particles import population
-
-    def wide(p, n, k):
-        return population.renewed(
-            simulation.population, Wide(simulation.search), (), parameters.inlet_velocity, p, n, k
-        )
-
-    full, neighbors = jax.jit(wide)(blocked, neighbors, jnp.int32(5))
+    filled = dataclasses.replace(neighbors, radius=large)
+    full, filled = renew(blocked, filled, jnp.int32(5))
+    neighbors = dataclasses.replace(filled, radius=neighbors.radius)
     waiting = simulation.population.waiting
     assert int(full.inserted[0]) == 0 and int(waiting(full.inserted, jnp.int32(5))) == 5
     assert int(waiting(full.inserted, jnp.int32(99))) == 12  # all that there are

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 
 import jax
@@ -77,8 +78,8 @@ def tables_of(**pairs):
 
 def with_materials(scene, constants, walls=()):
     """A world whose first particle is soft and whose second is hard, on walls of these materials."""
-    index = MaterialIndex(np.asarray([0, 1], np.int32), np.asarray(walls, np.int32), material_table(scene_of()).pair)
-    interval = scene.interval._replace(model=scene.interval.model._replace(materials=index))
+    index = MaterialIndex((0, 1), tuple(walls), material_table(scene_of()).pair)
+    interval = dataclasses.replace(scene.interval, model=dataclasses.replace(scene.interval.model, materials=index))
     return scene._replace(interval=interval, constants=constants)
 
 
@@ -218,12 +219,12 @@ def test_a_constant_of_zero_has_finite_derivatives_in_its_pairs():
 def test_one_material_compiles_no_table():
     """Six pairs of two materials and the wall; without [[materials]] the program knows of none."""
     several, _ = pair_of(tables_of())
-    model = several.interval.model._replace(materials=None)
+    model = dataclasses.replace(several.interval.model, materials=None)
     plain = {name: value for name, value in TABLES.items() if name != "materials"}
     particles = {"position": [[0.2, 0.2, 0.2]], "radius": 0.01, "density": 2500.0}
     simulation, parameters = jaxdem.build(jaxdem.load_scene({**plain, "particles": particles}))
     assert simulation.contact.model.materials is None
-    single = several._replace(interval=several.interval._replace(model=model), constants=parameters.contact)
+    single = several._replace(interval=dataclasses.replace(several.interval, model=model), constants=parameters.contact)
 
     def program(scene):
         return jax.jit(lambda s: advance(scene._replace(state=s), 1e-6, 3).state).lower(scene.state).as_text()

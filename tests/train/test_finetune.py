@@ -309,7 +309,7 @@ def test_the_mean_pressure_is_compared_where_it_is_not_zero_by_convention():
     """In a box without an outlet it is rounding, which no weights should be chosen by."""
     seen = Observables(*[jnp.zeros(())] * 5, jnp.zeros(24), jnp.zeros(24))
     flow = FluidState((jnp.ones((9, 4)), jnp.zeros((8, 5))), jnp.full(GRID.cells, 3.0), jnp.ones(GRID.cells))
-    grid = GRID._replace(periodic=(False, True))
+    grid = dataclasses.replace(GRID, periodic=(False, True))
     sides = tuple(Side(0, upper, "outlet" if upper else "no_slip") for upper in (False, True)) + SIDES.sides[2:]
     assert observe_fluid(seen, GRID, SIDES, flow).fluid_pressure_mean is None
     assert float(observe_fluid(seen, grid, Boundary(sides), flow).fluid_pressure_mean) == 3.0

@@ -18,7 +18,6 @@ the kernel decays faster in time (R. Mei & R. J. Adrian, J. Fluid Mech. 237 (199
 
 from __future__ import annotations
 
-import dataclasses
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
@@ -27,6 +26,7 @@ from jax import Array
 
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalStart
 from jaxdem.numerics.products import PRECISION
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import as_column
 
 TAIL_TIMES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 40.0, 190.0, 1000.0, 6500.0, 50000.0])
@@ -53,7 +53,7 @@ class SlipHistory(NamedTuple):
     tail: Array
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Basset(FluidForce):
     """The Basset force with a window; it remembers the history of the slip.
 

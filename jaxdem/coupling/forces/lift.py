@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from abc import abstractmethod
 from typing import ClassVar
 
@@ -11,6 +10,7 @@ import jax.numpy as jnp
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalStart
 from jaxdem.coupling.forces.rotation import FlowAround, flow_around, relative_rotation
 from jaxdem.numerics import vectors
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 
 
@@ -26,7 +26,7 @@ class Lift(FluidForce):
         return Contribution(force=vectors.stack(self.force(flow_around(start))))
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class SaffmanMei(Lift):
     """Lift on a sphere that lags in a shear: towards the faster fluid if the fluid overtakes it.
 
@@ -55,7 +55,7 @@ class SaffmanMei(Lift):
         return vectors.scale(jnp.where(acts, -size, 0.0), vectors.rotate(around.vorticity, around.slip))
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Magnus(Lift):
     """Lift on a sphere that turns relative to the fluid.
 

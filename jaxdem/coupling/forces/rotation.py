@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalSt
 from jaxdem.coupling.interpolation import Weights, interpolate
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, gradient
 from jaxdem.numerics import vectors
+from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 
 
@@ -48,7 +48,7 @@ def flow_around(start: IntervalStart) -> FlowAround:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class RotationalDrag(FluidForce):
     """The torque of the fluid on particles that turn relative to it; see `rotational_drag`."""
 

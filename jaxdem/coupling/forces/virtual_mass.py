@@ -19,18 +19,19 @@ along the fluid and not along the particle.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart, MeanForce
+from jaxdem.errors import required
 from jaxdem.fluid.momentum import FluidProperties
+from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, as_column
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class VirtualMass(FluidForce):
     """The virtual mass; it remembers the pending impulse (N, D) [kg m/s].
 
@@ -59,9 +60,8 @@ class VirtualMass(FluidForce):
 
     def end(self, mean: MeanForce, end: IntervalEnd) -> tuple[Array, Array]:
         """See `FluidForce`."""
-        assert mean.drive is not None
         mass = as_column(self._mass(end.bodies, end.properties))
-        acted = mean.drive - mass * end.velocity_change / end.duration
+        acted = required(mean.drive, "drive of the virtual mass") - mass * end.velocity_change / end.duration
         return acted, (acted - mean.given) * end.duration
 
     def added_density(self, properties: FluidProperties) -> Array:
