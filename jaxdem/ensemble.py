@@ -8,6 +8,7 @@ Example:
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -53,7 +54,7 @@ def stack_states(
     """
     lists = [neighbors for _, neighbors in members if neighbors is not None]
     if lists and len(lists) == len(members):
-        room = Room(*(max(sizes) for sizes in zip(*(one.room for one in lists), strict=True)))
+        room = functools.reduce(Room.covering, (one.room for one in lists))
         members = [
             (state, neighbors) if neighbors.room == room else simulation.with_room(state, neighbors, room)
             for (state, _), neighbors in zip(members, lists, strict=True)

@@ -41,7 +41,8 @@ class Parameters(NamedTuple):
         contact: elastic constants, restitution, friction.
         fluid: density, viscosity, boundary velocities.
         drag_scale: () factor on the drag, 1 for the law as it is [-].
-        closure: the drag law: a correlation, which has no numbers to differentiate by, or a learned closure with its weights.
+        closure: the drag law: a correlation, which has no numbers to differentiate by, or a learned closure with its
+            weights.
         inlet_velocity: (D,) with which particles come in, of each inlet [m/s].
         side_velocity: (D,) of every side of the box in a scene without fluid where one moves, else (); a fluid has its
             own [m/s].
@@ -55,6 +56,11 @@ class Parameters(NamedTuple):
     closure: DragClosure | None
     inlet_velocity: tuple[Array, ...] = ()
     side_velocity: tuple[Array, ...] = ()
+
+    @property
+    def materials(self) -> ContactParameters | SeveralMaterials:
+        """Constants of the contacts, of a scene with particles."""
+        return self.contact if self.contact is not None else required(self.contact, "parameters.contact")
 
     @property
     def mixture(self) -> Mixture:

@@ -1,4 +1,4 @@
-"""One step: a coupling interval of the fluid among resting particles, then of the particles under the fluid's forces."""
+"""One step: an interval of the fluid among resting particles, then of the particles under the fluid's forces."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import named_scope
 
 from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
+from jaxdem.errors import required
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState, as_column
@@ -31,13 +32,14 @@ def advance_fluid(
     simulation: Structure, parameters: Parameters, state: State
 ) -> tuple[FluidState | None, FluidForces | None, FluidDiagnostics | None, ExchangeDiagnostics | None]:
     """The fluid after the interval, among particles that stand still; and the mean forces that it puts on them."""
-    time = simulation.time(parameters, state)
+    if simulation.fluid is None:
+        return None, None, None, None
+    time, fluid = simulation.time(parameters, state), required(state.fluid, "state.fluid")
     if simulation.coupling is not None:
-        return simulation.coupling.advance(parameters.mixture, state.fluid, state.particles, time)
-    if simulation.fluid is not None:
-        fluid, report = simulation.fluid.advance(parameters.fluid, state.fluid, time)
-        return fluid, None, report, None
-    return None, None, None, None
+        particles = required(state.particles, "state.particles")
+        return simulation.coupling.advance(parameters.mixture, fluid, particles, time)
+    fluid, report = simulation.fluid.advance(required(parameters.fluid, "parameters.fluid"), fluid, time)
+    return fluid, None, report, None
 
 
 @named_scope("particles")
@@ -48,22 +50,23 @@ def advance_particles(
     neighbors: Neighbors | None,
     forces: FluidForces | None,
 ) -> tuple[ParticleState | None, Neighbors | None, ParticleDiagnostics | None]:
-    """The particles after the interval's contact steps, under gravity and the mean fluid forces; then who leaves and comes."""
+    """The particles after the contact steps, under gravity and the mean fluid forces; then who leaves and comes."""
     if simulation.contact is None:
         return None, None, None
-    before, bodies, coupling = state.particles, parameters.bodies, simulation.coupling
+    before, neighbors = required(state.particles, "state.particles"), required(neighbors, "neighbors")
+    bodies = required(parameters.bodies, "parameters.bodies")
     load = jnp.broadcast_to(as_column(bodies.mass) * parameters.gravity[None], before.velocity.shape)
-    if forces is not None:
-        before = before._replace(fluid_force=forces.total + parameters.mixture.buoyancy)
-        load = load + before.fluid_force
-        bodies, load = coupling.with_moving_fluid(parameters.mixture, forces, load)
+    if simulation.coupling is not None and forces is not None:
+        force = forces.total + parameters.mixture.buoyancy
+        before, load = before._replace(fluid_force=force), load + force
+        bodies, load = simulation.coupling.with_moving_fluid(parameters.mixture, forces, load)
     walls = simulation.wall_velocity(parameters, simulation.time(parameters, state))
     particles, neighbors, collision = contact_interval(
-        simulation.contact, surroundings(parameters.contact, walls), bodies, before, neighbors, load,
+        simulation.contact, surroundings(parameters.materials, walls), bodies, before, neighbors, load,
         simulation.contact_time_step(load.dtype), None if forces is None else forces.torque,
     )  # fmt: skip
-    if forces is not None:
-        particles = coupling.remember(parameters.mixture, forces, before, particles)
+    if simulation.coupling is not None and forces is not None:
+        particles = simulation.coupling.remember(parameters.mixture, forces, before, particles)
     if simulation.population is not None:
         particles, neighbors = simulation.renewed(parameters, particles, neighbors, state.step + 1)
     report = simulation.particle_report(particles, neighbors, collision, state.step + 1)

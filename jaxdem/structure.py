@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import DTypeLike
 
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.errors import required
@@ -80,7 +80,7 @@ class Structure:
         """() simulated time of a state [s]."""
         return state.step * jnp.asarray(self.interval, parameters.gravity.dtype)
 
-    def contact_time_step(self, dtype: Any) -> Array:
+    def contact_time_step(self, dtype: DTypeLike) -> Array:
         """() contact step [s]."""
         return jnp.asarray(self.steps.contact, dtype)
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.closures import DRAG_LAWS
-from jaxdem.closures.correlation import MINIMUM_VOID_FRACTION, Correlation
+from jaxdem.closures.correlation import VOID_FRACTION_FLOOR, Correlation
 from jaxdem.fluid.boundary import net_inflow
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
@@ -156,7 +156,7 @@ def packed_solid_fraction(scene: Scene, diameter: float) -> float:
     fraction = PACKED[scene.dimension]
     if scene.dimension == 2:
         fraction *= 2.0 * diameter / (3.0 * (scene.domain.depth or diameter))
-    return min(fraction, 1.0 - MINIMUM_VOID_FRACTION)
+    return min(fraction, 1.0 - VOID_FRACTION_FLOOR)
 
 
 def engineering_numbers(scene: Scene, parameters: Parameters, bodies: Bodies) -> tuple[Number, ...]:

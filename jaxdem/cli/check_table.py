@@ -12,7 +12,7 @@ from rich.table import Table
 from jaxdem.check.check import CheckReport
 from jaxdem.check.engineering import Number
 from jaxdem.check.run_cost import FACTOR
-from jaxdem.closures.correlation import MINIMUM_VOID_FRACTION as LAW_FLOOR
+from jaxdem.closures.correlation import VOID_FRACTION_FLOOR
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 
 LIMIT_NAMES = {
@@ -82,7 +82,7 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
     if report.void_fraction is not None:
         low, mean = report.void_fraction
         text = f"min {low:.3f}, mean {mean:.3f}; limit {MINIMUM_VOID_FRACTION} in a cell"
-        yield "void fraction at the start", f"{text}, drag laws are evaluated at {LAW_FLOOR} or more"
+        yield "void fraction at the start", f"{text}, drag laws are evaluated at {VOID_FRACTION_FLOOR} or more"
 
 
 def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:

@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.numerics.vectors import row_lengths
+
 
 class DragInputs(NamedTuple):
     """What the drag law sees at every particle, once per coupling interval (N particles, D dimensions).
@@ -44,9 +46,7 @@ class DragInputs(NamedTuple):
     @property
     def slip_speed(self) -> Array:
         """(N,) length of the slip velocity [m/s], with a finite gradient (zero) at zero slip."""
-        squared = jnp.sum(self.slip_velocity**2, axis=-1)
-        moving = squared > 0
-        return jnp.where(moving, jnp.sqrt(jnp.where(moving, squared, 1.0)), 0.0)
+        return row_lengths(self.slip_velocity)
 
     @property
     def reynolds(self) -> Array:

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.vectors import safe_sqrt
 
 
 class Beetstra(Correlation):
@@ -39,6 +40,4 @@ class Beetstra(Correlation):
 def creeping_drag(solid_fraction: Array) -> Array:
     """10 s / g^2 + g^2 (1 + 1.5 sqrt(s)), drag at Re = 0 over 3 pi mu d g (u - v) [-]."""
     void_fraction = 1.0 - solid_fraction
-    occupied = solid_fraction > 0
-    root = jnp.where(occupied, jnp.sqrt(jnp.where(occupied, solid_fraction, 1.0)), 0.0)
-    return 10.0 * solid_fraction / void_fraction**2 + void_fraction**2 * (1.0 + 1.5 * root)
+    return 10.0 * solid_fraction / void_fraction**2 + void_fraction**2 * (1.0 + 1.5 * safe_sqrt(solid_fraction))

@@ -11,7 +11,7 @@ from jax import Array
 
 from jaxdem.closures.base import Drag, DragInputs
 
-MINIMUM_VOID_FRACTION = 0.2
+VOID_FRACTION_FLOOR = 0.2
 """Correlations are evaluated at no lower void fraction; the densest packing of equal spheres has 0.26."""
 
 
@@ -33,8 +33,8 @@ class Correlation(ABC):
         """F(solid fraction, Re) >= 0, elementwise [-]."""
 
     def __call__(self, inputs: DragInputs) -> Drag:
-        """Drag for every particle; beyond solid fraction 1 - `MINIMUM_VOID_FRACTION` it is out of range."""
-        limit = 1.0 - MINIMUM_VOID_FRACTION
+        """Drag for every particle; beyond solid fraction 1 - `VOID_FRACTION_FLOOR` it is out of range."""
+        limit = 1.0 - VOID_FRACTION_FLOOR
         # Interpolation may leave a round-off below zero, which would make a coefficient negative.
         solid_fraction = jnp.where(inputs.solid_fraction < 0, 0.0, inputs.solid_fraction)
         solid_fraction = jnp.minimum(solid_fraction, limit)

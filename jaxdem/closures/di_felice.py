@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.vectors import safe_sqrt
 
 SMALLEST_LOG_REYNOLDS = 1e-6
 """Below this Re the exponent is its creeping-flow value 3.7 to within 1e-12: no logarithm is needed."""
@@ -34,9 +35,7 @@ class DiFeliceDallavalle(Correlation):
 
 def single_sphere_drag(reynolds: Array) -> Array:
     """Dallavalle's Cd Re / 24 = (0.63 sqrt(Re) + 4.8)^2 / 24 [-]."""
-    moving = reynolds > 0
-    root = jnp.where(moving, jnp.sqrt(jnp.where(moving, reynolds, 1.0)), 0.0)
-    return (0.63 * root + 4.8) ** 2 / 24.0
+    return (0.63 * safe_sqrt(reynolds) + 4.8) ** 2 / 24.0
 
 
 def log_reynolds(reynolds: Array) -> Array:

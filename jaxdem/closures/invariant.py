@@ -16,6 +16,7 @@ from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.koch_hill import KochHill
 from jaxdem.closures.network import Weights, initial_weights, normalised_inputs, perceptron
 from jaxdem.errors import InputError
+from jaxdem.numerics.vectors import row_lengths
 
 FEATURES = (
     "solid_fraction",
@@ -211,11 +212,11 @@ def invariant_features(inputs: DragInputs, coefficient: Array, names: Sequence[s
         "log1p_reynolds": jnp.log1p(reynolds),
         "log_filter_over_diameter": jnp.log(ratio),
         "void_fraction_gradient_along_slip": jnp.sum(gradient * direction, axis=-1),
-        "void_fraction_gradient_size": _length(gradient),
+        "void_fraction_gradient_size": row_lengths(gradient),
     }
     if set(names) - set(WITHOUT_PRESSURE):
         force = _term_vector("pressure_gradient", inputs, coefficient)
-        size = _length(force)
+        size = row_lengths(force)
         total = size + coefficient * inputs.slip_speed
         # Without slip and gradient both forces are zero, and so are the features.
         total = jnp.where(total > 0, total, 1.0)
@@ -223,13 +224,6 @@ def invariant_features(inputs: DragInputs, coefficient: Array, names: Sequence[s
         values["pressure_gradient_size"] = size / total
     features = jnp.stack([values[name] for name in names], axis=-1)
     return features, 1.0 - jnp.exp(-ratio / GATE_LENGTH)
-
-
-def _length(vectors: Array) -> Array:
-    """(N,) lengths of (N, D), with a finite gradient (zero) where they are zero."""
-    squared = jnp.sum(vectors**2, axis=-1)
-    positive = squared > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
 def _term_vector(name: str, inputs: DragInputs, coefficient: Array) -> Array:

@@ -1,7 +1,8 @@
 """What the drag law would be shown on a coarser mesh: fields averaged to it, and seen through its own weights.
 
 The flux g u is averaged by area and the pressure by volume, the void fraction is deposited from the particles with the
-coarse mesh's kernel, and the interstitial velocity is the averaged flux over it: continuity holds on the coarse mesh too.
+coarse mesh's kernel, and the interstitial velocity is the averaged flux over it: continuity holds on the coarse mesh
+too.
 """
 
 from __future__ import annotations

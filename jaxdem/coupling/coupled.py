@@ -52,20 +52,20 @@ class Mixture(NamedTuple):
         return -self.properties.density * as_column(self.bodies.volume) * self.gravity[None]
 
 
-class Seen(NamedTuple):
+class SampledFluid(NamedTuple):
     """The fluid at the particles, at the start of an interval.
 
     Attributes:
         weights: of the particles on the cells.
         solids: solid fraction of the cells, of the particles where they are [-].
         inputs: of a drag law, on the fluid's own mesh.
-        of_law: as the law sees them; the same where it sees that mesh as it is.
+        law_inputs: as the law sees them; the same where it sees that mesh as it is.
     """
 
     weights: Weights
     solids: Array
     inputs: DragInputs
-    of_law: DragInputs
+    law_inputs: DragInputs
 
 
 @static
@@ -89,8 +89,8 @@ class Coupling:
     ) -> tuple[FluidState, FluidForces, FluidDiagnostics, ExchangeDiagnostics]:
         """Fluid advanced by one interval among particles, and the mean forces on these.
 
-        The new state's pressure is the mean over the interval, as the forces are; velocity and void fraction are those at
-        its end.
+        The new state's pressure is the mean over the interval, as the forces are; velocity and void fraction are those
+        at its end.
 
         Args:
             mixture: numbers of both, and the drag law.
@@ -104,8 +104,9 @@ class Coupling:
             lambda carry, k: exchange.fluid_step(carry, k, time),
             exchange.first(fluid),
         )
-        # The first fluid step takes the whole push of particles that stand elsewhere than in the last interval: the pressure
-        # that acts is the mean. The last void fraction is the deposited one itself, without the rounding of its steps.
+        # The first fluid step takes the whole push of particles that stand elsewhere than in the last interval: the
+        # pressure that acts is the mean. The last void fraction is the deposited one itself, without the rounding of
+        # its steps.
         fluid = carry.fluid._replace(
             pressure=carry.pressure / exchange.substeps.number, void_fraction=exchange.void_fraction
         )
@@ -115,22 +116,23 @@ class Coupling:
     def begin(self, mixture: Mixture, fluid: FluidState, particles: ParticleState, time: Array) -> Exchange:
         """The exchange of the interval that begins at `time`."""
         bodies = mixture.bodies
-        seen = self.see(mixture, fluid, particles)
-        start = self.start(mixture, fluid, particles, seen)
+        sampled = self.sample(mixture, fluid, particles)
+        start = self.start(mixture, fluid, particles, sampled)
         memory = particles.fluid_memory or {}
-        given = {force.name: force.begin(start, memory.get(force.name)) for force in self.forces}
-        drag = self.drag_over(mixture, start, seen, given)
+        contributions = {force.name: force.begin(start, memory.get(force.name)) for force in self.forces}
+        drag = self.drag_over(mixture, start, sampled, contributions)
         substeps = self.interval.choose(mixture.properties, fluid, time)
-        slip_mass = total(c.slip_mass for c in given.values())
+        slip_mass = total(c.slip_mass for c in contributions.values())
         coefficient = plus(substeps.step * drag.coefficient, slip_mass)
-        yielding = 1.0 / (1.0 + coefficient / bodies.mass)
-        reported = seen.inputs if self.drag.coarse_inputs is not None else seen.of_law
+        attenuation = 1.0 / (1.0 + coefficient / bodies.mass)
+        reported = sampled.inputs if self.drag.coarse_inputs is not None else sampled.law_inputs
+        old_void_fraction = required(fluid.void_fraction, "void_fraction of the fluid")
         return Exchange(
-            self.interval, self.forces, start, required(fluid.void_fraction, "void_fraction of the fluid"), 1.0 - seen.solids, reported, drag, given,
-            steady_force(mixture, particles), substeps, slip_mass, yielding, coefficient * yielding,
+            self.interval, self.forces, start, old_void_fraction, 1.0 - sampled.solids, reported, drag, contributions,
+            steady_force(mixture, particles), substeps, slip_mass, attenuation, coefficient * attenuation,
         )  # fmt: skip
 
-    def see(self, mixture: Mixture, fluid: FluidState, particles: ParticleState) -> Seen:
+    def sample(self, mixture: Mixture, fluid: FluidState, particles: ParticleState) -> SampledFluid:
         """The fluid at the particles, on its own mesh and as the drag law sees it."""
         solver, bodies, properties = self.interval.solver, mixture.bodies, mixture.properties
         grid = solver.grid
@@ -142,31 +144,33 @@ class Coupling:
             grid, weights, particles.velocity, 2.0 * bodies.radius, fluid.face_velocity, slope, solids,
             properties.density, properties.viscosity,
         )  # fmt: skip
-        seen = Seen(weights, solids, inputs, inputs)
-        start = self.start(mixture, fluid, particles, seen)
-        return seen._replace(of_law=self.drag.seen(start, inputs, fluid, solids))
+        sampled = SampledFluid(weights, solids, inputs, inputs)
+        start = self.start(mixture, fluid, particles, sampled)
+        return sampled._replace(law_inputs=self.drag.law_inputs(start, inputs, fluid, solids))
 
-    def start(self, mixture: Mixture, fluid: FluidState, particles: ParticleState, seen: Seen) -> IntervalStart:
+    def start(
+        self, mixture: Mixture, fluid: FluidState, particles: ParticleState, sampled: SampledFluid
+    ) -> IntervalStart:
         """What forces may look at."""
         duration = jnp.asarray(self.interval.duration, particles.velocity.dtype)
         return IntervalStart(
-            self.interval.solver.grid, seen.weights, fluid.face_velocity, seen.inputs.slip_velocity, particles,
+            self.interval.solver.grid, sampled.weights, fluid.face_velocity, sampled.inputs.slip_velocity, particles,
             mixture.bodies, mixture.properties, duration,
         )  # fmt: skip
 
     def drag_over(
-        self, mixture: Mixture, start: IntervalStart, seen: Seen, given: dict[str, Contribution]
+        self, mixture: Mixture, start: IntervalStart, sampled: SampledFluid, contributions: dict[str, Contribution]
     ) -> IntervalDrag:
         """The drag over the interval, beside what the further forces give."""
         bodies = mixture.bodies
-        others = plus(steady_force(mixture, start.particles), *(c.force for c in given.values()))
-        impulses = (c.impulse for c in given.values() if c.impulse is not None)
+        others = plus(steady_force(mixture, start.particles), *(c.force for c in contributions.values()))
+        impulses = (c.impulse for c in contributions.values() if c.impulse is not None)
         others = plus(others, *(impulse / start.duration for impulse in impulses))
         if self.interval.solver.shares_stress:
-            others = others - as_column(bodies.volume) * seen.inputs.pressure_gradient
-        mass = plus(bodies.mass, total(c.slip_mass for c in given.values()))
+            others = others - as_column(bodies.volume) * sampled.inputs.pressure_gradient
+        mass = plus(bodies.mass, total(c.slip_mass for c in contributions.values()))
         law = self.drag.law(mixture.closure, mixture.drag_scale, start)
-        return interval_drag(law, start, seen.inputs, seen.of_law, mass, others)
+        return interval_drag(law, start, sampled.inputs, sampled.law_inputs, mass, others)
 
     def remember(
         self, mixture: Mixture, forces: FluidForces, before: ParticleState, after: ParticleState

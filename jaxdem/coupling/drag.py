@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jax import Array
 
@@ -38,7 +38,7 @@ class DragModel:
     coarse_inputs: CoarseInputs | None = None
     deconvolution: float = 0.0
 
-    def seen(self, start: IntervalStart, inputs: DragInputs, fluid: FluidState, solids: Array) -> DragInputs:
+    def law_inputs(self, start: IntervalStart, inputs: DragInputs, fluid: FluidState, solids: Array) -> DragInputs:
         """The fluid as the law sees it.
 
         Args:
@@ -90,32 +90,32 @@ def interval_drag(
     law: Law,
     start: IntervalStart,
     inputs: DragInputs,
-    seen: DragInputs,
+    law_inputs: DragInputs,
     mass: Array,
     others: Array,
 ) -> IntervalDrag:
     """The drag of an interval.
 
-    Where the law sees another velocity than that of the faces, which the coefficient acts on implicitly, the remainder makes
-    up for the difference.
+    Where the law sees another velocity than that of the faces, which the coefficient acts on implicitly, the remainder
+    makes up for the difference.
 
     Args:
         law: see `DragModel.law`.
         start: of the interval.
         inputs: the fluid at the particles, on its own mesh.
-        seen: the fluid as the law sees it.
+        law_inputs: the fluid as the law sees it.
         mass: () or (N,) inertia of the particles, with slip masses [kg].
         others: (N, D) all other forces on the particles [N].
     """
-    drag = present_drag(law(seen), start.particles.active)
-    force = drag.coefficient[:, None] * seen.slip_velocity
-    remainder: Any = drag.remainder
+    drag = present_drag(law(law_inputs), start.particles.active)
+    force = drag.coefficient[:, None] * law_inputs.slip_velocity
+    remainder = drag.remainder
     if remainder is not None:
         others, force = others + remainder, force + remainder
     coefficient = settling_coefficient(
-        lambda later: law(later).coefficient, seen, drag.coefficient, mass, others, start.duration
+        lambda later: law(later).coefficient, law_inputs, drag.coefficient, mass, others, start.duration
     )
-    if seen is not inputs:
-        offset = as_column(coefficient) * (seen.fluid_velocity - inputs.fluid_velocity)
+    if law_inputs is not inputs:
+        offset = as_column(coefficient) * (law_inputs.fluid_velocity - inputs.fluid_velocity)
         remainder = offset if remainder is None else remainder + offset
     return IntervalDrag(coefficient, remainder, force, drag.out_of_range)

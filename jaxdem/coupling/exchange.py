@@ -3,21 +3,22 @@
 The particles stand still; their void fraction moves from its last value to the present one. In every fluid
 step of length t the drag is implicit on both sides:
 
-    J_p = K_p (u_p - v_p) + k_p,   K_p = (t c_p + m_s) / (1 + (t c_p + m_s) / m_p),   u_p = sum_f W_pf u_f at the new time,
+    J_p = K_p (u_p - v_p) + k_p,   K_p = (t c_p + m_s) / (1 + (t c_p + m_s) / m_p),   u_p = sum_f W_pf u_f (new time),
 
 with c_p the drag coefficient, m_s the slip masses of the further forces (`forces.protocol`), v_p the velocity that the
 particle would reach without the two, and k_p all that is known before the step. A face loses
-sum_p W_pf [K_p (u_f - v_p) + k_p]: face by face it follows its own velocity, but the sums over faces and over particles are
-equal term by term, so momentum is conserved to round-off whatever the relaxation time, and the particles receive J_p itself,
-spread over their contact steps. Slip masses act on the change of the slip; of it a face has its own velocity at the
-start, so that nothing is smoothed from face to face.
+sum_p W_pf [K_p (u_f - v_p) + k_p]: face by face it follows its own velocity, but the sums over faces and over particles
+are equal term by term, so momentum is conserved to round-off whatever the relaxation time, and the particles receive
+J_p itself, spread over their contact steps. Slip masses act on the change of the slip; of it a face has its own
+velocity at the start, so that nothing is smoothed from face to face.
 In model B particles feel no pressure gradient and no stress; the drag stands for them.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -79,7 +80,7 @@ class FluidForces(NamedTuple):
 
     @property
     def total(self) -> Array:
-        """(N, D) sum [N]; neither forces that are inertia of the body nor buoyancy of the hydrostatic pressure is in it."""
+        """(N, D) sum [N], without forces that are inertia of the body and without hydrostatic buoyancy."""
         more = (mean.given for mean in self.further.values() if mean.drive is None)
         return sum_of((self.drag, self.pressure_gradient, self.viscous, *more))
 
@@ -98,7 +99,8 @@ class _Carry(NamedTuple):
         fluid: state.
         pressure: sum over the steps [Pa].
         velocity: (N, D) of the particles, as far as the fluid and steady forces have brought it [m/s].
-        drag, pressure_gradient, viscous: (N, D) impulses so far [kg m/s]; explicit further forces are in that of the drag.
+        drag, pressure_gradient, viscous: (N, D) impulses so far [kg m/s]; explicit further forces are in that of the
+            drag.
         balance: (2, D) impulse given to the particles, and lost by the faces [kg m/s].
         terms: () sizes of the terms that make it [kg m/s].
         further: impulses of the further forces that have a slip mass.
@@ -129,17 +131,17 @@ class _Motion(NamedTuple):
     convected: Array | float
 
 
-class _Known(NamedTuple):
+class _ExplicitTerms(NamedTuple):
     """What is known before a fluid step.
 
     Attributes:
-        reached: velocity without drag and slip masses [m/s].
+        velocity: velocity without drag and slip masses [m/s].
         impulse: explicit terms k_p, those of the slip masses included [kg m/s].
         others: impulse of the forces that are not exchanged with the faces here [kg m/s].
         motion: of the fluid past the particles; None without slip masses.
     """
 
-    reached: Array
+    velocity: Array
     impulse: Array
     others: Array
     motion: _Motion | None
@@ -156,11 +158,12 @@ class Exchange:
         old_void_fraction, void_fraction: on the cells, of the last interval's positions and of the present ones [-].
         inputs: of the drag law, to be reported.
         drag: of the interval.
-        given: contributions of the further forces.
+        contributions: of the further forces.
         steady: (N, D) contact force and submerged weight [N].
         substeps: the fluid steps.
         slip_mass: m_s, sum of all slip masses () or (N,); None for none [kg].
-        yielding: (N,) 1 / (1 + (t c + m_s) / m), share of a slip that is left when the particle yields to its impulse [-].
+        attenuation: (N,) 1 / (1 + (t c + m_s) / m), share of a slip that is left when the particle yields to its impulse
+            [-].
         response: (N,) K_p [kg].
     """
 
@@ -171,11 +174,11 @@ class Exchange:
     void_fraction: Array
     inputs: DragInputs
     drag: IntervalDrag
-    given: dict[str, Contribution]
+    contributions: dict[str, Contribution]
     steady: Array
     substeps: Substeps
     slip_mass: Array | None
-    yielding: Array
+    attenuation: Array
     response: Array
 
     def first(self, fluid: FluidState) -> _Carry:
@@ -186,7 +189,7 @@ class Exchange:
         sums = {
             force.name: _Sums(zero, zero if force.is_inertia else None)
             for force in self.further
-            if self.given[force.name].slip_mass is not None
+            if self.contributions[force.name].slip_mass is not None
         }
         return _Carry(
             fluid, jnp.zeros_like(fluid.pressure), velocity, zero, zero, zero,
@@ -196,16 +199,16 @@ class Exchange:
     def fluid_step(self, carry: _Carry, k: Array, begin: Array) -> tuple[_Carry, SolverRecord]:
         """Fluid step number k of the interval that began at `begin` [s], among particles that gather impulse."""
         step, count, solver = self.substeps.step, self.substeps.number, self.interval.solver
-        known = self._known(carry)
-        faces = self._on_faces(carry, known)
+        explicit = self._explicit_terms(carry)
+        faces = self._on_faces(carry, explicit)
         change = (self.void_fraction - self.old_void_fraction) / count
         result = solver.step(
             self.start.properties, carry.fluid, self.old_void_fraction + (k + 1) * change, begin + k * step, step,
             faces, self.void_fraction,
         )  # fmt: skip
-        return self._received(carry, known, faces, result), solver_record(result)
+        return self._received(carry, explicit, faces, result), solver_record(result)
 
-    def _known(self, carry: _Carry) -> _Known:
+    def _explicit_terms(self, carry: _Carry) -> _ExplicitTerms:
         """The terms known before a fluid step."""
         step, mass = self.substeps.step, as_column(self.start.bodies.mass)
         faces, weights = carry.fluid.face_velocity, self.start.weights
@@ -213,58 +216,59 @@ class Exchange:
         if self.interval.solver.shares_stress:
             others = others + self._pressure_impulse(carry.fluid.pressure)
         terms = [] if self.drag.remainder is None else [step * self.drag.remainder]
-        terms += [term for c in self.given.values() for term in self._explicit(c)]
+        terms += [term for c in self.contributions.values() for term in self._explicit_impulses(c)]
         motion = None
         if self.slip_mass is not None:
             fluid = interpolate_faces(weights, faces)
             motion = _Motion(fluid, fluid - carry.velocity, 0.0)
             terms.append(-as_column(self.slip_mass) * motion.slip)
-        inertia = total(self.given[f.name].slip_mass for f in self.further if f.is_inertia)
+        inertia = total(self.contributions[f.name].slip_mass for f in self.further if f.is_inertia)
         if inertia is not None and motion is not None:
             convected = step * convective_acceleration(self.start.grid, weights, faces)
             motion = motion._replace(convected=convected)
             terms.append(as_column(inertia) * convected)
         impulse = sum_of(terms) if terms else jnp.zeros_like(others)
-        return _Known(carry.velocity + (others + impulse) / mass, impulse, others, motion)
+        return _ExplicitTerms(carry.velocity + (others + impulse) / mass, impulse, others, motion)
 
-    def _on_faces(self, carry: _Carry, known: _Known) -> FaceExchange:
+    def _on_faces(self, carry: _Carry, explicit: _ExplicitTerms) -> FaceExchange:
         """What the particles do to the faces in a fluid step."""
         grid, weights = self.start.grid, self.start.weights
         resistance = deposit_on_faces(grid, weights, self.response)
-        forcing = deposit_on_faces(grid, weights, self.response[:, None] * known.reached - known.impulse)
-        if self.slip_mass is None or known.motion is None:
+        forcing = deposit_on_faces(grid, weights, self.response[:, None] * explicit.velocity - explicit.impulse)
+        if self.slip_mass is None or explicit.motion is None:
             return FaceExchange(resistance, forcing)
-        # Each face's own velocity at the start in place of that seen by the particles, and what faces have still to lose.
-        held = self.slip_mass * self.yielding
-        seen = plus(held[:, None] * known.motion.fluid, *self._pending)
-        own, less = deposit_on_faces(grid, weights, held), deposit_on_faces(grid, weights, seen)
+        # Each face's own velocity at the start in place of that seen by the particles, and what faces have still to
+        # lose.
+        held = self.slip_mass * self.attenuation
+        received = plus(held[:, None] * explicit.motion.fluid, *self._pending)
+        own, less = deposit_on_faces(grid, weights, held), deposit_on_faces(grid, weights, received)
         faces = carry.fluid.face_velocity
         forcing = tuple(f + r * u - x for f, r, u, x in zip(forcing, own, faces, less, strict=True))
         return FaceExchange(resistance, forcing)
 
-    def _received(self, carry: _Carry, known: _Known, faces: FaceExchange, result: FluidStep) -> _Carry:
+    def _received(self, carry: _Carry, explicit: _ExplicitTerms, faces: FaceExchange, result: FluidStep) -> _Carry:
         """The impulses of a fluid step, added up."""
         step, solver, weights = self.substeps.step, self.interval.solver, self.start.weights
         bodies, response = self.start.bodies, self.response[:, None]
         fluid = interpolate_faces(weights, result.state.face_velocity)
-        impulse = response * (fluid - known.reached) + known.impulse
+        impulse = response * (fluid - explicit.velocity) + explicit.impulse
         pressure = viscous = jnp.zeros_like(impulse)
         if solver.shares_stress:
             pressure = self._pressure_impulse(result.state.pressure)
         if solver.shares_stress and solver.viscous:
             stress = interpolate_faces(weights, result.viscous_acceleration)
             viscous = step * self.start.properties.density * as_column(bodies.volume) * stress
-        further, of_forces, on_bodies, mass = self._further(carry, known, fluid, impulse)
-        felt = impulse - of_forces + on_bodies if further else impulse
+        further, of_forces, on_bodies, mass = self._further(carry, explicit, fluid, impulse)
+        on_moving_bodies = impulse - of_forces + on_bodies if further else impulse
         lost = _lost(faces, result.state.face_velocity)
         totals = jnp.stack(
             (jnp.sum(plus(impulse, *self._pending), axis=0), jnp.stack(face_total(self.start.grid, lost)))
         )
-        sizes = response * (jnp.abs(fluid) + jnp.abs(known.reached)) + jnp.abs(known.impulse)
+        sizes = response * (jnp.abs(fluid) + jnp.abs(explicit.velocity)) + jnp.abs(explicit.impulse)
         return _Carry(
             result.state,
             carry.pressure + result.state.pressure,
-            carry.velocity + (step * self.steady + felt + pressure + viscous) / as_column(mass),
+            carry.velocity + (step * self.steady + on_moving_bodies + pressure + viscous) / as_column(mass),
             carry.drag + (impulse - of_forces if further else impulse),
             carry.pressure_gradient + pressure,
             carry.viscous + viscous,
@@ -274,24 +278,24 @@ class Exchange:
         )
 
     def _further(
-        self, carry: _Carry, known: _Known, fluid: Array, impulse: Array
-    ) -> tuple[dict[str, _Sums], Any, Any, Array]:
-        """Impulses of the forces with a slip mass: their sums so far; in this step all together, as the faces give them and as
-        they act on the bodies that move; and the mass of these bodies."""
+        self, carry: _Carry, explicit: _ExplicitTerms, fluid: Array, impulse: Array
+    ) -> tuple[dict[str, _Sums], Array | float, Array | float, Array]:
+        """Impulses of the forces with a slip mass: their sums so far; in this step all together, as the faces give them
+        and as they act on the bodies that move; and the mass of these bodies."""
         mass = self.start.bodies.mass
-        motion = known.motion
+        motion = explicit.motion
         if motion is None:
             return {}, 0.0, 0.0, mass
-        slip = fluid - (carry.velocity + (known.others + impulse) / as_column(mass))
+        slip = fluid - (carry.velocity + (explicit.others + impulse) / as_column(mass))
         change, sums = slip - motion.slip, {}
         of_forces, on_bodies = [], []
         for force in self.further:
-            c = self.given[force.name]
+            c = self.contributions[force.name]
             if c.slip_mass is None:
                 continue
             held, past = as_column(c.slip_mass), carry.further[force.name]
             given = held * (change + motion.convected if force.is_inertia else change)
-            given = plus(given, *self._explicit(c))
+            given = plus(given, *self._explicit_impulses(c))
             drive = None
             if force.is_inertia:
                 drive = held * (fluid - motion.fluid + motion.convected)
@@ -307,13 +311,13 @@ class Exchange:
         drag = carry.drag / duration
         further = {}
         for force in self.further:
-            c = self.given[force.name]
+            c = self.contributions[force.name]
             if c.slip_mass is not None:
                 sums = carry.further[force.name]
                 drive = None if sums.drive is None else sums.drive / duration
                 further[force.name] = MeanForce(sums.given / duration, drive, c.memory)
                 continue
-            explicit = self._explicit(c)
+            explicit = self._explicit_impulses(c)
             mean = sum_of(explicit) / self.substeps.step if explicit else jnp.zeros_like(drag)
             further[force.name] = MeanForce(mean, None, c.memory)
             drag = drag - mean if explicit else drag
@@ -324,7 +328,7 @@ class Exchange:
             self.inputs,
             self.drag.law,
             further,
-            total(c.torque for c in self.given.values()),
+            total(c.torque for c in self.contributions.values()),
         )
 
     def diagnostics(self, carry: _Carry) -> ExchangeDiagnostics:
@@ -339,7 +343,7 @@ class Exchange:
             jnp.sum(self.drag.out_of_range.astype(jnp.int32)),
         )
 
-    def _explicit(self, contribution: Contribution) -> list[Array]:
+    def _explicit_impulses(self, contribution: Contribution) -> list[Array]:
         """Impulses in a fluid step that are known at the start of the interval, (N, D) [kg m/s]."""
         force, impulse = contribution.force, contribution.impulse
         terms = [] if force is None else [self.substeps.step * force]
@@ -348,7 +352,7 @@ class Exchange:
     @property
     def _pending(self) -> list[Array]:
         """Impulses of the last interval that the faces lose in a fluid step, (N, D) [kg m/s]."""
-        pending = (c.pending_impulse for c in self.given.values())
+        pending = (c.pending_impulse for c in self.contributions.values())
         return [impulse / self.substeps.number for impulse in pending if impulse is not None]
 
     def _pressure_impulse(self, pressure: Array) -> Array:
@@ -373,7 +377,7 @@ def _lost(faces: FaceExchange, velocity: FaceField) -> FaceField:
     return tuple(r * u - f for r, u, f in zip(faces.resistance, velocity, faces.forcing, strict=True))
 
 
-def total(parts: Any) -> Array | None:
+def total(parts: Iterable[Array | None]) -> Array | None:
     """Sum of those that are there; None for none."""
     return sum_of(part for part in parts if part is not None)
 

@@ -54,10 +54,11 @@ def drag_inputs(
 def deconvolved(
     grid: Grid, weights: Weights, inputs: DragInputs, face_velocity: FaceField, strength: float
 ) -> DragInputs:
-    """The inputs with what averages took from the fluid's velocity given back to first order: u - a sum_k h_k^2 d2u/dx_k2.
+    """The inputs with what averages took from the fluid's velocity given back to first order: u - a sum_k h_k^2
+    d2u/dx_k2.
 
-    A filter of variance s^2 takes -s^2/2 lap(u) from a smooth field, so a h^2 is half the variance of all that lies between
-    the fluid at a particle and the velocity that it is shown: the cell, its two faces, the kernel.
+    A filter of variance s^2 takes -s^2/2 lap(u) from a smooth field, so a h^2 is half the variance of all that lies
+    between the fluid at a particle and the velocity that it is shown: the cell, its two faces, the kernel.
 
     Args:
         grid: of the fluid.
@@ -66,8 +67,8 @@ def deconvolved(
         face_velocity: interstitial [m/s].
         strength: a [-].
 
-    Source: S. Stolz & N. A. Adams, Phys. Fluids 11 (1999) 1699-1701; for suspensions S. Schneiderbauer & M. Saeedipour, Phys.
-    Fluids 30 (2018) 023301. Van Cittert's series is cut after its second term.
+    Source: S. Stolz & N. A. Adams, Phys. Fluids 11 (1999) 1699-1701; for suspensions S. Schneiderbauer & M. Saeedipour,
+    Phys. Fluids 30 (2018) 023301. Van Cittert's series is cut after its second term.
     """
     curvature = tuple(second_differences(grid, component) for component in cell_average(face_velocity))
     return inputs._replace(fluid_velocity=inputs.fluid_velocity - strength * interpolate(weights, curvature))

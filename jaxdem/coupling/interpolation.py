@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -66,8 +66,7 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
     per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)]
     index, weight = [], []
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
-        flat: Any = 0
-        product: Any = 1.0
+        flat, product = jnp.zeros((), jnp.int32), jnp.ones((), position.dtype)
         for axis, column in enumerate(combination):
             flat = flat * grid.cells[axis] + per_axis[axis][0][:, column]
             product = product * per_axis[axis][1][:, column]
@@ -83,7 +82,7 @@ def cells_under(half_width: float, spacing: float) -> int:
 
 def point_weights(grid: Grid, points: Array) -> Weights:
     """Weights of particles that are P points of equal weight each, (N, P, D) [m]; P = 1: the cell of the centre."""
-    flat: Any = 0
+    flat = jnp.zeros((), jnp.int32)
     for axis in range(grid.dimension):
         cell = jnp.floor(points[..., axis] / grid.spacing[axis]).astype(jnp.int32)
         flat = flat * grid.cells[axis] + _into_box(cell, grid.cells[axis], grid.periodic[axis])

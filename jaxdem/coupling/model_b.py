@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.base import Drag
-from jaxdem.closures.correlation import MINIMUM_VOID_FRACTION
+from jaxdem.closures.correlation import VOID_FRACTION_FLOOR
 
 
 def drag_of_model_b(drag: Drag, solid_fraction: Array) -> Drag:
@@ -34,4 +34,4 @@ def drag_of_model_a(force: Array, solid_fraction: Array) -> Array:
 
 def _share_of_model_b(solid_fraction: Array) -> Array:
     """(N,) f_A / f_B [-]."""
-    return jnp.maximum(1.0 - solid_fraction, MINIMUM_VOID_FRACTION)
+    return jnp.maximum(1.0 - solid_fraction, VOID_FRACTION_FLOOR)

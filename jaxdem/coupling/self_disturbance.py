@@ -1,22 +1,23 @@
 """The undisturbed slip: what the fluid would do at a particle that had not dragged it along.
 
-A particle samples the wake that it has deposited itself. In steady Stokes flow the fluid at the particle follows a force
-F on it by -B F, B = M / mu, where M [1/m] belongs to the kernel and the mesh alone:
+A particle samples the wake that it has deposited itself. In steady Stokes flow the fluid at the particle follows a
+force F on it by -B F, B = M / mu, where M [1/m] belongs to the kernel and the mesh alone:
 
-    M = mean over offsets and axes of sum_k |w(k)|^2 cos^2(k_a h_a / 2) (1 - q_a^2 / q^2) / (q^2 L^3) + 2.8373 / (6 pi L)
+    M = mean over offsets and axes of
+        sum_k |w(k)|^2 cos^2(k_a h_a / 2) (1 - q_a^2 / q^2) / (q^2 L^3) + 2.8373 / (6 pi L)
 
-with w the discrete transform of the weights, q_a = 2/h_a sin(k_a h_a / 2) the symbol of the staggered gradient, the cosine
-(twice a root of it) from cells to faces and back, and the last term from a periodic box to an unbounded fluid. For a
-Gaussian of deviation S, M = 1 / (6 pi^1.5 S), 0.28 d / S of the slip with Stokes drag; S = 1 / (6 pi^1.5 M) is our
-kernel's. Two factors are derived for such a Gaussian:
+with w the discrete transform of the weights, q_a = 2/h_a sin(k_a h_a / 2) the symbol of the staggered gradient, the
+cosine (twice a root of it) from cells to faces and back, and the last term from a periodic box to an unbounded fluid.
+For a Gaussian of deviation S, M = 1 / (6 pi^1.5 S), 0.28 d / S of the slip with Stokes drag; S = 1 / (6 pi^1.5 M) is
+our kernel's. Two factors are derived for such a Gaussian:
 
     inertia, Oseen's equation at R = |s| S / nu:   1 / P = 1 + R (a + (b - a) R / (R + 1.95)),  a = 3 sqrt(pi) / 8,
         b = 4 / (3 sqrt(pi)): within 0.2 % of the integral;
     other particles that hold the fluid, Brinkman's equation with y = S sqrt(n c / mu), n their number per volume:
         Q = 1 - sqrt(pi) y exp(y^2) erfc(y).
 
-The seen slip is then s (1 - x), x = P Q M c / (mu (1 - s_o)), s_o the solid fraction without the particle's own, and the
-force that the undisturbed slip asks for is a coefficient c / (1 - x) on the seen one. Of the pressure gradient and
+The seen slip is then s (1 - x), x = P Q M c / (mu (1 - s_o)), s_o the solid fraction without the particle's own, and
+the force that the undisturbed slip asks for is a coefficient c / (1 - x) on the seen one. Of the pressure gradient and
 stress that the particle makes itself it must feel nothing: they would add s_own / (1 - s) to the drag, which is
 therefore times (1 - s) / (1 - s + s_own).
 
@@ -24,8 +25,8 @@ Steady: at first, over the time S^2/nu in which the wake grows, too much is adde
 
 Sources: J. A. K. Horwitz, G. Iaccarino, J. K. Eaton & A. Mani, arXiv:2004.08480 (2020): discrete Green's function;
 F. Evrard, F. Denner & B. van Wachem, J. Comput. Phys. X 8 (2020) 100078, and arXiv:2405.08188 (2024): regularised
-Stokes solutions and Oseen's equation at finite Re; H. Hasimoto, J. Fluid Mech. 5 (1959) 317-328: 2.8373; H. C. Brinkman,
-Appl. Sci. Res. A 1 (1949) 27-34.
+Stokes solutions and Oseen's equation at finite Re; H. Hasimoto, J. Fluid Mech. 5 (1959) 317-328: 2.8373; H. C.
+Brinkman, Appl. Sci. Res. A 1 (1949) 27-34.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import safe_sqrt
 
 LARGEST_SHARE = 0.75
 """Most of the undisturbed slip that the wake is taken to hide; more is counted as out of range."""
@@ -112,8 +114,7 @@ def oseen_factor(reynolds: Array) -> Array:
 
 def brinkman_factor(squared: Array) -> Array:
     """Q(y) of y^2, within 1 %: 1/Q = 1 + sqrt(pi) y + y^2 (pi - 2 + (4 - pi) y / (y + 2.55)) [-]."""
-    held = squared > 0
-    y = jnp.where(held, jnp.sqrt(jnp.where(held, squared, 1.0)), 0.0)
+    y = safe_sqrt(squared)
     bend = math.pi - 2.0 + (4.0 - math.pi) * y / (y + 2.55)
     return 1.0 / (1.0 + math.sqrt(math.pi) * y + y**2 * bend)
 

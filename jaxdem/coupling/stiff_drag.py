@@ -42,10 +42,10 @@ def settling_coefficient(
 
     Source: our own; the factors above follow by linearising about the settled slip.
     """
-    grip = coefficient * duration / mass
+    relaxations = coefficient * duration / mass
     push = (duration / as_column(mass)) * others
-    predicted = (inputs.slip_velocity - push) / (1.0 + as_column(grip))
+    predicted = (inputs.slip_velocity - push) / (1.0 + as_column(relaxations))
     later = law(inputs._replace(particle_velocity=inputs.fluid_velocity - predicted))
     acts = (coefficient > 0) & (later > 0)
     ratio = jnp.where(acts, later, 1.0) / jnp.where(acts, coefficient, 1.0)
-    return jnp.where(acts, coefficient * ratio ** (0.5 * grip / (1.0 + grip)), coefficient)
+    return jnp.where(acts, coefficient * ratio ** (0.5 * relaxations / (1.0 + relaxations)), coefficient)

@@ -87,8 +87,9 @@ class VanLeer(Limited):
 class Superbee(Limited):
     """The steepest limiter without new extrema: fronts and shear layers stay two cells wide.
 
-    slope = sign(a) max(min(2|a|, |b|), min(|a|, 2|b|)) where the neighbouring differences a and b have one sign, else 0. Of
-    the limiters it loses least of eddies of a few cells; where a flow is smooth and resolved it makes steps of slopes.
+    slope = sign(a) max(min(2|a|, |b|), min(|a|, 2|b|)) where the neighbouring differences a and b have one sign, else
+    0. Of the limiters it loses least of eddies of a few cells; where a flow is smooth and resolved it makes steps of
+    slopes.
 
     Source: P. L. Roe, in Large-Scale Computations in Fluid Mechanics, Lect. Appl. Math. 22 (1985) 163-193; P. K. Sweby,
     SIAM J. Numer. Anal. 21 (1984) 995-1011.
@@ -105,12 +106,12 @@ class Superbee(Limited):
 class Central:
     """The mean of both sides of a surface: no numerical viscosity, and waves of two cells at fronts.
 
-    With continuity on the staggered grid it keeps the kinetic energy, so that eddies of a few cells live on, and nothing
-    but drag and stress damps what a mesh cannot carry. Heun's method lets its waves grow at any time step; the third-order
-    method of three stages does not, up to a Courant number of sqrt(3).
+    With continuity on the staggered grid it keeps the kinetic energy, so that eddies of a few cells live on, and
+    nothing but drag and stress damps what a mesh cannot carry. Heun's method lets its waves grow at any time step; the
+    third-order method of three stages does not, up to a Courant number of sqrt(3).
 
-    Source: F. H. Harlow, J. E. Welch, Phys. Fluids 8 (1965) 2182-2189; Y. Morinishi, T. S. Lund, O. V. Vasilyev, P. Moin,
-    J. Comput. Phys. 143 (1998) 90-124.
+    Source: F. H. Harlow, J. E. Welch, Phys. Fluids 8 (1965) 2182-2189; Y. Morinishi, T. S. Lund, O. V. Vasilyev, P.
+    Moin, J. Comput. Phys. 143 (1998) 90-124.
     """
 
     stages: Literal[2, 3] = dataclasses.field(default=3, init=False)
@@ -125,14 +126,15 @@ class Central:
 class CentralFourth:
     """The mean over a surface of the cubic that has the means of the two control volumes to either side of it.
 
-    (7 (u_0 + u_1) - (u_-1 + u_2)) / 12: the error of `Central`, which lets waves of four cells run at two thirds of their
-    speed, is of fourth order here, and they run at 0.85 of it. The fastest waves run 1.37 times as fast as on `Central`,
-    so that the limit of the Courant number is so much lower.
+    (7 (u_0 + u_1) - (u_-1 + u_2)) / 12: the error of `Central`, which lets waves of four cells run at two thirds of
+    their speed, is of fourth order here, and they run at 0.85 of it. The fastest waves run 1.37 times as fast as on
+    `Central`, so that the limit of the Courant number is so much lower.
 
-    What it carries out of a control volume is not what it carries into the next but for a constant stream, so that it does
-    not keep the energy: waves of two cells would grow by half in 2,400 steps. Two per cent more weight upstream, where each
-    side by itself is the third-order upwind scheme, damp them: by e while the stream crosses 37 cells, waves of four
-    cells in 150, of six in 600. Next to sides the ghost cells are those of the second-order schemes, and the order with them.
+    What it carries out of a control volume is not what it carries into the next but for a constant stream, so that it
+    does not keep the energy: waves of two cells would grow by half in 2,400 steps. Two per cent more weight upstream,
+    where each side by itself is the third-order upwind scheme, damp them: by e while the stream crosses 37 cells, waves
+    of four cells in 150, of six in 600. Next to sides the ghost cells are those of the second-order schemes, and the
+    order with them.
 
     Source: P. Colella, P. R. Woodward, J. Comput. Phys. 54 (1984) 174-201, eq. 1.9 on equal cells.
     """
@@ -141,7 +143,7 @@ class CentralFourth:
     upstream: float = dataclasses.field(default=0.51, init=False)
 
     def to_surfaces(self, behind: Array, ahead: Array) -> tuple[Array, Array]:
-        """A third of the difference to the neighbour there and a sixth of the other: the mean of both sides is the cubic's."""
+        """A third of the difference to the neighbour there and a sixth of the other; the mean of both is the cubic's."""
         return behind / 3.0 + ahead / 6.0, ahead / 3.0 + behind / 6.0
 
 

@@ -102,17 +102,17 @@ def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray
 def momentum_excess(grid: Grid, side: Side) -> np.ndarray | None:
     """1/c - 1 over every face of an inlet, c the part of it that the patch covers [-].
 
-    The fluid comes in through that part alone, 1/c times as fast as the face's mean velocity says, and brings so much more
-    momentum than its square. Without it an inlet that ends within a face would have a weaker jet on a coarse mesh than on
-    a fine one. A profile's own variation over a face is not in it: within the box that is not resolved either.
+    The fluid comes in through that part alone, 1/c times as fast as the face's mean velocity says, and brings so much
+    more momentum than its square. Without it an inlet that ends within a face would have a weaker jet on a coarse mesh
+    than on a fine one. A profile's own variation over a face is not in it: within the box that is not resolved either.
 
     Args:
         grid: the grid.
         side: the side.
 
     Returns:
-        An array as that of `coverage`, zero on faces that nothing enters by; None where there is none in all: other kinds
-        of sides, and inlets that end between faces.
+        An array as that of `coverage`, zero on faces that nothing enters by; None where there is none in all: other
+        kinds of sides, and inlets that end between faces.
     """
     if not isinstance(side.condition, Inlet):
         return None
@@ -204,9 +204,9 @@ def set_normal_velocity(
 ) -> FaceField:
     """Face velocities with the boundary faces set.
 
-    Each side by its `SideCondition`: the faces of an outlet keep what the balance of momentum gave them; an inlet has the
-    superficial velocity of the side times the covered fraction of each face (or the mean of its profile). Periodic: the
-    doubles are made equal.
+    Each side by its `SideCondition`: the faces of an outlet keep what the balance of momentum gave them; an inlet has
+    the superficial velocity of the side times the covered fraction of each face (or the mean of its profile). Periodic:
+    the doubles are made equal.
 
     Args:
         grid: the grid.

@@ -21,8 +21,9 @@ def stress_divergence(
 ) -> FaceField:
     """div(tau) / rho on the faces [m/s2], tau = (mu + rho nu_t) (grad u + grad u^T - 2/3 div(u) 1).
 
-    The values on boundary faces are those of the nearest inner face, for the particles that see them. An outlet's face stands for
-    half a cell, and mu du/dn is zero beyond it (see `Outlet`): of the stress outside the transposed half, mu du/dn again, is left.
+    The values on boundary faces are those of the nearest inner face, for the particles that see them. An outlet's face
+    stands for half a cell, and mu du/dn is zero beyond it (see `Outlet`): of the stress outside the transposed half, mu
+    du/dn again, is left.
 
     Args:
         grid: the grid.
@@ -59,8 +60,8 @@ def stress_slope(grid: Grid, stress: Array, outside: Array, which: int, axis: in
     Args:
         grid: the grid.
         stress: in the cells for `which` = `axis`, else on the edges of both axes.
-        outside: like `stress`; of the first and the last cell along the axis, the stress beyond the side next to them. It
-            counts for `which` = `axis` alone.
+        outside: like `stress`; of the first and the last cell along the axis, the stress beyond the side next to them.
+            It counts for `which` = `axis` alone.
         which: axis of the faces.
         axis: of the derivative.
     """
@@ -129,7 +130,7 @@ def edge_average(grid: Grid, cell: Array, first: int, second: int) -> Array:
 
 
 def to_boundary(grid: Grid, boundary: Boundary, faces: Array, axis: int) -> Array:
-    """`faces` of an axis, those on sides that are no outlet with the value of the nearest inner face, zero where there is none."""
+    """`faces` of an axis; on sides that are no outlet the value of the nearest inner face, or zero without one."""
     if grid.periodic[axis]:
         return faces
     inner, ends = along(faces, axis, 1, -1), []

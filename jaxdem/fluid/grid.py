@@ -134,7 +134,7 @@ def face_control_volume(grid: Grid, axis: int) -> Array:
 
 
 def control_width(grid: Grid, axis: int) -> np.ndarray:
-    """Length along an axis that each of its faces stands for: half a cell on a boundary face; size 1 along the other axes [m]."""
+    """Length of the control volume of each face of an axis along it: half a cell on a boundary; size 1 elsewhere [m]."""
     width = np.full(grid.cells[axis] + 1, grid.spacing[axis])
     if not grid.periodic[axis]:
         width[[0, -1]] *= 0.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,9 +21,9 @@ SUBSTEPS = (1, 2, 4, 8)
 VISCOUS_STABLE = 0.375
 """Viscosity number nu t sum(1/h^2) up to which a fluid step is stable.
 
-Velocities would be up to 0.5, by Heun's method. But a pressure p left over from the last step enters the trial velocity,
-whose stress changes the prediction by -t^2/2 (4/3) nu lap(grad p): the projection leaves a pressure of (8/3) nu t
-sum(1/h^2) times the old one in its shortest waves. 4/3 is of the deviatoric stress. Derived here."""
+Velocities would be up to 0.5, by Heun's method. But a pressure p left over from the last step enters the trial
+velocity, whose stress changes the prediction by -t^2/2 (4/3) nu lap(grad p): the projection leaves a pressure of (8/3)
+nu t sum(1/h^2) times the old one in its shortest waves. 4/3 is of the deviatoric stress. Derived here."""
 
 VISCOUS_LIMIT = 0.3
 """Viscosity number that fluid steps are chosen for: a fifth under `VISCOUS_STABLE`."""
@@ -140,7 +140,7 @@ class FluidInterval:
             return lax.fori_loop(0, count, lambda k, both: advance(both, k), (carry, worst))
 
         @jax.checkpoint
-        def body(both: Any, k: Array) -> tuple[Any, None]:
+        def body(both: tuple[Carry, SolverRecord], k: Array) -> tuple[tuple[Carry, SolverRecord], None]:
             return cond_in_batch(k < count, lambda b: advance(b, k), both), None
 
         return lax.scan(body, (carry, worst), jnp.arange(SUBSTEPS[-1]))[0]

@@ -4,9 +4,9 @@
     rho [ d(g u)/dt + div(g u u) ] = -g grad p + g div(tau) - f          model A
     rho [ d(g u)/dt + div(g u u) ] =   -grad p +   div(tau) - f          model B
 
-p is the reduced pressure, so gravity does not appear. Heun's method advances advection and stress (central advection: the
-third-order method of C.-W. Shu, S. Osher, J. Comput. Phys. 77 (1988) 439-471, whose first two stages are Heun's), the
-drag f is implicit at the new velocity, and the projection knows it: the pressure acts on a face through
+p is the reduced pressure, so gravity does not appear. Heun's method advances advection and stress (central advection:
+the third-order method of C.-W. Shu, S. Osher, J. Comput. Phys. 77 (1988) 439-471, whose first two stages are Heun's),
+the drag f is implicit at the new velocity, and the projection knows it: the pressure acts on a face through
 g / (g + B), in model B 1 / (g + B), where B is the resistance that the particles put on it. Hence no error
 is made by splitting drag from pressure, whatever the drag's relaxation time.
 """
@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, set_normal_velocity, with_outflow
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
@@ -173,10 +174,12 @@ class FluidSolver:
         old = face_average(grid, _or_one(state.void_fraction))
         new = face_average(grid, _or_one(void_fraction))
         weight = self._weight(new, weighting)
-        growth = 0.0 if void_fraction is None else (void_fraction - state.void_fraction) / time_step
-        if void_fraction is not None and not self.boundary.has_outlet:
-            # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
-            growth = growth - jnp.mean(growth)
+        growth: Array | float = 0.0
+        if void_fraction is not None:
+            growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
+            if not self.boundary.has_outlet:
+                # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
+                growth = growth - jnp.mean(growth)
         mobility, shift = self._exchange_terms(properties, exchange, new)
         pull = tuple(
             g * slope / properties.density
@@ -204,7 +207,7 @@ class FluidSolver:
             velocity = _halfway(state.face_velocity, predicted)
             flux = _halfway(_product(old, state.face_velocity), _product(new, predicted))
             flux = self._corrected(flux, growth)
-            g = None if void_fraction is None else 0.5 * (state.void_fraction + void_fraction)
+            g = None if void_fraction is None else 0.5 * (_or_one(state.void_fraction) + void_fraction)
             rates.append(self._rates(properties, flux, velocity, weight, g, time + 0.5 * time_step))
             mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
             predicted = advance(mean.total)
@@ -303,7 +306,8 @@ class FluidSolver:
         return _Rates(total, stress)
 
     def _corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
-        """The flux changed so that div(F) = -d(g)/dt: on outlets by the speed that balances the box, within by a gradient.
+        """The flux changed so that div(F) = -d(g)/dt: on outlets by the speed that balances the box, within by a
+        gradient.
 
         Momentum carried by such a flux is conserved and a uniform stream stays uniform, exactly, while
         the void fraction changes.

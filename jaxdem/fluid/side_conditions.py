@@ -85,12 +85,13 @@ class Outlet(FreeSlip):
 
         -p n + mu du/dn = rho/2 min(u_n, 0) u,
 
-    that is p = -rho u_n^2/2 where fluid is drawn in from rest. Without the right-hand side what comes in would bring energy
-    that nothing limits; with it the side can only take energy out of the box. In the balance of momentum it stands as half
-    of the momentum that comes in, see `advection`.
+    that is p = -rho u_n^2/2 where fluid is drawn in from rest. Without the right-hand side what comes in would bring
+    energy that nothing limits; with it the side can only take energy out of the box. In the balance of momentum it
+    stands as half of the momentum that comes in, see `advection`.
 
     Source: C.-H. Bruneau, P. Fabrie, Int. J. Numer. Meth. Fluids 19 (1994) 693-705; M. Braack, P. B. Mucha, J. Comput.
-    Math. 32 (2014) 507-521; compared with others by C. Bertoglio et al., Int. J. Numer. Meth. Biomed. Engng 34 (2018) e2929.
+    Math. 32 (2014) 507-521; compared with others by C. Bertoglio et al., Int. J. Numer. Meth. Biomed. Engng 34 (2018)
+    e2929.
     """
 
     sets_pressure: bool = dataclasses.field(default=True, init=False)

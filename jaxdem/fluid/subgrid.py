@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import Grid, along, sum_of
+from jaxdem.numerics.vectors import safe_sqrt
 
 StrainRates = dict[tuple[int, int], Array]
 """du_i/dx_j + du_j/dx_i by (i, j), i <= j: in the cells for i = j, else on the edges of both axes [1/s]."""
@@ -35,14 +35,7 @@ def strain_magnitude(rates: StrainRates) -> Array:
     for (i, j), rate in rates.items():
         square = rate**2
         squares.append(0.5 * square if i == j else cell_mean(square, i, j))
-    return root_of_squares(sum_of(squares))
-
-
-def root_of_squares(total: Array) -> Array:
-    """The root of a sum of squares, its slope zero where that is zero."""
-    # The root has an infinite slope where nothing is strained.
-    positive = total > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, total, 1.0)), 0.0)
+    return safe_sqrt(sum_of(squares))
 
 
 def cell_mean(edge: Array, first: int, second: int) -> Array:

@@ -33,7 +33,8 @@ from jaxdem.fluid.grid import (
     gradient,
     sum_of,
 )
-from jaxdem.fluid.subgrid import cell_mean, mean_along, root_of_squares, strain_magnitude
+from jaxdem.fluid.subgrid import cell_mean, mean_along, strain_magnitude
+from jaxdem.numerics.vectors import safe_sqrt
 
 Gradients = dict[tuple[int, int], Array]
 """du_i/dx_k by (i, k): in the cells for i = k, else on the edges between the faces of both axes [1/s]."""
@@ -113,12 +114,12 @@ def subgrid_flow(
     pairs = [(i, j) for i in range(grid.dimension) for j in range(i, grid.dimension)]
     strain = strain_magnitude({(i, j): slopes[i, j] + slopes[j, i] for i, j in pairs})
     turning = [cell_mean((slopes[i, j] - slopes[j, i]) ** 2, i, j) for i, j in pairs if i != j]
-    rotation = root_of_squares(sum_of(turning))
+    rotation = safe_sqrt(sum_of(turning))
     if void_fraction is None:
         share, steepness = jnp.ones_like(strain), jnp.zeros_like(strain)
     else:
         share = void_fraction
-        steepness = root_of_squares(sum_of(s**2 for s in cell_average(gradient(grid, void_fraction))))
+        steepness = safe_sqrt(sum_of(s**2 for s in cell_average(gradient(grid, void_fraction))))
     size = jnp.asarray(grid.filter_size, strain.dtype)
     return SubgridFlow(slopes, strain, rotation, *law(strain, rotation, size, viscosity, share, steepness))
 
@@ -149,7 +150,7 @@ def subgrid_stress(grid: Grid, flow: SubgridFlow, weight: Array | None = None) -
 
 
 def subgrid_acceleration(grid: Grid, boundary: Boundary, stress: Gradients) -> FaceField:
-    """div(tau) on the faces [m/s2], without a stress outside; on boundary faces that are no outlets that of the next face inside."""
+    """div(tau) on the faces [m/s2], no stress outside; on boundary faces but outlets that of the next face inside."""
     result = []
     for which in range(grid.dimension):
         slopes = []
@@ -166,7 +167,7 @@ def subgrid_diffusivity(grid: Grid, flow: SubgridFlow) -> Array:
     |nu_n| + 2 |c_n| h^2 |grad u|, h the longest cell side: the gradient term is linear in a disturbance, with twice
     the gradient that it meets.
     """
-    size = root_of_squares(0.5 * (flow.strain_rate**2 + flow.rotation_rate**2))
+    size = safe_sqrt(0.5 * (flow.strain_rate**2 + flow.rotation_rate**2))
     eddy = jnp.abs(flow.viscosity_coefficient) * grid.filter_size**2 * flow.strain_rate
     return eddy + 2.0 * jnp.abs(flow.gradient_coefficient) * max(grid.spacing) ** 2 * size
 

@@ -28,8 +28,8 @@ def cond_in_batch(condition: Array, change: Callable[[Carry], Carry], carry: Car
     """`change(carry)` where the condition holds, else `carry`.
 
     `lax.cond` with a condition that differs within a batch becomes a select: `change` would be computed at every step
-    for all scenes. Here it is computed where the condition holds in any scene, and kept in those where it holds, so that
-    every scene of a batch gets what it would get alone.
+    for all scenes. Here it is computed where the condition holds in any scene, and kept in those where it holds, so
+    that every scene of a batch gets what it would get alone.
     """
 
     def some(carry: Carry) -> Carry:

@@ -94,8 +94,8 @@ def affine(x: Array, factors: Sequence[float], constant: float, addend: Array | 
 
 
 def whole_periods(number: Array, length: float) -> Pair:
-    """number * length as a pair, for whole numbers and a length known in float64: a thousand periods of 0.3 m are off by
-    2e-5 m in one float32, more than grains overlap."""
+    """number * length as a pair, for whole numbers and a length known in float64: a thousand periods of 0.3 m are off
+    by 2e-5 m in one float32, more than grains overlap."""
     return affine(number[None], (length,), 0.0)
 
 

@@ -77,6 +77,11 @@ def safe_sqrt(squared: Array) -> Array:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
 
 
+def row_lengths(rows: Array) -> Array:
+    """(N,) Euclidean norms of (N, D), with gradient zero at zero."""
+    return safe_sqrt(jnp.sum(rows**2, axis=-1))
+
+
 def length(a: Vector) -> Array:
     """Euclidean norm, with gradient zero at zero."""
     return jnp.abs(a[0]) if len(a) == 1 else safe_sqrt(dot(a, a))

@@ -37,10 +37,10 @@ OWN_COLUMNS = 2**17
 COLUMNS_PER_PARTICLE = 8
 """... and up to so many times the number of particles; with more, cells share columns."""
 
-STRANGERS = 2
+SHARED_COLUMN_ROOM = 2
 """Room for particles of other cells where cells share columns."""
 
-APART = 12
+NEAR_CELLS = 12
 """Two cells nearer than so many cells along every axis never share a column; across a periodic side two around one."""
 
 
@@ -127,7 +127,7 @@ class CellGrid:
         """Number of particles in a column where they fill a square lattice of this spacing [m]."""
         widths = (length / n for length, n in zip(self.box, self.shape, strict=True))
         dense = math.prod(math.floor(width / spacing) + 1 for width in widths)
-        return dense + STRANGERS if self.shares else dense
+        return dense + SHARED_COLUMN_ROOM if self.shares else dense
 
 
 def neighbors_in_cells(
@@ -194,12 +194,12 @@ def _multipliers(periods: tuple[int, ...], columns: int) -> tuple[int, ...]:
     """1, a, a^2 modulo the columns, of the first odd a from the golden section down that keeps near cells apart.
 
     Args:
-        periods: cells along every periodic axis, 0 for the others. Cells around one at a side are a period apart, less the
-            steps between them.
+        periods: cells along every periodic axis, 0 for the others. Cells around one at a side are a period apart, less
+            the steps between them.
         columns: a power of two.
     """
     dimension = len(periods)
-    near = [range(-2, 3), range(-APART, APART + 1)]
+    near = [range(-2, 3), range(-NEAR_CELLS, NEAR_CELLS + 1)]
     across = [
         {*near[0], *(sign * (n - k) for n in [period] if n for k in (1, 2) for sign in (-1, 1))} for period in periods
     ]

@@ -111,14 +111,15 @@ def damping_ratio(restitution: Array) -> Array:
 
 
 def pull_share(damping_ratio: Array) -> Array:
-    """Impulse by which a contact pulls before it ends, over the impulse of its dashpot while it is pressed together [-].
+    """Impulse by which a contact pulls before it ends, over the impulse of its dashpot while it is pressed together
+    [-].
 
     Both follow from the damped oscillator x'' + 2 b w x' + w^2 x = 0 of an impact at speed v, with s = sqrt(1 - b^2):
     the force is zero at w s t = p, tan p = -2 b s / (1 - 2 b^2), where the speed is
     v_p = -v exp(-b p / s) (cos p - b sin p / s); the deepest overlap is v/w exp(-b arccos(b) / s). The pull is
     m (v_p - e v), the push of the dashpot 2 b w m times the deepest overlap. Hertz's contact with the damping of Tsuji
-    et al. is the same oscillator in another time (Antypov & Elliott 2011), so one curve serves both laws, at every speed.
-    The cubic is within 0.005 of it; the impulse of friction in `_with_coulomb_limit` is then right to 0.004.
+    et al. is the same oscillator in another time (Antypov & Elliott 2011), so one curve serves both laws, at every
+    speed. The cubic is within 0.005 of it; the impulse of friction in `_with_coulomb_limit` is then right to 0.004.
     """
     b = damping_ratio
     return b * (1.0 + b * (-1.4 + b * (0.98 - 0.4 * b)))

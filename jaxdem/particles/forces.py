@@ -108,7 +108,7 @@ class Sums(NamedTuple):
     torque: Vector
 
 
-class _Meeting(NamedTuple):
+class _ContactPair(NamedTuple):
     """Two bodies that may touch, the one and the other.
 
     Attributes:
@@ -136,7 +136,7 @@ class _Meeting(NamedTuple):
     rolling_inertia: Array
 
 
-class _Load(NamedTuple):
+class _ContactLoad(NamedTuple):
     """What a contact does to the one of two bodies, and what it keeps.
 
     Attributes:
@@ -210,7 +210,7 @@ class _Loop(NamedTuple):
         )
         overlap, normal = _pair_geometry(neighbors, change, one + other)
         mass, inertia = self.properties.mass, self.properties.mass * radius**2
-        meeting = _Meeting(
+        pair = _ContactPair(
             overlap, normal, approach, velocity, spin, other_spin, one, other,
             effective_radius=_harmonic(one, other),
             effective_mass=_harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
@@ -219,8 +219,8 @@ class _Loop(NamedTuple):
         material = self.surroundings.pair
         if self.model.materials is not None:
             material = self.model.materials.between_particles(material, pairs)
-        load = self._load(material, meeting, self.motion.contact_spring)
-        force, torque, other_torque = _on_bodies(load, meeting)
+        load = self._load(material, pair, self.motion.contact_spring)
+        force, torque, other_torque = _on_bodies(load, pair)
 
         def added(total: Vector, on_one: Vector, on_other: Vector) -> Vector:
             parts = zip(total, on_one, on_other, strict=True)
@@ -253,7 +253,7 @@ class _Loop(NamedTuple):
         wall = tuple(
             jnp.stack(components)[:, None] for components in zip(*self.surroundings.wall_velocity, strict=True)
         )
-        meeting = _Meeting(
+        pair = _ContactPair(
             overlap, normal,
             approach=vectors.subtract(_rows(self.mid_velocity), wall),
             velocity=vectors.subtract(_rows(motion.velocity), wall),
@@ -264,8 +264,8 @@ class _Loop(NamedTuple):
         material = self.surroundings.wall
         if self.model.materials is not None:
             material = self.model.materials.with_walls(material)
-        load = self._load(material, meeting, motion.wall_spring)
-        force, torque, _ = _on_bodies(load, meeting)
+        load = self._load(material, pair, motion.wall_spring)
+        force, torque, _ = _on_bodies(load, pair)
         added = vectors.add(sums.force, tuple(_sum_slots(x) for x in force))
         return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque))), load.spring
 
@@ -286,35 +286,35 @@ class _Loop(NamedTuple):
         normals[0] = tuple(jnp.broadcast_to(x, overlaps[0].shape) for x in normals[0])
         return jnp.concatenate(overlaps), tuple(map(jnp.concatenate, zip(*normals, strict=True)))
 
-    def _load(self, material: ContactMaterial, meeting: _Meeting, spring: Vector) -> _Load:
+    def _load(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
         """What all contacts do; zero, and nothing computed, where nothing touches."""
         # Within the step an overlap changes by less than this: also a contact that is about to begin has a dashpot.
-        change = 0.5 * self.time_step * vectors.safe_sqrt(vectors.dot(meeting.approach, meeting.approach))
-        return stage(jnp.any(meeting.overlap + change > 0), lambda: self._law(material, meeting, spring))
+        change = 0.5 * self.time_step * vectors.safe_sqrt(vectors.dot(pair.approach, pair.approach))
+        return stage(jnp.any(pair.overlap + change > 0), lambda: self._law(material, pair, spring))
 
-    def _law(self, material: ContactMaterial, meeting: _Meeting, spring: Vector) -> _Load:
+    def _law(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
         """The contact law and rolling resistance."""
-        overlap, normal = meeting.overlap, meeting.normal
-        approach_speed = -vectors.dot(meeting.approach, normal)
+        overlap, normal = pair.overlap, pair.normal
+        approach_speed = -vectors.dot(pair.approach, normal)
         share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
         touching = overlap > 0
         # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
         # the same from either side, for a dashpot may act already.
-        overlap = jnp.where(touching, overlap, 1e-12 * meeting.effective_radius)
-        spin, relative_spin = vectors.scale(meeting.radius - 0.5 * overlap, meeting.spin), meeting.spin
+        overlap = jnp.where(touching, overlap, 1e-12 * pair.effective_radius)
+        spin, relative_spin = vectors.scale(pair.radius - 0.5 * overlap, pair.spin), pair.spin
         sharing: Array | float = 1.0
-        if meeting.other_spin is None:
+        if pair.other_spin is None:
             sharing = jnp.maximum(jnp.sum(touching, axis=0, dtype=overlap.dtype), 1.0)[None]
         else:
-            other = vectors.scale(meeting.other_radius - 0.5 * overlap, meeting.other_spin)
+            other = vectors.scale(pair.other_radius - 0.5 * overlap, pair.other_spin)
             spin, relative_spin = (
                 vectors.add(spin, other),
-                vectors.subtract(relative_spin, meeting.other_spin),
+                vectors.subtract(relative_spin, pair.other_spin),
             )
         turning = tangent.surface_velocity(spin, normal)
-        slip = vectors.subtract(tangent.part_in_plane(meeting.velocity, normal), turning)
-        expected_slip = vectors.subtract(tangent.part_in_plane(meeting.approach, normal), turning)
-        growth = _time_of_growth(overlap, -vectors.dot(meeting.velocity, normal), self.time_step)
+        slip = vectors.subtract(tangent.part_in_plane(pair.velocity, normal), turning)
+        expected_slip = vectors.subtract(tangent.part_in_plane(pair.approach, normal), turning)
+        growth = _time_of_growth(overlap, -vectors.dot(pair.velocity, normal), self.time_step)
         in_plane = vectors.angular_size(len(normal))
         spring, rolling_spring = spring[:in_plane], spring[in_plane:]
         turned = tangent.turned_into_plane(spring, normal)
@@ -323,9 +323,9 @@ class _Loop(NamedTuple):
             approach_speed=share * approach_speed,
             slip=vectors.scale(share, expected_slip),
             spring=vectors.add(turned, vectors.scale(growth, slip)),
-            effective_radius=meeting.effective_radius,
-            effective_mass=meeting.effective_mass,
-            rolling_inertia=meeting.rolling_inertia,
+            effective_radius=pair.effective_radius,
+            effective_mass=pair.effective_mass,
+            rolling_inertia=pair.rolling_inertia,
             sharing=sharing,
         )
         result = self.model.law(contact, material)
@@ -339,16 +339,16 @@ class _Loop(NamedTuple):
                 contact, result, material, normal, relative_spin, rolling_spring, self.time_step
             )
             resistance = vectors.where(touching, resistance, 0.0)
-        return _Load(along, across, resistance, vectors.where(touching, (*result.spring, *kept), 0.0))
+        return _ContactLoad(along, across, resistance, vectors.where(touching, (*result.spring, *kept), 0.0))
 
 
-def _on_bodies(load: _Load, meeting: _Meeting) -> tuple[Vector, Vector, Vector]:
+def _on_bodies(load: _ContactLoad, pair: _ContactPair) -> tuple[Vector, Vector, Vector]:
     """Force and torque on the one, and torque on the other, of all contacts [N, N m]."""
-    normal = meeting.normal
+    normal = pair.normal
     force = vectors.add(vectors.scale(load.along, normal), tangent.in_space(load.across, normal))
     # The tangential force turns both bodies the same way, rolling resistance one against the other.
     moment = tangent.moment(normal, load.across)
-    arm, other_arm = meeting.radius - 0.5 * meeting.overlap, meeting.other_radius - 0.5 * meeting.overlap
+    arm, other_arm = pair.radius - 0.5 * pair.overlap, pair.other_radius - 0.5 * pair.overlap
     torque, other_torque = vectors.scale(-arm, moment), vectors.scale(-other_arm, moment)
     if load.resistance:
         torque = vectors.add(torque, load.resistance)

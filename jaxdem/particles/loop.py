@@ -72,7 +72,8 @@ def contact_interval(
     damping. The dashpots act on v' = v + a dt/2, the velocity to expect in the middle of the step, with
     the acceleration a of the step before; that makes restitution second order too (with v for v' the rebound is
     1 % off at a hundred steps per contact, e = 0.5). The spin in the tangential ones is that at the start of the step:
-    one to expect would shorten the stable step of rough packs, by half at e = 0.2. An interval starts from the state's mean contact
+    one to expect would shorten the stable step of rough packs, by half at e = 0.2. An interval starts from the state's
+    mean contact
     force: exact at rest and in free flight, and elsewhere one step in many is of first order.
 
     Args:

@@ -20,8 +20,8 @@ TANGENTIAL_SHARE = 2.0 / 7.0
 class ContactParameters(NamedTuple):
     """Constants of the particles and of the walls; each () and traced.
 
-    Every number that a scene gives is one of them; None follows the particles' constant, so that a derivative by that one
-    counts everywhere that it acts.
+    Every number that a scene gives is one of them; None follows the particles' constant, so that a derivative by that
+    one counts everywhere that it acts.
 
     Attributes:
         young_modulus: of the particles [Pa].
@@ -65,8 +65,8 @@ class SeveralMaterials(NamedTuple):
     """Constants of several materials and of their pairs, as the scene gives them; traced.
 
     A column has the G numbers that the scene gives of it, in the order of `numbers.<name>.keys`, such as
-    ("contact.friction", "materials.1.friction", "material_pairs.0.friction"). What is not given follows what is, so that
-    each number stands once. Which contact is of which pair: `MaterialIndex`.
+    ("contact.friction", "materials.1.friction", "material_pairs.0.friction"). What is not given follows what is, so
+    that each number stands once. Which contact is of which pair: `MaterialIndex`.
 
     Attributes:
         young_modulus: (G,) infinite for a rigid wall [Pa].

@@ -94,8 +94,8 @@ def lattice_pack(start: np.ndarray, stop: np.ndarray, radius: float, spacing: fl
 ADDED = {2: 0.5, 3: 0.33}
 """Solid fraction up to which random sequential addition takes seconds.
 
-Equal discs or spheres find no more room at 0.547 and 0.384, and towards that the time grows without bound. Source: S. Torquato,
-O. U. Uche, F. H. Stillinger, Phys. Rev. E 74 (2006) 061308, table I.
+Equal discs or spheres find no more room at 0.547 and 0.384, and towards that the time grows without bound. Source: S.
+Torquato, O. U. Uche, F. H. Stillinger, Phys. Rev. E 74 (2006) 061308, table I.
 """
 
 REACHABLE = {2: 0.65, 3: 0.5}
@@ -303,7 +303,7 @@ def jittered(points: np.ndarray, size: float, seed: int) -> np.ndarray:
 
 
 def into_period(x: np.ndarray, side: float | np.ndarray) -> np.ndarray:
-    """Coordinates within 0 <= x < side [m]: of a hair below zero the remainder alone is the side itself, which a tree refuses."""
+    """Coordinates within 0 <= x < side [m]. Just below zero the remainder alone rounds to the side itself."""
     wrapped = np.mod(x, side)
     return np.where(wrapped < side, wrapped, 0.0)
 

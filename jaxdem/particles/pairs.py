@@ -52,7 +52,7 @@ def repeated(count: int, body: Callable[[int | Array, Value], Value], value: Val
 
 
 def at(vector: Vector, index: Array) -> Vector:
-    """Values (P,) of the components (N,) at indices (P,) that are known to be in range: without the checks of others."""
+    """Values (P,) of the components (N,) at indices (P,) that are known to be in range; nothing is checked."""
     return tuple(x.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False) for x in vector)
 
 

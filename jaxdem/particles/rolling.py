@@ -54,9 +54,9 @@ class ConstantDirectionalTorque:
     the contact plane, the rotation that rolls: a twist about the normal is free, and takes nothing of the torque. Where
     this would reverse w within the step it is reduced to what stops it, -I* w / dt with I* = 2/5 m* R*^2:
     otherwise a particle at rest would be kicked back and forth by the full torque. I* is the smallest
-    reduced inertia the pair can have, so the reduced torque never overshoots in a single contact. Walls, whose I* are the
-    particle's own inertia, share it among those that touch: in a corner each would stop it, and all three turn it the other
-    way, twice as fast. Equal spheres have an eighth of the inertia in each of at most twelve contacts.
+    reduced inertia the pair can have, so the reduced torque never overshoots in a single contact. Walls, whose I* are
+    the particle's own inertia, share it among those that touch: in a corner each would stop it, and all three turn it
+    the other way, twice as fast. Equal spheres have an eighth of the inertia in each of at most twelve contacts.
 
     Source: J. Ai et al., Powder Technol. 206 (2011) 269-282, eq. 8.
     """
@@ -78,7 +78,8 @@ class ConstantDirectionalTorque:
         rate = vectors.length(rolling)
         stopping = 0.4 * contact.effective_mass * contact.effective_radius**2 / (contact.sharing * time_step)
         full = material.rolling_friction * force.elastic * contact.effective_radius
-        # Divided only where it limits: a rotation that dies out, to 1e-163 rad/s, would have an infinite slope in the other branch.
+        # Divided only where it limits: a rotation that dies out, to 1e-163 rad/s, would have an infinite slope in the
+        # other branch.
         limited = full < stopping * rate
         coefficient = jnp.where(limited, full / jnp.where(limited, rate, 1.0), stopping)
         return vectors.scale(-coefficient, rolling), ()

@@ -116,7 +116,7 @@ def exchange_pieces(
 
     def shown(state: State) -> Any:
         assert state.particles is not None and state.fluid is not None
-        return coupling.see(mixture, state.fluid, state.particles)
+        return coupling.sample(mixture, state.fluid, state.particles)
 
     def drag(state: State, seen: Any) -> Any:
         assert state.particles is not None and state.fluid is not None

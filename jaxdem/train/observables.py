@@ -18,6 +18,7 @@ from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import Grid, cell_average
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.metrics import PERCENTILE
+from jaxdem.numerics.vectors import row_lengths
 
 BINS = 24
 """Places along x at which the profiles are taken; the kernel's width is their distance."""
@@ -78,8 +79,8 @@ def observe_particles(
     moving = grains.mass * jnp.sum(velocity**2, axis=1) + grains.inertia * jnp.sum(angular_velocity**2, axis=1)
     solids = _profile(grains, position[:, 0], jnp.broadcast_to(grains.volume, position.shape[:1]))
     return Observables(
-        drag_force_mean=jnp.mean(_length(drag_force)),
-        particle_velocity_mean=jnp.mean(_length(velocity)),
+        drag_force_mean=jnp.mean(row_lengths(drag_force)),
+        particle_velocity_mean=jnp.mean(row_lengths(velocity)),
         kinetic_energy=0.5 * jnp.sum(moving),
         runoff=jnp.percentile(position[:, 0], PERCENTILE),
         height=jnp.percentile(position[:, -1], PERCENTILE),
@@ -104,7 +105,7 @@ def observe_fluid(seen: Observables, grid: Grid, boundary: Boundary, fluid: Flui
     assert fluid.void_fraction is not None
     flux = fluid.void_fraction * along
     return seen._replace(
-        fluid_velocity_mean=jnp.mean(_length(cells.reshape(-1, grid.dimension))),
+        fluid_velocity_mean=jnp.mean(row_lengths(cells.reshape(-1, grid.dimension))),
         fluid_pressure_mean=jnp.mean(fluid.pressure) if boundary.has_outlet else None,
         momentum_profile=jnp.mean(flux * along, axis=sections),
         flux_height_profile=jnp.mean(flux * height, axis=sections),
@@ -118,10 +119,3 @@ def _profile(grains: Grains, along: Array, weight: Array) -> Array:
     distance = (places[:, None] - along[None, :]) / width
     kernel = jnp.exp(-0.5 * distance**2) / (width * jnp.sqrt(2.0 * jnp.pi).astype(along.dtype))
     return jnp.sum(kernel * weight[None, :], axis=1)
-
-
-def _length(vectors: Array) -> Array:
-    """(N,) lengths, with slope zero where one is zero."""
-    squared = jnp.sum(vectors**2, axis=1)
-    some = squared > 0
-    return jnp.where(some, jnp.sqrt(jnp.where(some, squared, 1.0)), 0.0)

@@ -78,7 +78,7 @@ def tables_of(**pairs):
 
 def with_materials(scene, constants, walls=()):
     """A world whose first particle is soft and whose second is hard, on walls of these materials."""
-    index = MaterialIndex((0, 1), tuple(walls), material_table(scene_of()).pair)
+    index = MaterialIndex.of(np.asarray([0, 1]), np.asarray(walls, int), material_table(scene_of()).pair)
     interval = dataclasses.replace(scene.interval, model=dataclasses.replace(scene.interval.model, materials=index))
     return scene._replace(interval=interval, constants=constants)
 
@@ -242,8 +242,8 @@ def test_the_build_hands_materials_on():
     contact = {"wall_material": "soft"}
     simulation, parameters = jaxdem.build(scene_of(["soft", "hard"], walls=walls, contact=contact))
     index = simulation.contact.model.materials
-    assert index.particle.tolist() == [0, 1]
-    assert index.wall.tolist() == [0] * 6 + [1, 0, 0]
+    assert index.particle == (0, 1)
+    assert index.wall == (0] * 6 + [1, 0, 0)
     table, given = material_table(scene_of()), parameters.contact
     assert float(table_of(given).friction[SOFT_HARD]) == pytest.approx(0.2)  # of 0.4 and 0.1
     assert float(table_of(given).restitution[SOFT_HARD]) == pytest.approx(0.6)  # of 0.9 and 0.4

@@ -1,14 +1,15 @@
 """What a force of the fluid on the particles is: what it needs, what it gives, what it remembers.
 
 Drag, pressure gradient and viscous force are always there. Every further force is an object of one class, `FluidForce`,
-in a file of its own. The exchange asks it once at the start of a coupling interval for its `Contribution`, and once at the
-end for what it keeps. What a contribution is made of tells how it is treated in time, so that the exchange knows no force by
-its name:
+in a file of its own. The exchange asks it once at the start of a coupling interval for its `Contribution`, and once at
+the end for what it keeps. What a contribution is made of tells how it is treated in time, so that the exchange knows no
+force by its name:
 
     impulse on a particle in a fluid step of length t =
         t force + (t / T) impulse + slip_mass (change of the slip u - v in the step [+ t u.grad u]),
 
-T the interval. The last term is implicit, as the drag is. What the particles get the faces of the mesh lose, term by term.
+T the interval. The last term is implicit, as the drag is. What the particles get the faces of the mesh lose, term by
+term.
 """
 
 from __future__ import annotations
@@ -109,8 +110,9 @@ class FluidForce(ABC):
     Attributes:
         name: of its mean in `FluidForces.further` and of what it keeps in `ParticleState.fluid_memory`.
         label: its name for readers.
-        is_inertia: whether its `slip_mass` is inertia of the body, as the virtual mass is: then the slip changes with the
-            fluid's acceleration along its path, and the contact steps move a body that is heavier by `added_density`.
+        is_inertia: whether its `slip_mass` is inertia of the body, as the virtual mass is: then the slip changes with
+            the fluid's acceleration along its path, and the contact steps move a body that is heavier by
+            `added_density`.
     """
 
     name: ClassVar[str]
@@ -122,7 +124,7 @@ class FluidForce(ABC):
         return self.label
 
     def start(self, slip: Array) -> Any:
-        """What is remembered at the start of a run whose slip (N, D) has always been as it is [m/s]; None for nothing."""
+        """Memory at the start of a run whose slip (N, D) has always been as it is [m/s]; None for nothing."""
         return None
 
     @abstractmethod
