@@ -243,7 +243,7 @@ def test_the_build_hands_materials_on():
     simulation, parameters = jaxdem.build(scene_of(["soft", "hard"], walls=walls, contact=contact))
     index = simulation.contact.model.materials
     assert index.particle == (0, 1)
-    assert index.wall == (0] * 6 + [1, 0, 0)
+    assert index.wall == (0,) * 6 + (1, 0, 0)
     table, given = material_table(scene_of()), parameters.contact
     assert float(table_of(given).friction[SOFT_HARD]) == pytest.approx(0.2)  # of 0.4 and 0.1
     assert float(table_of(given).restitution[SOFT_HARD]) == pytest.approx(0.6)  # of 0.9 and 0.4
