@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.fluid.boundary import Boundary, momentum_excess, with_ghosts
+from jaxdem.fluid.boundary import Boundary, Sides, momentum_excess, with_ghosts
 from jaxdem.fluid.grid import FaceField, Grid, along, control_width, sum_of
 from jaxdem.numerics.static import static
 
@@ -147,15 +147,7 @@ class CentralFourth:
         return behind / 3.0 + ahead / 6.0, ahead / 3.0 + behind / 6.0
 
 
-def advection(
-    grid: Grid,
-    boundary: Boundary,
-    scheme: AdvectionScheme,
-    side_velocity: tuple[Array, ...],
-    flux: FaceField,
-    velocity: FaceField,
-    time: Array,
-) -> FaceField:
+def advection(grid: Grid, sides: Sides, scheme: AdvectionScheme, flux: FaceField, velocity: FaceField) -> FaceField:
     """-div(F u) on every face [m/s2 times void fraction]; of the values on boundary faces those on outlets are used.
 
     A boundary face stands for half a cell. What comes in through an outlet brings half of its momentum, see `Outlet`.
@@ -165,23 +157,21 @@ def advection(
 
     Args:
         grid: the grid.
-        boundary: sides.
+        sides: of the box.
         scheme: reconstruction.
-        side_velocity: velocity of every side, see `velocity_at` [m/s].
         flux: F = g u on the faces, the flux of the fluid volume [m/s].
         velocity: u on the faces [m/s].
-        time: [s].
     """
     result = []
     for which, component in enumerate(velocity):
         terms = []
         for axis in range(grid.dimension):
-            padded = with_ghosts(grid, boundary, side_velocity, component, which, axis, time)
+            padded = with_ghosts(grid, sides, component, which, axis)
             carrier = _flux_through_control_surfaces(grid, flux, which, axis)
             transported = carrier * _surface_value(scheme, padded, carrier, axis)
             if which == axis:
-                transported = _with_inlet_momentum(grid, boundary, transported, flux[axis], component, axis)
-            transported = _drawn_in_by_half(grid, boundary, transported, carrier, axis)
+                transported = _with_inlet_momentum(grid, sides.boundary, transported, flux[axis], component, axis)
+            transported = _drawn_in_by_half(grid, sides.boundary, transported, carrier, axis)
             difference = along(transported, axis, 1, None) - along(transported, axis, None, -1)
             width = control_width(grid, axis) if which == axis else grid.spacing[axis]
             terms.append(-difference / jnp.asarray(width, component.dtype))

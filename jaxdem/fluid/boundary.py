@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -173,6 +174,24 @@ def velocity_at(side: Side, velocity: Array, time: Array) -> Array:
     return ramp(side, time) * velocity
 
 
+class Sides(NamedTuple):
+    """The sides of the box as they move at a time.
+
+    Attributes:
+        boundary: static.
+        velocity: of every side, see `velocity_at` [m/s].
+        time: () [s].
+    """
+
+    boundary: Boundary
+    velocity: tuple[Array, ...]
+    time: Array
+
+    def velocity_of(self, axis: int, upper: bool) -> Array:
+        """(D,) velocity of the side at one end of an axis [m/s]."""
+        return velocity_at(self.boundary.side(axis, upper), self.velocity[2 * axis + upper], self.time)
+
+
 def largest_inflow(side: Side, velocity: Array, start: Array, stop: Array) -> Array:
     """() largest normal speed that an inlet may have between two times, whatever its ramp has reached [m/s].
 
@@ -195,12 +214,7 @@ def largest_inflow(side: Side, velocity: Array, start: Array, stop: Array) -> Ar
 
 
 def set_normal_velocity(
-    grid: Grid,
-    boundary: Boundary,
-    side_velocity: tuple[Array, ...],
-    velocity: FaceField,
-    void_fraction: tuple[CellOrOne, ...],
-    time: Array,
+    grid: Grid, sides: Sides, velocity: FaceField, void_fraction: tuple[CellOrOne, ...]
 ) -> FaceField:
     """Face velocities with the boundary faces set.
 
@@ -210,11 +224,9 @@ def set_normal_velocity(
 
     Args:
         grid: the grid.
-        boundary: the sides.
-        side_velocity: velocity of every side, see `velocity_at` [m/s].
+        sides: of the box.
         velocity: D face arrays [m/s].
         void_fraction: on the faces.
-        time: [s].
     """
     result = []
     for axis, component in enumerate(velocity):
@@ -223,14 +235,14 @@ def set_normal_velocity(
             continue
         ends = []
         for upper in (False, True):
-            side = boundary.side(axis, upper)
+            side = sides.boundary.side(axis, upper)
             own = side.condition.sets_pressure
             place = ((-1, None) if own else (-2, -1)) if upper else ((0, 1) if own else (1, 2))
             predicted = along(component, axis, *place)
             g = void_fraction[axis]
             at_side = g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
             covered = jnp.asarray(coverage(grid, side), component.dtype)
-            speed = velocity_at(side, side_velocity[2 * axis + upper], time)[axis]
+            speed = sides.velocity_of(axis, upper)[axis]
             value = side.condition.normal(predicted, covered * speed, at_side, upper)
             if own:
                 value = jnp.asarray(open_fraction(grid, side), component.dtype) * value
@@ -260,15 +272,7 @@ def with_outflow(grid: Grid, boundary: Boundary, flux: FaceField, rate: Array) -
     return tuple(result)
 
 
-def with_ghosts(
-    grid: Grid,
-    boundary: Boundary,
-    side_velocity: tuple[Array, ...],
-    component: Array,
-    which: int,
-    axis: int,
-    time: Array,
-) -> Array:
+def with_ghosts(grid: Grid, sides: Sides, component: Array, which: int, axis: int) -> Array:
     """The face array of component `which` with two ghost layers on either end of `axis`.
 
     Along its own axis the values are continued evenly, across a side as its `SideCondition` says.
@@ -284,12 +288,12 @@ def with_ghosts(
         return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
     ghosts = []
     for upper in (False, True):
-        side = boundary.side(axis, upper)
+        side = sides.boundary.side(axis, upper)
         second = min(1, count - 1)
         mirror = (count - 1, count - 1 - second) if upper else (second, 0)
         mirrored = _layers(component, axis, mirror)
         covered = jnp.asarray(coverage(grid, side, staggered=which), component.dtype)
-        speed = velocity_at(side, side_velocity[2 * axis + upper], time)[which]
+        speed = sides.velocity_of(axis, upper)[which]
         lengths = np.array([index + 0.5 for index in (mirror if not upper else (0, second))]) * grid.spacing[axis]
         shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
         distance = jnp.asarray(lengths.reshape(shape), component.dtype)

@@ -5,19 +5,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.fluid.boundary import Boundary, open_fraction, with_ghosts
+from jaxdem.fluid.boundary import Boundary, Sides, open_fraction, with_ghosts
 from jaxdem.fluid.grid import FaceField, Grid, along, control_width, divergence, face_average_along, sum_of
 from jaxdem.fluid.subgrid import StrainRates, eddy_viscosity
 
 
 def stress_divergence(
-    grid: Grid,
-    boundary: Boundary,
-    side_velocity: tuple[Array, ...],
-    velocity: FaceField,
-    kinematic_viscosity: Array,
-    time: Array,
-    smagorinsky: Array | None = None,
+    grid: Grid, sides: Sides, velocity: FaceField, kinematic_viscosity: Array, smagorinsky: Array | None = None
 ) -> FaceField:
     """div(tau) / rho on the faces [m/s2], tau = (mu + rho nu_t) (grad u + grad u^T - 2/3 div(u) 1).
 
@@ -27,14 +21,12 @@ def stress_divergence(
 
     Args:
         grid: the grid.
-        boundary: sides.
-        side_velocity: velocity of every side, see `velocity_at` [m/s].
+        sides: of the box.
         velocity: u on the faces [m/s].
         kinematic_viscosity: () [m2/s].
-        time: [s].
         smagorinsky: () coefficient of the subgrid viscosity nu_t, see `eddy_viscosity`; None leaves it out [-].
     """
-    rates = strain_rates(grid, boundary, side_velocity, velocity, time)
+    rates = strain_rates(grid, sides, velocity)
     expansion = divergence(grid, velocity)
     eddy = None if smagorinsky is None else eddy_viscosity(grid, rates, smagorinsky)
     result = []
@@ -50,7 +42,7 @@ def stress_divergence(
                 stress, outside = ((kinematic_viscosity + there) * s for s in (stress, outside))
             terms.append(stress_slope(grid, stress, outside, which, axis))
         total = sum_of(terms)
-        result.append(to_boundary(grid, boundary, kinematic_viscosity * total if eddy is None else total, which))
+        result.append(to_boundary(grid, sides.boundary, kinematic_viscosity * total if eddy is None else total, which))
     return tuple(result)
 
 
@@ -74,52 +66,35 @@ def stress_slope(grid: Grid, stress: Array, outside: Array, which: int, axis: in
     return difference / jnp.asarray(control_width(grid, axis), stress.dtype)
 
 
-def strain_rates(
-    grid: Grid, boundary: Boundary, side_velocity: tuple[Array, ...], velocity: FaceField, time: Array
-) -> StrainRates:
+def strain_rates(grid: Grid, sides: Sides, velocity: FaceField) -> StrainRates:
     """du_i/dx_j + du_j/dx_i by (i, j), i <= j: in the cells for i = j, else on the edges of both axes [1/s].
 
     Args:
         grid: the grid.
-        boundary: sides.
-        side_velocity: velocity of every side, see `velocity_at` [m/s].
+        sides: of the box.
         velocity: u on the faces [m/s].
-        time: [s].
     """
     rates = {}
     for i, component in enumerate(velocity):
         stretch = (along(component, i, 1, None) - along(component, i, None, -1)) / grid.spacing[i]
         rates[i, i] = 2.0 * stretch
         for j in range(i + 1, grid.dimension):
-            across = (
-                shear(grid, boundary, side_velocity, velocity[which], which, direction, time)
-                for which, direction in ((i, j), (j, i))
-            )
+            across = (shear(grid, sides, velocity[which], which, direction) for which, direction in ((i, j), (j, i)))
             rates[i, j] = sum_of(across)
     return rates
 
 
-def shear(
-    grid: Grid,
-    boundary: Boundary,
-    side_velocity: tuple[Array, ...],
-    component: Array,
-    which: int,
-    axis: int,
-    time: Array,
-) -> Array:
+def shear(grid: Grid, sides: Sides, component: Array, which: int, axis: int) -> Array:
     """du_which/dx_axis for another axis, on the edges between both kinds of faces [1/s].
 
     Args:
         grid: the grid.
-        boundary: sides.
-        side_velocity: velocity of every side, see `velocity_at` [m/s].
+        sides: of the box.
         component: u_which on its faces [m/s].
         which: of the velocity.
         axis: of the derivative.
-        time: [s].
     """
-    padded = with_ghosts(grid, boundary, side_velocity, component, which, axis, time)
+    padded = with_ghosts(grid, sides, component, which, axis)
     near = along(padded, axis, 1, -1)
     return (along(near, axis, 1, None) - along(near, axis, None, -1)) / grid.spacing[axis]
 

@@ -23,7 +23,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
-from jaxdem.fluid.boundary import Boundary, set_normal_velocity, with_outflow
+from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity, with_outflow
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.grid import (
     CellOrOne,
@@ -191,7 +191,7 @@ class FluidSolver:
                 (g * u + time_step * (rate - p) + extra) * m
                 for g, u, rate, p, extra, m in zip(old, state.face_velocity, rates, pull, shift, mobility, strict=True)
             )
-            return set_normal_velocity(grid, self.boundary, properties.side_velocity, advanced, new, end)
+            return set_normal_velocity(grid, self._sides(properties, end), advanced, new)
 
         first_flux = _product(old, state.face_velocity)
         if void_fraction is not None:
@@ -211,9 +211,9 @@ class FluidSolver:
             rates.append(self._rates(properties, flux, velocity, weight, g, time + 0.5 * time_step))
             mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
             predicted = advance(mean.total)
-        return self._project(
-            properties, state, predicted, void_fraction, new, weight, mobility, growth, time_step, mean.stress
-        )  # fmt: skip
+        push = tuple((time_step / properties.density) * w * m for w, m in zip(weight, mobility, strict=True))
+        velocity, pressure, report, remaining = self._project(state.pressure, predicted, new, push, growth)
+        return FluidStep(FluidState(velocity, pressure, void_fraction), mean.stress, report, remaining)
 
     def largest_viscosity(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
         """() largest kinematic viscosity, molecular and subgrid, for the limit of the explicit stress [m2/s].
@@ -227,7 +227,7 @@ class FluidSolver:
         """
         largest = properties.viscosity
         if properties.smagorinsky is not None:
-            rates = strain_rates(self.grid, self.boundary, properties.side_velocity, state.face_velocity, time)
+            rates = strain_rates(self.grid, self._sides(properties, time), state.face_velocity)
             largest = largest + jnp.max(eddy_viscosity(self.grid, rates, properties.smagorinsky))
         if not self.shares_stress and state.void_fraction is not None:
             largest = largest / jnp.min(state.void_fraction)
@@ -244,16 +244,11 @@ class FluidSolver:
         """What the subgrid stress is made of, None without one."""
         if properties.subgrid is None:
             return None
-        return subgrid_flow(
-            self.grid,
-            self.boundary,
-            properties.side_velocity,
-            properties.subgrid,
-            velocity,
-            properties.viscosity,
-            void_fraction,
-            time,
-        )
+        sides = self._sides(properties, time)
+        return subgrid_flow(self.grid, sides, properties.subgrid, velocity, properties.viscosity, void_fraction)
+
+    def _sides(self, properties: FluidProperties, time: Array) -> Sides:
+        return Sides(self.boundary, properties.side_velocity, time)
 
     def _weight(self, void_fraction: tuple[CellOrOne, ...], weighting: Array | None) -> tuple[CellOrOne, ...]:
         """Part of pressure gradient and stress that acts on the fluid, on the faces."""
@@ -291,17 +286,15 @@ class FluidSolver:
 
         The subgrid stress belongs to the first: it moves the fluid's momentum and is no force on what is in the fluid.
         """
-        args = (self.grid, self.boundary)
-        rates = advection(*args, self.advection, properties.side_velocity, flux, velocity, time)
+        grid, sides = self.grid, self._sides(properties, time)
+        rates = advection(grid, sides, self.advection, flux, velocity)
         flow = self._subgrid_flow(properties, velocity, void_fraction, time)
         if flow is not None:
-            moved = subgrid_acceleration(*args, subgrid_stress(self.grid, flow, void_fraction))
+            moved = subgrid_acceleration(grid, self.boundary, subgrid_stress(grid, flow, void_fraction))
             rates = tuple(r + m for r, m in zip(rates, moved, strict=True))
         if not self.viscous:
             return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity))
-        stress = stress_divergence(
-            *args, properties.side_velocity, velocity, properties.viscosity, time, properties.smagorinsky
-        )
+        stress = stress_divergence(grid, sides, velocity, properties.viscosity, properties.smagorinsky)
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return _Rates(total, stress)
 
@@ -323,39 +316,42 @@ class FluidSolver:
 
     def _project(
         self,
-        properties: FluidProperties,
-        state: FluidState,
+        pressure: Array,
         predicted: FaceField,
-        void_fraction: Array | None,
-        new: tuple[CellOrOne, ...],
-        weight: tuple[CellOrOne, ...],
-        mobility: tuple[Array | float, ...],
+        void_fraction: tuple[CellOrOne, ...],
+        push: tuple[Array | float, ...],
         growth: Array | float,
-        time_step: Array,
-        stress: FaceField,
-    ) -> FluidStep:
-        """Velocity made to satisfy continuity, and the pressure that did it."""
+    ) -> tuple[FaceField, Array, SolverReport, Array]:
+        """Velocity made to satisfy continuity, the pressure that did it, and how well the solver has done.
+
+        Args:
+            pressure: at the start of the step [Pa].
+            predicted: velocity before the projection [m/s].
+            void_fraction: on the faces [-].
+            push: change of the velocity by a pressure gradient, on the faces [m3 s/kg].
+            growth: rate of change of the void fraction [1/s].
+        """
         grid, boundary = self.grid, self.boundary
-        flux = _product(new, predicted)
-        factor = time_step / properties.density
-        push = tuple(factor * w * m for w, m in zip(weight, mobility, strict=True))
+        flux = _product(void_fraction, predicted)
         # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
         scale = sum(jnp.max(jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
         scale = scale + jnp.max(jnp.abs(jnp.asarray(growth, flux[0].dtype))) + jnp.finfo(flux[0].dtype).tiny
-        velocity, pressure, iterations = predicted, state.pressure, jnp.zeros((), jnp.int32)
+        velocity, iterations = predicted, jnp.zeros((), jnp.int32)
         # A pressure of many cells' worth of head hides its own differences in float32. The second pass
         # solves for the divergence that the first has left, whose pressure is small and well resolved.
         passes = (1e-4, 2e-6) if flux[0].dtype == jnp.float32 else (2e-12,)
         for tolerance in passes:
-            source = divergence(grid, _product(new, velocity)) + growth
-            correction, report = solve_pressure(grid, boundary, _product(new, push), source, tolerance * scale)
+            source = divergence(grid, _product(void_fraction, velocity)) + growth
+            correction, report = solve_pressure(
+                grid, boundary, _product(void_fraction, push), source, tolerance * scale
+            )
             slope = pressure_gradient(grid, boundary, correction)
             velocity = tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True))
             pressure = pressure + correction
             iterations = iterations + report.iterations
-        remaining = jnp.max(jnp.abs(divergence(grid, _product(new, velocity)) + growth)) / scale
+        remaining = jnp.max(jnp.abs(divergence(grid, _product(void_fraction, velocity)) + growth)) / scale
         report = SolverReport(iterations, remaining * scale, remaining <= 5.0 * passes[-1])
-        return FluidStep(FluidState(velocity, pressure, void_fraction), stress, report, remaining)
+        return velocity, pressure, report, remaining
 
 
 def _or_one(void_fraction: Array | None) -> CellOrOne:

@@ -22,7 +22,7 @@ from typing import NamedTuple, Protocol
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.boundary import Boundary, Sides
 from jaxdem.fluid.diffusion import edge_average, shear, stress_slope, to_boundary
 from jaxdem.fluid.grid import (
     FaceField,
@@ -82,26 +82,17 @@ class SubgridFlow(NamedTuple):
 
 
 def subgrid_flow(
-    grid: Grid,
-    boundary: Boundary,
-    side_velocity: tuple[Array, ...],
-    law: SubgridLaw,
-    velocity: FaceField,
-    viscosity: Array,
-    void_fraction: Array | None,
-    time: Array,
+    grid: Grid, sides: Sides, law: SubgridLaw, velocity: FaceField, viscosity: Array, void_fraction: Array | None
 ) -> SubgridFlow:
     """Gradients and coefficients of a flow.
 
     Args:
         grid: the grid.
-        boundary: sides.
-        side_velocity: velocity of every side, see `velocity_at` [m/s].
+        sides: of the box.
         law: of the coefficients.
         velocity: u on the faces [m/s].
         viscosity: () kinematic [m2/s].
         void_fraction: in the cells, None for a fluid alone [-].
-        time: [s].
     """
     slopes = {}
     for i, component in enumerate(velocity):
@@ -109,7 +100,7 @@ def subgrid_flow(
             slopes[i, k] = (
                 (along(component, i, 1, None) - along(component, i, None, -1)) / grid.spacing[i]
                 if i == k
-                else shear(grid, boundary, side_velocity, component, i, k, time)
+                else shear(grid, sides, component, i, k)
             )
     pairs = [(i, j) for i in range(grid.dimension) for j in range(i, grid.dimension)]
     strain = strain_magnitude({(i, j): slopes[i, j] + slopes[j, i] for i, j in pairs})

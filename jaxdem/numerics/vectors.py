@@ -3,6 +3,9 @@
 A vector field over pairs or particles is a tuple of D arrays, components apart: contiguous memory for
 every component, and no stacking inside the contact kernel. An angular quantity has one component in
 2-D (about the axis normal to the plane, positive from the first axis to the second) and three in 3-D.
+
+These are functions on plain tuples and no class with operators: a tuple passes through every transformation of JAX as it
+is, into checkpoints under the names of its places, and `+` of two tuples puts one behind the other.
 """
 
 from __future__ import annotations
@@ -44,6 +47,11 @@ def subtract(a: Vector, b: Vector) -> Vector:
 def scale(factor: Array | float, a: Vector) -> Vector:
     """Vector times scalar."""
     return tuple(factor * x for x in a)
+
+
+def add_scaled(a: Vector, factor: Array | float, b: Vector) -> Vector:
+    """a + factor b."""
+    return tuple(x + factor * y for x, y in zip(a, b, strict=True))
 
 
 def where(condition: Array, a: Vector, b: Vector | float) -> Vector:

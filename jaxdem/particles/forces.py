@@ -289,7 +289,7 @@ class _Loop(NamedTuple):
     def _load(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
         """What all contacts do; zero, and nothing computed, where nothing touches."""
         # Within the step an overlap changes by less than this: also a contact that is about to begin has a dashpot.
-        change = 0.5 * self.time_step * vectors.safe_sqrt(vectors.dot(pair.approach, pair.approach))
+        change = 0.5 * self.time_step * vectors.length(pair.approach)
         return stage(jnp.any(pair.overlap + change > 0), lambda: self._law(material, pair, spring))
 
     def _law(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
@@ -322,7 +322,7 @@ class _Loop(NamedTuple):
             overlap=overlap,
             approach_speed=share * approach_speed,
             slip=vectors.scale(share, expected_slip),
-            spring=vectors.add(turned, vectors.scale(growth, slip)),
+            spring=vectors.add_scaled(turned, growth, slip),
             effective_radius=pair.effective_radius,
             effective_mass=pair.effective_mass,
             rolling_inertia=pair.rolling_inertia,
@@ -345,7 +345,7 @@ class _Loop(NamedTuple):
 def _on_bodies(load: _ContactLoad, pair: _ContactPair) -> tuple[Vector, Vector, Vector]:
     """Force and torque on the one, and torque on the other, of all contacts [N, N m]."""
     normal = pair.normal
-    force = vectors.add(vectors.scale(load.along, normal), tangent.in_space(load.across, normal))
+    force = vectors.add_scaled(tangent.in_space(load.across, normal), load.along, normal)
     # The tangential force turns both bodies the same way, rolling resistance one against the other.
     moment = tangent.moment(normal, load.across)
     arm, other_arm = pair.radius - 0.5 * pair.overlap, pair.other_radius - 0.5 * pair.overlap
@@ -417,7 +417,7 @@ def _pair_geometry(neighbors: Neighbors, change: Vector, radius_sum: Array) -> t
     """
     initial = neighbors.separation
     separation = vectors.add(initial, change)
-    distance = vectors.safe_sqrt(vectors.dot(separation, separation))
+    distance = vectors.length(separation)
     apart = distance > 0
     distance = jnp.where(apart, distance, 1.0)
     inverse = 1.0 / distance

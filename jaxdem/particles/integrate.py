@@ -150,8 +150,8 @@ def kick(motion: Motion, force: Vector, torque: Vector, properties: ParticleProp
     """Velocities changed by force [N] and torque [N m] over `time_step` [s]."""
     linear, angular = time_step / properties.mass, time_step / properties.inertia
     return motion._replace(
-        velocity=vectors.add(motion.velocity, vectors.scale(linear, force)),
-        angular_velocity=vectors.add(motion.angular_velocity, vectors.scale(angular, torque)),
+        velocity=vectors.add_scaled(motion.velocity, linear, force),
+        angular_velocity=vectors.add_scaled(motion.angular_velocity, angular, torque),
     )
 
 

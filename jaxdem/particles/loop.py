@@ -100,16 +100,15 @@ def contact_interval(
     def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
         motion = drift(carry.motion, 0.5 * time_step)
         acceleration = vectors.scale(1.0 / properties.mass, vectors.add(carry.contact_force, force))
-        expected = vectors.add(motion.velocity, vectors.scale(0.5 * time_step, acceleration))
+        expected = vectors.add_scaled(motion.velocity, 0.5 * time_step, acceleration)
         sums, motion = contact_forces(
             interval.model, surroundings, properties, motion, neighbors, time_step, expected, active
         )
         total = vectors.add(sums.force, force)
         torque = sums.torque if turning is None else vectors.add(sums.torque, turning)
         motion = kick(motion, total, torque, properties, time_step)
-        impulse = vectors.add(carry.contact_impulse, vectors.scale(time_step, sums.force))
-        size = vectors.safe_sqrt(vectors.dot(sums.force, sums.force))
-        collision = carry.collision + jnp.sum(size)
+        impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)
+        collision = carry.collision + jnp.sum(vectors.length(sums.force))
         return _Carry(drift(motion, 0.5 * time_step), sums.force, impulse, collision, carry.step + 1)
 
     zero = jnp.zeros_like(force[0])

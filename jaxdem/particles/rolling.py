@@ -115,11 +115,11 @@ class ElasticPlasticSpringDashpot:
         arm = material.rolling_friction * contact.effective_radius
         stiffness = 2.25 * arm**2 * force.elastic / contact.overlap
         turned = tangent.turned_into_plane(spring, normal)
-        trial = vectors.subtract(turned, vectors.scale(stiffness * time_step, rolling))
+        trial = vectors.add_scaled(turned, -stiffness * time_step, rolling)
         size, limit = vectors.length(trial), arm * force.elastic
         yields = size > limit
         kept = vectors.scale(jnp.where(yields, limit / jnp.where(yields, size, 1.0), 1.0), trial)
         positive = stiffness > 0
         critical = 2.0 * jnp.sqrt(jnp.where(positive, stiffness * contact.rolling_inertia, 1.0))
         damping = jnp.where(positive & ~yields, material.rolling_damping * critical, 0.0)
-        return vectors.subtract(kept, vectors.scale(damping, rolling)), kept
+        return vectors.add_scaled(kept, -damping, rolling), kept

@@ -16,7 +16,7 @@ def part_in_plane(vector: Vector, normal: Vector) -> Vector:
     """The part of a vector in the plane normal to the unit vector `normal`."""
     if len(normal) == 2:
         return (vector[1] * normal[0] - vector[0] * normal[1],)
-    return vectors.subtract(vector, vectors.scale(vectors.dot(vector, normal), normal))
+    return vectors.add_scaled(vector, -vectors.dot(vector, normal), normal)
 
 
 def surface_velocity(spin: Vector, normal: Vector) -> Vector:

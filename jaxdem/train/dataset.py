@@ -27,6 +27,7 @@ from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.coupling.model_b import drag_of_model_a
 from jaxdem.errors import InputError
+from jaxdem.fluid.boundary import Sides
 from jaxdem.fluid.diffusion import stress_divergence
 from jaxdem.fluid.grid import face_average
 from jaxdem.fluid.momentum import FluidState
@@ -196,11 +197,9 @@ class CoarseView:
         if solver.viscous:
             stress = stress_divergence(
                 self.coarse,
-                solver.boundary,
-                fluid.side_velocity,
+                Sides(solver.boundary, fluid.side_velocity, time),
                 state.face_velocity,
                 fluid.viscosity,
-                time,
                 fluid.smagorinsky,
             )
             applied = applied + volume * fluid.density * interpolate_faces(weights, stress)

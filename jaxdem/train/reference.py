@@ -14,7 +14,7 @@ from jax import Array
 from jaxdem.closures import PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
-from jaxdem.fluid.boundary import set_normal_velocity
+from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
@@ -115,7 +115,7 @@ class Course:
             jnp.asarray(f / np.asarray(g, float), dtype)
             for f, g in zip(remap_flux(fine, coarse, flux), gaps, strict=True)
         )
-        faces = set_normal_velocity(coarse, solver.boundary, side_velocity, faces, gaps, time)
+        faces = set_normal_velocity(coarse, Sides(solver.boundary, side_velocity, time), faces, gaps)
         pressure = remap_cells(fine, coarse, flow["pressure"].astype(float))
         return FluidState(faces, jnp.asarray(pressure, dtype), void_fraction)
 

@@ -88,7 +88,7 @@ def world(
     if rebuild:
         neighbors = search.allocate(motion.position, motion.low, jnp.asarray(radius, dtype), room)
     else:
-        neighbors = all_pairs(position, np.broadcast_to(radius, (count,)), box, periodic, motion)
+        neighbors = all_pairs(position, radius, box, periodic, motion)
     state = state._replace(
         contact_spring=(jnp.zeros(neighbors.room.pairs, dtype),) * model.history_size(dimension),
         wall_spring=(jnp.zeros((model.walls, count), dtype),) * model.history_size(dimension),
@@ -108,6 +108,7 @@ def world(
 def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
     """A list of all N - 1 others of every particle, nearest images, in float64; never rebuilt."""
     count, dimension = position.shape
+    dtype, radii = motion.position[0].dtype, np.broadcast_to(radius, (count,))
     rows = [[j for j in range(count) if j != i] for i in range(count)]
     others = np.array(rows, int).reshape(count, max(count - 1, 0)).T
     listed = [(i, j) for i in range(count) for j in range(i + 1, count)]
@@ -118,9 +119,8 @@ def all_pairs(position, radius, box, periodic, motion) -> Neighbors:
     for axis in range(dimension):
         if periodic[axis]:
             difference[:, axis] -= box[axis] * np.round(difference[:, axis] / box[axis])
-    difference[-1, 0] = 10.0 * radius.max()  # the empty pair, out of reach
-    overlap = radius[first] + radius[second] - np.linalg.norm(difference, axis=1)
-    dtype = motion.position[0].dtype
+    difference[-1, 0] = 10.0 * np.max(radius)  # the empty pair, out of reach
+    overlap = radii[first] + radii[second] - np.linalg.norm(difference, axis=1)
     return Neighbors(
         jnp.asarray(others, jnp.int32),
         Pairs(*(jnp.asarray(x, jnp.int32) for x in (first, second, np.reshape(entry, others.shape)))),

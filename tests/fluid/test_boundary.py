@@ -13,6 +13,7 @@ from jaxdem.fluid.advection import Upwind, VanLeer, advection
 from jaxdem.fluid.boundary import (
     Boundary,
     Side,
+    Sides,
     coverage,
     largest_inflow,
     momentum_excess,
@@ -58,7 +59,7 @@ def test_inflow_is_that_of_the_patch_over_the_void_fraction():
     grid, boundary, speeds = box((3, 7), ("inlet", *WALLS[1:]), velocity=velocity, start=(0.2,), stop=(0.9,))
     g = tuple(jnp.asarray(np.random.default_rng(0).uniform(0.4, 1.0, grid.face_shape(a))) for a in range(2))
     faces = tuple(jnp.ones(grid.face_shape(a)) for a in range(2))
-    u, w = set_normal_velocity(grid, boundary, speeds, faces, g, jnp.asarray(1.0))
+    u, w = set_normal_velocity(grid, Sides(boundary, speeds, jnp.asarray(1.0)), faces, g)
     assert float(jnp.sum((g[0] * u)[0])) * grid.spacing[1] == pytest.approx(0.28, rel=1e-14)
     for wall in (u[-1], w[:, 0], w[:, -1]):
         assert not np.any(wall)
@@ -70,7 +71,7 @@ def test_faces_of_an_outlet_keep_their_momentum_whether_fluid_leaves_or_comes_in
     grid, boundary, speeds = box((3, 4), kinds, start=(0.0,), stop=(0.75,))
     own = np.array([0.5, -0.3, 0.0, 2.0])
     faces = (jnp.asarray(np.tile(np.arange(4.0)[:, None], (1, 4))).at[0].set(own), jnp.zeros((3, 5)))
-    u, _ = set_normal_velocity(grid, boundary, speeds, faces, (1.0, 1.0), jnp.asarray(0.0))
+    u, _ = set_normal_velocity(grid, Sides(boundary, speeds, jnp.asarray(0.0)), faces, (1.0, 1.0))
     np.testing.assert_array_equal(u[0], [0.5, -0.3, 0.0, 0.0])
 
 
@@ -96,7 +97,7 @@ def test_what_an_outlet_draws_in_brings_half_of_its_momentum(upper):
     out = 2.0 if upper else -2.0
     normal = jnp.broadcast_to(jnp.asarray([out, out, -out, -out]), (4, 4))
     along, still = jnp.full((3, 5), 3.0), jnp.zeros((3, 5))
-    rate = advection(grid, boundary, Upwind(), speeds, (normal, still), (normal, along), jnp.asarray(0.0))
+    rate = advection(grid, Sides(boundary, speeds, jnp.asarray(0.0)), Upwind(), (normal, still), (normal, along))
     end = -1 if upper else 0
     # The face stands for half a cell, 1/6 m; each second 2 * 2 goes on into the box and 2 * 2 / 2 comes in, outwards positive.
     missing = (4.0 - 2.0) * 6.0
@@ -118,7 +119,7 @@ def test_ghosts_of_a_tangential_velocity(kind, below):
     """Mirrored about the side's velocity at walls, even at free slip and outlets."""
     velocity = (np.zeros(2), np.zeros(2), np.array([0.7 * (kind == "moving_wall"), 0.0]), np.zeros(2))
     grid, boundary, speeds = box((3, 4), ("no_slip", "no_slip", kind, "no_slip"), velocity=velocity)
-    padded = with_ghosts(grid, boundary, speeds, jnp.ones((4, 4)), 0, 1, jnp.asarray(0.0))
+    padded = with_ghosts(grid, Sides(boundary, speeds, jnp.asarray(0.0)), jnp.ones((4, 4)), 0, 1)
     np.testing.assert_allclose(padded[:, 0], below, atol=1e-15)
     np.testing.assert_allclose(padded[:, 1], below, atol=1e-15)
     np.testing.assert_allclose(padded[:, -1], -1.0, atol=1e-15)
@@ -127,11 +128,11 @@ def test_ghosts_of_a_tangential_velocity(kind, below):
 def test_ghosts_of_a_periodic_axis_repeat_it():
     grid, boundary, speeds = box((3, 4), ("no_slip", "no_slip", "periodic", "periodic"), (False, True))
     u = jnp.arange(16.0).reshape(4, 4)
-    padded = with_ghosts(grid, boundary, speeds, u, 0, 1, jnp.asarray(0.0))
+    padded = with_ghosts(grid, Sides(boundary, speeds, jnp.asarray(0.0)), u, 0, 1)
     np.testing.assert_array_equal(padded, np.pad(u, ((0, 0), (2, 2)), mode="wrap"))
     w = jnp.arange(12.0).reshape(3, 4)
     w = jnp.concatenate((w, w[:, :1]), axis=1)
-    padded = with_ghosts(grid, boundary, speeds, w, 1, 1, jnp.asarray(0.0))
+    padded = with_ghosts(grid, Sides(boundary, speeds, jnp.asarray(0.0)), w, 1, 1)
     np.testing.assert_array_equal(padded[:, :-1], np.pad(w[:, :-1], ((0, 0), (2, 2)), mode="wrap"))
     np.testing.assert_array_equal(padded[:, -3:], w[:, :3])
 
@@ -241,7 +242,7 @@ def test_an_inlet_brings_the_momentum_of_its_patch_on_any_mesh(cells, upper):
     still = tuple(jnp.zeros(grid.face_shape(axis)) for axis in range(1, len(cells)))
     faces = (jnp.asarray(through), *still)
     nothing = tuple(jnp.zeros(len(cells)) for _ in boundary.sides)
-    rates = jax.jit(lambda u: advection(grid, boundary, VanLeer(), nothing, u, u, jnp.asarray(0.0)))
+    rates = jax.jit(lambda u: advection(grid, Sides(boundary, nothing, jnp.asarray(0.0)), VanLeer(), u, u))
     rate = np.asarray(rates(faces)[0])
     area = grid.cell_volume / grid.spacing[0]
     brought = np.sum(rate[1:-1]) * grid.cell_volume + direction * np.sum(through[0] ** 2) * area

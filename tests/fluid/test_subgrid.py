@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.fluid.boundary import Boundary, Side
+from jaxdem.fluid.boundary import Boundary, Side, Sides
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.grid import Grid, face_total
 from jaxdem.fluid.interval import SUBSTEPS, VISCOUS_LIMIT, VISCOUS_STABLE
@@ -25,7 +25,7 @@ def box(cells, kinds):
 
 def viscosity_of(grid, boundary, velocity, sides=None):
     still = (jnp.zeros(grid.dimension),) * (2 * grid.dimension)
-    rates = strain_rates(grid, boundary, still if sides is None else sides, velocity, TIME)
+    rates = strain_rates(grid, Sides(boundary, still if sides is None else sides, TIME), velocity)
     return np.asarray(eddy_viscosity(grid, rates, jnp.asarray(CS)))
 
 
@@ -59,7 +59,7 @@ def test_wall_stress_of_plane_shear():
     grid, boundary = box((3, 8), ("periodic", "periodic", "no_slip", "free_slip"))
     velocity = linear_faces(grid, [[0.0, A], [0.0, 0.0]])
     still, nu = (jnp.zeros(2),) * 4, jnp.asarray(0.02)
-    acceleration = stress_divergence(grid, boundary, still, velocity, nu, TIME, jnp.asarray(CS))[0]
+    acceleration = stress_divergence(grid, Sides(boundary, still, TIME), velocity, nu, jnp.asarray(CS))[0]
     loss = -np.asarray(acceleration).sum(axis=1) * grid.spacing[1]
     np.testing.assert_allclose(loss, (0.02 + CS**2 * np.prod(grid.spacing) * A) * A, rtol=1e-13)
 
@@ -72,7 +72,7 @@ def test_stress_takes_no_momentum_from_a_periodic_box_but_moves_it():
         f = random.normal(size=grid.face_shape(axis))
         np.moveaxis(f, axis, 0)[-1] = np.moveaxis(f, axis, 0)[0]
         velocity.append(jnp.asarray(f))
-    stress = stress_divergence(grid, boundary, still, tuple(velocity), jnp.asarray(0.0), TIME, jnp.asarray(CS))
+    stress = stress_divergence(grid, Sides(boundary, still, TIME), tuple(velocity), jnp.asarray(0.0), jnp.asarray(CS))
     size = sum(float(jnp.abs(s).sum()) for s in stress)
     assert size > 1.0
     assert max(abs(float(total)) for total in face_total(grid, stress)) < 1e-14 * size
@@ -85,7 +85,7 @@ def test_slope_is_finite_at_rest():
     still = (jnp.zeros(2),) * 4
 
     def total(velocity, coefficient):
-        stress = stress_divergence(grid, boundary, still, velocity, jnp.asarray(0.1), TIME, coefficient)
+        stress = stress_divergence(grid, Sides(boundary, still, TIME), velocity, jnp.asarray(0.1), coefficient)
         return sum(jnp.sum(s) for s in stress)
 
     at_rest = linear_faces(grid, np.zeros((2, 2)))

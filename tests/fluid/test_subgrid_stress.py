@@ -11,7 +11,7 @@ import pytest
 import jaxdem
 from jaxdem.closures import SubgridClosure
 from jaxdem.errors import InputError
-from jaxdem.fluid.boundary import Boundary, Side
+from jaxdem.fluid.boundary import Boundary, Side, Sides
 from jaxdem.fluid.grid import Grid, face_total
 from jaxdem.fluid.subgrid_stress import subgrid_acceleration, subgrid_flow, subgrid_stress
 from tests.cases.flows import linear_faces, random_faces
@@ -45,7 +45,7 @@ def box(cells, *kinds):
 def stress_of(grid, boundary, law, velocity, void_fraction=None):
     """The stress, and the acceleration that it gives."""
     still = (jnp.zeros(grid.dimension),) * (2 * grid.dimension)
-    flow = subgrid_flow(grid, boundary, still, law, velocity, VISCOSITY, void_fraction, TIME)
+    flow = subgrid_flow(grid, Sides(boundary, still, TIME), law, velocity, VISCOSITY, void_fraction)
     stress = subgrid_stress(grid, flow, void_fraction)
     return stress, subgrid_acceleration(grid, boundary, stress)
 

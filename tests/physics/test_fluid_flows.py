@@ -8,7 +8,7 @@ from jax import lax
 
 import jaxdem
 from jaxdem.fluid.advection import Central, CentralFourth, Superbee, Upwind, VanLeer, advection
-from jaxdem.fluid.boundary import Boundary, Side
+from jaxdem.fluid.boundary import Boundary, Side, Sides
 from jaxdem.fluid.grid import Grid, divergence, face_average
 from jaxdem.fluid.inlet import LinearTable
 from tests.cases.flows import PERIODIC, Flow, random_faces
@@ -54,7 +54,7 @@ def test_advection_takes_no_momentum_whatever_the_flux(scheme):
     grid = Grid((7, 6), (1.0, 1.0), 1.0, (True, True))
     boundary = Boundary(tuple(Side(n // 2, bool(n % 2), "periodic") for n in range(4)))
     flux, velocity = (tuple(map(jnp.asarray, random_faces(grid, seed))) for seed in (1, 2))
-    rates = advection(grid, boundary, scheme, (jnp.zeros(2),) * 4, flux, velocity, jnp.asarray(0.0))
+    rates = advection(grid, Sides(boundary, (jnp.zeros(2),) * 4, jnp.asarray(0.0)), scheme, flux, velocity)
     for axis, rate in enumerate(rates):
         inner = np.delete(np.asarray(rate), -1, axis)
         assert abs(inner.sum()) < 1e-13 * np.abs(inner).sum()
@@ -172,7 +172,7 @@ def test_a_front_makes_no_new_extrema(scheme):
     def once_around(w):
         def rate(w):
             velocity = (flux[0], w)
-            return advection(grid, boundary, scheme, still, flux, velocity, jnp.asarray(0.0))[1]
+            return advection(grid, Sides(boundary, still, jnp.asarray(0.0)), scheme, flux, velocity)[1]
 
         def body(_, carry):
             w, low, high = carry
@@ -252,7 +252,7 @@ def test_order_of_central_advection(scheme, order):
         carried = jnp.asarray(np.tile(mean[:, None], 2))
         flux = (jnp.ones((cells + 1, 1)), jnp.zeros((cells, 2)))
         velocity, still = (flux[0], carried), (jnp.zeros(2),) * 4
-        rate = advection(grid, boundary, scheme, still, flux, velocity, jnp.asarray(0.0))[1]
+        rate = advection(grid, Sides(boundary, still, jnp.asarray(0.0)), scheme, flux, velocity)[1]
         errors.append(float(np.abs(np.asarray(rate)[:, 0] - exact).max()))
     assert errors[0] / errors[1] == pytest.approx(2.0**order, rel=0.05)
 

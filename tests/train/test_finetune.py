@@ -21,7 +21,7 @@ from jaxdem import load_run, load_scene, metrics
 from jaxdem.closures import DragInputs, InvariantClosure, PaperNetwork, Stokes, SubgridClosure
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure
-from jaxdem.fluid.boundary import Boundary, Side
+from jaxdem.fluid.boundary import Boundary, Side, Sides
 from jaxdem.fluid.grid import Grid, cell_average
 from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.fluid.subgrid_stress import subgrid_acceleration, subgrid_flow, subgrid_stress
@@ -323,10 +323,8 @@ class StirredWorld(ToyWorld):
     def step(self, parameters, state, neighbors):
         moved, neighbors, report = super().step(parameters, state, neighbors)
         fluid, numbers = state.fluid, parameters.fluid
-        still = (jnp.zeros(2),) * 4
-        flow = subgrid_flow(
-            GRID, SIDES, still, numbers.subgrid, fluid.face_velocity, numbers.viscosity, None, jnp.zeros(())
-        )
+        still = Sides(SIDES, (jnp.zeros(2),) * 4, jnp.zeros(()))
+        flow = subgrid_flow(GRID, still, numbers.subgrid, fluid.face_velocity, numbers.viscosity, None)
         push = subgrid_acceleration(GRID, SIDES, subgrid_stress(GRID, flow))
         faces = tuple(u + INTERVAL * a for u, a in zip(fluid.face_velocity, push, strict=True))
         return moved._replace(fluid=fluid._replace(face_velocity=faces)), neighbors, report
