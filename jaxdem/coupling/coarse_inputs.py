@@ -1,4 +1,4 @@
-"""What the drag law would be shown on a coarser mesh: fields averaged to it, and seen through its own weights.
+"""What the drag law would see on a coarser mesh: fields averaged to it and sampled with its own weights.
 
 The flux g u is averaged by area and the pressure by volume, the void fraction is deposited from the particles with the
 coarse mesh's kernel, and the interstitial velocity is the averaged flux over it: continuity holds on the coarse mesh
@@ -11,7 +11,7 @@ from jax import Array
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.deposition import Deposition
-from jaxdem.coupling.inputs import deconvolved, drag_inputs
+from jaxdem.coupling.inputs import MeshFields, deconvolved, drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -62,9 +62,9 @@ class CoarseInputs:
         fractions = face_average(fine, 1.0 - solids)
         flux = tuple(g * u for g, u in zip(fractions, fluid.face_velocity, strict=True))
         pressure = remap_cells(fine, self.grid, fluid.pressure)
-        return self.seen(remap_flux(fine, self.grid, flux), pressure, particles, bodies, properties)[0]
+        return self.sample(remap_flux(fine, self.grid, flux), pressure, particles, bodies, properties)[0]
 
-    def seen(
+    def sample(
         self,
         flux: FaceField,
         pressure: Array,
@@ -87,17 +87,9 @@ class CoarseInputs:
         solids = solid_fraction(self.grid, weights, bodies.volume)
         fractions = face_average(self.grid, 1.0 - solids)
         velocity = tuple(f / g for f, g in zip(flux, fractions, strict=True))
-        inputs = drag_inputs(
-            self.grid,
-            weights,
-            particles.velocity,
-            2.0 * bodies.radius,
-            velocity,
-            pressure_gradient(self.grid, self.boundary, pressure, continued=True),
-            solids,
-            properties.density,
-            properties.viscosity,
-        )
+        slope = pressure_gradient(self.grid, self.boundary, pressure, continued=True)
+        fields = MeshFields(velocity, slope, solids)
+        inputs = drag_inputs(self.grid, weights, fields, particles.velocity, bodies, properties)
         if self.deconvolution > 0.0:
             inputs = deconvolved(self.grid, weights, inputs, velocity, self.deconvolution)
         return inputs, FluidState(velocity, pressure, 1.0 - solids), weights

@@ -12,7 +12,7 @@ from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.drag import DragModel, IntervalDrag, interval_drag
 from jaxdem.coupling.exchange import Exchange, ExchangeDiagnostics, FluidForces, plus, total
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart
-from jaxdem.coupling.inputs import drag_inputs
+from jaxdem.coupling.inputs import MeshFields, drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -140,10 +140,8 @@ class Coupling:
         weights = present_weights(self.deposition.weights(grid, centres, bodies.radius), particles.active)
         solids = solid_fraction(grid, weights, bodies.volume)
         slope = pressure_gradient(grid, solver.boundary, fluid.pressure, continued=True)
-        inputs = drag_inputs(
-            grid, weights, particles.velocity, 2.0 * bodies.radius, fluid.face_velocity, slope, solids,
-            properties.density, properties.viscosity,
-        )  # fmt: skip
+        fields = MeshFields(fluid.face_velocity, slope, solids)
+        inputs = drag_inputs(grid, weights, fields, particles.velocity, bodies, properties)
         sampled = SampledFluid(weights, solids, inputs, inputs)
         start = self.start(mixture, fluid, particles, sampled)
         return sampled._replace(law_inputs=self.drag.law_inputs(start, inputs, fluid, solids))

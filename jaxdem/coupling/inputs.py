@@ -2,52 +2,65 @@
 
 from __future__ import annotations
 
+import itertools
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights, interpolate
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, gradient, second_differences
+from jaxdem.fluid.momentum import FluidProperties
+from jaxdem.particles.integrate import ParticleProperties
+
+
+class MeshFields(NamedTuple):
+    """What a mesh has for the drag law.
+
+    Attributes:
+        face_velocity: interstitial, on the faces [m/s].
+        pressure_gradient: of the reduced pressure, on the faces [Pa/m].
+        solid_fraction: on the cells [-].
+    """
+
+    face_velocity: FaceField
+    pressure_gradient: FaceField
+    solid_fraction: Array
 
 
 def drag_inputs(
     grid: Grid,
     weights: Weights,
+    fields: MeshFields,
     particle_velocity: Array,
-    diameter: Array,
-    face_velocity: FaceField,
-    pressure_gradient: FaceField,
-    solid_fraction: Array,
-    fluid_density: Array,
-    kinematic_viscosity: Array,
+    bodies: ParticleProperties,
+    properties: FluidProperties,
 ) -> DragInputs:
     """Fluid fields at the particles, interpolated all at once.
 
     Args:
         grid: the grid.
         weights: of the N particles.
+        fields: of the mesh.
         particle_velocity: (N, D) [m/s].
-        diameter: () or (N,) [m].
-        face_velocity: interstitial, on the faces [m/s].
-        pressure_gradient: of the reduced pressure, on the faces [Pa/m].
-        solid_fraction: on the cells [-].
-        fluid_density: () [kg/m3].
-        kinematic_viscosity: () [m2/s].
+        bodies: size of the particles.
+        properties: of the fluid.
     """
-    slope = cell_average(gradient(grid, -solid_fraction))
-    fields = (*cell_average(face_velocity), *slope, *cell_average(pressure_gradient), solid_fraction)
-    seen = interpolate(weights, fields)
+    velocity, slope, solids = fields
+    in_cells = (cell_average(velocity), cell_average(gradient(grid, -solids)), cell_average(slope), (solids,))
+    sampled = interpolate(weights, tuple(itertools.chain(*in_cells)))
     d = grid.dimension
     return DragInputs(
         particle_velocity=particle_velocity,
-        fluid_velocity=seen[:, :d],
-        solid_fraction=seen[:, 3 * d],
-        void_fraction_gradient=seen[:, d : 2 * d],
-        pressure_gradient=seen[:, 2 * d : 3 * d],
-        diameter=diameter,
-        filter_size=jnp.asarray(grid.filter_size, seen.dtype),
-        fluid_density=fluid_density,
-        dynamic_viscosity=fluid_density * kinematic_viscosity,
+        fluid_velocity=sampled[:, :d],
+        solid_fraction=sampled[:, 3 * d],
+        void_fraction_gradient=sampled[:, d : 2 * d],
+        pressure_gradient=sampled[:, 2 * d : 3 * d],
+        diameter=2.0 * bodies.radius,
+        filter_size=jnp.asarray(grid.filter_size, sampled.dtype),
+        fluid_density=properties.density,
+        dynamic_viscosity=properties.density * properties.viscosity,
     )
 
 

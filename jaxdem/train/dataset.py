@@ -191,7 +191,7 @@ class CoarseView:
         view = CoarseInputs(self.coarse, solver.boundary, coupling.deposition, coupling.drag.deconvolution)
         particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
         averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
-        inputs, state, weights = view.seen(*averaged, particles, bodies, fluid)
+        inputs, state, weights = view.sample(*averaged, particles, bodies, fluid)
         volume = bodies.volume if bodies.volume.ndim == 0 else bodies.volume[:, None]
         applied = -volume * inputs.pressure_gradient
         if solver.viscous:
