@@ -103,8 +103,7 @@ class Structure:
     ) -> tuple[ParticleState, Neighbors]:
         """Particles and list after those that leave and come at the end of interval number `step`."""
         population, contact = required(self.population, "population"), required(self.contact, "particles")
-        velocity = parameters.inlet_velocity
-        return renewed(population, self.search, contact.model.surfaces, velocity, particles, neighbors, step)
+        return renewed(population, contact, parameters.inlet_velocity, particles, neighbors, step)
 
     def particle_report(
         self, particles: ParticleState, neighbors: Neighbors, collision: Array, step: Array

@@ -16,7 +16,7 @@ from tests.cases.small_scenes import SMALL_INJECTION
 
 ROOMS = ("particles", "fluid", "coupling", "closures", "numerics", "state", "structure", "simulation")
 
-OF_ONE_TRACE = {"Exchange", "IntervalStart", "IntervalEnd"}
+OF_ONE_TRACE = {"Exchange", "IntervalStart", "IntervalEnd", "_Insertion", "_Loop"}
 """Objects that are made and used up inside of one trace: they hold both."""
 
 

@@ -188,7 +188,8 @@ def contact_forces(
     return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring)
 
 
-class _Loop(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class _Loop:
     """What all contacts of a step share. All P pairs are one array each, and so are all S walls of N particles."""
 
     model: ContactModel

@@ -11,6 +11,8 @@ population. Where it has changed the list is rebuilt there, and the springs of t
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
@@ -20,7 +22,8 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
-from jaxdem.particles.neighbors import Neighbors, NeighborSearch, carry_history
+from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.neighbors import Neighbors, carry_history
 from jaxdem.particles.surfaces import Surface, surface_contacts
 
 TRIES = 16
@@ -92,8 +95,7 @@ class Population:
 
 def renewed(
     population: Population,
-    search: NeighborSearch,
-    surfaces: tuple[Surface, ...],
+    contact: ContactInterval,
     inlet_velocity: tuple[Array, ...],
     particles: ParticleState,
     neighbors: Neighbors,
@@ -103,8 +105,7 @@ def renewed(
 
     Args:
         population: static description.
-        search: of the list.
-        surfaces: walls beside the box, which no particle may overlap when it comes in.
+        contact: walls beside the box, which no particle may overlap when it comes in, and the search of the list.
         inlet_velocity: (D,) of each inlet [m/s].
         particles: after the contact steps.
         neighbors: their list.
@@ -113,10 +114,10 @@ def renewed(
     before = particles.active
     particles = _without_those_outside(population, particles)
     for number in range(len(population.inlets)):
-        particles = _with_those_due(
-            population, number, neighbors.radius, surfaces, inlet_velocity[number], particles, step
-        )
-    if neighbors.room.slots == 0:
+        insertion = _Insertion(population, number, contact.model.surfaces, neighbors.radius)
+        particles = insertion.with_those_due(inlet_velocity[number], particles, step)
+    search = contact.search
+    if neighbors.room.slots == 0 or search is None:
         return particles, neighbors
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
@@ -154,92 +155,86 @@ def _without_those_outside(population: Population, particles: ParticleState) -> 
     )
 
 
-def _with_those_due(
-    population: Population,
-    number: int,
-    radius: Array,
-    surfaces: tuple[Surface, ...],
-    velocity: Array,
-    particles: ParticleState,
-    step: Array,
-) -> ParticleState:
-    """Those of an inlet that are due put where there is room, and the others left to wait."""
-    inlet = population.inlets[number]
-    before = required(particles.active, "active of the particles")
-    inserted = required(particles.inserted, "inserted of the particles")
-    due = _due(inlet, step)
-    start = lax.stop_gradient(centres_in_box(particles, population.box, population.periodic))
-    position, active, count = cond_in_batch(
-        due > inserted[number],
-        lambda now: _placed(population, number, radius, surfaces, *now, due, step),
-        (start, before, inserted[number]),
-    )
-    new = (active & ~before)[:, None]
-    low = particles.position_low
-    return particles._replace(
-        position=jnp.where(new, position, particles.position),
-        position_low=None if low is None else jnp.where(new, 0.0, low),
-        velocity=jnp.where(new, velocity[None], particles.velocity),
-        active=active,
-        inserted=inserted.at[number].set(count),
-    )
+@dataclasses.dataclass(frozen=True)
+class _Insertion:
+    """How the particles of one inlet come in.
 
+    Attributes:
+        population: static.
+        number: of the inlet.
+        surfaces: walls beside the box; static.
+        radius: () or (N,) of all particles [m].
+    """
 
-def _placed(
-    population: Population,
-    number: int,
-    radius: Array,
-    surfaces: tuple[Surface, ...],
-    position: Array,
-    active: Array,
-    inserted: Array,
-    due: Array,
-    step: Array,
-) -> tuple[Array, Array, Array]:
-    """Positions, who is present and how many of the inlet have come, after up to `batch` more."""
-    inlet, dtype = population.inlets[number], position.dtype
-    key = jax.random.fold_in(jax.random.fold_in(jax.random.key(population.seed), step), number)
-    drawn = jax.random.uniform(key, (inlet.batch, TRIES, position.shape[1]), dtype)
-    lower, upper = jnp.asarray(inlet.lower, dtype), jnp.asarray(inlet.upper, dtype)
+    population: Population
+    number: int
+    surfaces: tuple[Surface, ...]
+    radius: Array
 
-    def one(carry: tuple[Array, Array, Array], u: Array) -> tuple[tuple[Array, Array, Array], None]:
-        position, active, count = carry
-        row = inlet.first + jnp.minimum(count, len(inlet.due) - 1)
-        own = radius if radius.ndim == 0 else radius[row]
-        places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
-        free = _free(population, surfaces, places, own, position, active, radius) & (count < due)
-        chosen = places[jnp.argmax(free)]
-        comes = jnp.any(free)
-        position = position.at[row].set(jnp.where(comes, chosen, position[row]))
-        active = active.at[row].set(active[row] | comes)
-        return (position, active, count + comes.astype(count.dtype)), None
+    @property
+    def inlet(self) -> Inlet:
+        """The inlet."""
+        return self.population.inlets[self.number]
 
-    return lax.scan(one, (position, active, inserted), drawn)[0]
+    def with_those_due(self, velocity: Array, particles: ParticleState, step: Array) -> ParticleState:
+        """Those that are due put where there is room, and the others left to wait."""
+        before = required(particles.active, "active of the particles")
+        inserted = required(particles.inserted, "inserted of the particles")
+        due = _due(self.inlet, step)
+        start = lax.stop_gradient(centres_in_box(particles, self.population.box, self.population.periodic))
+        position, active, count = cond_in_batch(
+            due > inserted[self.number],
+            lambda now: self._placed(*now, due, step),
+            (start, before, inserted[self.number]),
+        )
+        new = (active & ~before)[:, None]
+        low = particles.position_low
+        return particles._replace(
+            position=jnp.where(new, position, particles.position),
+            position_low=None if low is None else jnp.where(new, 0.0, low),
+            velocity=jnp.where(new, velocity[None], particles.velocity),
+            active=active,
+            inserted=inserted.at[self.number].set(count),
+        )
 
+    def _placed(
+        self, position: Array, active: Array, inserted: Array, due: Array, step: Array
+    ) -> tuple[Array, Array, Array]:
+        """Positions, who is present and how many of the inlet have come, after up to `batch` more."""
+        inlet, radius, dtype = self.inlet, self.radius, position.dtype
+        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(self.population.seed), step), self.number)
+        drawn = jax.random.uniform(key, (inlet.batch, TRIES, position.shape[1]), dtype)
+        lower, upper = jnp.asarray(inlet.lower, dtype), jnp.asarray(inlet.upper, dtype)
 
-def _free(
-    population: Population,
-    surfaces: tuple[Surface, ...],
-    places: Array,
-    own: Array,
-    position: Array,
-    active: Array,
-    radius: Array,
-) -> Array:
-    """(T,) bool, at which of the places (T, D) a particle of radius `own` () touches nothing."""
-    squared = jnp.zeros((places.shape[0], position.shape[0]), position.dtype)
-    for axis, (length, wraps) in enumerate(zip(population.box, population.periodic, strict=True)):
-        apart = places[:, axis, None] - position[None, :, axis]
-        if wraps:
-            apart = apart - length * jnp.round(apart / length)
-        squared = squared + apart * apart
-    reach = (1.0 + MARGIN) * jnp.broadcast_to(own + radius, active.shape)
-    free = jnp.all((squared >= reach[None] ** 2) | ~active[None], axis=1)
-    if surfaces:
-        x = vectors.components(places)
-        overlap, _ = surface_contacts(surfaces, x, (None,) * len(x), own)
-        free = free & jnp.all(overlap <= -MARGIN * own, axis=0)
-    return free
+        def one(carry: tuple[Array, Array, Array], u: Array) -> tuple[tuple[Array, Array, Array], None]:
+            position, active, count = carry
+            row = inlet.first + jnp.minimum(count, len(inlet.due) - 1)
+            own = radius if radius.ndim == 0 else radius[row]
+            places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
+            free = self._free(places, own, position, active) & (count < due)
+            chosen = places[jnp.argmax(free)]
+            comes = jnp.any(free)
+            position = position.at[row].set(jnp.where(comes, chosen, position[row]))
+            active = active.at[row].set(active[row] | comes)
+            return (position, active, count + comes.astype(count.dtype)), None
+
+        return lax.scan(one, (position, active, inserted), drawn)[0]
+
+    def _free(self, places: Array, own: Array, position: Array, active: Array) -> Array:
+        """(T,) bool, at which of the places (T, D) a particle of radius `own` () touches nothing."""
+        squared = jnp.zeros((places.shape[0], position.shape[0]), position.dtype)
+        for axis, (length, wraps) in enumerate(zip(self.population.box, self.population.periodic, strict=True)):
+            apart = places[:, axis, None] - position[None, :, axis]
+            if wraps:
+                apart = apart - length * jnp.round(apart / length)
+            squared = squared + apart * apart
+        reach = (1.0 + MARGIN) * jnp.broadcast_to(own + self.radius, active.shape)
+        free = jnp.all((squared >= reach[None] ** 2) | ~active[None], axis=1)
+        if self.surfaces:
+            x = vectors.components(places)
+            overlap, _ = surface_contacts(self.surfaces, x, (None,) * len(x), own)
+            free = free & jnp.all(overlap <= -MARGIN * own, axis=0)
+        return free
 
 
 def _due(inlet: Inlet, step: Array) -> Array:
