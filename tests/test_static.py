@@ -49,7 +49,7 @@ def kind(cls):
     return "static" if leaves == [] else "neither"
 
 
-@pytest.mark.parametrize("cls", classes(), ids=lambda cls: cls.__name__)
+@pytest.mark.parametrize("cls", list(classes()), ids=lambda cls: cls.__name__)
 def test_a_class_is_static_or_traced(cls):
     """Static: frozen, compared and hashed by value, without arrays. Traced: with arrays."""
     annotations = [str(a) for c in cls.__mro__ for a in vars(c).get("__annotations__", {}).values()]

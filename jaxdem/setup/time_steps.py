@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from fractions import Fraction
 
 from jaxdem.errors import InputError
@@ -98,10 +99,11 @@ def _with_contacts(steps: TimeSteps, found: ContactStep, particles: ParticleSetu
             "soften the contact, use larger particles, lower contact.speed, or shorten coupling.interval",
         )
     count = whole(interval / longest)
-    return steps._replace(
+    return dataclasses.replace(
+        steps,
         contact=interval / count,
         contacts_per_interval=count,
-        limits=steps.limits | found.limits,
+        limits={**steps.limits, **found.limits},
         expected_speed=found.speed,
         expected_overlap=found.overlap,
         speed_limit=found.speed_limit,
