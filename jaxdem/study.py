@@ -1,4 +1,4 @@
-"""The demonstration of a learned drag closure: run, dataset, training, coarse runs, comparison; stage by stage and resumable.
+"""The demonstration of a learned drag closure: run, dataset, training, coarse runs, comparison.
 
 A stage that is done is not done again; a run that was stopped goes on from its checkpoint. Everything that a stage
 needs is in the study's folder, so the folder may be moved. The study at full size is in `studies` of the source.

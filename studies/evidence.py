@@ -74,7 +74,7 @@ class Evidence:
         return self._runs[name]
 
     def run_time(self, run: Run, reference: str = "fine") -> float | None:
-        """Run time without compiling [s]; None where the reference had another device or another JAX: times are for one machine."""
+        """Run time without compiling [s]; None where the reference had another device or another JAX."""
         fine = self.run(reference)
         if fine is not None and _computed_by(run) != _computed_by(fine):
             return None
@@ -85,8 +85,10 @@ class Evidence:
         return [run for name in names if (run := self.run(name)) is not None]
 
     def jittered(self, name: str) -> list[Run]:
-        """Runs of the plan that differ from this one in the jitter of the pack alone, as far as they have been begun; none of
-        a run that is not in the plan."""
+        """Runs that differ from this one in the jitter of the pack alone, as far as they have been begun.
+
+        There are none of a run that is not in the plan.
+        """
         if name not in self.plan.specs:
             return []
         wanted = _but_for_the_pack(self.plan.run(name))
@@ -107,8 +109,7 @@ class Evidence:
         return {} if fine is None else noise_floor(fine, self.jittered("fine"))
 
     def errors(self, name: str, reference: str = "fine") -> dict[str, float] | None:
-        """Error of every metric of a run, the mean over all packs that it was run with; None where it or the reference is
-        missing."""
+        """Error of every metric, mean over the packs that a run was done with; None where it or the reference is missing."""
         run, fine = self.run(name), self.run(reference)
         if run is None or fine is None:
             return None

@@ -1,4 +1,4 @@
-"""What a fine flow's averages over coarse cells hide, and how much of it simple models of the subgrid stress know: a priori."""
+"""The stress that averages of a fine flow over coarse cells hide, and how much of it simple models explain: a priori."""
 
 from __future__ import annotations
 
@@ -83,6 +83,7 @@ def _sums(fine: Grid, coarse: Grid, velocity: list[np.ndarray], void_fraction: n
             hidden = whole - flux[i] * flux[j] / g
             gradient = g * sum(h**2 * slope[i][k] * slope[j][k] for k, h in enumerate(coarse.spacing))
             eddy = -2.0 * g * coarse.filter_size**2 * size * strain[i][j]
-            pairs = (hidden, hidden), (whole, whole), (gradient, gradient), (hidden, gradient), (eddy, eddy), (hidden, eddy)  # fmt: skip
-            result += [float(np.sum((a * b)[inner])) for a, b in pairs]
+            squares = [float(np.sum((a * a)[inner])) for a in (hidden, whole, gradient, eddy)]
+            with_gradient, with_eddy = (float(np.sum((hidden * a)[inner])) for a in (gradient, eddy))
+            result += [*squares[:3], with_gradient, squares[3], with_eddy]
     return result

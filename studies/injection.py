@@ -1,7 +1,7 @@
 """The full-size study of the injection scene: its runs, closures and parts.
 
-Names are made up of the scene's, the mesh's (`fine`, `coarse_4`: cells four times as wide), what else is changed, and the
-closure's; `_seed_1` behind the mesh is another jitter of the pack. Without a scene's name it is injection.toml.
+Names are made up of the scene's, the mesh's (`fine`, `coarse_4`: cells four times as wide), what else is changed, and
+the closure's; `_seed_1` behind the mesh is another jitter of the pack. Without a scene's name it is injection.toml.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ STIFF: dict[str, Any] = {"contact.young_modulus": 7e7, "contact.maximum_overlap"
 """Contacts of the scenes' files: three times the contact steps. Where grains fall far they cannot be softer."""
 
 CONTACTS: dict[str, dict[str, Any]] = {SLAB: STIFF, DILUTE: {}}
-"""Of scenes that have others: soft grains of the slab that the water throws to the ceiling overlap by more than they may."""
+"""Of scenes that have others: soft grains of the slab, thrown to the ceiling, would overlap by more than they may."""
 
 CELLS: dict[str, dict[int, list[int]]] = {
     INJECTION: {2: [150, 25], 3: [100, 17], 4: [75, 12], 8: [38, 6]},
@@ -61,8 +61,8 @@ CELLS: dict[str, dict[int, list[int]]] = {
 """Cells of the coarse meshes, by scene and factor."""
 
 WHOLE_INLET = {"boundary.left.to": 2.0, "time.end": 2.5}
-"""Water through all of the left side, as the source study's text may be read: the front is at the screen after 1.9 s, and two
-seconds later the water presses the grains through it."""
+"""Water through all of the left side, as the source study's text may be read: the front is at the screen after 1.9 s,
+and two seconds later the water presses the grains through it."""
 
 UNSEEN: dict[str, tuple[str, dict[str, Any]]] = {
     "speed_1_5": (INJECTION, {"boundary.left.velocity": 1.5}),
@@ -104,11 +104,12 @@ FOURTH: dict[str, Any] = {**SHARP, "fluid.advection": "central_4"}
 """The same with eddies of a few cells that run at nearly their speed."""
 
 DECONVOLVED: dict[str, Any] = {**SHARP, "coupling.deconvolution": 0.17}
-"""The sharp fluid, and a drag law that is shown what cells and kernels of 16 cm took from the velocity (0.17 is what the fine
-run's averages ask for there, and under the limit of stability, 0.23)."""
+"""The sharp fluid, and a drag law that is given what cells and kernels of 16 cm took from the velocity (0.17 is what the
+fine run's averages ask for there, and under the limit of stability, 0.23)."""
 
 WIDE_DECONVOLVED: dict[str, Any] = {"fluid.advection": "central", "coupling.deconvolution": 0.35}
-"""Kernels of a whole cell, that take more of the velocity, and its deconvolution, that may give more back (limit 0.46)."""
+"""Kernels of a whole cell, which take more of the velocity, and its deconvolution, which may give more back (limit
+0.46)."""
 
 FOURTH_DECONVOLVED: dict[str, Any] = {**FOURTH, "coupling.deconvolution": 0.17}
 """Fourth order with the velocity deconvolved."""
@@ -121,8 +122,8 @@ FLUID_VARIANTS: dict[str, dict[str, Any]] = {
     "narrow": NARROW,
     "sharp": SHARP,
 }
-"""Changes of the coarse fluid of 16 cm; the scene's own is second order, limited, without a subgrid viscosity, kernels of
-a cell. The other meshes have first order and the sharp one."""
+"""Changes of the coarse fluid of 16 cm; the scene's own is second order, limited, without a subgrid viscosity, kernels
+of a cell. The other meshes have first order and the sharp one."""
 
 COMPARED = 3.4
 """End of runs that only errors are taken of [s]: the fine run's grains come to the screen at 3.3 s."""
@@ -186,7 +187,7 @@ TRAINING = (
 
 
 def mesh_runs() -> list[RunSpec]:
-    """All meshes, single layer and slab, three packs of the layer and of the fine slab; stiff contacts; other drag laws at 8 cm."""
+    """All meshes, single layer and slab, three packs of the layer and of the fine slab; stiff contacts; drag laws at 8 cm."""
     laws = [varied(COARSE[2], law, {"coupling.drag": law}) for law in ("di_felice", "gidaspow")]
     whole = [planned("whole_fine", INJECTION, WHOLE_INLET)]
     whole += [coarse("whole_", INJECTION, factor, WHOLE_INLET) for factor in FACTORS]
@@ -239,12 +240,13 @@ FILTERED = FitSettings.filtered(coarsenings=COARSENINGS)
 """The recipe's defaults, whose one layer of 8 came out of the part `smaller`."""
 
 BAND_EPOCHS = 400
-"""Of the paper's networks with other seeds and activations, a fifth of its 2,000: R2 is 0.991 after 100, 0.997 after 2,000."""
+"""Of the paper's networks with other seeds and activations, a fifth of its 2,000: R2 is 0.991 after 100 epochs, 0.997
+after 2,000."""
 
 
 def fits() -> list[FitSpec]:
-    """Both recipes with three seeds, the paper's with the activations that it runs in the solver, and `filtered` for the
-    sharp coarse fluid."""
+    """Both recipes with three seeds, the paper's with the activations that it runs in the solver, and `filtered` for
+    other coarse fluids."""
     settings = FitSettings(coarsenings=(1,))
     result = [
         FitSpec("paper", "paper", settings, DATASETS),
@@ -272,8 +274,8 @@ def _datasets(seen: str) -> tuple[str, ...]:
 
 
 def tuned() -> list[TuneSpec]:
-    """Trained through runs of the training injection on the sharp fluid of 16 cm: drag, stress and both by a search, the
-    drag by gradients too."""
+    """Trained through runs of the training injection on the sharp fluid of 16 cm: drag, stress and both by a search,
+    the drag by gradients too."""
     cells = {"fluid.cells": CELLS[INJECTION][4], **SHARP}
     run = TRAINING[1].name
     drag = TuneSpec("searched_drag", run, cells, SEARCHING, "filtered_narrow")
@@ -369,8 +371,8 @@ def smaller_runs() -> list[RunSpec]:
 
 
 def unseen_runs() -> list[RunSpec]:
-    """Fine, fine with another jitter, coarse 4x, and coarse 4x on the sharp fluid, each with the closure and without, of
-    every scene; the same with the velocity deconvolved and the closure of that; and mesh ratio 3."""
+    """Of every scene fine, fine with another jitter, coarse 4x, and coarse 4x on the sharp fluid, with the closure and
+    without; the same with the velocity deconvolved and the closure of that; and mesh ratio 3."""
     result = [COARSE[4], COARSE[4].with_closure("filtered"), *_with_and_without(briefly(COARSE[4]))[2:]]
     result += _with_and_without(briefly(COARSE[3]))
     for name, (scene, overrides) in UNSEEN.items():

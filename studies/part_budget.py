@@ -42,8 +42,9 @@ def budget_part(evidence: Evidence) -> Section:
     """Errors of every variant against the fine run, and how much of the coarse error each has."""
     section = Section("budget", "Error budget")
     section.text.append(
-        "Each row is a run that has one of the coarse run's faults only, against the fine run: the drag's (fine fluid, drag "
-        "on averaged inputs), the fluid's (coarse fluid, true drag on given trajectories), or the fluid's made otherwise."
+        "Each row is a run that has one of the coarse run's faults only, against the fine run: the drag's (fine fluid, "
+        "drag on averaged inputs), the fluid's (coarse fluid, true drag on given trajectories), or the fluid's made "
+        "otherwise."
     )
     fine = evidence.run("fine")
     if fine is None:

@@ -37,8 +37,8 @@ def closures_part(evidence: Evidence) -> Section:
     """R2, coarse runs with closures, the band of seeds and activations, the paper's figures beside ours."""
     section = Section("closures", "Learned closures")
     section.text.append(
-        "Closures are trained on other runs than the one they are judged by: a column of another geometry, and an injection "
-        "with another pack and inlet. The fine run of injection.toml is held out."
+        "Closures are trained on other runs than the one they are judged by: a column of another geometry, and an "
+        "injection with another pack and inlet. The fine run of injection.toml is held out."
     )
     section.tables += [_held_out(evidence), *_coarse_runs(evidence), _band(evidence), _figures(evidence)]
     section.tables += sweep_tables(evidence)

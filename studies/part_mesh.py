@@ -72,9 +72,13 @@ def _ends(evidence: Evidence, section: Section) -> Table:
         words = ", ".join(f"{setting} {100 * means[setting]:.0f} %" for setting in order)
         where = " and ".join(mesh for factor, mesh in paper.MESHES.items() if (factor, "runoff") in common)
         section.text.append(
-            f"Mean difference from the paper's run-offs and heights on {where}, where all have a run: {words}; the {order[0]} comes nearest."
+            f"Mean difference from the paper's run-offs and heights on {where}, where all have a run: {words}; "
+            f"the {order[0]} comes nearest."
         )
-    note = "Ours: mean and range over packs that differ in their jitter, at the end (of the whole side's runs: 2.5 s, of the others 5 s), when the front may stand at the screen."
+    note = (
+        "Ours: mean and range over packs that differ in their jitter, at the end (of the whole side's runs: 2.5 s, of the "
+        "others 5 s), when the front may stand at the screen."
+    )
     return Table("Run-off and height at the end", headings, rows, note)
 
 

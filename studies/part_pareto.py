@@ -54,7 +54,7 @@ Point = tuple[str, float, dict[str, float], float]
 
 
 def _time_per_second(evidence: Evidence, run: Run, reference: str) -> float:
-    """Run time over simulated time [-]: runs that only errors are taken of end earlier than others. NaN with another device."""
+    """Run time over simulated time [-], for not all runs have the same end; NaN with another device."""
     seconds = evidence.run_time(run, reference)
     return math.nan if seconds is None else seconds / float(run.history["time"][-1])
 
@@ -138,7 +138,9 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
 
 
 def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> Path:
-    """Error over noise against run time, a panel a metric, with the front, whose runs have letters; hollow points add the training.
+    """Error over noise against run time, a panel a metric, with the front, whose runs have letters.
+
+    Hollow points add the training.
 
     Args:
         points: the runs.

@@ -6,9 +6,9 @@ velocities), without contacts, and the coarse fluid gets the force that a closur
     F = F_target + c (u - u_target),
 
 F_target as in the training data (`jaxdem.train.dataset`), u_target the averaged fine velocity at the particle and c the
-base law's coefficient for it, both linear in time: where the coarse fluid is right its drag is the true one, and where it
-departs it is held as by the base law. Without this hold (c = 0) what sampling loses of F is summed up over time: on the
-fine mesh itself that doubles the replay's error, on a mesh four times as coarse it hardly matters.
+base law's coefficient for it, both linear in time. Where the coarse fluid is right its drag is the true one, and where
+it departs the base law holds it back. Without this term (c = 0) what sampling loses of F adds up over time: on the fine
+mesh itself that doubles the replay's error, on a mesh four times as coarse it hardly matters.
 """
 
 from __future__ import annotations

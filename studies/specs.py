@@ -1,4 +1,4 @@
-"""What a study is made of: runs, datasets, closures and replays, as plain data; each knows how it is made from the others.
+"""What a study is made of: runs, datasets, closures and replays, as plain data; each knows how it is made.
 
 `make` runs in a process of its own (`studies.pool`), and takes what it needs from the study's folder by name.
 """
