@@ -109,7 +109,7 @@ class Evidence:
         return {} if fine is None else noise_floor(fine, self.jittered("fine"))
 
     def errors(self, name: str, reference: str = "fine") -> dict[str, float] | None:
-        """Error of every metric, mean over the packs that a run was done with; None where it or the reference is missing."""
+        """Error of every metric, mean over the packs of a run; None where it or the reference is missing."""
         run, fine = self.run(name), self.run(reference)
         if run is None or fine is None:
             return None

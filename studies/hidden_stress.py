@@ -1,4 +1,4 @@
-"""The stress that averages of a fine flow over coarse cells hide, and how much of it simple models explain: a priori."""
+"""The stress that averages of a fine flow over coarse cells hide, and how much of it simple models explain."""
 
 from __future__ import annotations
 

@@ -104,8 +104,8 @@ FOURTH: dict[str, Any] = {**SHARP, "fluid.advection": "central_4"}
 """The same with eddies of a few cells that run at nearly their speed."""
 
 DECONVOLVED: dict[str, Any] = {**SHARP, "coupling.deconvolution": 0.17}
-"""The sharp fluid, and a drag law that is given what cells and kernels of 16 cm took from the velocity (0.17 is what the
-fine run's averages ask for there, and under the limit of stability, 0.23)."""
+"""The sharp fluid, and a drag law that is given what cells and kernels of 16 cm took from the velocity (0.17 is what
+the fine run's averages ask for there, and under the limit of stability, 0.23)."""
 
 WIDE_DECONVOLVED: dict[str, Any] = {"fluid.advection": "central", "coupling.deconvolution": 0.35}
 """Kernels of a whole cell, which take more of the velocity, and its deconvolution, which may give more back (limit
@@ -187,7 +187,7 @@ TRAINING = (
 
 
 def mesh_runs() -> list[RunSpec]:
-    """All meshes, single layer and slab, three packs of the layer and of the fine slab; stiff contacts; drag laws at 8 cm."""
+    """All meshes, single layer and slab, three packs of the layer and of the fine slab; stiff contacts; drag laws."""
     laws = [varied(COARSE[2], law, {"coupling.drag": law}) for law in ("di_felice", "gidaspow")]
     whole = [planned("whole_fine", INJECTION, WHOLE_INLET)]
     whole += [coarse("whole_", INJECTION, factor, WHOLE_INLET) for factor in FACTORS]

@@ -15,7 +15,6 @@ from jaxdem.io import Run
 from jaxdem.report.runs import history_until
 
 NAMES = tuple(metric.name for metric in metrics.METRICS)
-LABELS = [metric.label for metric in metrics.METRICS]
 
 SCREEN = 1.0 / 24.0
 """Part of the box's length before the outlet where grains meet the screen, and from which on nothing is compared."""
@@ -79,6 +78,21 @@ def mean(values: Mapping[str, float]) -> float:
     """Mean of those that are finite; NaN without any."""
     finite = [value for value in values.values() if math.isfinite(value)]
     return float(np.mean(finite)) if finite else math.nan
+
+
+def labelled(values: Mapping[str, float], unit: float = 1.0) -> dict[str, float]:
+    """Values over a unit by the labels of the metrics; NaN for those that are missing."""
+    return {metric.label: values.get(metric.name, math.nan) / unit for metric in metrics.METRICS}
+
+
+def band(values: Sequence[float]) -> str | float | None:
+    """Mean and range of several values, one value as it is, None without any."""
+    if len(values) < 2:
+        return values[0] if values else None
+    return f"{np.mean(values):.3g} ({min(values):.3g} to {max(values):.3g})"
+
+
+PERCENT = 0.01
 
 
 def grid_of(run: Run) -> Grid:

@@ -8,6 +8,8 @@ from typing import Any
 MESHES = {1: "4 cm", 2: "8 cm", 4: "16 cm", 8: "32 cm"}
 """By the factor on the cells of the fine mesh."""
 
+COARSE = {factor: mesh for factor, mesh in MESHES.items() if factor > 1}
+
 RUNOFF = {1: 9.1, 2: 5.9, 4: 6.5, 8: 6.9}
 HEIGHT = {1: 0.856, 2: 1.353, 4: 1.151, 8: 0.903}
 RUNOFF_CLOSURE = {2: 9.5, 4: 8.5, 8: 9.4}

@@ -9,15 +9,7 @@ from jaxdem.io import Run
 from jaxdem.report.runs import history_until
 from studies import paper
 from studies.evidence import Evidence
-from studies.measure import (
-    LABELS,
-    NAMES,
-    flux_error,
-    mean,
-    peak_speed,
-    run_flux_error,
-    screen_time,
-)
+from studies.measure import NAMES, PERCENT, flux_error, labelled, mean, peak_speed, run_flux_error, screen_time
 from studies.replay import FLUID_METRICS
 from studies.tables import Cell, Section, Table
 
@@ -35,7 +27,7 @@ VARIANTS = {
 }
 """Runs by what they are."""
 
-ORACLE = "coarse, true drag on the fine run's trajectories"
+REPLAYED = "coarse, true drag on the fine run's trajectories"
 
 
 def budget_part(evidence: Evidence) -> Section:
@@ -51,31 +43,23 @@ def budget_part(evidence: Evidence) -> Section:
         section.missing = dict(evidence.missing)
         return section
     section.tables += [_own_mesh(evidence), _peaks(evidence, fine)]
-    for factor, mesh in list(paper.MESHES.items())[1:]:
+    for factor, mesh in paper.COARSE.items():
         found: dict[str, dict[str, float]] = {}
         for words, name in VARIANTS.items():
             run, error = evidence.run(name.format(factor=factor)), evidence.errors(name.format(factor=factor))
             if run is not None and error is not None:
                 found[words] = error | {"flux": run_flux_error(run, fine)}
-            if words == COARSE and (oracle := oracle_errors(evidence, factor)) is not None:
-                found[ORACLE] = oracle
-        if not found:
-            continue
-        rows = [_row(words, error) for words, error in found.items()]
-        noise: list[Cell] = [
-            "noise",
-            *(100 * evidence.floor[n] for n in NAMES),
-            100 * mean(evidence.floor),
-            None,
-        ]
-        headings = ["what", *LABELS, "mean", "flux of the fluid"]
-        section.tables.append(Table(f"Errors at {mesh} [%]", headings, [*rows, noise]))
-        section.text += _shares(found, mesh)
+            if words == COARSE and (replayed := replay_errors(evidence, factor)) is not None:
+                found[REPLAYED] = replayed
+        if found:
+            rows = [_row(words, error) for words, error in {**found, "noise": evidence.floor}.items()]
+            section.tables.append(Table.of(f"Errors at {mesh} [%]", rows))
+            section.text += _shares(found, mesh)
     section.missing = dict(evidence.missing)
     return section
 
 
-def oracle_errors(evidence: Evidence, factor: int) -> dict[str, float] | None:
+def replay_errors(evidence: Evidence, factor: int) -> dict[str, float] | None:
     """Errors of the fluid's metrics in the replay, and of its flux."""
     fine, replay = evidence.run("fine"), evidence.replay(factor)
     if fine is None or replay is None:
@@ -89,15 +73,10 @@ def oracle_errors(evidence: Evidence, factor: int) -> dict[str, float] | None:
     return error | {"flux": flux_error(replay.time, replay.velocity, replay.void_fraction, fine)}
 
 
-def _row(words: str, error: dict[str, float]) -> list[Cell]:
-    nine = [error.get(name, math.nan) for name in NAMES]
-    whole = all(name in error for name in NAMES)
-    return [
-        words,
-        *(100 * e for e in nine),
-        100 * mean({n: error[n] for n in NAMES}) if whole else None,
-        100 * error["flux"],
-    ]
+def _row(words: str, error: dict[str, float]) -> dict[str, Cell]:
+    whole = mean({n: error[n] for n in NAMES}) if all(n in error for n in NAMES) else math.nan
+    flux = error.get("flux", math.nan)
+    return {"what": words, **labelled(error, PERCENT), "mean": whole / PERCENT, "flux of the fluid": flux / PERCENT}
 
 
 def _shares(found: dict[str, dict[str, float]], mesh: str) -> list[str]:
@@ -110,8 +89,8 @@ def _shares(found: dict[str, dict[str, float]], mesh: str) -> list[str]:
         parts = {n: drag[n] / plain[n] for n in (*NAMES, "flux") if plain[n] > 0}
         words = ", ".join(f"{n} {100 * part:.0f} %" for n, part in parts.items())
         sentences.append(f"{mesh}: error with the drag's fault alone, of the coarse run's: {words}.")
-    if ORACLE in found:
-        fluid = found[ORACLE]
+    if REPLAYED in found:
+        fluid = found[REPLAYED]
         words = ", ".join(f"{n} {100 * fluid[n] / plain[n]:.0f} %" for n in fluid if plain[n] > 0)
         sentences.append(f"{mesh}: error of the coarse fluid with the true drag, of the coarse run's: {words}.")
     return sentences
@@ -119,33 +98,30 @@ def _shares(found: dict[str, dict[str, float]], mesh: str) -> list[str]:
 
 def _own_mesh(evidence: Evidence) -> Table:
     """The replay on the fine run's own mesh: what sampling every so often loses."""
-    own = oracle_errors(evidence, 1)
-    rows: list[list[Cell]] = []
+    own = replay_errors(evidence, 1)
+    rows: list[dict[str, Cell]] = []
     if own is not None:
-        rows.append([100 * own[name] for name in (*FLUID_METRICS, "flux")])
-    names = [label for name, label in zip(NAMES, LABELS, strict=True) if name in FLUID_METRICS]
-    return Table("Replay on the fine mesh itself [%]", [*names, "flux of the fluid"], rows, "The replay's own error.")
+        known = {label: value for label, value in labelled(own, PERCENT).items() if math.isfinite(value)}
+        rows.append({**known, "flux of the fluid": own["flux"] / PERCENT})
+    return Table.of("Replay on the fine mesh itself [%]", rows, "The replay's own error.")
 
 
 def _peaks(evidence: Evidence, fine: Run) -> Table:
     """What is left of the jet: the fastest water of each mesh."""
     until = screen_time(fine)
-    rows: list[list[Cell]] = []
-    for factor, mesh in list(paper.MESHES.items())[1:]:
+    rows: list[dict[str, Cell]] = []
+    for factor, mesh in paper.COARSE.items():
         coarse, drag = evidence.run(f"coarse_{factor}"), evidence.run(f"fine_inputs_{factor}")
         replay, cells = evidence.replay(factor), None if coarse is None else coarse.cells
-        row: list[Cell] = [mesh]
-        row.append(None if cells is None else peak_speed(fine, until, cells))
-        row.append(None if coarse is None else peak_speed(coarse, until))
-        row.append(None if drag is None or cells is None else peak_speed(drag, until, cells))
-        row.append(None if replay is None else replay.peak_speed(until))
-        rows.append(row)
-    headings = [
-        "mesh",
-        "fine run averaged to it",
-        "coarse",
-        "fine, drag on inputs averaged to it",
-        "coarse, true drag",
-    ]
+        averaged = None if cells is None or drag is None else peak_speed(drag, until, cells)
+        rows.append(
+            {
+                "mesh": mesh,
+                "fine run averaged to it": None if cells is None else peak_speed(fine, until, cells),
+                "coarse": None if coarse is None else peak_speed(coarse, until),
+                "fine, drag on inputs averaged to it": averaged,
+                "coarse, true drag": None if replay is None else replay.peak_speed(until),
+            }
+        )
     note = f"On the fine mesh itself {peak_speed(fine, until):.3g} m/s. Largest speed of a cell, mean over time."
-    return Table("Peak water speed [m/s]", headings, rows, note)
+    return Table.of("Peak water speed [m/s]", rows, note)

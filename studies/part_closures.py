@@ -15,7 +15,7 @@ from jaxdem.closures.base import DragInputs
 from studies import paper
 from studies.evidence import Evidence
 from studies.injection import SWEEP_EPOCHS, SWEEPS, sweeps
-from studies.measure import LABELS, NAMES, mean, mean_over, over, whole
+from studies.measure import PERCENT, band, labelled, mean, mean_over, over, whole
 from studies.specs import ClosureSpec
 from studies.tables import Cell, Section, Table
 
@@ -40,7 +40,7 @@ def closures_part(evidence: Evidence) -> Section:
         "Closures are trained on other runs than the one they are judged by: a column of another geometry, and an "
         "injection with another pack and inlet. The fine run of injection.toml is held out."
     )
-    section.tables += [_held_out(evidence), *_coarse_runs(evidence), _band(evidence), _figures(evidence)]
+    section.tables += [_held_out(evidence), *_coarse_runs(evidence), _band(evidence), _times(evidence)]
     section.tables += sweep_tables(evidence)
     section.missing = dict(evidence.missing)
     return section
@@ -53,135 +53,104 @@ def _trained(evidence: Evidence) -> list[str]:
 
 
 def _held_out(evidence: Evidence) -> Table:
-    rows: list[list[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for name in _trained(evidence):
         found = evidence.closure(name)
         for factor, r2 in ({} if found is None else found["r2"]).items():
-            scores = [float(r2[key]) for key in ("closure", "base", "regression")]
-            rows.append([name, f"{factor}x", *scores, 100 * float(r2["out_of_range"])])
-    headings = [
-        "closure",
-        "inputs averaged",
-        "R2",
-        "R2 of Koch-Hill",
-        "R2 of the regression",
-        "out of range [%]",
-    ]
-    return Table("R2 on the fine run, which no closure was trained on", headings, rows, digits=4)
+            rows.append(
+                {
+                    "closure": name,
+                    "inputs averaged": f"{factor}x",
+                    "R2": float(r2["closure"]),
+                    "R2 of Koch-Hill": float(r2["base"]),
+                    "R2 of the regression": float(r2["regression"]),
+                    "out of range [%]": float(r2["out_of_range"]) / PERCENT,
+                }
+            )
+    return Table.of("R2 on the fine run, which no closure was trained on", rows, digits=4)
 
 
 def _coarse_runs(evidence: Evidence) -> list[Table]:
-    ends: list[list[Cell]] = []
+    theirs = {"paper": (paper.RUNOFF_CLOSURE, paper.HEIGHT_CLOSURE), "Koch-Hill": (paper.RUNOFF, paper.HEIGHT)}
+    ends: list[dict[str, Cell]] = []
     compared: list[tuple[str, str, str]] = []
-    for factor, mesh in list(paper.MESHES.items())[1:]:
-        for what, name in DRAGS.items():
-            compared.append((mesh, what, f"coarse_{factor}{name}"))
-            if not (found := whole(evidence.runs([f"coarse_{factor}{name}"]), evidence.run("fine"))):
-                continue
-            (run,) = found
-            theirs = {
-                "paper": (paper.RUNOFF_CLOSURE, paper.HEIGHT_CLOSURE),
-                "Koch-Hill": (paper.RUNOFF, paper.HEIGHT),
-            }
-            given = [table[factor] for table in theirs[what]] if what in theirs else [None, None]
-            outside = 100 * float(run.summary["closure"]["out_of_range_fraction"])
-            final = [float(run.history[key][-1]) for key in ("runoff", "height")]
-            ends.append(
-                [
-                    mesh,
-                    what,
-                    final[0],
-                    given[0],
-                    final[1],
-                    given[1],
-                    evidence.run_time(run),
-                    outside,
-                ]
-            )
-    headings = [
-        "mesh",
-        "drag",
-        "run-off [m]",
-        "run-off [m], paper",
-        "height [m]",
-        "height [m], paper",
-        "run time [s]",
-        "out of range [%]",
-    ]
-    return [
-        Table("Coarse runs at the end", headings, ends, "The paper's fine run: 9.1 m and 0.856 m."),
-        over_noise(evidence, compared),
-    ]
+    for factor, mesh in paper.COARSE.items():
+        for what, end in DRAGS.items():
+            name = f"coarse_{factor}{end}"
+            compared.append((mesh, what, name))
+            runoff, height = (table[factor] for table in theirs[what]) if what in theirs else (None, None)
+            for run in whole(evidence.runs([name]), evidence.run("fine")):
+                outside = float(run.summary["closure"]["out_of_range_fraction"])
+                ends.append(
+                    {
+                        "mesh": mesh,
+                        "drag": what,
+                        "run-off [m]": float(run.history["runoff"][-1]),
+                        "run-off [m], paper": runoff,
+                        "height [m]": float(run.history["height"][-1]),
+                        "height [m], paper": height,
+                        "run time [s]": evidence.run_time(run),
+                        "out of range [%]": outside / PERCENT,
+                    }
+                )
+    note = "The paper's fine run: 9.1 m and 0.856 m."
+    return [Table.of("Coarse runs at the end", ends, note), over_noise(evidence, compared)]
 
 
 def over_noise(evidence: Evidence, runs: Iterable[tuple[str, str, str]]) -> Table:
     """Errors of coarse runs over the noise of the fine one, mean over their packs.
 
     Args:
-        evidence: the study's folder.
+        evidence: of the study.
         runs: mesh and drag in words, and the run's name.
     """
-    rows: list[list[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for mesh, what, name in runs:
         if (error := evidence.errors(name)) is not None:
-            ratio, whole = over(error, evidence.floor), mean_over(error, evidence.floor)
-            packs = evidence.packs(name)
-            rows.append([mesh, what, *(ratio[n] for n in NAMES), whole, 100 * mean(error), packs])
-    headings = ["mesh", "drag", *LABELS, "mean", "mean error [%]", "packs"]
-    return Table("Error over noise [-]", headings, rows, "Mean over the packs.")
+            ratio, mean_ratio = labelled(over(error, evidence.floor)), mean_over(error, evidence.floor)
+            row: dict[str, Cell] = {"mesh": mesh, "drag": what, **ratio, "mean": mean_ratio}
+            rows.append({**row, "mean error [%]": mean(error) / PERCENT, "packs": evidence.packs(name)})
+    return Table.of("Error over noise [-]", rows, "Mean over the packs.")
 
 
 def _band(evidence: Evidence) -> Table:
     """Seeds and activations of the paper's network at 8 cm; the first has its number of epochs, the others fewer."""
-    rows: list[list[Cell]] = []
-    kinds = {
-        "filtered": "filtered",
-        "paper, ELU": "paper",
-        "paper, ReLU": "paper_relu",
-        "paper, softplus": "paper_softplus",
-    }
-    for words, name in kinds.items():
+    rows: list[dict[str, Cell]] = []
+    kinds = {"filtered": "filtered", "paper, ELU": "paper", "paper, ReLU": "paper_relu"}
+    for words, name in {**kinds, "paper, softplus": "paper_softplus"}.items():
         seeds = [fit for fit in _trained(evidence) if fit == name or fit.startswith(f"{name}_seed_")]
         runs = evidence.runs(f"coarse_2_{fit}" for fit in seeds)
         errors = [error for fit in seeds if (error := evidence.errors(f"coarse_2_{fit}")) is not None]
         full = whole(runs, evidence.run("fine"))
-        ends = [[float(run.history[key][-1]) for run in full] for key in ("runoff", "height")]
-        rows.append([words, len(runs), *(_band_of(v) for v in ends), _band_of([100 * mean(e) for e in errors])])
-    headings = ["closure", "seeds", "run-off [m]", "height [m]", "mean error [%]"]
-    return Table(
-        "Seeds and activations in the solver at 8 cm",
-        headings,
-        rows,
-        "Mean, and smallest to largest; ends of whole runs.",
-    )
+        rows.append(
+            {
+                "closure": words,
+                "seeds": len(runs),
+                "run-off [m]": band([float(run.history["runoff"][-1]) for run in full]),
+                "height [m]": band([float(run.history["height"][-1]) for run in full]),
+                "mean error [%]": band([mean(error) / PERCENT for error in errors]),
+            }
+        )
+    note = "Mean, and smallest to largest; ends of whole runs."
+    return Table.of("Seeds and activations in the solver at 8 cm", rows, note)
 
 
-def _band_of(values: list[float]) -> Cell:
-    return f"{np.mean(values):.3g} ({min(values):.3g} to {max(values):.3g})" if values else None
-
-
-def _figures(evidence: Evidence) -> Table:
+def _times(evidence: Evidence) -> Table:
     """Times of training and of one evaluation, beside the paper's."""
-    rows: list[list[Cell]] = [
-        ["training, recipe paper [s]", paper.TRAINING_TIME, evidence.training_seconds("paper")],
-        ["training, recipe filtered [s]", None, evidence.training_seconds("filtered")],
-    ]
     run = evidence.run("training_column")
-    rows.append(["training run [s]", paper.TRAINING_RUN, None if run is None else evidence.run_time(run)])
-    rows.append(
-        [
-            "drag of a particle, classical [s]",
-            paper.EVALUATION["classical"],
-            evaluation_time(DRAG_LAWS["koch_hill"]()),
-        ]
-    )
-    for name in ("paper", "filtered"):
+    times: list[tuple[str, float | None, float | None]] = [
+        ("training, recipe paper", paper.TRAINING_TIME, evidence.training_seconds("paper")),
+        ("training, recipe filtered", None, evidence.training_seconds("filtered")),
+        ("training run", paper.TRAINING_RUN, None if run is None else evidence.run_time(run)),
+        ("drag of a particle, classical", paper.EVALUATION["classical"], evaluation_time(DRAG_LAWS["koch_hill"]())),
+    ]
+    for name, theirs in (("paper", paper.EVALUATION["learned"]), ("filtered", None)):
         file = evidence.folder.closure(name)
         seconds = evaluation_time(load_closure(file)[0]) if file.is_file() else None
-        theirs = paper.EVALUATION["learned"] if name == "paper" else None
-        rows.append([f"drag of a particle, {name} [s]", theirs, seconds])
+        times.append((f"drag of a particle, {name}", theirs, seconds))
+    rows = [{"what": f"{what} [s]", "the paper's": theirs, "ours": ours} for what, theirs, ours in times]
     note = f"Ours: for {EVALUATED} particles at once, compiled, over their number. {evidence.sharing}"
-    return Table("Times", ["what", "the paper's", "ours"], rows, note)
+    return Table.of("Times", rows, note)
 
 
 def evaluation_time(closure: Any, particles: int = EVALUATED) -> float:
@@ -212,12 +181,16 @@ def sweep_tables(evidence: Evidence) -> list[Table]:
     """R2 by one setting of the paper's network, the paper's beside ours."""
     tables = []
     for what, fits in sweeps().items():
-        rows: list[list[Cell]] = []
+        rows: list[dict[str, Cell]] = []
         for fit, value in zip(fits, SWEEPS[what], strict=True):
             if (found := evidence.closure(fit.name)) is not None:
-                r2 = float(found["r2"]["1"]["closure"])
-                words = "-".join(map(str, value)) if isinstance(value, tuple) else str(value)
-                rows.append([words, paper.R2.get(what, {}).get(value), r2, float(found["seconds"])])
-        title = f"R2 by {what}, fine inputs, {SWEEP_EPOCHS} epochs"
-        tables.append(Table(title, [what, "the paper's (2,000 epochs)", "ours", "s a network"], rows, digits=4))
+                rows.append(
+                    {
+                        what: "-".join(map(str, value)) if isinstance(value, tuple) else str(value),
+                        "the paper's (2,000 epochs)": paper.R2[what].get(value),
+                        "ours": float(found["r2"]["1"]["closure"]),
+                        "s a network": float(found["seconds"]),
+                    }
+                )
+        tables.append(Table.of(f"R2 by {what}, fine inputs, {SWEEP_EPOCHS} epochs", rows, digits=4))
     return tables

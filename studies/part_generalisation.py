@@ -18,7 +18,7 @@ from jaxdem.train.dataset_file import Group, read_dataset
 from jaxdem.train.fit_evaluate import Predictor, map_rows, r_squared, thin
 from jaxdem.train.fit_regression import fit_regression, prepare_rows
 from studies.evidence import Evidence
-from studies.measure import mean, mean_over, noise_floor
+from studies.measure import PERCENT, mean, mean_over, noise_floor
 from studies.specs import DatasetSpec, FitSpec, RunSpec
 from studies.tables import Cell, Section, Table
 
@@ -85,7 +85,7 @@ def _forces(evidence: Evidence) -> Table:
         if len(files) == len(spec.datasets) - 1:
             data = [read_dataset(file) for file in files]
             predictors["regression"] = regression_of(filtered, data, spec.settings.coarsenings or (1,))
-    rows: list[list[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for name in evidence.plan.names("generalisation", DatasetSpec):
         file = evidence.dataset(name)
         if file is None:
@@ -95,25 +95,21 @@ def _forces(evidence: Evidence) -> Table:
         law = jax.jit(lambda inputs, base=base: base(inputs).coefficient[:, None] * inputs.slip_velocity)
         every = {"Koch-Hill": partial(map_rows, law), **predictors}
         for factor, group in dataset.groups.items():
-            rows.append([name.removeprefix("dataset_"), f"{factor}x", *_scores(every, group)])
-    kinds = ("Koch-Hill", *predictors)
-    headings = [
-        "scene",
-        "inputs averaged",
-        *(f"{what}, {kind}" for kind in kinds for what in ("RMSE/RMS", "R2")),
-    ]
+            scene = name.removeprefix("dataset_")
+            rows.append({"scene": scene, "inputs averaged": f"{factor}x", **_scores(every, group)})
     note = "Root-mean-square error of the force over its root-mean-square, and R2, both over all components."
-    return Table("Force on the grains", headings, rows, note, digits=4)
+    return Table.of("Force on the grains", rows, note, digits=4)
 
 
-def _scores(predictors: dict[str, Any], group: Group) -> list[Cell]:
+def _scores(predictors: dict[str, Any], group: Group) -> dict[str, Cell]:
     target = np.asarray(group.target_force, float)
     size = math.sqrt(float(np.mean(target**2)))
-    cells: list[Cell] = []
-    for predictor in predictors.values():
+    scores: dict[str, Cell] = {}
+    for kind, predictor in predictors.items():
         force = np.asarray(predictor(group), float)
-        cells += [math.sqrt(float(np.mean((force - target) ** 2))) / size, r_squared(force, target)]
-    return cells
+        scores[f"RMSE/RMS, {kind}"] = math.sqrt(float(np.mean((force - target) ** 2))) / size
+        scores[f"R2, {kind}"] = r_squared(force, target)
+    return scores
 
 
 def scene_names(evidence: Evidence) -> list[str]:
@@ -123,19 +119,19 @@ def scene_names(evidence: Evidence) -> list[str]:
 
 
 def _runs(evidence: Evidence) -> Table:
-    rows: list[list[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for prefix in scene_names(evidence):
         fine = evidence.run(f"{prefix}fine")
         if fine is None:
             continue
         floor = noise_floor(fine, evidence.jittered(f"{prefix}fine"))
         for factor in (3, 4) if prefix == "" else (4,):
-            row: list[Cell] = [f"{prefix or 'injection_'}"[:-1], f"{factor}x", 100 * mean(floor)]
-            for end in COARSE.values():
+            scene = prefix.rstrip("_") or "injection"
+            row: dict[str, Cell] = {"scene": scene, "mesh": f"{factor}x", "noise [%]": mean(floor) / PERCENT}
+            for what, end in COARSE.items():
                 error = evidence.errors(f"{prefix}coarse_{factor}{end}", f"{prefix}fine")
-                row += [None, None] if error is None else [100 * mean(error), mean_over(error, floor)]
+                row[f"mean error [%], {what}"] = None if error is None else mean(error) / PERCENT
+                row[f"over noise [-], {what}"] = None if error is None else mean_over(error, floor)
             rows.append(row)
-    headings = ["scene", "mesh", "noise [%]"]
-    headings += [f"{what}, {kind}" for kind in COARSE for what in ("mean error [%]", "over noise [-]")]
     note = "Coarse runs against the fine run of the same scene; mean over the nine metrics."
-    return Table("Coarse runs in scenes that no closure has seen", headings, rows, note)
+    return Table.of("Coarse runs in scenes that no closure has seen", rows, note)

@@ -17,7 +17,7 @@ from jaxdem import metrics
 from jaxdem.io import Run
 from jaxdem.report import style
 from studies.evidence import Evidence
-from studies.measure import LABELS, NAMES, mean, mean_over, noise_floor, over
+from studies.measure import NAMES, PERCENT, labelled, mean, mean_over, noise_floor, over
 from studies.specs import RunSpec
 from studies.tables import Cell, Section, Table
 
@@ -35,8 +35,8 @@ def pareto_part(evidence: Evidence) -> Section:
     section = Section("pareto", "Error against run time")
     section.text.append(
         f"Run times are those of the runs themselves, without compiling. {evidence.sharing} Training is not in them "
-        "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added as if for one run "
-        "as long as the fine one, the grey line is the noise and the black one the fine run's time."
+        "and stands beside. In the figures orange points are runs with a closure, hollow ones have its training added "
+        "as if for one run as long as the fine one, the grey line is the noise and the black one the fine run's time."
     )
     for words, prefix in SCENES.items():
         table, points = _table(evidence, words, prefix)
@@ -70,23 +70,12 @@ def runs_of(evidence: Evidence, prefix: str) -> list[str]:
 
 
 def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Point]]:
-    headings = [
-        "run",
-        "cells",
-        "time a simulated second [s]",
-        "training [s]",
-        *LABELS,
-        "mean",
-        "mean error [%]",
-        "on the front",
-    ]
-    table = Table(f"Error over noise and run time, {words}", headings, [])
-    fine = evidence.run(f"{prefix}fine")
+    title, fine = f"Error over noise and run time, {words}", evidence.run(f"{prefix}fine")
     if fine is None:
-        return table, []
+        return Table.of(title, []), []
     floor = noise_floor(fine, evidence.jittered(f"{prefix}fine"))
     points: list[Point] = []
-    rows: list[list[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for name in runs_of(evidence, prefix):
         run, error = evidence.run(name), evidence.errors(name, f"{prefix}fine")
         if run is None or error is None:
@@ -96,45 +85,28 @@ def _table(evidence: Evidence, words: str, prefix: str) -> tuple[Table, list[Poi
             evidence.missing[name] = "was run on another device than its fine run, or with another JAX"
             continue
         training = evidence.training_of(name)
-        cells = " x ".join(str(n) for n in run.cells or ())
-        rows.append(
-            [
-                name,
-                cells,
-                seconds,
-                training,
-                *(ratio[n] for n in NAMES),
-                mean_over(error, floor),
-                100 * mean(error),
-            ]
-        )
+        row = _row(name, run, seconds, training) | labelled(ratio)
+        rows.append({**row, "mean": mean_over(error, floor), "mean error [%]": mean(error) / PERCENT})
         points.append((name, seconds, ratio, (training or 0.0) / float(fine.history["time"][-1])))
-    noise = mean(floor)
+    noise = mean(floor) / PERCENT
     front = metrics.pareto_front(
-        [p[1] for p in points],
-        [float(row[-1] or math.nan) for row in rows],
-        error_noise=100 * noise if math.isfinite(noise) else 0.0,
+        [point[1] for point in points],
+        [float(row["mean error [%]"] or math.nan) for row in rows],
+        error_noise=noise if math.isfinite(noise) else 0.0,
     )
-    table.rows = [[*row, "yes" if on else ""] for row, on in zip(rows, front, strict=True)]
-    floors = [100 * floor[n] for n in NAMES]
-    size = " x ".join(str(n) for n in fine.cells or ())
-    table.rows.append(
-        [
-            f"{prefix}fine, noise [%]",
-            size,
-            _time_per_second(evidence, fine, f"{prefix}fine"),
-            None,
-            *floors,
-            None,
-            100 * noise,
-            "",
-        ]
+    rows = [{**row, "on the front": "yes" if on else ""} for row, on in zip(rows, front, strict=True)]
+    own = _row(f"{prefix}fine, noise [%]", fine, _time_per_second(evidence, fine, f"{prefix}fine"), None)
+    rows.append({**own, **labelled(floor, PERCENT), "mean": None, "mean error [%]": noise, "on the front": ""})
+    note = (
+        "The last row is the reference: its run time, and the errors that are the unit of the others. Errors are means "
+        "over packs. Points on the front differ by more than the noise"
     )
-    table.note = "The last row is the reference: its run time, and the errors that are the unit of the others. Errors are means over packs. "
-    table.note += "Points on the front differ by more than the noise" + (
-        "." if math.isfinite(noise) else ", which is not known here."
-    )
-    return table, points
+    return Table.of(title, rows, note + ("." if math.isfinite(noise) else ", which is not known here.")), points
+
+
+def _row(name: str, run: Run, seconds: float, training: float | None) -> dict[str, Cell]:
+    cells = " x ".join(str(n) for n in run.cells or ())
+    return {"run": name, "cells": cells, "time a simulated second [s]": seconds, "training [s]": training}
 
 
 def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> Path:
@@ -157,10 +129,10 @@ def draw(points: Sequence[Point], reference: float, path: Path, words: str) -> P
     with style.look():
         figure = style.new_figure(12.0, 10.0 + style.LEGEND_LINE * math.ceil(len(key) / columns))
         axes = figure.subplots(3, 3)
-        for axis, name, label in zip(axes.flat, NAMES, LABELS, strict=True):
-            _panel(axis, points, _errors(points, name), fronts[name])
+        for axis, metric in zip(axes.flat, metrics.METRICS, strict=True):
+            _panel(axis, points, _errors(points, metric.name), fronts[metric.name])
             axis.axvline(reference, color=style.REFERENCE, linewidth=1.0)
-            axis.set_title(label)
+            axis.set_title(metric.label)
         for axis in axes[-1]:
             axis.set_xlabel("run time of a simulated second [s]")
         figure.supylabel(f"error over noise [-], {words}", fontsize=12)

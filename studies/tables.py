@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,12 @@ class Table:
     rows: list[list[Cell]]
     note: str = ""
     digits: int = 3
+
+    @classmethod
+    def of(cls, title: str, rows: Sequence[Mapping[str, Cell]], note: str = "", digits: int = 3) -> Table:
+        """The table of rows heading -> cell, which all have the same headings."""
+        headings = list(rows[0]) if rows else []
+        return cls(title, headings, [[row[heading] for heading in headings] for row in rows], note, digits)
 
     def markdown(self) -> str:
         """The table as Markdown."""
@@ -70,7 +76,7 @@ class Section:
     def markdown(self) -> str:
         """The section as Markdown."""
         blocks = [f"## {self.title}", "\n".join(f"- {sentence}" for sentence in self.text)]
-        blocks += [table.markdown() for table in self.tables]
+        blocks += [table.markdown() for table in self.tables if table.rows]
         if self.missing:
             reasons: dict[str, list[str]] = {}
             for name, why in self.missing.items():
@@ -82,7 +88,7 @@ class Section:
     def page(self) -> PageSection:
         """The section for a report."""
         missing = [f"Missing: {', '.join(self.missing)}."] if self.missing else []
-        return PageSection(self.title, [*self.text, *missing], [table.page() for table in self.tables])
+        return PageSection(self.title, [*self.text, *missing], [table.page() for table in self.tables if table.rows])
 
 
 def shown(cell: Cell, digits: int = 3) -> str:
