@@ -10,36 +10,10 @@ from typing import Any
 import numpy as np
 
 from jaxdem.closures.base import DragClosure, DragInputs
-from jaxdem.closures.export_trace import UNITS, VECTORS, ExportedDrag, moved, trace, walk
+from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, moved, trace, walk
 
 UNROLLED = 8
 """Up to this size every element is a statement of its own; beyond it there is a loop."""
-
-FORMS = {
-    "add": "{0} + {1}",
-    "sub": "{0} - {1}",
-    "mul": "{0} * {1}",
-    "div": "{0} / {1}",
-    "neg": "-{0}",
-    # A NaN among the two stays one, as in JAX; fmaxf and fminf would drop it.
-    "max": "({0} > {1} || {0} != {0}) ? {0} : {1}",
-    "min": "({0} < {1} || {0} != {0}) ? {0} : {1}",
-    "gt": "{0} > {1}",
-    "ge": "{0} >= {1}",
-    "lt": "{0} < {1}",
-    "le": "{0} <= {1}",
-    "eq": "{0} == {1}",
-    "ne": "{0} != {1}",
-    "and": "{0} && {1}",
-    "or": "{0} || {1}",
-    "not": "!{0}",
-    "select_n": "{0} ? {2} : {1}",
-    "logistic": "1.0f / (1.0f + expf(-{0}))",
-    **{name: f"{name}f({{0}})" for name in ("exp", "expm1", "log", "log1p", "sqrt", "tanh", "atan")},
-    "abs": "fabsf({0})",
-    "pow": "powf({0}, {1})",
-}
-"""C expressions of the operations that act element by element."""
 
 HEADER = """\
 /* Drag closure exported by jaxdem {version}; float32, SI units, no dependencies but <math.h>.
@@ -126,12 +100,10 @@ class _Writer:
     def apply(self, operation: str, operands: Sequence[Any], settings: dict[str, Any], result: Any) -> Any:
         """One operation; see `jaxdem.closures.export_trace.Apply`."""
         if operation == "dot_general":
-            return self._product(operands[0], operands[1], settings["dimension_numbers"], result.shape)
+            return self._product(operands[0], operands[1], result.shape)
         values = [_expressions(value) for value in operands]
-        if operation in FORMS:
-            return self._elementwise(FORMS[operation], values, result)
-        if operation == "integer_pow":
-            return self._elementwise(_power_form(settings["y"]), values, result)
+        if operation in OPERATIONS:
+            return self._elementwise(OPERATIONS[operation].c, values, result)
         if operation in ("reduce_sum", "reduce_and"):
             return self._reduced(" + " if operation == "reduce_sum" else " && ", values[0], settings, result)
         if operation == "convert_element_type":
@@ -175,22 +147,20 @@ class _Writer:
         form = joint.join(f"{{{i}}}" for i in range(rows.shape[-1]))
         return self._elementwise(form, [rows[..., i] for i in range(rows.shape[-1])], result)
 
-    def _product(self, vector: Any, matrix: Any, numbers: Any, shape: tuple[int, ...]) -> np.ndarray:
+    def _product(self, vector: np.ndarray, matrix: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         """(1, K) times a constant (K, M): a layer of a network."""
-        if numbers != (((1,), (0,)), ((), ())) or vector.shape[0] != 1 or matrix.dtype == object:
+        if vector.shape[0] != 1 or matrix.dtype == object:
             raise NotImplementedError("no C for a product other than of a row with constant weights")
         inputs, outputs = matrix.shape
         name, sums = self._fresh(), self._at(vector, "i")
         table = self._table(matrix.T)
         self.lines.append((name, f"float {name}[{outputs}];"))
-        self.lines.append(
-            (
-                name,
-                f"for (int j = 0; j < {outputs}; ++j) {{\n        float sum = 0.0f;\n"
-                f"        for (int i = 0; i < {inputs}; ++i) sum += {table}[j][i] * {sums};\n"
-                f"        {name}[j] = sum;\n    }}",
-            )
+        loop = (
+            f"for (int j = 0; j < {outputs}; ++j) {{\n        float sum = 0.0f;\n"
+            f"        for (int i = 0; i < {inputs}; ++i) sum += {table}[j][i] * {sums};\n"
+            f"        {name}[j] = sum;\n    }}"
         )
+        self.lines.append((name, loop))
         return _elements(name, shape)
 
     def _at(self, value: np.ndarray, index: str) -> str:
@@ -253,11 +223,6 @@ def _literal(number: float) -> str:
         return "INFINITY" if number > 0 else "-INFINITY"
     text = f"{number:.9g}"
     return text + ("f" if any(mark in text for mark in ".e") else ".0f")
-
-
-def _power_form(exponent: int) -> str:
-    product = " * ".join(["{0}"] * abs(exponent)) or "1.0f"
-    return product if exponent >= 0 else f"1.0f / ({product})"
 
 
 def _braces(rows: np.ndarray) -> str:

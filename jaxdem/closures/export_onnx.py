@@ -8,35 +8,8 @@ from typing import Any
 import numpy as np
 
 from jaxdem.closures.base import DragClosure, DragInputs
-from jaxdem.closures.export_trace import UNITS, VECTORS, ExportedDrag, trace, walk
+from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, trace, walk
 from jaxdem.errors import InputError
-
-OPERATORS = {
-    "add": "Add",
-    "sub": "Sub",
-    "mul": "Mul",
-    "div": "Div",
-    "neg": "Neg",
-    "max": "Max",
-    "min": "Min",
-    "gt": "Greater",
-    "ge": "GreaterOrEqual",
-    "lt": "Less",
-    "le": "LessOrEqual",
-    "eq": "Equal",
-    "and": "And",
-    "or": "Or",
-    "not": "Not",
-    "abs": "Abs",
-    "exp": "Exp",
-    "log": "Log",
-    "sqrt": "Sqrt",
-    "tanh": "Tanh",
-    "atan": "Atan",
-    "pow": "Pow",
-    "logistic": "Sigmoid",
-}
-"""Operators that do the same, element by element."""
 
 OPERATOR_SET, FORMAT = 17, 8
 """Versions of the operators and of the file: of 2022, so that older runtimes read it too."""
@@ -128,8 +101,8 @@ class _Writer:
 
     def _elementwise(self, operation: str, operands: list[Any], settings: dict[str, Any], result: Any) -> Any:
         """Operations on one element of each operand."""
-        if operation in OPERATORS:
-            return self.node(OPERATORS[operation], *operands)
+        if operation in OPERATIONS and OPERATIONS[operation].onnx:
+            return self.node(OPERATIONS[operation].onnx, *operands)
         if operation == "ne":
             return self.node("Not", self.node("Equal", *operands))
         if operation == "select_n":
@@ -139,8 +112,6 @@ class _Writer:
             return self.node("Mul", half, self.node("Add", self.node("Exp", operands[0]), _number(1.0)))
         if operation == "log1p":
             return self._log1p(operands[0])
-        if operation == "integer_pow":
-            return self._power(operands[0], settings["y"])
         if operation == "convert_element_type":
             return self.node("Cast", operands[0], to=self._kind(result.dtype))
         raise NotImplementedError(f"no ONNX for the operation {operation}")
@@ -149,8 +120,6 @@ class _Writer:
         """Operations that know axes, which lie one to the right in the graph; None of any other operation."""
         first = operands[0]
         if operation == "dot_general":
-            if settings["dimension_numbers"] != (((1,), (0,)), ((), ())):
-                raise NotImplementedError("no ONNX for a product other than of a row with a matrix")
             return self.node("MatMul", *operands)
         if operation in ("reshape", "squeeze"):
             return self._reshaped(first, result.shape)
@@ -214,12 +183,6 @@ class _Writer:
         divisor = self.node("Where", none, _number(1.0), excess)
         exact = self.node("Div", self.node("Mul", self.node("Log", rounded), value), divisor)
         return self.node("Where", none, value, exact)
-
-    def _power(self, value: Any, exponent: int) -> Any:
-        power = value
-        for _ in range(abs(exponent) - 1):
-            power = self.node("Mul", power, value)
-        return power if exponent > 0 else self.node("Div", _number(1.0), power)
 
     def _named(self, value: Any) -> str:
         if isinstance(value, _Tensor):

@@ -38,6 +38,53 @@ UNITS = {
 """What every input and output is, for the comments of the exported files."""
 
 
+class Operation(NamedTuple):
+    """An operation on elements in other languages.
+
+    Attributes:
+        c: expression in C of the operands {0}, {1}, ...
+        onnx: the operator that does the same; none where it takes several (`jaxdem.closures.export_onnx`).
+        numpy: the function that does the same to constants; without one JAX does it, which compiles a program.
+    """
+
+    c: str
+    onnx: str = ""
+    numpy: Callable[..., np.ndarray] | None = None
+
+
+OPERATIONS = {
+    "add": Operation("{0} + {1}", "Add", np.add),
+    "sub": Operation("{0} - {1}", "Sub", np.subtract),
+    "mul": Operation("{0} * {1}", "Mul", np.multiply),
+    "div": Operation("{0} / {1}", "Div"),
+    "neg": Operation("-{0}", "Neg"),
+    # A NaN among the two stays one, as in JAX; fmaxf and fminf would drop it.
+    "max": Operation("({0} > {1} || {0} != {0}) ? {0} : {1}", "Max", np.maximum),
+    "min": Operation("({0} < {1} || {0} != {0}) ? {0} : {1}", "Min"),
+    "gt": Operation("{0} > {1}", "Greater"),
+    "ge": Operation("{0} >= {1}", "GreaterOrEqual"),
+    "lt": Operation("{0} < {1}", "Less"),
+    "le": Operation("{0} <= {1}", "LessOrEqual"),
+    "eq": Operation("{0} == {1}", "Equal"),
+    "ne": Operation("{0} != {1}"),
+    "and": Operation("{0} && {1}", "And"),
+    "or": Operation("{0} || {1}", "Or"),
+    "not": Operation("!{0}", "Not"),
+    "select_n": Operation("{0} ? {2} : {1}"),
+    "logistic": Operation("1.0f / (1.0f + expf(-{0}))", "Sigmoid"),
+    "exp": Operation("expf({0})", "Exp"),
+    "expm1": Operation("expm1f({0})"),
+    "log": Operation("logf({0})", "Log"),
+    "log1p": Operation("log1pf({0})"),
+    "sqrt": Operation("sqrtf({0})", "Sqrt"),
+    "tanh": Operation("tanhf({0})", "Tanh"),
+    "atan": Operation("atanf({0})", "Atan"),
+    "abs": Operation("fabsf({0})", "Abs", np.abs),
+    "pow": Operation("powf({0}, {1})", "Pow"),
+}
+"""Operations that act element by element, by the names of JAX."""
+
+
 class ExportedDrag(NamedTuple):
     """What an exported closure gives, in this order; see `jaxdem.closures.base.Drag`.
 
@@ -82,24 +129,29 @@ def trace(closure: DragClosure, dimension: int) -> ClosedJaxpr:
     return jax.make_jaxpr(one_particle(closure))(*input_shapes(dimension))
 
 
-Apply = Callable[[str, Sequence[Any], dict[str, Any], Any], Any]
+Value = Any
+"""What stands for an array in a writer; constants are numpy arrays of numbers."""
+Apply = Callable[[str, Sequence[Value], dict[str, Any], Any], Value]
 """apply(operation, operands, settings, shape and type of the result) to the result, as a writer has it."""
 
 
-def walk(program: ClosedJaxpr, inputs: Sequence[Any], apply: Apply) -> list[Any]:
+def walk(program: ClosedJaxpr, inputs: Sequence[Value], apply: Apply) -> list[Value]:
     """Results of a program whose operations are done by `apply`.
 
-    Constants are numpy arrays; what depends on constants alone is computed here.
+    What depends on constants alone is computed here, and whole powers are handed on as products.
 
     Args:
         program: from `trace`.
         inputs: what stands for the inputs; no numpy arrays of numbers.
         apply: see `Apply`.
+
+    Raises:
+        NotImplementedError: a product other than of a row with a matrix, or what `apply` refuses.
     """
-    values: dict[Any, Any] = dict(zip(program.jaxpr.constvars, map(np.asarray, program.consts), strict=True))
+    values: dict[Any, Value] = dict(zip(program.jaxpr.constvars, map(np.asarray, program.consts), strict=True))
     values |= dict(zip(program.jaxpr.invars, inputs, strict=True))
 
-    def value(place: Any) -> Any:
+    def value(place: Any) -> Value:
         if not isinstance(place, Literal):
             return values[place]
         kind: Any = place.aval
@@ -107,7 +159,7 @@ def walk(program: ClosedJaxpr, inputs: Sequence[Any], apply: Apply) -> list[Any]
 
     for operation in program.jaxpr.eqns:
         operands = [value(place) for place in operation.invars]
-        name, settings = operation.primitive.name, operation.params
+        name, settings, result = operation.primitive.name, operation.params, operation.outvars[0].aval
         inner = settings.get("jaxpr", settings.get("call_jaxpr"))
         if inner is not None:
             results = walk(inner, operands, apply)
@@ -115,10 +167,24 @@ def walk(program: ClosedJaxpr, inputs: Sequence[Any], apply: Apply) -> list[Any]
             results = operands
         elif all(map(_is_constant, operands)):
             results = [_folded(operation, operands)]
+        elif name == "integer_pow":
+            results = [_power(apply, operands[0], settings["y"], result)]
+        elif name == "dot_general" and settings["dimension_numbers"] != (((1,), (0,)), ((), ())):
+            raise NotImplementedError("no export of a product other than of a row with a matrix")
         else:
-            results = [apply(name, operands, settings, operation.outvars[0].aval)]
+            results = [apply(name, operands, settings, result)]
         values |= dict(zip(operation.outvars, results, strict=True))
     return [value(place) for place in program.jaxpr.outvars]
+
+
+def _power(apply: Apply, value: Value, exponent: int, result: Any) -> Value:
+    """A power of a whole exponent as products."""
+    if exponent == 0:
+        return np.ones(result.shape, result.dtype)
+    power = value
+    for _ in range(abs(exponent) - 1):
+        power = apply("mul", [power, value], {}, result)
+    return power if exponent > 0 else apply("div", [np.ones((), result.dtype), power], {}, result)
 
 
 def moved(
@@ -144,15 +210,12 @@ def moved(
     return None
 
 
-_ARITHMETIC = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "max": np.maximum, "abs": np.abs}
-"""What the closures do with their constants, in numpy: JAX would compile a program for each of them."""
-
-
 def _folded(operation: Any, operands: Sequence[np.ndarray]) -> np.ndarray:
     """An operation on constants alone."""
     name, result = operation.primitive.name, operation.outvars[0].aval
-    if name in _ARITHMETIC:
-        return np.asarray(_ARITHMETIC[name](*operands))
+    function = OPERATIONS[name].numpy if name in OPERATIONS else None
+    if function is not None:
+        return np.asarray(function(*operands))
     if name == "convert_element_type":
         return operands[0].astype(result.dtype)
     value = moved(name, operands, operation.params, result.shape)
