@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.vectors import safe_sqrt
 
 
 class KochHill(Correlation):
@@ -41,9 +42,8 @@ def _creeping(solid_fraction: Array) -> Array:
     s = jnp.minimum(solid_fraction, 0.4)
     occupied = s > 0
     inside = jnp.where(occupied, s, 1.0)
-    root = jnp.where(occupied, jnp.sqrt(0.5 * inside), 0.0)
     logarithm = jnp.where(occupied, inside * jnp.log(inside), 0.0)
-    numerator = 1.0 + 3.0 * root + 135.0 / 64.0 * logarithm + 16.14 * s
+    numerator = 1.0 + 3.0 * safe_sqrt(0.5 * s) + 135.0 / 64.0 * logarithm + 16.14 * s
     dilute = numerator / (1.0 + 0.681 * s - 8.48 * s**2 + 8.16 * s**3)
     dense = 10.0 * solid_fraction / (1.0 - solid_fraction) ** 3
     return jnp.where(solid_fraction < 0.4, dilute, dense)

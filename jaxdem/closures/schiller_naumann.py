@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.powers import power
 
 NEWTON_REYNOLDS = 1000.0
 """Reynolds number above which the drag coefficient is the constant `NEWTON_DRAG_COEFFICIENT`."""
@@ -21,10 +22,8 @@ def single_sphere_multiple(reynolds: Array) -> Array:
     Args:
         reynolds: (...,) >= 0 [-].
     """
-    moving = reynolds > 0
-    power = jnp.where(moving, jnp.where(moving, reynolds, 1.0) ** 0.687, 0.0)
     newton = NEWTON_DRAG_COEFFICIENT / 24.0 * reynolds
-    return jnp.where(reynolds <= NEWTON_REYNOLDS, 1.0 + 0.15 * power, newton)
+    return jnp.where(reynolds <= NEWTON_REYNOLDS, 1.0 + 0.15 * power(reynolds, 0.687), newton)
 
 
 class SchillerNaumann(Correlation):

@@ -7,6 +7,7 @@ from jax import Array
 
 from jaxdem.closures.beetstra import creeping_drag
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.powers import power
 
 
 class Tang(Correlation):
@@ -26,8 +27,6 @@ class Tang(Correlation):
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
         """F(s, Re) = g F_T(s, Re) [-]."""
         void_fraction = 1.0 - solid_fraction
-        moving = reynolds > 0
-        power = jnp.where(moving, jnp.where(moving, reynolds, 1.0) ** 0.657, 0.0)
         linear = 0.11 * solid_fraction * (1.0 + solid_fraction) - 0.00456 / void_fraction**4
-        inertial = linear * reynolds + (0.169 * void_fraction + 0.0644 / void_fraction**4) * power
+        inertial = linear * reynolds + (0.169 * void_fraction + 0.0644 / void_fraction**4) * power(reynolds, 0.657)
         return void_fraction * (creeping_drag(solid_fraction) + jnp.maximum(inertial, 0.0))
