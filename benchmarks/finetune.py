@@ -29,9 +29,10 @@ import jaxdem
 from benchmarks import harness
 from jaxdem.closures import InvariantClosure
 from jaxdem.train.closures import Closures
-from jaxdem.train.finetune import FinetuneSettings, Unrolled, finetune
-from jaxdem.train.observables import BINS, Observables
-from jaxdem.train.reference import Course
+from jaxdem.train.finetune import FinetuneSettings, finetune
+from jaxdem.train.observables import BINS, Grains, Observables
+from jaxdem.train.reference import CoarseCase
+from jaxdem.train.unrolled import Unrolled
 
 SCENE = Path(__file__).parents[1] / "scenes" / "injection_demo.toml"
 COARSE = {"fluid.cells": [25, 5]}
@@ -43,16 +44,23 @@ def scene_of(count: int, **changes: Any) -> jaxdem.Scene:
     return jaxdem.load_scene(SCENE, {"particles.count": count, "time.end": 0.6} | changes)
 
 
+class OwnStart(CoarseCase):
+    """A case without a reference: its targets are ones."""
+
+    targets = Observables(*[jnp.ones(1)] * 5, *[jnp.ones((1, BINS))] * 2)
+
+
 def unrolled(count: int) -> tuple[Unrolled, Any]:
     """Runs of the coarse scene from its own start, with targets of ones; and the arguments of a loss."""
     scene = scene_of(count, **COARSE)
     closure = InvariantClosure.initial()
     simulation, parameters = jaxdem.build(scene, closure)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    targets = Observables(*[jnp.ones(1)] * 5, *[jnp.ones((1, BINS))] * 2)
-    course = Course(scene, simulation, parameters, None, state, 1, targets)  # type: ignore[arg-type]
+    bodies = parameters.mixture.bodies
+    grains = Grains(bodies.mass, bodies.inertia, bodies.volume, scene.domain.size[0])
+    case = OwnStart(simulation, parameters, grains, None, state.particles, 1)  # type: ignore[arg-type]
     closures = Closures(closure)
-    return Unrolled(course, closures, 1), (closures.weights, state, neighbors)
+    return Unrolled(case, closures, 1), (closures.weights, state, neighbors)
 
 
 def one_horizon(steps: int, count: int, repetitions: int, sloped: bool) -> dict[str, Any]:

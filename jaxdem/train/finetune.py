@@ -2,11 +2,7 @@
 
 A coarse run is started from a frame of the reference, unrolled for some outputs, and its observables (front, height,
 mean drag, profiles; `jaxdem.train.observables`) are compared with the reference's at those times. Single
-trajectories diverge chaotically, so they are not compared, and horizons grow from short to long:
-
-    loss = mean over observables and times of mean((m - m_ref)^2) / s^2,
-
-with s the mean size of m_ref over the reference. Trained are the weights of the drag closure, of the subgrid stress, or of
+trajectories diverge chaotically, so they are not compared, and horizons grow from short to long. Trained are the weights of the drag closure, of the subgrid stress, or of
 both at once; with a subgrid stress in the run the fluid is compared too. The gradient goes through the whole coupled step by
 `jaxdem.rollout`. A gradient-free search on a few of the parameters stands beside it as a baseline.
 """
@@ -29,21 +25,15 @@ from jax import Array
 from scipy.optimize import minimize
 
 from jaxdem.errors import InputError, RunError, sentence
-from jaxdem.failures import Failure, first_meaning
+from jaxdem.failures import first_meaning
 from jaxdem.io import load_run
-from jaxdem.particles.neighbors import Neighbors, Room
-from jaxdem.run.rollout import measured_rollout
 from jaxdem.scene import Scene
-from jaxdem.state import Diagnostics, State
 from jaxdem.train.closures import Closures, Weights, few_parameters
-from jaxdem.train.observables import Observables, observe_fluid, observe_particles
-from jaxdem.train.reference import Course, follow
+from jaxdem.train.reference import CoarseCase, follow
+from jaxdem.train.unrolled import Unrolled
 
 Progress = Callable[[int, int, float], None]
 """progress(updates done, updates in all, loss)."""
-
-ENLARGEMENTS = 4
-"""So often a run gets more room for its neighbour list, five times as much in the end; who still lacks it has blown up."""
 
 PATIENCE = 5
 """So many updates in a row without a finite gradient end the training."""
@@ -148,9 +138,9 @@ def finetune(
     settings = settings or FinetuneSettings()
     began = time.perf_counter()
     closures.check()
-    course = follow(scene, load_run(reference), closures)
-    stages = settings.stages(course.run.number_of_frames - 1)
-    training = Training(course, closures, settings, stages)
+    case = follow(scene, load_run(reference), closures)
+    stages = settings.stages(case.run.number_of_frames - 1)
+    training = Training(case, closures, settings, stages)
     stopped = training.run(progress)
     record = training.record() | {
         "reference": Path(reference).name,
@@ -167,113 +157,11 @@ def finetune(
     return FinetuneResult(closures.with_weights(training.best), written, stopped)
 
 
-class Unrolled:
-    """Coarse runs from frames of the reference, their loss and its gradient."""
-
-    def __init__(self, course: Course, closures: Closures, longest: int):
-        self.course, self.closures, self.longest = course, closures, longest
-        self.scales = jax.tree.map(_mean_size, course.targets)
-        self.room: Room | None = None
-        self.forward_runs = self.resizes = 0
-        self._states: dict[int, State] = {}
-        self._listed: dict[int, tuple[State, Neighbors]] = {}
-        # One program for all horizons: the gradient's takes a minute to compile.
-        self._loss = jax.jit(self.loss_of_run)
-        self._slope = jax.jit(jax.value_and_grad(self.loss_of_run, has_aux=True))
-
-    def loss(self, weights: Weights, index: int, outputs: int) -> tuple[float, int]:
-        """Loss of the run from frame `index` over some outputs, and its failure flags."""
-        (value, code), _ = self._evaluated(False, weights, index, outputs)
-        return value, code
-
-    def slope(self, weights: Weights, index: int, outputs: int) -> tuple[float, int, Weights]:
-        """`loss`, and its gradient by the weights."""
-        (value, code), slopes = self._evaluated(True, weights, index, outputs)
-        return value, code, slopes
-
-    def loss_of_run(
-        self, weights: Weights, state: State, neighbors: Neighbors, targets: Observables, outputs: Array
-    ) -> tuple[Array, Array]:
-        """Loss and failure flags as a pure function of the weights; see the module.
-
-        Args:
-            weights: of the closures that are trained.
-            state, neighbors: to start from.
-            targets: of the coming outputs, as many as the longest horizon has.
-            outputs: () int32, how many of them count.
-        """
-        course, grains = self.course, self.course.grains
-        parameters = self.closures.with_weights(weights).put_into(course.parameters)
-
-        def measure(state: State, diagnostics: Diagnostics) -> Observables:
-            particles, forces = state.particles, diagnostics.forces
-            assert particles is not None and forces is not None
-            seen = observe_particles(
-                grains, particles.position, particles.velocity, particles.angular_velocity, forces.drag
-            )
-            if targets.fluid_velocity_mean is None:
-                return seen
-            assert course.simulation.fluid is not None and state.fluid is not None
-            solver = course.simulation.fluid.solver
-            return observe_fluid(seen, solver.grid, solver.boundary, state.fluid)
-
-        each, longest = course.per_output, len(targets.runoff)
-        result = measured_rollout(
-            course.simulation.reversible(),
-            parameters,
-            state,
-            neighbors,
-            longest * each,
-            measure,
-            outputs * each,
-        )
-        counts = jnp.arange(longest) < outputs
-
-        def term(seen: Array, target: Array, scale: Array) -> Array:
-            squared = ((seen[each - 1 :: each] - target) / scale) ** 2
-            of_time = squared if squared.ndim == 1 else jnp.mean(squared, axis=1)
-            return jnp.sum(jnp.where(counts, of_time, 0.0)) / outputs
-
-        terms = jax.tree.leaves(jax.tree.map(term, result.observations, targets, self.scales))
-        return jnp.mean(jnp.stack(terms)), result.failures
-
-    def _evaluated(self, sloped: bool, weights: Any, index: int, outputs: int) -> Any:
-        """A compiled call; on overflow of the neighbour list again, with more room, `ENLARGEMENTS` times at most."""
-        # Beyond the horizon any row will do; it does not count.
-        rows = np.minimum(np.arange(index + 1, index + 1 + self.longest), self.course.run.number_of_frames - 1)
-        targets = jax.tree.map(lambda m: m[rows], self.course.targets)
-        program = self._slope if sloped else self._loss
-        self._start(index)
-        before = self.room
-        for left in reversed(range(ENLARGEMENTS + 1)):
-            state, neighbors = self._start(index)
-            self.forward_runs += 1
-            result = program(weights, state, neighbors, targets, jnp.asarray(outputs, jnp.int32))
-            (value, code), slopes = result if sloped else (result, None)
-            if not int(code) & Failure.OVERFLOW:
-                break
-            assert self.room is not None
-            # In the end grains lie in a heap or fly at a wall: the update failed, and others need no room of that size.
-            self.room = self.room.enlarged() if left else before
-            self.resizes += left > 0
-        return (float(value), int(code)), slopes
-
-    def _start(self, index: int) -> tuple[State, Neighbors]:
-        """State and list of a frame; all lists have the same room, so that they share their programs."""
-        if index not in self._states:
-            self._states[index] = self.course.start(index)
-            needed = self.course.with_list(self._states[index])[1].room
-            self.room = needed if self.room is None else needed.covering(self.room)
-        if index not in self._listed or self._listed[index][1].room != self.room:
-            self._listed[index] = self.course.with_list(self._states[index], self.room)
-        return self._listed[index]
-
-
 class Training:
-    """The course of one training."""
+    """One training: which weights it tries, and the best so far."""
 
-    def __init__(self, course: Course, closures: Closures, settings: FinetuneSettings, stages: tuple[int, ...]):
-        self.unrolled = Unrolled(course, closures, max(stages))
+    def __init__(self, case: CoarseCase, closures: Closures, settings: FinetuneSettings, stages: tuple[int, ...]):
+        self.unrolled = Unrolled(case, closures, max(stages))
         self.settings, self.stages = settings, stages
         self.best = closures.weights
         self.validation: list[float] = []
@@ -333,7 +221,7 @@ class Training:
 
     def _last_start(self, outputs: int) -> int:
         """The last frame that leaves room for so many outputs."""
-        return self.unrolled.course.run.number_of_frames - 1 - outputs
+        return self.unrolled.case.run.number_of_frames - 1 - outputs
 
     def _held_out_loss(self, weights: Weights) -> tuple[float, int]:
         """Mean loss of the validation, and the failure flags of its runs."""
@@ -419,12 +307,6 @@ def _update(
     """Variables and state of the optimiser after an update, and the norm of the gradient."""
     changes, state = optimizer.update(slopes, state)
     return optax.apply_updates(variables, changes), state, optax.tree.norm(slopes)
-
-
-def _mean_size(values: Array) -> Array:
-    """Mean over times of the size of an observable, and of its largest element where it is a profile."""
-    sizes = jnp.abs(values) if values.ndim == 1 else jnp.max(jnp.abs(values), axis=1)
-    return jnp.maximum(jnp.mean(sizes), jnp.finfo(values.dtype).tiny)
 
 
 def _no_gradient(code: int, horizon: int) -> str:

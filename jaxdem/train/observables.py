@@ -14,6 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.errors import present
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import Grid, cell_average
 from jaxdem.fluid.momentum import FluidState
@@ -89,11 +90,11 @@ def observe_particles(
     )
 
 
-def observe_fluid(seen: Observables, grid: Grid, boundary: Boundary, fluid: FluidState) -> Observables:
+def observe_fluid(observed: Observables, grid: Grid, boundary: Boundary, fluid: FluidState) -> Observables:
     """The observables with those of the fluid.
 
     Args:
-        seen: those of the particles.
+        observed: those of the particles.
         grid, boundary: of the coarse mesh.
         fluid: on it, with a void fraction.
     """
@@ -102,9 +103,8 @@ def observe_fluid(seen: Observables, grid: Grid, boundary: Boundary, fluid: Flui
     height = (jnp.arange(grid.cells[-1], dtype=cells.dtype) + 0.5) * grid.spacing[-1]
     height = height.reshape((1,) * (grid.dimension - 1) + (-1,))
     along = cells[..., 0]
-    assert fluid.void_fraction is not None
-    flux = fluid.void_fraction * along
-    return seen._replace(
+    flux = present(fluid.void_fraction, "void fraction") * along
+    return observed._replace(
         fluid_velocity_mean=jnp.mean(row_lengths(cells.reshape(-1, grid.dimension))),
         fluid_pressure_mean=jnp.mean(fluid.pressure) if boundary.has_outlet else None,
         momentum_profile=jnp.mean(flux * along, axis=sections),

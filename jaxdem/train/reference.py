@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,12 +13,13 @@ from jax import Array
 
 from jaxdem.closures import PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, present
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.grid import Grid, face_average_along
-from jaxdem.fluid.momentum import FluidState
+from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.io import Run
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case, build_case
@@ -30,72 +31,88 @@ from jaxdem.train.observables import Grains, Observables, observe_fluid, observe
 OPTION = "--reference"
 
 
-@dataclasses.dataclass(frozen=True)
-class Course:
-    """The coarse simulation and the reference that it is to follow.
+@dataclasses.dataclass(frozen=True, eq=False)
+class CoarseCase:
+    """The coarse simulation of a coupled scene and the reference that it is to follow.
 
     Attributes:
-        scene: of the coarse run.
-        simulation, parameters: built from it; the parameters hold the closure.
+        simulation, parameters: of the coarse run; the parameters hold the closure.
+        grains: masses and sizes of the particles.
         run: the reference.
-        template: the state that the scene itself starts from.
+        particles: those that the scene itself starts from.
         per_output: coupling intervals of the coarse run between two outputs of the reference.
-        targets: observables of the reference at all its outputs, (T, ...).
     """
 
-    scene: Scene
     simulation: Simulation
     parameters: Parameters
+    grains: Grains
     run: Run
-    template: State
+    particles: ParticleState
     per_output: int
-    targets: Observables
+
+    @property
+    def dimension(self) -> int:
+        """D."""
+        return self.particles.position.shape[1]
+
+    @property
+    def solver(self) -> FluidSolver:
+        """Of the coarse fluid."""
+        return present(self.simulation.fluid, "fluid").solver
 
     @property
     def observes_fluid(self) -> bool:
         """Whether the fluid is compared: where there is a subgrid stress, of which particles alone say little."""
-        return self.parameters.fluid is not None and self.parameters.fluid.subgrid is not None
+        fluid = self.parameters.fluid
+        return fluid is not None and fluid.subgrid is not None
 
-    @property
-    def grains(self) -> Grains:
-        """Masses and sizes of the particles."""
-        bodies = self.parameters.bodies
-        assert bodies is not None
-        return Grains(bodies.mass, bodies.inertia, bodies.volume, self.scene.domain.size[0])
+    def observe(self, particles: ParticleState, fluid: FluidState | None, drag_force: Array) -> Observables:
+        """Observables at one time, of the fluid too if it is compared; `drag_force` (N, D) [N]."""
+        own = (particles.position, particles.velocity, particles.angular_velocity)
+        observed = observe_particles(self.grains, *own, drag_force)
+        if fluid is None or not self.observes_fluid:
+            return observed
+        return observe_fluid(observed, self.solver.grid, self.solver.boundary, fluid)
+
+    @cached_property
+    def targets(self) -> Observables:
+        """Observables of the reference at all its outputs, (T, ...)."""
+        observe, rows = jax.jit(self.observe), []
+        for index in range(self.run.number_of_frames):
+            fluid = self.start(index).fluid if self.observes_fluid else None
+            rows.append(observe(self._particles(index), fluid, self._vectors(index, "drag_force")))
+        return jax.tree.map(lambda *values: jnp.stack(values), *rows)
 
     def start(self, index: int) -> State:
         """The state at output `index` of the reference, its fluid averaged to the coarse mesh.
 
         A frame has no contact springs (they start at zero) and cell velocities, of which the faces get the mean.
         """
-        frame, flow = self.run.particles(index), self.run.fluid(index)
-        assert flow is not None
-        own = self.template.particles
-        assert own is not None
-        dtype, dimension = self.parameters.gravity.dtype, self.scene.dimension
-
-        def rows(name: str) -> Array:
-            return jnp.asarray(frame[name][:, :dimension], dtype)
-
-        spin = frame["angular_velocity"] if dimension == 3 else frame["angular_velocity"][:, 2:]
-        low = own.position_low
-        particles = own._replace(
-            position=rows("position"),
-            position_low=None if low is None else jnp.zeros_like(low),
-            velocity=rows("velocity"),
-            angular_velocity=jnp.asarray(spin, dtype),
-            contact_force=rows("contact_force"),
-        )
+        particles, flow = self._particles(index), present(self.run.fluid(index), "fluid")
+        time = jnp.asarray(self.run.times[index], particles.position.dtype)
         step = jnp.asarray(index * self.per_output, jnp.int32)
-        time = jnp.asarray(self.run.times[index], dtype)
         return State(particles, self._fluid(flow, particles.position, time), step)
+
+    def _particles(self, index: int) -> ParticleState:
+        spin = self.run.particles(index)["angular_velocity"]
+        low = self.particles.position_low
+        return self.particles._replace(
+            position=self._vectors(index, "position"),
+            velocity=self._vectors(index, "velocity"),
+            contact_force=self._vectors(index, "contact_force"),
+            position_low=None if low is None else jnp.zeros_like(low),
+            angular_velocity=jnp.asarray(spin if self.dimension == 3 else spin[:, 2:], self.particles.position.dtype),
+        )
+
+    def _vectors(self, index: int, name: str) -> Array:
+        """(N, D) of a frame, which has three components in two dimensions too."""
+        return jnp.asarray(self.run.particles(index)[name][:, : self.dimension], self.particles.position.dtype)
 
     def with_list(self, state: State, room: Room | None = None) -> tuple[State, Neighbors]:
         """A state with its neighbour list, and springs of the list's size at rest; not jittable."""
-        particles, simulation = state.particles, self.simulation
-        assert particles is not None and simulation.contact is not None
+        particles, simulation = present(state.particles, "particles"), self.simulation
         neighbors = simulation.allocate(self.parameters, particles, room)
-        kept = simulation.contact.model.history_size(self.scene.dimension)
+        kept = present(simulation.contact, "particles").model.history_size(self.dimension)
         springs = (jnp.zeros(neighbors.room.pairs, particles.position.dtype),) * kept
         return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
 
@@ -104,44 +121,37 @@ class Course:
 
         Faces on the sides have what the coarse run's own conditions say: a frame's cells know nothing of them.
         """
-        assert self.simulation.fluid is not None and self.parameters.fluid is not None
-        solver, dtype = self.simulation.fluid.solver, position.dtype
-        coarse, side_velocity = solver.grid, self.parameters.fluid.side_velocity
+        dtype, coarse = position.dtype, self.solver.grid
         fine = dataclasses.replace(coarse, cells=tuple(flow["pressure"].shape))
-        given = (flow["void_fraction"].astype(dtype), flow["velocity"].astype(dtype))
-        flux = tuple(np.asarray(f, float) for f in _flux_of_cells(fine, *given))
+        of_cells = (flow["void_fraction"].astype(dtype), flow["velocity"].astype(dtype))
+        flux = tuple(np.asarray(f, float) for f in _flux_of_cells(fine, *of_cells))
         void_fraction, gaps = self._deposited(position)
         faces = tuple(
             jnp.asarray(f / np.asarray(g, float), dtype)
             for f, g in zip(remap_flux(fine, coarse, flux), gaps, strict=True)
         )
-        faces = set_normal_velocity(coarse, Sides(solver.boundary, side_velocity, time), faces, gaps)
+        sides = Sides(self.solver.boundary, self.parameters.mixture.properties.side_velocity, time)
+        faces = set_normal_velocity(coarse, sides, faces, gaps)
         pressure = remap_cells(fine, coarse, flow["pressure"].astype(float))
         return FluidState(faces, jnp.asarray(pressure, dtype), void_fraction)
 
     @cached_property
-    def _deposited(self) -> Any:
+    def _deposited(self) -> Callable[[Array], tuple[Array, tuple[Array, ...]]]:
         """Void fraction of the cells and of the faces as a function of the positions, compiled."""
-        assert self.simulation.coupling is not None
-        assert self.parameters.bodies is not None
-        coupling = self.simulation.coupling
-        grid, deposition = coupling.interval.solver.grid, coupling.deposition
-        bodies = self.parameters.bodies
+        grid, bodies = self.solver.grid, self.parameters.mixture.bodies
+        deposition = present(self.simulation.coupling, "coupling").deposition
 
         @jax.jit
         def deposited(position: Array) -> tuple[Array, tuple[Array, ...]]:
             weights = deposition.weights(grid, position, bodies.radius)
             void_fraction = 1.0 - solid_fraction(grid, weights, bodies.volume)
-            faces = (face_average_along(grid, void_fraction, axis) for axis in range(grid.dimension))
-            return void_fraction, tuple(faces)
+            return void_fraction, tuple(face_average_along(grid, void_fraction, axis) for axis in range(grid.dimension))
 
         return deposited
 
 
-def follow(scene: Scene, run: Run, closures: Closures) -> Course:
+def follow(scene: Scene, run: Run, closures: Closures) -> CoarseCase:
     """The coarse run of `scene` with closures in it, to follow a reference run.
-
-    With a subgrid stress among them the fluid is compared too.
 
     Raises:
         InputError: the scene cannot be differentiated or compared: other particles, box or times than the
@@ -156,32 +166,10 @@ def follow(scene: Scene, run: Run, closures: Closures) -> Course:
     if simulation.population is not None:
         limit = "training is not possible where particles enter or leave"
         raise InputError("particles", "inlets or exits", limit, "Take them out of the scene.")
-    template, _ = case.initial_state()
-    course = Course(scene, simulation, parameters, run, template, per_output, targets=None)  # type: ignore[arg-type]
-    return dataclasses.replace(course, targets=_targets(course))
-
-
-def _targets(course: Course) -> Observables:
-    dimension, dtype = course.scene.dimension, course.parameters.gravity.dtype
-
-    @jax.jit
-    def observed(*arrays: Array) -> Observables:
-        return observe_particles(course.grains, *arrays)
-
-    fluid = course.simulation.fluid
-    assert fluid is not None
-    solver = fluid.solver
-    fluid_observed = jax.jit(lambda seen, flow: observe_fluid(seen, solver.grid, solver.boundary, flow))
-    rows = []
-    for index in range(course.run.number_of_frames):
-        frame = course.run.particles(index)
-        flat = [frame[name][:, :dimension] for name in ("position", "velocity")]
-        arrays = (*flat, frame["angular_velocity"], frame["drag_force"][:, :dimension])
-        seen = observed(*(jnp.asarray(array, dtype) for array in arrays))
-        if course.observes_fluid:
-            seen = fluid_observed(seen, course.start(index).fluid)
-        rows.append(seen)
-    return jax.tree.map(lambda *values: jnp.stack(values), *rows)
+    bodies = parameters.mixture.bodies
+    grains = Grains(bodies.mass, bodies.inertia, bodies.volume, scene.domain.size[0])
+    particles = present(case.initial_state()[0].particles, "particles")
+    return CoarseCase(simulation, parameters, grains, run, particles, per_output)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -224,10 +212,10 @@ def _check_reference(scene: Scene, run: Run) -> None:
     if run.dimension != scene.dimension or not np.allclose(size, scene.domain.size, rtol=1e-9):
         limit = f"the scene's box is {scene.domain.size} m, the reference's {size} m"
         raise InputError("domain.size", scene.domain.size, limit, "Take the reference's scene with fewer cells.")
-    assert scene.fluid is not None and run.cells is not None
-    if any(coarse > fine for coarse, fine in zip(scene.fluid.cells, run.cells, strict=True)):
-        limit = f"is finer than the {run.cells} of the reference"
-        raise InputError("fluid.cells", scene.fluid.cells, limit, "Give as many cells as it has, or fewer.")
+    cells, limits = present(scene.fluid, "fluid").cells, present(run.cells, "fluid")
+    if any(coarse > fine for coarse, fine in zip(cells, limits, strict=True)):
+        limit = f"is finer than the {limits} of the reference"
+        raise InputError("fluid.cells", cells, limit, "Give as many cells as it has, or fewer.")
 
 
 def _check_grains(case: Case, run: Run) -> None:
@@ -239,13 +227,12 @@ def _check_grains(case: Case, run: Run) -> None:
         raise InputError("particles.count", own, limit, remedy)
     radius = np.broadcast_to(case.bodies.radius, count)
     if not np.allclose(radius, frame["radius"], rtol=1e-5):
-        raise InputError(
-            "particles.radius", radius[:1].tolist(), "the grains of the reference have other radii", remedy
-        )
+        limit = "the grains of the reference have other radii"
+        raise InputError("particles.radius", radius[:1].tolist(), limit, remedy)
 
 
 def _intervals_per_output(interval: float, run: Run) -> int:
-    times: Any = np.asarray(run.times, float)
+    times = np.asarray(run.times, float)
     spacing = float(times[1] - times[0])
     ratio = spacing / interval
     per_output = max(1, round(ratio))

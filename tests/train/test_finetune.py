@@ -1,6 +1,6 @@
 """Training through the solver: observables, loss and gradient, recovery of a known drag, guards, and what is refused.
 
-The course of a training is tried on a toy world, particles that relax to a uniform stream by the closure's drag, which
+A training is tried on a toy world, particles that relax to a uniform stream by the closure's drag, which
 compiles in a second. That gradients pass through the coupled solver itself is tested in tests/gradients; what training
 through it costs and gives is in benchmarks/results/finetune.md.
 """
@@ -31,9 +31,10 @@ from jaxdem.particles.neighbors import Room
 from jaxdem.run.rollout import measured_rollout
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
 from jaxdem.train.closures import Closures, few_parameters
-from jaxdem.train.finetune import ENLARGEMENTS, PATIENCE, FinetuneSettings, Training, Unrolled
+from jaxdem.train.finetune import PATIENCE, FinetuneSettings, Training
 from jaxdem.train.observables import Grains, Observables, observe_fluid, observe_particles
-from jaxdem.train.reference import follow
+from jaxdem.train.reference import CoarseCase, follow
+from jaxdem.train.unrolled import ENLARGEMENTS, Unrolled
 
 COUNT, PER_OUTPUT, OUTPUTS, INTERVAL = 12, 3, 6, 0.02
 GRAINS = Grains(jnp.asarray(0.01), jnp.asarray(1e-6), jnp.asarray(4e-6), 4.0)
@@ -94,10 +95,11 @@ def closure_with(bias):
     return dataclasses.replace(closure, weights=weights)
 
 
-class ToyCourse:
+class ToyCase:
     """A reference made with a drag factor of its own, in the place of a run on disk."""
 
     per_output, grains = PER_OUTPUT, GRAINS
+    observe, observes_fluid, solver = CoarseCase.observe, CoarseCase.observes_fluid, CoarseCase.solver
     run = SimpleNamespace(number_of_frames=OUTPUTS + 1)
 
     def __init__(self, world, bias):
@@ -134,14 +136,14 @@ TRUE = 0.6
 
 
 @pytest.fixture(scope="module")
-def course():
-    return ToyCourse(ToyWorld(), TRUE)
+def case():
+    return ToyCase(ToyWorld(), TRUE)
 
 
 @pytest.fixture(scope="module")
-def unrolled(course):
+def unrolled(case):
     """Compiled runs that the tests share."""
-    return Unrolled(course, Closures(closure_with(0.0)), 2)
+    return Unrolled(case, Closures(closure_with(0.0)), 2)
 
 
 def weights_with(bias):
@@ -149,7 +151,7 @@ def weights_with(bias):
 
 
 def training(unrolled, stages=(2,), **settings):
-    made = Training(unrolled.course, unrolled.closures, FinetuneSettings(stages, **settings), stages)
+    made = Training(unrolled.case, unrolled.closures, FinetuneSettings(stages, **settings), stages)
     made.unrolled = unrolled
     return made
 
@@ -226,9 +228,9 @@ def test_a_closure_that_cannot_be_run_is_said_at_once(unrolled, monkeypatch):
         training(unrolled).run(None)
 
 
-def test_a_full_list_gets_more_room_and_the_run_is_repeated(course, monkeypatch):
+def test_a_full_list_gets_more_room_and_the_run_is_repeated(case, monkeypatch):
     """The rooms seen grow until there are five slots; the program is left out."""
-    short, rooms = Unrolled(course, Closures(closure_with(0.0)), 2), []
+    short, rooms = Unrolled(case, Closures(closure_with(0.0)), 2), []
 
     def program(weights, state, neighbors, targets, outputs):
         rooms.append(neighbors.room.slots)
@@ -240,9 +242,9 @@ def test_a_full_list_gets_more_room_and_the_run_is_repeated(course, monkeypatch)
     assert short.loss(None, 1, 1) == (0.5, 0) and rooms[-1] == 6
 
 
-def test_a_run_that_blows_up_does_not_take_all_memory_for_its_list(course, monkeypatch):
+def test_a_run_that_blows_up_does_not_take_all_memory_for_its_list(case, monkeypatch):
     """It is an update that failed, and the next run has the room of before."""
-    short, rooms = Unrolled(course, Closures(closure_with(0.0)), 2), []
+    short, rooms = Unrolled(case, Closures(closure_with(0.0)), 2), []
 
     def program(weights, state, neighbors, targets, outputs):
         rooms.append(neighbors.room.slots)
@@ -336,7 +338,7 @@ def stress_with(bias):
     return dataclasses.replace(closure, weights={"Dense_0": {"kernel": kernel, "bias": jnp.asarray(bias)}})
 
 
-class StirredCourse(ToyCourse):
+class StirredCase(ToyCase):
     """A reference with a drag and a subgrid stress of its own."""
 
     def __init__(self, world, bias, stress):
@@ -372,9 +374,9 @@ def test_a_subgrid_stress_is_trained_by_what_the_fluid_shows():
     """With the drag of the truth beside it: no loss with the truth, little after a search."""
     world = StirredWorld()
     world.drag_alone = ToyWorld()
-    course = StirredCourse(world, TRUE, [0.8, 0.5])
+    case = StirredCase(world, TRUE, [0.8, 0.5])
     closures = Closures(closure_with(TRUE), stress_with([0.0, 0.0]), ("subgrid",))
-    unrolled = Unrolled(course, closures, 2)
+    unrolled = Unrolled(case, closures, 2)
     assert unrolled.loss({"subgrid": stress_with([0.8, 0.5]).weights}, 1, 2)[0] == pytest.approx(0, abs=1e-20)
     # Without gradients, whose program takes long to compile; tests/gradients has them by the stress's weights.
     made = training(unrolled, updates=80, method="gradient-free", starts=2)
@@ -437,14 +439,12 @@ def reference(tmp_path_factory):
     return path
 
 
-def test_a_course_starts_from_the_frames_of_its_reference(reference):
-    course = follow(scene_with(), load_run(reference), Closures(InvariantClosure.initial()))
-    assert course.per_output == 2
-    np.testing.assert_allclose(course.targets.drag_force_mean, 0.3 * np.sqrt(2.0) * np.arange(5), rtol=1e-6)
-    np.testing.assert_allclose(
-        course.targets.runoff, metrics.runoff([[0.16, 0.0]] * 3) + 0.001 * np.arange(5), atol=1e-4
-    )
-    state = course.start(3)
+def test_a_case_starts_from_the_frames_of_its_reference(reference):
+    case = follow(scene_with(), load_run(reference), Closures(InvariantClosure.initial()))
+    assert case.per_output == 2
+    np.testing.assert_allclose(case.targets.drag_force_mean, 0.3 * np.sqrt(2.0) * np.arange(5), rtol=1e-6)
+    np.testing.assert_allclose(case.targets.runoff, metrics.runoff([[0.16, 0.0]] * 3) + 0.001 * np.arange(5), atol=1e-4)
+    state = case.start(3)
     assert int(state.step) == 6
     np.testing.assert_allclose(state.particles.position, np.asarray(SCENE["particles"]["position"]) + 0.003)
     np.testing.assert_allclose(state.particles.angular_velocity, 2.0)
@@ -457,11 +457,11 @@ def test_a_course_starts_from_the_frames_of_its_reference(reference):
     # Nothing flows through walls, whatever the cells beside them have: here 0.22 m/s upwards on average.
     for side in (0, -1):
         np.testing.assert_array_equal(state.fluid.face_velocity[1][:, side], 0.0)
-    listed, neighbors = course.with_list(state)
+    listed, neighbors = case.with_list(state)
     assert listed.particles.contact_spring[0].shape == (neighbors.room.pairs,)
 
 
-def test_a_course_has_the_sides_of_its_scene(reference):
+def test_a_case_has_the_sides_of_its_scene(reference):
     """An inlet of 0.3 m/s on the left: its face has that flux, not the mean of it and the first cell (which is at rest)."""
     sides = {
         "boundary": {
@@ -469,8 +469,8 @@ def test_a_course_has_the_sides_of_its_scene(reference):
             "right": {"kind": "outlet"},
         }
     }
-    course = follow(load_scene(SCENE | sides), load_run(reference), Closures(InvariantClosure.initial()))
-    fluid = course.start(3).fluid
+    case = follow(load_scene(SCENE | sides), load_run(reference), Closures(InvariantClosure.initial()))
+    fluid = case.start(3).fluid
     np.testing.assert_allclose(fluid.face_velocity[0][0] * fluid.void_fraction[0], 0.3, rtol=1e-12)
     np.testing.assert_allclose(fluid.face_velocity[0][1:-1], 0.0, atol=1e-12)
 
