@@ -11,6 +11,8 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures import InvariantClosure, PaperNetwork, SubgridClosure
+from jaxdem.closures.network import layer_name
+from jaxdem.errors import present
 from jaxdem.state import Parameters
 from jaxdem.train import check_trained
 
@@ -47,8 +49,8 @@ class Closures(NamedTuple):
         if "drag" in self.trained:
             parameters = parameters._replace(closure=self.drag)
         if "subgrid" in self.trained:
-            assert parameters.fluid is not None
-            parameters = parameters._replace(fluid=parameters.fluid._replace(subgrid=self.subgrid))
+            fluid = present(parameters.fluid, "fluid")
+            parameters = parameters._replace(fluid=fluid._replace(subgrid=self.subgrid))
         return parameters
 
     def check(self) -> None:
@@ -82,5 +84,5 @@ def few_parameters(closures: Closures) -> tuple[Array, Callable[[Array], Weights
 
 
 def _last_layer(closures: Closures, name: str) -> tuple[str, Any]:
-    last = f"Dense_{len(getattr(closures, name).hidden)}"
+    last = layer_name(len(getattr(closures, name).hidden))
     return last, closures.weights[name][last]

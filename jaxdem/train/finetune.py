@@ -13,7 +13,8 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +30,7 @@ from jaxdem.failures import first_meaning
 from jaxdem.io import load_run
 from jaxdem.scene import Scene
 from jaxdem.train.closures import Closures, Weights, few_parameters
+from jaxdem.train.fit_loop import Tree
 from jaxdem.train.reference import CoarseCase, follow
 from jaxdem.train.unrolled import Unrolled
 
@@ -77,9 +79,8 @@ class FinetuneSettings:
             if not getattr(self, name) > 0:
                 raise InputError(name, getattr(self, name), "must be positive", "Raise it.")
         if self.horizons is not None and (not self.horizons or min(self.horizons) < 1):
-            raise InputError(
-                "--horizons", self.horizons, "needs at least one output in each stage", "For example 1,2,4."
-            )
+            limit = "needs at least one output in each stage"
+            raise InputError("--horizons", self.horizons, limit, "For example 1,2,4.")
 
     def stages(self, outputs: int) -> tuple[int, ...]:
         """The horizons for a reference with so many outputs after its first.
@@ -168,8 +169,8 @@ class Training:
         self.losses: list[float] = []
         self.skipped = 0
         few = settings.parameters == "few" or settings.method == "gradient-free"
-        self.variables: Any = closures.weights
-        self.weights_of: Callable[[Any], Any] = lambda weights: weights
+        self.variables: Tree = closures.weights
+        self.weights_of: Callable[[Tree], Weights] = lambda weights: weights
         if few:
             self.variables, weights_of = few_parameters(closures)
             self.weights_of = jax.jit(weights_of)
@@ -183,13 +184,9 @@ class Training:
         """
         value, code = self._held_out_loss(self.best)
         if code or not math.isfinite(value):
-            reason, remedy = (
-                first_meaning(code)
-                if code
-                else ("its loss is not finite", "Check that a plain run with this closure works.")
-            )
-            where = f"run with the closures as given, {max(self.stages)} outputs"
-            raise RunError(reason, where, 0.0, remedy)
+            not_finite = ("its loss is not finite", "Check that a plain run with this closure works.")
+            reason, remedy = first_meaning(code) if code else not_finite
+            raise RunError(reason, f"run with the closures as given, {max(self.stages)} outputs", 0.0, remedy)
         self.validation.append(value)
         return self._by_gradient(progress) if self.settings.method == "gradient" else self._by_search(progress)
 
@@ -225,17 +222,20 @@ class Training:
 
     def _held_out_loss(self, weights: Weights) -> tuple[float, int]:
         """Mean loss of the validation, and the failure flags of its runs."""
-        found = [self.unrolled.loss(weights, index, max(self.stages)) for index in self.held_out]
-        code = 0
-        for _, flags in found:
-            code |= flags
-        return float(np.mean([value for value, _ in found])), code
+        values, codes = zip(*(self.unrolled.loss(weights, n, max(self.stages)) for n in self.held_out), strict=True)
+        return float(np.mean(values)), reduce(or_, codes)
 
     def _by_gradient(self, progress: Progress | None) -> str:
         settings = self.settings
         rate = optax.cosine_decay_schedule(settings.learning_rate, settings.updates * len(self.stages), alpha=0.05)
         optimizer = optax.chain(optax.clip_by_global_norm(settings.largest_gradient), optax.adam(rate, b2=MEMORY))
-        update_of = jax.jit(partial(_update, optimizer))
+
+        @jax.jit
+        def update_of(variables: Tree, state: Tree, slopes: Tree) -> tuple[Tree, Tree, Array]:
+            """Variables and state of the optimiser after an update, and the norm of the gradient."""
+            changes, state = optimizer.update(slopes, state)
+            return optax.apply_updates(variables, changes), state, optax.tree.norm(slopes)
+
         variables, state = self.variables, jax.jit(optimizer.init)(self.variables)
         generator, in_a_row = np.random.default_rng(settings.seed), 0
         for horizon in self.stages:
@@ -257,7 +257,7 @@ class Training:
             self._validate(variables)
         return ""
 
-    def _slope(self, variables: Any, index: int, horizon: int) -> tuple[float, int, Any]:
+    def _slope(self, variables: Tree, index: int, horizon: int) -> tuple[float, int, Tree]:
         """Loss, flags and gradient by the variables."""
         value, code, slopes = self.unrolled.slope(self.weights_of(variables), index, horizon)
         return value, code, self._slopes_of(variables, slopes)
@@ -284,10 +284,10 @@ class Training:
         self._validate(jnp.asarray(found.x, self.variables.dtype))
         return ""
 
-    def _moved(self, point: np.ndarray) -> Any:
+    def _moved(self, point: np.ndarray) -> Weights:
         return self.weights_of(jnp.asarray(point, self.variables.dtype))
 
-    def _validate(self, variables: Any) -> None:
+    def _validate(self, variables: Tree) -> None:
         """Keeps these variables if they are the best so far at the longest horizon."""
         weights = self.weights_of(variables)
         value, code = self._held_out_loss(weights)
@@ -301,16 +301,7 @@ class Training:
             progress(len(self.losses), self.settings.updates * len(self.stages), value)
 
 
-def _update(
-    optimizer: optax.GradientTransformationExtraArgs, variables: Any, state: Any, slopes: Any
-) -> tuple[Any, Any, Array]:
-    """Variables and state of the optimiser after an update, and the norm of the gradient."""
-    changes, state = optimizer.update(slopes, state)
-    return optax.apply_updates(variables, changes), state, optax.tree.norm(slopes)
-
-
 def _no_gradient(code: int, horizon: int) -> str:
-    reason, remedy = first_meaning(code) if code else (
-        "the gradient is not finite", "Lower the learning rate or the horizons."
-    )  # fmt: skip
+    not_finite = ("the gradient is not finite", "Lower the learning rate or the horizons.")
+    reason, remedy = first_meaning(code) if code else not_finite
     return f"{PATIENCE} updates in a row over {horizon} outputs failed: {reason}. {sentence(remedy)}"
