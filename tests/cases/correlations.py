@@ -1,73 +1,146 @@
-"""Drag correlations written from the papers once more, in plain numpy, to compare the library's with."""
+"""Drag laws in plain mathematics, in the literature's own forms, to compare the library's with: a row a law."""
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+DENSITY, VISCOSITY, DIAMETER = 1000.0, 1e-3, 2e-3
+"""Of the fluid [kg/m3], [Pa s], and of the particle [m]."""
 
 
-def _sphere(re):
-    return 1.0 + 0.15 * re**0.687 if re <= 1000.0 else 0.44 * re / 24.0
+class Row(NamedTuple):
+    """A drag law.
+
+    Attributes:
+        force: on one particle from the interstitial slip [m/s] and the solid fraction [N].
+        solid_fractions, reynolds: that the exchange is tried at, inside the law's range.
+        single_creeping: F of one particle at Re = 0, where it is not 1.
+    """
+
+    force: Callable[[float, float], float]
+    solid_fractions: tuple[float, ...]
+    reynolds: tuple[float, ...]
+    single_creeping: float = 1.0
+
+    def multiple(self, solid_fraction: float, reynolds: float) -> float:
+        """F(s, Re), the multiple of Stokes drag, with Re of the superficial slip."""
+        slip = reynolds * VISCOSITY / ((1 - solid_fraction) * DENSITY * DIAMETER)
+        return self.force(slip, solid_fraction) / stokes(slip, solid_fraction)
 
 
-def _ergun(s, re):
-    return (150.0 * s + 1.75 * re) / (18.0 * (1.0 - s))
+def drag_coefficient(reynolds):
+    return 24 / reynolds * (1 + 0.15 * reynolds**0.687) if reynolds <= 1000 else 0.44
 
 
-def _wen_yu(s, re):
-    return _sphere(re) * (1.0 - s) ** -2.65
+def cross_section_force(coefficient, slip):
+    return coefficient * math.pi / 8 * DIAMETER**2 * DENSITY * slip**2
 
 
-def _koch_hill(s, re):
-    below = 1 + 0.681 * s - 8.48 * s**2 + 8.16 * s**3
-    f0 = (1 + 3 * np.sqrt(s / 2) + 135 / 64 * s * np.log(s) + 16.14 * s) / below
-    f3 = 0.0673 + 0.212 * s + 0.0232 / (1 - s) ** 5
-    return (1 - s) ** 2 * ((f0 if s < 0.4 else 10 * s / (1 - s) ** 3) + f3 * re / 2)
+def exchange_force(beta, slip, s):
+    return math.pi / 6 * DIAMETER**3 * beta / s * slip
 
 
-def _di_felice(s, re):
-    chi = 3.7 - 0.65 * np.exp(-((1.5 - np.log10(re)) ** 2) / 2)
-    return (0.63 + 4.8 / np.sqrt(re)) ** 2 * re / 24 * (1 - s) ** (1 - chi)
+def stokes(slip, s):
+    return 3 * math.pi * VISCOSITY * DIAMETER * slip
 
 
-def _blended(s, re):
-    weight = np.arctan(150 * 1.75 * (0.2 - s)) / np.pi + 0.5
-    return (1 - weight) * _ergun(s, re) + weight * _wen_yu(s, re)
+def schiller_naumann(slip, s):
+    # Re of the superficial slip, F times the interstitial one
+    reynolds = (1 - s) * DENSITY * slip * DIAMETER / VISCOSITY
+    return cross_section_force(drag_coefficient(reynolds), slip) * (1 - s)
 
 
-def _creeping(s):
-    return 10 * s / (1 - s) ** 2 + (1 - s) ** 2 * (1 + 1.5 * np.sqrt(s))
+def beta_ergun(slip, s):
+    return 150 * s**2 * VISCOSITY / ((1 - s) * DIAMETER**2) + 1.75 * DENSITY * s * slip / DIAMETER
 
 
-def _beetstra(s, re):
-    bracket = 1 / (1 - s) + 3 * s * (1 - s) + 8.4 * re**-0.343
-    inertial = 0.413 * re / 24 / (1 - s) ** 2 * bracket / (1 + 10 ** (3 * s) * re ** (-0.5 - 2 * s))
-    return (1 - s) * (_creeping(s) + inertial)
-
-
-def _tang(s, re):
-    slope = 0.169 * (1 - s) + 0.0644 / (1 - s) ** 4
-    inertial = 0.11 * s * (1 + s) - 0.00456 / (1 - s) ** 4 + slope * re**-0.343
-    return (1 - s) * (_creeping(s) + inertial * re)
-
-
-def _rong(s, re):
+def beta_wen_yu(slip, s):
     g = 1 - s
-    chi = 2.65 * (g + 1) - (5.3 - 3.5 * g) * g**2 * np.exp(-((1.5 - np.log10(re)) ** 2) / 2)
-    return (0.63 + 4.8 / np.sqrt(re)) ** 2 * re / 24 * g ** (1 - chi)
+    coefficient = drag_coefficient(g * DENSITY * slip * DIAMETER / VISCOSITY)
+    return 0.75 * coefficient * DENSITY * s * g * slip / DIAMETER * g**-2.65
 
 
-# F(s, Re), written from the papers once more in plain numpy, and the range (s, Re) it is tried in.
-PLAIN = {
-    "stokes": (lambda s, re: 1.0, (0.004,), (1e-3,)),
-    "schiller_naumann": (lambda s, re: _sphere(re), (0.004,), (1e-3, 1.0, 300.0, 1e4)),
-    "ergun": (_ergun, (0.45,), (1.0, 300.0)),
-    "wen_yu": (_wen_yu, (0.004, 0.15), (1e-3, 30.0, 1e4)),
-    "gidaspow": (lambda s, re: _ergun(s, re) if s > 0.2 else _wen_yu(s, re), (0.15, 0.45), (1e-3, 30.0, 1e4)),
-    "gidaspow_blended": (_blended, (0.15, 0.25), (1e-3, 30.0, 1e4)),
-    "di_felice": (_di_felice, (0.004, 0.45), (1e-2, 30.0, 1e4)),
-    "koch_hill": (_koch_hill, (0.004, 0.3, 0.45), (1e-3, 30.0, 1e4)),
-    "beetstra": (_beetstra, (0.15, 0.45), (1e-3, 30.0, 1e3)),
-    "tang": (_tang, (0.15, 0.45), (1e-3, 30.0, 1e3)),
-    "rong": (_rong, (0.15, 0.45), (1e-2, 30.0, 3e3)),
+def ergun(slip, s):
+    return exchange_force(beta_ergun(slip, s), slip, s)
+
+
+def wen_yu(slip, s):
+    return exchange_force(beta_wen_yu(slip, s), slip, s)
+
+
+def gidaspow(slip, s):
+    return exchange_force((beta_ergun if 1 - s < 0.8 else beta_wen_yu)(slip, s), slip, s)
+
+
+def gidaspow_blended(slip, s):
+    weight = math.atan(150 * 1.75 * (0.2 - s)) / math.pi + 0.5
+    return exchange_force((1 - weight) * beta_ergun(slip, s) + weight * beta_wen_yu(slip, s), slip, s)
+
+
+def di_felice(slip, s):
+    reynolds = (1 - s) * DENSITY * slip * DIAMETER / VISCOSITY
+    chi = 3.7 - 0.65 * math.exp(-((1.5 - math.log10(reynolds)) ** 2) / 2)
+    coefficient = (0.63 + 4.8 / math.sqrt(reynolds)) ** 2
+    return cross_section_force(coefficient, slip) * (1 - s) ** 2 * (1 - s) ** -chi
+
+
+def koch_hill(slip, s):
+    g = 1 - s
+    reynolds = g * DENSITY * slip * DIAMETER / VISCOSITY
+    if s < 0.4:
+        creeping = 1 + 3 * math.sqrt(s / 2) + 135 / 64 * s * math.log(s) + 16.14 * s
+        creeping /= 1 + 0.681 * s - 8.48 * s**2 + 8.16 * s**3
+    else:
+        creeping = 10 * s / g**3
+    inertial = 0.0673 + 0.212 * s + 0.0232 / g**5
+    beta = 18 * VISCOSITY * g**2 * s / DIAMETER**2 * (creeping + inertial * reynolds / 2)
+    return exchange_force(beta, slip, s)
+
+
+def superficial(slip, s):
+    return (1 - s) * slip, (1 - s) * DENSITY * slip * DIAMETER / VISCOSITY
+
+
+def creeping_arrays(s):
+    return 10 * s / (1 - s) ** 2 + (1 - s) ** 2 * (1 + 1.5 * math.sqrt(s))
+
+
+def beetstra(slip, s):
+    velocity, re = superficial(slip, s)
+    inertial = 0.413 * re / (24 * (1 - s) ** 2) * (1 / (1 - s) + 3 * s * (1 - s) + 8.4 * re**-0.343)
+    inertial /= 1 + 10 ** (3 * s) * re ** (-(1 + 4 * s) / 2)
+    return 3 * math.pi * VISCOSITY * DIAMETER * velocity * (creeping_arrays(s) + inertial)
+
+
+def tang(slip, s):
+    velocity, re = superficial(slip, s)
+    factor = 0.11 * s * (1 + s) - 0.00456 / (1 - s) ** 4
+    factor += (0.169 * (1 - s) + 0.0644 / (1 - s) ** 4) * re**-0.343
+    return 3 * math.pi * VISCOSITY * DIAMETER * velocity * (creeping_arrays(s) + max(factor, 0) * re)
+
+
+def rong(slip, s):
+    g, (velocity, re) = 1 - s, superficial(slip, s)
+    chi = 2.65 * (g + 1) - (5.3 - 3.5 * g) * g**2 * math.exp(-((1.5 - math.log10(re)) ** 2) / 2)
+    coefficient = (0.63 + 4.8 / math.sqrt(re)) ** 2
+    return cross_section_force(coefficient, velocity) * g**-chi
+
+
+ROWS = {
+    "stokes": Row(stokes, (0.004,), (1e-3,)),
+    "schiller_naumann": Row(schiller_naumann, (0.004,), (1e-3, 1.0, 300.0, 1e4)),
+    "ergun": Row(ergun, (0.45,), (1.0, 300.0), single_creeping=0.0),
+    "wen_yu": Row(wen_yu, (0.004, 0.15), (1e-3, 30.0, 1e4)),
+    "gidaspow": Row(gidaspow, (0.15, 0.45), (1e-3, 30.0, 1e4)),
+    "gidaspow_blended": Row(
+        gidaspow_blended, (0.15, 0.25), (1e-3, 30.0, 1e4), single_creeping=math.atan(150 * 1.75 * 0.2) / math.pi + 0.5
+    ),
+    "di_felice": Row(di_felice, (0.004, 0.45), (1e-2, 30.0, 1e4), single_creeping=0.96),
+    "koch_hill": Row(koch_hill, (0.004, 0.3, 0.45), (1e-3, 30.0, 1e4)),
+    "beetstra": Row(beetstra, (0.15, 0.45), (1e-3, 30.0, 1e3)),
+    "tang": Row(tang, (0.15, 0.45), (1e-3, 30.0, 1e3)),
+    "rong": Row(rong, (0.15, 0.45), (1e-2, 30.0, 3e3), single_creeping=0.96),
 }
-"""Law: F(s, Re), solid fractions and Reynolds numbers to try."""
+"""By the name that a scene has for the law."""

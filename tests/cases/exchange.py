@@ -11,7 +11,7 @@ from jax import lax
 
 import jaxdem
 from tests.cases.beds import DEPTH, INTERVAL, RHO, Column, H, ergun_drop, pressure_slope
-from tests.cases.correlations import PLAIN
+from tests.cases.correlations import ROWS
 from tests.cases.registry import Figure, absolute, at_least, below, case, relative, table
 from tests.cases.suspensions import RADIUS, SIDE, STOKES_TIME, Suspension
 
@@ -37,7 +37,7 @@ def settled(column: Column, law: str, s: float, reynolds: float, relaxation: flo
     Viscosity and gravity are chosen for the Reynolds number; the terminal speed comes from a fixed point in plain
     numpy. The loading of the grain is 1e-6 of a cell's, so that the water hardly moves.
     """
-    multiple, radius, d = PLAIN[law][0], (s * 0.02**2 * DEPTH * 3 / 4 / np.pi) ** (1 / 3), 1e-4
+    multiple, radius, d = ROWS[law].multiple, (s * 0.02**2 * DEPTH * 3 / 4 / np.pi) ** (1 / 3), 1e-4
     viscosity, volume = 1e-7, np.pi / 6 * d**3
     stokes = 3 * np.pi * RHO * viscosity * d
     weight = stokes * multiple(s, reynolds) * reynolds * viscosity / ((1 - s) * d)
@@ -58,9 +58,9 @@ def settling_of_one_sphere() -> list[Figure]:
     """One-way, in still water between held spheres of a given solid fraction; Re 1e-3 ... 1e4 in the range of each
     law [1 %]. The grain is as heavy as makes its relaxation time two intervals."""
     figures = []
-    for law, (_, fractions, numbers) in PLAIN.items():
-        for s in fractions:
-            for reynolds in numbers:
+    for law, row in ROWS.items():
+        for s in row.solid_fractions:
+            for reynolds in row.reynolds:
                 got, expected = settled(column(), law, s, reynolds, relaxation=2.0 * INTERVAL)
                 figures.append(relative(f"{law}, s {s:g}, Re {reynolds:g}", expected, got, 0.01, "m/s"))
     return figures
@@ -81,7 +81,7 @@ def two_way_settling() -> list[Figure]:
             slip = reynolds * viscosity / ((1 - solid) * 2 * radius)
             mass = 4 / 3 * np.pi * radius**3 * 2650.0
             fluid_mass = 1000.0 * SIDE**2 * 0.04 / 36 * (1 - solid)
-            force = 6 * np.pi * 1000.0 * viscosity * radius * PLAIN[law][0](solid, reynolds) * slip
+            force = 6 * np.pi * 1000.0 * viscosity * radius * ROWS[law].multiple(solid, reynolds) * slip
             gravity = force * (mass + fluid_mass) / fluid_mass / (mass * (1.0 - 1.0 / 2.65))
             box = suspension()
             parameters = box.given(viscosity=viscosity, gravity=gravity, law=law, radius=radius)

@@ -10,7 +10,7 @@ import jaxdem
 from jaxdem.coupling import drag as drag_module
 from jaxdem.fluid.momentum import FluidSolver
 from tests.cases.beds import DEPTH, INTERVAL, LAWS, RAMP, RHO, Column, H, ergun_drop, pressure_slope
-from tests.cases.correlations import PLAIN
+from tests.cases.correlations import ROWS
 from tests.cases.exchange import settled
 
 
@@ -97,7 +97,7 @@ def test_pressure_gradient_force_in_an_accelerating_flow(column, radius):
 
 
 def test_every_law_is_tried():
-    assert set(PLAIN) == set(LAWS)
+    assert set(ROWS) == set(LAWS)
 
 
 @pytest.mark.parametrize("relaxation", [0.01, 0.3])
