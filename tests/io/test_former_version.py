@@ -1,0 +1,61 @@
+"""Files of the version before: read, or refused with what to do.
+
+`tests/data/former_run` was written on 28 November 2026 by the package of commit e72a816: three grains that fall in water.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxdem import InputError, build, initial_state, load_run, load_scene
+from jaxdem.closures import load_closure
+from jaxdem.io import RunDirectory, read_checkpoint
+from jaxdem.run.restart import from_arrays
+
+ROOT = Path(__file__).parents[2]
+FORMER = ROOT / "tests" / "data" / "former_run"
+
+
+def test_a_run_of_the_version_before_is_read():
+    """Lines, frames and samples agree with each other: a mean over particles, a wall that nothing passes, three grains."""
+    run = load_run(FORMER)
+    assert run.summary["valid"] and run.times.tolist() == [0.0, 0.02, 0.04]
+    last, fluid = run.particles(-1), run.fluid(-1)
+    speed = np.linalg.norm(last["velocity"], axis=1).mean()
+    assert speed == pytest.approx(run.history["particle_velocity_mean"][-1], rel=1e-6)
+    assert fluid["velocity"].shape == (4, 4, 3) and run.spacing == (0.05, 0.05)
+    assert np.all(last["position"][:, 1] > 0.0) and last["id"].tolist() == [0, 1, 2]
+    assert run.samples.times.tolist() == [0.01, 0.03] and run.samples.frame(-1)["slip_velocity"].shape == (3, 2)
+
+
+def test_its_scene_is_the_same_scene_to_this_version(tmp_path):
+    copy = shutil.copytree(FORMER, tmp_path / "run")
+    scene = load_scene(copy / "scene.toml").to_toml()
+    RunDirectory.check(copy, scene, resume=True)
+    assert RunDirectory.is_complete(copy)
+    with RunDirectory.resume(copy, scene) as directory:
+        directory.cut_back(2, 1)
+    assert load_run(copy).number_of_frames == 2 and len(load_run(copy).samples) == 1
+
+
+def test_its_checkpoint_is_read_or_refused_with_the_version_and_the_remedy():
+    scene = load_scene(FORMER / "scene.toml")
+    simulation, parameters = build(scene)
+    template, _ = initial_state(scene, simulation, parameters)
+    try:
+        state, _, _ = from_arrays(simulation, template, read_checkpoint(FORMER / "checkpoint.h5")[0])
+    except InputError as error:
+        assert "format" in error.limit and "version of jaxdem that wrote it" in error.remedy
+    else:
+        stored = load_run(FORMER).particles(-1)["position"][:, [0, 1]]
+        np.testing.assert_allclose(state.particles.position, stored, rtol=1e-6)
+
+
+def test_its_closure_is_read():
+    """The closure of the scenes has been there since before: seven inputs, eight hidden units."""
+    closure, _ = load_closure(ROOT / "scenes" / "filtered.closure.h5")
+    assert (len(closure.features), closure.hidden) == (7, (8,)) and np.all(closure.feature_scale > 0.0)
