@@ -1,6 +1,7 @@
 """Files of the version before: read, or refused with what to do.
 
-`tests/data/former_run` was written on 28 November 2026 by the package of commit e72a816: three grains that fall in water.
+`tests/data/former_run` was written on 28 November 2026 by the package of commit e72a816: three grains that fall in
+water.
 """
 
 from __future__ import annotations
