@@ -70,6 +70,9 @@ def test_every_key_of_a_scene_is_described():
     text = reference.markdown()
     assert "| `viscosity` | number ≥ 0 | m²/s | `1e-06` | Kinematic viscosity. |" in text
     assert "## `[[particles.inlet]]`" in text
+    page = reference.PAGE.read_text(encoding="utf-8")
+    assert page == reference.filled(page), "run python docs/tools/scene_reference.py"
+    assert "## `[[walls]]`" in page and "| `apex` | list of numbers | m |" in page
 
     class Undescribed(Section):
         """A table.

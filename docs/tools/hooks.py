@@ -8,7 +8,6 @@ from __future__ import annotations
 import html
 import inspect
 import re
-import sys
 import unicodedata
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,6 @@ from typing import Any
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 from typer.testing import CliRunner
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-import scene_reference
 
 from jaxdem.cli.main import app
 from jaxdem.closures import DRAG_LAWS
@@ -53,7 +48,7 @@ def drag_laws() -> str:
     return "\n".join(parts)
 
 
-GENERATED = {"scene_keys": scene_reference.markdown, "command_line": command_line, "drag_laws": drag_laws}
+GENERATED = {"command_line": command_line, "drag_laws": drag_laws}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

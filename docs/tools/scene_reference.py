@@ -1,7 +1,7 @@
 """The keys of a scene file as Markdown, read from the schema: type, limits, unit, default and meaning of each.
 
 The meaning is the key's entry under `Attributes:` in the docstring of its table, the unit what stands in brackets
-at its end. `python docs/tools/scene_reference.py` prints the page.
+at its end. `python docs/tools/scene_reference.py` writes them into `docs/scene.md`, and a test compares the two.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import inspect
 import re
 import types
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import annotated_types
@@ -26,6 +27,8 @@ LIMITS = {
     annotated_types.Lt: "< ",
     annotated_types.Le: "≤ ",
 }
+PAGE = Path(__file__).parents[1] / "scene.md"
+MARK = "<!-- written by docs/tools/scene_reference.py from here on -->"
 KEY, UNIT = re.compile(r"^    (\w+): (.*)"), re.compile(r" ?\[([^\[\]]+)\]\.?$")
 
 
@@ -179,5 +182,10 @@ def markdown() -> str:
     return "\n".join(lines)
 
 
+def filled(page: str) -> str:
+    """The page with its tables written anew."""
+    return page[: page.index(MARK)] + f"{MARK}\n\n{markdown()}"
+
+
 if __name__ == "__main__":
-    print(markdown())
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

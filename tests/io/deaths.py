@@ -136,8 +136,10 @@ def child(work) -> int:
 
 
 def kills(path: Path, seed: int, number: int) -> None:
-    """Kill `number` writers, each going on with what the last one left: in turns at any moment, or once there are new frames, and
-    inside a write."""
+    """Kill `number` writers, each going on with what the last one left.
+
+    In turns at any moment, or once there are new frames, and inside a write.
+    """
     generator = random.Random(seed)
     reached, survived = 0, 0
     while survived < number:

@@ -22,7 +22,7 @@ FORMER = ROOT / "tests" / "data" / "former_run"
 
 
 def test_a_run_of_the_version_before_is_read():
-    """Lines, frames and samples agree with each other: a mean over particles, a wall that nothing passes, three grains."""
+    """Lines, frames and samples agree: a mean over particles, a wall that nothing passes, three grains."""
     run = load_run(FORMER)
     assert run.summary["valid"] and run.times.tolist() == [0.0, 0.02, 0.04]
     last, fluid = run.particles(-1), run.fluid(-1)

@@ -253,7 +253,7 @@ def test_a_create_that_lost_the_race_for_an_empty_folder(tmp_path):
 
 @pytest.mark.parametrize("write", [write_bytes, write_closure_bytes], ids=["io", "closures"])
 def test_two_processes_that_write_one_file_do_not_meet(tmp_path, monkeypatch, write):
-    """The second writes aside, and moves into place, while the first is at it: no file is missing, the later one stays."""
+    """The second writes aside, moves into place while the first is at it: no file is missing, the later one stays."""
     path, numbers = tmp_path / "report.html", iter((1, 2))
     with monkeypatch.context() as patch:
         own = Path.write_bytes

@@ -1,4 +1,4 @@
-"""The hopper of `scenes/`: loads, passes its check, and empties through its opening. Its rate at full size is in the scene."""
+"""The hopper of `scenes/`: loads, passes its check, and empties through its opening. The scene has its full rate."""
 
 from __future__ import annotations
 
