@@ -128,7 +128,7 @@ class Coupling:
         reported = sampled.inputs if self.drag.coarse_inputs is not None else sampled.law_inputs
         old_void_fraction = required(fluid.void_fraction, "void_fraction of the fluid")
         return Exchange(
-            self.interval, self.forces, start, old_void_fraction, 1.0 - sampled.solids, reported, drag, contributions,
+            self.interval, self.forces, start, old_void_fraction, sampled.solids, reported, drag, contributions,
             steady_force(mixture, particles), substeps, slip_mass, attenuation, coefficient * attenuation,
         )  # fmt: skip
 

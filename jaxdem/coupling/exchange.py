@@ -155,7 +155,8 @@ class Exchange:
         interval: the fluid's steps; static.
         further: the further forces; static.
         start: the interval's start.
-        old_void_fraction, void_fraction: on the cells, of the last interval's positions and of the present ones [-].
+        old_void_fraction: of the cells, of the last interval's positions [-].
+        solids: solid fraction of the cells, of the present positions; a small one would be lost in 1 - void fraction [-].
         inputs: of the drag law, to be reported.
         drag: of the interval.
         contributions: of the further forces.
@@ -171,7 +172,7 @@ class Exchange:
     further: tuple[FluidForce, ...]
     start: IntervalStart
     old_void_fraction: Array
-    void_fraction: Array
+    solids: Array
     inputs: DragInputs
     drag: IntervalDrag
     contributions: dict[str, Contribution]
@@ -180,6 +181,11 @@ class Exchange:
     slip_mass: Array | None
     attenuation: Array
     response: Array
+
+    @property
+    def void_fraction(self) -> Array:
+        """Void fraction of the cells, of the present positions [-]."""
+        return 1.0 - self.solids
 
     def first(self, fluid: FluidState) -> _Carry:
         """What the loop of fluid steps starts with."""
@@ -334,7 +340,7 @@ class Exchange:
     def diagnostics(self, carry: _Carry) -> ExchangeDiagnostics:
         """How exact the exchange was."""
         given, lost = carry.balance
-        particles, solids = self.start.particles, 1.0 - self.void_fraction
+        particles, solids = self.start.particles, self.solids
         volume = present_volume(self.start.bodies.volume, particles.velocity.shape[0], particles.active)
         return ExchangeDiagnostics(
             jnp.max(jnp.abs(given - lost)) / (carry.terms + jnp.finfo(solids.dtype).tiny),
