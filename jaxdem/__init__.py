@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jaxdem.run.simulate import simulate
     from jaxdem.scene import Scene, load_scene
     from jaxdem.setup.builder import build, initial_state
-    from jaxdem.simulation import Simulation
+    from jaxdem.simulation import Simulation, neighbors_from_jax_md
 
 __all__ = [
     "InputError",
@@ -29,6 +29,7 @@ __all__ = [
     "initial_state",
     "load_run",
     "load_scene",
+    "neighbors_from_jax_md",
     "rollout",
     "simulate",
 ]
@@ -43,6 +44,7 @@ _MODULES = {
     "initial_state": "setup.builder",
     "load_run": "io",
     "load_scene": "scene",
+    "neighbors_from_jax_md": "simulation",
     "rollout": "run.rollout",
     "simulate": "run.simulate",
 }

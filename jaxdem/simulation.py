@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.jax_md_list import JaxMdList, listed_by_jax_md
 from jaxdem.particles.neighbors import Neighbors, Room, carry_history
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import step
@@ -49,3 +50,32 @@ class Simulation(Structure):
         springs = carry_history(particles.contact_spring, neighbors, wider)
         wider = dataclasses.replace(wider, builds=neighbors.builds)
         return state._replace(particles=particles._replace(contact_spring=springs)), wider
+
+
+def neighbors_from_jax_md(
+    simulation: Simulation, state: State, neighbors: Neighbors, neighbor_list: JaxMdList
+) -> tuple[State, Neighbors]:
+    """State and neighbour list with the pairs of a list that you made with jax-md; pure, for jit, scan and vmap.
+
+    The contact forces then run over the pairs of that list which are nearer than cutoff + skin at its reference
+    positions, as the scene's own list has them. It is good until a particle has moved half the skin from there; if one
+    does within a step, the scene's own search takes over, so that no contact is missed. The springs of the contacts
+    move along by identity. Shapes are those of `neighbors`: with too little room, in your list or in this one, the flag
+    `overflow` goes up, which a step reports in its `Diagnostics` and `rollout` in its failures. Then go back to the state
+    before, allocate your list anew, and enlarge this one by `Simulation.with_room`.
+
+    Args:
+        simulation: from `build`. `search.geometry` has `cutoff` (the largest diameter) and `skin` [m].
+        state: now; centres may be whole periods outside of the box, where jax-md needs them inside.
+        neighbors: list that the contact springs of the state belong to.
+        neighbor_list: a `jax_md.partition.NeighborList`, Dense, Sparse or OrderedSparse, that reaches cutoff + skin.
+
+    Raises:
+        InputError: the scene has no particles; the list has another number of particles, dimension, precision or too
+            short a reach. Where the arrays have values (not under jit, grad or vmap) also: its reference positions are
+            not those of the state, or a pair in reach is not in it, as with another box.
+    """
+    if simulation.contact is None or state.particles is None:
+        raise InputError("simulation", "no particles", "a neighbour list needs some", "add [particles] to the scene")
+    particles, neighbors = listed_by_jax_md(simulation.search, state.particles, neighbors, neighbor_list)
+    return state._replace(particles=particles), neighbors

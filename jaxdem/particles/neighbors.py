@@ -1,20 +1,15 @@
 """Neighbour list: who may touch whom, and where the pair stood when the list was made.
 
-The list is jax-md's dense list: allocated by jax-md outside jit, and updated inside by `cells`, which finds the
-same pairs faster; `pairs` has each of them once. Beside each pair it keeps the separation and the overlap at the
-build, computed in pairs of floats; a contact step only adds the change of distance since then, so that float32
+Room for a list is counted on the host by SciPy's tree. Inside jit `cells` finds who is in reach of whom, or a list of
+jax-md says it (`jax_md_list`); `pairs` has each pair once. Beside each pair a list keeps the separation and the overlap
+at the build, computed in pairs of floats; a contact step only adds the change of distance since then, so that float32
 resolves overlaps of a nanometre in a box of metres.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import importlib.machinery
 import math
-import sys
-import types
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -121,15 +116,6 @@ class Neighbors:
         return Room(self.index.shape[0], self.overlap.shape[0], self.cell_slots)
 
 
-def wrap(displacement: Array, geometry: NeighborGeometry) -> Array:
-    """Nearest image of (..., D) displacements along the periodic axes."""
-    if not any(geometry.periodic):
-        return displacement
-    box = jnp.asarray(geometry.box, displacement.dtype)
-    nearest = displacement - box * jnp.round(displacement / box)
-    return jnp.where(jnp.asarray(geometry.periodic), nearest, displacement)
-
-
 def displacement_since_build(position: Vector, low: tuple[Low, ...], neighbors: Neighbors) -> Vector:
     """Motion of every particle since the list was built [m]; small, hence well resolved in one float."""
     return tuple(
@@ -171,11 +157,12 @@ class NeighborSearch:
     typical_radius: float
 
     @property
-    def _reach(self) -> float:
+    def reach(self) -> float:
+        """Pairs nearer than this are listed [m]."""
         return self.geometry.cutoff + self.geometry.skin
 
     def _cells(self, position: Vector) -> CellGrid:
-        return CellGrid(self.geometry.box, self.geometry.periodic, self._reach, position[0].shape[0])
+        return CellGrid(self.geometry.box, self.geometry.periodic, self.reach, position[0].shape[0])
 
     def allocate(
         self,
@@ -199,7 +186,7 @@ class NeighborSearch:
             room = self._room(position, active)
         # As one program: outside of jit every operation would be compiled by itself.
         built = jax.jit(self._built)
-        return built(position, low, radius, room, jnp.zeros((), bool), jnp.ones((), jnp.int32), active)
+        return built(position, low, radius, room, jnp.zeros((), bool), active)
 
     def update(
         self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors, active: Array | None = None
@@ -207,8 +194,8 @@ class NeighborSearch:
         """The list rebuilt at these positions for the same radii; jittable, room unchanged, overflow flagged."""
         radius = neighbors.radius
         given = lax.stop_gradient((position, low, radius))
-        built = self._built(*given, neighbors.room, neighbors.overflow, neighbors.builds + 1, active)
-        return with_radius(built, radius)
+        built = self._built(*given, neighbors.room, neighbors.overflow, active)
+        return dataclasses.replace(with_radius(built, radius), builds=neighbors.builds + 1)
 
     def _built(
         self,
@@ -217,20 +204,36 @@ class NeighborSearch:
         radius: Array,
         room: Room,
         overflow: Array,
-        builds: Array,
         active: Array | None = None,
     ) -> Neighbors:
         if room.slots == 0:
-            none = jnp.zeros(0, jnp.int32)
             index = jnp.zeros((0, *position[0].shape), jnp.int32)
-            pairs, blank = Pairs(none, none, index), jnp.zeros(0, position[0].dtype)
-            separation, overlap = (blank,) * len(position), blank
         else:
             inside = compensated.into_box(position, low, self.geometry.box, self.geometry.periodic)
             index, crowded = neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active)
+            overflow = overflow | crowded
+        return self.listed(index, position, low, radius, room, overflow)
+
+    def listed(
+        self, index: Array, position: Vector, low: tuple[Low, ...], radius: Array, room: Room, overflow: Array
+    ) -> Neighbors:
+        """The first list of who is in reach of whom; jittable.
+
+        Args:
+            index: (K, N) int32, see `Neighbors`; symmetric, in any order.
+            position, low: D arrays (N,), positions at which they are in reach [m].
+            radius: () or (N,) [m].
+            room: for the list.
+            overflow: () bool, whether something is missing in `index`.
+        """
+        if room.slots == 0:
+            none, blank = jnp.zeros(0, jnp.int32), jnp.zeros(0, position[0].dtype)
+            pairs, separation, overlap = Pairs(none, none, index), (blank,) * len(position), blank
+        else:
             pairs, too_many = pairs_of(index, room.pairs)
-            overflow = overflow | crowded | too_many
+            overflow = overflow | too_many
             separation, overlap = self._pair_geometry(pairs, position, low, radius)
+        builds = jnp.ones((), jnp.int32)
         return Neighbors(index, pairs, separation, radius, overlap, position, low, overflow, builds, room.cell)
 
     def _pair_geometry(
@@ -264,17 +267,16 @@ class NeighborSearch:
         crowd = max(cells.largest_occupancy(present), cells.dense_occupancy(self.geometry.cutoff))
         usual, each = USUAL_SLOTS[dimension], USUAL_PAIRS[dimension]
         if active is not None:  # what stands there at the start tells nothing of those who come
-            usual = math.ceil(EXTRA_CAPACITY * self._crowd(self._reach))
-            each = max(each, 0.5 * self._crowd(self._reach))
+            usual = math.ceil(EXTRA_CAPACITY * self._crowd(self.reach))
+            each = max(each, 0.5 * self._crowd(self.reach))
             widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
             crowd = max(crowd, self._crowd(0.6 * max(widths)))
-        crowded = cells.shares or crowd > WRITTEN_OUT
-        found, slots = (self._found_by_scipy if crowded else self._found_by_jax_md)(present)
+        found, most = self._found(present)
         everyone = count * (count - 1) // 2
         pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
         # The wide cells of a vast box have room for more than there are.
         held = min(math.ceil(EXTRA_CAPACITY * crowd), count)
-        return Room(max(slots, min(usual, count - 1)), pairs + 1, held)
+        return Room(min(max(int(EXTRA_CAPACITY * most), usual), count - 1), pairs + 1, held)
 
     def _crowd(self, reach: float) -> int:
         """How many particles of the mean volume a dense pack has within `reach` [m], `USUAL_SLOTS` at least.
@@ -284,43 +286,19 @@ class NeighborSearch:
         dimension = len(self.geometry.box)
         return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * (reach / self.typical_radius) ** dimension))
 
-    def _found_by_scipy(self, position: Vector) -> tuple[int, int]:
-        """The same as of jax-md, whose table would be more than memory holds of very many or very full cells."""
+    def _found(self, position: Vector) -> tuple[int, int]:
+        """Number of pairs in reach at these positions, and the most neighbours that a particle has; not jittable."""
+        tree = self.tree(position)
+        others = tree.query_ball_point(tree.data, self.reach, return_length=True) - 1
+        return int(others.sum()) // 2, int(others.max(initial=0))
+
+    def tree(self, position: Vector) -> KDTree:
+        """SciPy's tree of these positions, in the box; on the host."""
         geometry = self.geometry
         stacked = np.stack([np.asarray(x, float) for x in position], axis=1)
         inside = np.where(geometry.periodic, into_period(stacked, np.asarray(geometry.box)), stacked)
         # A period of zero is none.
-        tree = KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
-        others = tree.query_ball_point(inside, self._reach, return_length=True) - 1
-        return int(others.sum()) // 2, math.ceil(EXTRA_CAPACITY * int(others.max(initial=0)))
-
-    def _found_by_jax_md(self, position: Vector) -> tuple[int, int]:
-        """Number of pairs at these positions, and the slots that jax-md allocates for the neighbours of a particle."""
-        count = position[0].shape[0]
-        if count < 2:  # jax-md does not handle no particles
-            return 0, 0
-        partition, geometry = _import_partition(), self.geometry
-        reach = self._reach
-        # Padding keeps jax-md from comparing all pairs where a non-periodic side is under three cutoffs.
-        margin = np.where(geometry.periodic, 0.0, 2.0 * reach)
-        side = np.maximum(np.asarray(geometry.box) + 2.0 * margin, np.where(geometry.periodic, 0.0, 3.5 * reach))
-
-        def displacement(a: Array, b: Array, **unused: Any) -> Array:  # jax-md passes a time
-            return wrap(a - b, geometry)
-
-        stacked = np.stack([np.asarray(x) for x in position], axis=1)
-        inside = np.where(geometry.periodic, np.mod(stacked, np.asarray(geometry.box)), stacked) + margin
-        with jax.numpy_rank_promotion("allow"):  # jax-md relies on it
-            functions = partition.neighbor_list(
-                displacement,
-                side,
-                reach,
-                dr_threshold=0.0,  # the time loop decides when to rebuild
-                capacity_multiplier=EXTRA_CAPACITY,
-                format=partition.NeighborListFormat.Dense,
-            )
-            listed = functions.allocate(jnp.asarray(inside, position[0].dtype)).idx
-        return int(np.count_nonzero(np.asarray(listed) < count)) // 2, listed.shape[1]
+        return KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
 
 
 def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:
@@ -345,24 +323,3 @@ def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:
         same = (other == second) & (first != second)
         place, found = place + jnp.where(same, entry, 0), found | same
     return tuple(jnp.where(found, component, 0.0) for component in at(history, place))
-
-
-def _import_partition() -> Any:
-    """jax_md.partition without the rest of the package.
-
-    `import jax_md` takes about 6 s and 500 MB, for its `__init__` imports everything; the module with the
-    neighbour lists needs three small siblings only. A bare package object stands in while they load.
-    """
-    if "jax_md.partition" not in sys.modules and "jax_md" not in sys.modules:
-        spec = importlib.machinery.PathFinder.find_spec("jax_md")
-        if spec is None or spec.submodule_search_locations is None:
-            raise ImportError("the package jax-md is not installed; pip install jax-md==0.2.29")
-        bare = types.ModuleType("jax_md")
-        bare.__path__ = list(spec.submodule_search_locations)
-        sys.modules["jax_md"] = bare
-        try:
-            importlib.import_module("jax_md.partition")
-        finally:
-            # A later `import jax_md` by the user runs the real __init__ and reuses these modules.
-            del sys.modules["jax_md"]
-    return sys.modules.get("jax_md.partition") or importlib.import_module("jax_md.partition")
