@@ -12,6 +12,7 @@ import pytest
 from pydantic import Field
 
 from jaxdem.scene.base import Section
+from tests.cases.jax_md_alone import light_jax_md
 
 ROOT = Path(__file__).parent.parent
 
@@ -63,6 +64,17 @@ def test_an_inlet_profile_of_ones_own(quickly_compiled):
 def test_a_kind_of_side_of_ones_own(quickly_compiled):
     found, expected = extending("slip_wall")
     assert found == pytest.approx(expected, rel=1e-4)  # the scheme is exact for a line; float32
+
+
+def test_neighbour_lists_of_jax_md(quickly_compiled):
+    with light_jax_md(), jax.numpy_rank_promotion("allow"):  # jax-md relies on it
+        found, expected, made = extending("jax_md_list")
+    assert made == 0  # jax-md's lists were all that the contacts saw
+    assert (
+        np.ptp(expected[:, 0]) > 0.2 and expected[:, 1].max() < 0.09
+    )  # some have crossed the side, all have come down
+    # Sums in another order, after some collisions of each.
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_every_key_of_a_scene_is_described():
