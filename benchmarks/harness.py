@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
-PACKAGES = ("jax", "jaxlib", "jax-md", "numpy")
+PACKAGES = ("jax", "jaxlib", "numpy")
 
 
 def machine() -> dict[str, Any]:

@@ -10,6 +10,7 @@ import pytest
 
 import jaxdem
 from jaxdem.closures import KochHill
+from jaxdem.coupling import exchange
 from jaxdem.run.compile_time import CompileClock
 from jaxdem.run.profile import exchange_pieces
 from jaxdem.run.totals import Totals
@@ -122,8 +123,38 @@ def test_the_drag_stage_evaluates_the_law_as_often_as_a_step(changes):
     state, _ = jaxdem.initial_state(scene, simulation, parameters)
     jax.eval_shape(lambda s: advance_fluid(simulation, parameters, s), state)
     shipped = len(counted)
-    shown, drag, _ = exchange_pieces(simulation, parameters)
-    seen = jax.eval_shape(shown, state)
+    pieces = exchange_pieces(simulation, parameters)
+    seen = jax.eval_shape(pieces.sample, state)
     counted.clear()
-    jax.eval_shape(drag, state, seen)
+    jax.eval_shape(pieces.drag, state, seen)
     assert len(counted) == shipped == 2
+
+
+@pytest.mark.parametrize("force", [{}, {"coupling.virtual_mass": 0.5}], ids=["plain", "virtual mass"])
+def test_the_coupling_stage_transfers_as_often_as_a_fluid_step(monkeypatch, force):
+    """Deposits on faces and reads of them, counted in a fluid step of the exchange and in what is timed for
+    `stages_s.coupling`."""
+    counted = []
+    for name in ("deposit_on_faces", "interpolate_faces", "interpolate"):
+        function = getattr(exchange, name)
+        monkeypatch.setattr(
+            exchange, name, lambda *given, name=name, function=function: counted.append(name) or function(*given)
+        )
+    scene = jaxdem.load_scene(SCENE, force)
+    simulation, parameters = jaxdem.build(scene)
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+
+    def fluid_step(state):
+        begun = simulation.coupling.begin(parameters.mixture, state.fluid, state.particles, jnp.zeros(()))
+        counted.clear()
+        begun.fluid_step(begun.first(state.fluid), jnp.int32(0), jnp.zeros(()))
+        return jnp.zeros(())
+
+    jax.eval_shape(fluid_step, state)
+    shipped = sorted(counted)
+    pieces = exchange_pieces(simulation, parameters)
+    begun, result = jax.eval_shape(pieces.begin, state), jax.eval_shape(pieces.advance, state)
+    counted.clear()
+    jax.eval_shape(pieces.transfer, state, begun, result)
+    assert sorted(counted) == shipped
+    assert {"deposit_on_faces", "interpolate_faces"} <= set(shipped)

@@ -205,16 +205,16 @@ class Exchange:
     def fluid_step(self, carry: _Carry, k: Array, begin: Array) -> tuple[_Carry, SolverRecord]:
         """Fluid step number k of the interval that began at `begin` [s], among particles that gather impulse."""
         step, count, solver = self.substeps.step, self.substeps.number, self.interval.solver
-        explicit = self._explicit_terms(carry)
-        faces = self._on_faces(carry, explicit)
+        explicit = self.explicit_terms(carry)
+        faces = self.on_faces(carry, explicit)
         change = (self.void_fraction - self.old_void_fraction) / count
         result = solver.step(
             self.start.properties, carry.fluid, self.old_void_fraction + (k + 1) * change, begin + k * step, step,
             faces, self.void_fraction,
         )  # fmt: skip
-        return self._received(carry, explicit, faces, result), solver_record(result)
+        return self.received(carry, explicit, faces, result), solver_record(result)
 
-    def _explicit_terms(self, carry: _Carry) -> _ExplicitTerms:
+    def explicit_terms(self, carry: _Carry) -> _ExplicitTerms:
         """The terms known before a fluid step."""
         step, mass = self.substeps.step, as_column(self.start.bodies.mass)
         faces, weights = carry.fluid.face_velocity, self.start.weights
@@ -236,7 +236,7 @@ class Exchange:
         impulse = sum_of(terms) if terms else jnp.zeros_like(others)
         return _ExplicitTerms(carry.velocity + (others + impulse) / mass, impulse, others, motion)
 
-    def _on_faces(self, carry: _Carry, explicit: _ExplicitTerms) -> FaceExchange:
+    def on_faces(self, carry: _Carry, explicit: _ExplicitTerms) -> FaceExchange:
         """What the particles do to the faces in a fluid step."""
         grid, weights = self.start.grid, self.start.weights
         resistance = deposit_on_faces(grid, weights, self.response)
@@ -252,7 +252,7 @@ class Exchange:
         forcing = tuple(f + r * u - x for f, r, u, x in zip(forcing, own, faces, less, strict=True))
         return FaceExchange(resistance, forcing)
 
-    def _received(self, carry: _Carry, explicit: _ExplicitTerms, faces: FaceExchange, result: FluidStep) -> _Carry:
+    def received(self, carry: _Carry, explicit: _ExplicitTerms, faces: FaceExchange, result: FluidStep) -> _Carry:
         """The impulses of a fluid step, added up."""
         step, solver, weights = self.substeps.step, self.interval.solver, self.start.weights
         bodies, response = self.start.bodies, self.response[:, None]

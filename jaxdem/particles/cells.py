@@ -1,6 +1,6 @@
 """Pairs in reach, found by sorting the particles into cells; jittable, with fixed capacities.
 
-The list is that of jax-md's `update`, in a fifth of the time: a cell keeps its particles in a column of a small
+The pairs are those of jax-md's list, found in a fifth of its time: a cell keeps its particles in a column of a small
 table, filled by one scatter-minimum per row; a particle marks those of the cells around it that are in reach
 as bits of a word per cell; and slot k of its list is the k-th bit that is set. Nothing is sorted, and only as
 many numbers are scattered as there are particles.

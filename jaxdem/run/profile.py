@@ -5,14 +5,16 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
-from jaxdem.coupling.interpolation import deposit_on_faces, interpolate_faces
-from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.coupling.coupled import SampledFluid
+from jaxdem.coupling.exchange import Exchange
+from jaxdem.fluid.momentum import FluidState, FluidStep
 from jaxdem.numerics import vectors
-from jaxdem.particles.integrate import split_low
+from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.neighbors import Neighbors, carry_history
 from jaxdem.run.totals import Totals
 from jaxdem.simulation import Simulation
@@ -66,9 +68,9 @@ def estimate_stages(
         estimated += ["neighbors", "contact"]
     if simulation.coupling is not None and (fluid or 0.0) > worth_splitting:
         assert fluid is not None
-        drag, shown, transfer = _exchange_times(simulation, parameters, state)
+        drag, seen, transfer = _exchange_times(simulation, parameters, state)
         drag = min(drag * totals.intervals, fluid)
-        coupling = min(shown * totals.intervals + transfer * totals.fluid_steps, fluid - drag)
+        coupling = min(seen * totals.intervals + transfer * totals.fluid_steps, fluid - drag)
         stages |= {"drag": drag, "coupling": coupling, "fluid": fluid - drag - coupling}
         estimated += ["drag", "coupling", "fluid"]
     return stages, list(dict.fromkeys(estimated))
@@ -94,43 +96,79 @@ def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) 
 
 def _exchange_times(simulation: Simulation, parameters: Parameters, state: State) -> tuple[float, float, float]:
     """Seconds an interval takes for the drag law, and for weights and inputs; and a fluid step for its transfers."""
-    shown, drag, transfer = exchange_pieces(simulation, parameters)
-    seen = jax.jit(shown)(state)
+    pieces = exchange_pieces(simulation, parameters)
+    begun, result = jax.jit(pieces.begin)(state), blank(pieces.advance, state)
     return (
-        _seconds(jax.jit(drag), state, seen),
-        _seconds(jax.jit(shown), state),
-        _seconds(jax.jit(transfer), state, seen),
+        _seconds(jax.jit(pieces.drag), state, begun.sampled),
+        _seconds(jax.jit(pieces.sample), state),
+        _seconds(jax.jit(pieces.transfer), state, begun, result),
     )
 
 
-def exchange_pieces(
-    simulation: Simulation, parameters: Parameters
-) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
-    """What the exchange does to show the law the fluid, to evaluate the law, and to carry one fluid step's impulses to and fro.
+class Begun(NamedTuple):
+    """The start of an interval: the fluid at the particles, and the arrays of the `Exchange`, by name."""
 
-    The first takes a state, the others a state and what the first gives. The first two are the functions of the exchange.
+    sampled: SampledFluid
+    arrays: dict[str, Any]
+
+
+class ExchangePieces(NamedTuple):
+    """The exchange's own functions, each alone.
+
+    Attributes:
+        sample: of a state, the fluid as the drag law sees it.
+        drag: of a state and this sample, evaluates the law.
+        begin: of a state, all that is done at the start of an interval.
+        advance: of a state, a fluid step without particles.
+        transfer: of a state, what has begun and a fluid step's result, carries the impulses of this step to and fro.
     """
+
+    sample: Callable[[State], SampledFluid]
+    drag: Callable[[State, SampledFluid], Any]
+    begin: Callable[[State], Begun]
+    advance: Callable[[State], FluidStep]
+    transfer: Callable[[State, Begun, FluidStep], Any]
+
+
+def exchange_pieces(simulation: Simulation, parameters: Parameters) -> ExchangePieces:
+    """The pieces of a step of a coupled simulation that are timed."""
     coupling, mixture = simulation.coupling, parameters.mixture
     assert coupling is not None
-    grid, boundary = coupling.interval.solver.grid, coupling.interval.solver.boundary
+    static = ("interval", "further", "start")
 
-    def shown(state: State) -> Any:
+    def both(state: State) -> tuple[FluidState, ParticleState]:
         assert state.particles is not None and state.fluid is not None
-        return coupling.sample(mixture, state.fluid, state.particles)
+        return state.fluid, state.particles
 
-    def drag(state: State, seen: Any) -> Any:
-        assert state.particles is not None and state.fluid is not None
-        start = coupling.start(mixture, state.fluid, state.particles, seen)
-        return coupling.drag_over(mixture, start, seen, {})
+    def sample(state: State) -> SampledFluid:
+        return coupling.sample(mixture, *both(state))
 
-    def transfer(state: State, seen: Any) -> Any:
-        assert state.particles is not None and state.fluid is not None
-        weights, velocity = seen.weights, state.particles.velocity
-        slope = pressure_gradient(grid, boundary, state.fluid.pressure, continued=True)
-        there = deposit_on_faces(grid, weights, velocity[:, 0]), deposit_on_faces(grid, weights, velocity)
-        return there, interpolate_faces(weights, state.fluid.face_velocity), interpolate_faces(weights, slope)
+    def drag(state: State, sampled: SampledFluid) -> Any:
+        return coupling.drag_over(mixture, coupling.start(mixture, *both(state), sampled), sampled, {})
 
-    return shown, drag, transfer
+    def begin(state: State) -> Begun:
+        exchange = coupling.begin(mixture, *both(state), simulation.time(parameters, state))
+        return Begun(sample(state), {name: value for name, value in vars(exchange).items() if name not in static})
+
+    def advance(state: State) -> FluidStep:
+        duration = jnp.asarray(simulation.interval, parameters.gravity.dtype)
+        return coupling.interval.solver.step(
+            mixture.properties, both(state)[0], None, jnp.zeros_like(duration), duration
+        )
+
+    def transfer(state: State, begun: Begun, result: FluidStep) -> Any:
+        start = coupling.start(mixture, *both(state), begun.sampled)
+        exchange = Exchange(coupling.interval, coupling.forces, start, **begun.arrays)
+        carry = exchange.first(both(state)[0])
+        explicit = exchange.explicit_terms(carry)
+        return exchange.received(carry, explicit, exchange.on_faces(carry, explicit), result)
+
+    return ExchangePieces(sample, drag, begin, advance, transfer)
+
+
+def blank(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Zeros in the shape of a result, which is not computed."""
+    return jax.tree.map(lambda array: jnp.zeros(array.shape, array.dtype), jax.eval_shape(function, *arguments))
 
 
 def _seconds(function: Callable[..., Any], *arguments: Any) -> float:

@@ -295,7 +295,7 @@ def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict
 
 def versions() -> dict[str, str]:
     """Of jaxdem, Python and the packages that numbers depend on."""
-    names = ("jax", "jaxlib", "jax-md", "optax", "h5py", "numpy")
+    names = ("jax", "jaxlib", "optax", "h5py", "numpy")
     return {
         "jaxdem": __version__,
         "python": platform.python_version(),
