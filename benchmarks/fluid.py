@@ -1,12 +1,14 @@
 """Cost of a fluid step without particles, from 15,000 to a million cells, on one core and on two.
 
     python benchmarks/fluid.py [--meshes 300x50 1200x200 ...] [--cores 1 2] [--windows 5] [--cell-steps 2e6]
+    python benchmarks/fluid.py --against DIR [--pairs 9] [--meshes ...] [--cores 1 2] [--cell-steps 2e6]
 
 A channel, water at 3 m/s through the left side and out on the right, no slip below, free slip above, in float32.
-"uniform" enters over the whole side into an existing stream, where the pressure converges at once: a lower bound. "jet" enters through the lowest third into a fluid at rest and rolls up. An interval is 0.01 s on
-300 x 50 cells and shorter in proportion on finer meshes, the Courant number of 3 m/s being 0.75 on all; where the jet
-is faster an interval is cut into several steps, and the figures are per step. After a warm-up of one window, windows
-of `cell-steps` cells times intervals are timed, every mesh in a process of its own.
+"uniform" enters over the whole side into an existing stream, where the pressure converges at once: a lower bound. "jet"
+enters through the lowest third into a fluid at rest and rolls up. An interval is 0.01 s on 300 x 50 cells and shorter
+in proportion on finer meshes, the Courant number of 3 m/s being 0.75 on all; where the jet is faster an interval is cut
+into several steps, and the figures are per step. After a warm-up of one window, windows of `cell-steps` cells times
+intervals are timed, every mesh in a process of its own. `--against` compares with another checkout of jaxdem.
 
 The same two flows are given to pisoFoam (`apt-get install openfoam`) on the smallest 2-D mesh, one process, where it is
 installed: Euler, linear-upwind advection, GAMG to 1e-6, two correctors, the interval in one step.
@@ -31,7 +33,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
-from benchmarks import harness, openfoam
+from benchmarks import against, harness, openfoam
 
 # jax is imported by the processes that measure, not here: a process inherits the peak memory of the one it came from.
 
@@ -204,7 +206,8 @@ writeCompression off; timeFormat general; timePrecision 10; runTimeModifiable no
     "system/blockMeshDict": """scale 1;
 vertices
 (
-    (0 0 -0.02) ({length} 0 -0.02) ({length} {split} -0.02) (0 {split} -0.02) ({length} {height} -0.02) (0 {height} -0.02)
+    (0 0 -0.02) ({length} 0 -0.02) ({length} {split} -0.02)
+    (0 {split} -0.02) ({length} {height} -0.02) (0 {height} -0.02)
     (0 0 0.02) ({length} 0 0.02) ({length} {split} 0.02) (0 {split} 0.02) ({length} {height} 0.02) (0 {height} 0.02)
 );
 blocks
@@ -322,6 +325,18 @@ def growth(runs: dict[tuple[str, tuple[int, ...], int], dict[str, Any]]) -> dict
     return ratios
 
 
+def compare(arguments: argparse.Namespace) -> None:
+    """Every mesh, flow and number of cores, here and in another checkout."""
+    with tempfile.TemporaryDirectory() as folder:
+        works = []
+        for cores, flow, cells in itertools.product(arguments.cores, FLOWS, arguments.meshes):
+            mesh, intervals = "x".join(map(str, cells)), intervals_of(cells, arguments.cell_steps)
+            scene = Path(folder, f"{flow}_{mesh}.toml")
+            scene.write_text(scene_text(cells, flow))
+            works.append(against.Work(f"{flow}, {mesh}", scene, {}, intervals, intervals, cores))
+        against.compare("fluid", works, arguments.against, arguments.pairs)
+
+
 def main() -> None:
     """Every mesh, flow and number of cores, then OpenFOAM, then the table and the ratios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -329,11 +344,15 @@ def main() -> None:
     parser.add_argument("--cores", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--windows", type=int, default=5)
     parser.add_argument("--cell-steps", type=float, default=2e6)
+    against.add_options(parser)
     parser.add_argument("--inside", metavar="FLOW", choices=FLOWS, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.inside:
         measured = jaxdem_windows(arguments.meshes[0], arguments.inside, arguments.windows, arguments.cell_steps)
         print(json.dumps(measured))
+        return
+    if arguments.against:
+        compare(arguments)
         return
 
     rows = [

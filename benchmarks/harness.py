@@ -78,7 +78,7 @@ def save(name: str, result: dict[str, Any], table: str) -> None:
 
 
 def reason_of(error: Exception) -> str:
-    """One line that says why a program failed: its last line with the word error, else its last line, else the exception."""
+    """Why a program failed, in a line: its last line with the word error, else its last line, else the exception."""
     said = ""
     if isinstance(error, subprocess.CalledProcessError):
         said = "\n".join(text for text in (error.stdout, error.stderr) if isinstance(text, str))

@@ -1,4 +1,4 @@
-"""Stiff and extreme cases: every computed time-step limit against the one found by tests, and every extreme scene run to its end.
+"""Stiff and extreme cases: computed time-step limits beside those found by trial, extreme scenes run to their end.
 
     python benchmarks/stability.py [--only WORD ...]
 

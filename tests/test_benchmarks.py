@@ -5,9 +5,10 @@ import json
 import subprocess
 import sys
 
-from benchmarks import contact, harness
+from benchmarks import against, contact, harness
 
-SAYS = "print('LAMMPS (22 Jul 2025)'); print(\"ERROR: Unrecognized pair style 'granular' is part of the GRANULAR package\"); exit(1)"
+WORDS = "ERROR: Unrecognized pair style 'granular' is part of the GRANULAR package"
+SAYS = f"print('LAMMPS (22 Jul 2025)'); print({WORDS!r}); exit(1)"
 
 
 def test_a_peer_that_fails_has_a_row_with_the_reason(tmp_path, monkeypatch):
@@ -32,7 +33,7 @@ def test_a_peer_that_fails_has_a_row_with_the_reason(tmp_path, monkeypatch):
     contenders = {"good": (good, "python"), "peer": (fails, "python"), "absent": (good, "no-such-program")}
     result = contact.measure(contenders, argparse.Namespace(steps=100))
     table = (tmp_path / "contact.md").read_text()
-    assert table.count("| failed: ERROR: Unrecognized pair style 'granular' is part of the GRANULAR package |") == 2
+    assert table.count(f"| failed: {WORDS} |") == 2
     assert "GRANULAR package" in result["peer, 2"]["failed"] and "| absent | 1 | not installed |" in table
     assert result["good, 1"]["million_particle_steps_per_second"]["highest"] == contact.COUNT * 100 / 0.4 / 1e6
     assert "| good | 2 | 4.50 (4.00-5.00) | 3 | 22% (20%-25%) |" in table
@@ -43,3 +44,28 @@ def test_the_reason_of_a_program_without_words():
     silent = subprocess.CalledProcessError(3, ["lmp"], output="", stderr="")
     assert "exit status 3" in harness.reason_of(silent)
     assert harness.reason_of(subprocess.CalledProcessError(1, ["lmp"], output="a\nb | c\n", stderr=None)) == "b / c"
+
+
+WORKER = """
+import json, pathlib, sys
+log, half = pathlib.Path({log!r}), pathlib.Path.cwd().name == "other"
+print("a line of the program's own")
+print(json.dumps("ready"), flush=True)
+for _ in sys.stdin:
+    with log.open("a") as file:
+        file.write("there " if half else "here ")
+    print(json.dumps({{"seconds": 1.0 if half else 0.5}}), flush=True)
+"""
+
+
+def test_two_checkouts_take_turns(tmp_path, monkeypatch):
+    """Windows of each in its own folder, who begins in turn; the ratio of a pair is the speed here over that there."""
+    log, other = tmp_path / "log", tmp_path / "other"
+    other.mkdir()
+    (tmp_path / "worker.py").write_text(WORKER.format(log=str(log)))
+    monkeypatch.setattr(harness, "RESULTS", tmp_path)
+    monkeypatch.setattr(against, "WORKER", tmp_path / "worker.py")
+    result = against.compare("contact", [against.Work("pile", tmp_path / "pile.toml", intervals=3)], other, pairs=3)
+    assert log.read_text().split() == ["here", "there", "there", "here", "here", "there"]
+    assert result["pile, 1"]["speed_ratio"] == {"median": 2.0, "lowest": 2.0, "highest": 2.0, "repetitions": 3}
+    assert "| pile | 1 | 0.5 | 1 | 2.00 (2.00-2.00) | 3 |" in (tmp_path / "contact_against.md").read_text()

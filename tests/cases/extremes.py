@@ -234,7 +234,14 @@ def rows() -> dict[str, Callable[[], Outcome]]:
     add(
         "viscosity",
         "0, fluid alone",
-        base(particles=None, contact=None, fluid__viscosity=0.0, boundary=PERIODIC, fluid__velocity=[0.1, 0.05]),
+        base(
+            particles=None,
+            contact=None,
+            domain__gravity=[0.0, 0.0],
+            fluid__viscosity=0.0,
+            boundary=PERIODIC,
+            fluid__velocity=[0.1, 0.05],
+        ),
     )
     add("viscosity", "1e-6 m2/s", base(fluid__viscosity=1e-6))
     add("viscosity", "0.1 m2/s", base(fluid__viscosity=0.1))
@@ -250,13 +257,15 @@ def rows() -> dict[str, Callable[[], Outcome]]:
     for ratio in (1e-6, 1e-2, 1.0):
         table[f"drag: koch_hill settling {ratio:.0e}"] = functools.partial(relaxation, "koch_hill", ratio, 9.81)
     packed = layer(11, 12)
-    for depth, text in ((0.0174, "0.3"), (0.0135, "0.1"), (0.0118, "all-solid cell")):
+    packs = ((0.0174, 0.005, "0.3"), (0.0135, 0.005, "0.1"), (0.0135, 0.0025, "0.1, interval 2.5 ms"))
+    for depth, interval, text in (*packs, (0.0118, 0.005, "all-solid cell")):
         add(
             "void fraction",
             text,
             base(
                 particles__position=packed,
                 domain__depth=depth,
+                fluid__time_step=interval,
                 coupling={"kernel_width": {"diameters": 0.75, "cells": 0.5}},
             ),
         )
