@@ -44,7 +44,7 @@ def refuse_run_folder(option: str, out: Path) -> None:
     Raises:
         InputError: it holds a scene as run, as a run directory does from its first second.
     """
-    if (out / SCENE).is_file():
+    if os.path.isfile(out / SCENE):  # False too for a name that is too long, which is refused later
         remedy = f"Name another folder, for example {out / 'results'}."
         raise InputError(option, str(out), "is a run directory, which holds one run and nothing else", remedy)
 
