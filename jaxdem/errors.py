@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Part = TypeVar("Part")
 
@@ -27,7 +27,7 @@ class InputError(JaxdemError):
 
     exit_code = 2
 
-    def __init__(self, key: str, value: Any, limit: str, remedy: str):
+    def __init__(self, key: str, value: object, limit: str, remedy: str):
         self.key, self.value, self.limit, self.remedy = key, value, limit, remedy
         named = visible(key).replace("\n", "\\n")
         given = "" if value is None else f" = {cut(_repr(value))}"
@@ -89,7 +89,7 @@ def _escape(character: str) -> str:
     return character.encode("unicode_escape").decode()
 
 
-def _repr(value: Any) -> str:
+def _repr(value: object) -> str:
     try:
         return repr(value)
     except ValueError:  # Python refuses to write out thousands of digits

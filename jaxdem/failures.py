@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 
 import jax.numpy as jnp
 from jax import Array
@@ -28,13 +29,22 @@ class Failure(enum.IntFlag):
 
 
 MEANING = {
+    Failure.COURANT: (
+        "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",
+        "lower fluid.time_step or coupling.interval, or use larger cells",
+    ),
+    Failure.VISCOUS: (
+        "the viscosity number is above its limit with 8 fluid steps in a coupling interval",
+        "lower fluid.time_step or coupling.interval, or use larger cells",
+    ),
+    Failure.VOID_FRACTION: (
+        "a cell holds almost no fluid",
+        "widen coupling.kernel_width, use larger cells, or use a larger domain.depth",
+    ),
     Failure.OVERFLOW: (
         "the neighbour list ran out of room",
-        "simulate() enlarges the list and repeats the interval; for a rollout allocate a larger list (Simulation.with_room)",
-    ),
-    Failure.PARTICLES_NOT_FINITE: (
-        "a particle's position, velocity or rotation is not finite",
-        "lower contact.time_step or raise contact.speed to the speeds that occur",
+        "simulate() enlarges the list and repeats the interval; for a rollout allocate a larger list "
+        "(Simulation.with_room)",
     ),
     Failure.PARTICLE_LOST: (
         "a particle's centre has left the box through a wall",
@@ -45,28 +55,20 @@ MEANING = {
         "a particle is so fast that an impact would overlap by more than contact.maximum_overlap",
         "raise contact.speed to the speeds that occur, stiffen the contact, or find out what accelerates the particle",
     ),
-    Failure.FLUID_NOT_FINITE: (
-        "the fluid's velocity or pressure is not finite",
-        "lower fluid.time_step or coupling.interval",
-    ),
-    Failure.COURANT: (
-        "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",
-        "lower fluid.time_step or coupling.interval, or use larger cells",
-    ),
-    Failure.VISCOUS: (
-        "the viscosity number is above its limit with 8 fluid steps in a coupling interval",
-        "lower fluid.time_step or coupling.interval, or use larger cells",
-    ),
     Failure.SOLVER: (
         "the pressure solve did not converge",
         'lower fluid.time_step, widen coupling.kernel_width, or use precision = "float64"',
     ),
-    Failure.VOID_FRACTION: (
-        "a cell holds almost no fluid",
-        "widen coupling.kernel_width, use larger cells, or use a larger domain.depth",
+    Failure.FLUID_NOT_FINITE: (
+        "the fluid's velocity or pressure is not finite",
+        "lower fluid.time_step or coupling.interval",
+    ),
+    Failure.PARTICLES_NOT_FINITE: (
+        "a particle's position, velocity or rotation is not finite",
+        "lower contact.time_step or raise contact.speed to the speeds that occur",
     ),
 }
-"""Reason and remedy of every flag."""
+"""Reason and remedy of every flag, causes before their consequences."""
 
 OF_PARTICLES = Failure.OVERFLOW | Failure.PARTICLES_NOT_FINITE | Failure.PARTICLE_LOST | Failure.TOO_FAST
 """Flags of the particles' part of a step."""
@@ -77,45 +79,30 @@ MINIMUM_VOID_FRACTION = 0.05
 
 def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
     """() int32, the flags of a step; jittable."""
-    code = jnp.zeros((), jnp.int32)
-
-    def raise_flag(code: Array, condition: Array, flag: Failure) -> Array:
-        return code | jnp.where(condition, jnp.int32(flag), jnp.int32(0))
-
+    found: list[tuple[Failure, Array]] = []
     particles, fluid = diagnostics.particles, diagnostics.fluid
     if particles is not None:
-        code = raise_flag(code, particles.overflow, Failure.OVERFLOW)
-        code = raise_flag(code, ~particles.finite, Failure.PARTICLES_NOT_FINITE)
-        code = raise_flag(code, particles.lost > 0, Failure.PARTICLE_LOST)
+        found.append((Failure.OVERFLOW, particles.overflow))
+        found.append((Failure.PARTICLES_NOT_FINITE, ~particles.finite))
+        found.append((Failure.PARTICLE_LOST, particles.lost > 0))
         limit = simulation.steps.speed_limit or 0.0
-        code = raise_flag(code, particles.fastest > limit, Failure.TOO_FAST)
+        found.append((Failure.TOO_FAST, particles.fastest > limit))
     if fluid is not None and simulation.fluid is not None:
-        code = raise_flag(code, ~fluid.finite, Failure.FLUID_NOT_FINITE)
+        found.append((Failure.FLUID_NOT_FINITE, ~fluid.finite))
         # The limits are written so that NaN does not pass them.
-        code = raise_flag(code, ~(fluid.courant <= 1.001 * simulation.fluid.courant_limit), Failure.COURANT)
-        code = raise_flag(code, ~(fluid.viscous <= VISCOUS_STABLE), Failure.VISCOUS)
-        code = raise_flag(code, ~fluid.converged, Failure.SOLVER)
+        found.append((Failure.COURANT, ~(fluid.courant <= 1.001 * simulation.fluid.courant_limit)))
+        found.append((Failure.VISCOUS, ~(fluid.viscous <= VISCOUS_STABLE)))
+        found.append((Failure.SOLVER, ~fluid.converged))
     if diagnostics.exchange is not None:
         lowest = diagnostics.exchange.void_fraction
-        code = raise_flag(code, ~(lowest >= MINIMUM_VOID_FRACTION), Failure.VOID_FRACTION)
-    return code
+        found.append((Failure.VOID_FRACTION, ~(lowest >= MINIMUM_VOID_FRACTION)))
+    codes = (jnp.where(condition, jnp.int32(flag), jnp.int32(0)) for flag, condition in found)
+    return functools.reduce(jnp.bitwise_or, codes, jnp.zeros((), jnp.int32))
 
 
 def first_flag(code: int) -> Failure:
     """The most telling flag of a code: causes before their consequences."""
-    order = (
-        Failure.COURANT,
-        Failure.VISCOUS,
-        Failure.VOID_FRACTION,
-        Failure.OVERFLOW,
-        Failure.PARTICLE_LOST,
-        Failure.TOO_FAST,
-        Failure.SOLVER,
-        Failure.FLUID_NOT_FINITE,
-        Failure.PARTICLES_NOT_FINITE,
-    )
-    flags = Failure(code)
-    return next(flag for flag in order if flag in flags)
+    return next(flag for flag in MEANING if flag in Failure(code))
 
 
 def first_meaning(code: int) -> tuple[str, str]:

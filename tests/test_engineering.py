@@ -13,12 +13,7 @@ import pytest
 from jaxdem import build, load_scene
 from jaxdem.check.cautions import cautions
 from jaxdem.check.check import check_scene
-from jaxdem.check.engineering import (
-    minimum_fluidisation_velocity,
-    screen_load,
-    stokes_multiple,
-    terminal_velocity,
-)
+from jaxdem.check.engineering import DragInFluid, screen_load
 from jaxdem.check.run_cost import FACTOR, run_cost
 from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures import DRAG_LAWS
@@ -45,8 +40,8 @@ BED = {
 }
 
 
-def law(name):
-    return stokes_multiple(DRAG_LAWS[name]())
+def drag_by(name):
+    return DragInFluid.of(DRAG_LAWS[name](), FLUID, VISCOSITY)
 
 
 def scene_with(**tables):
@@ -61,7 +56,7 @@ def scene_with(**tables):
 
 def test_terminal_velocity_by_stokes_is_his_formula():
     """u = (rho_p - rho) g d^2 / (18 mu)."""
-    found = terminal_velocity(law("stokes"), DIAMETER, DENSITY, FLUID, VISCOSITY, 9.81)
+    found = drag_by("stokes").terminal_velocity(DIAMETER, DENSITY, 9.81)
     np.testing.assert_allclose(found, (DENSITY - FLUID) * 9.81 * DIAMETER**2 / (18.0 * FLUID * VISCOSITY), rtol=1e-9)
 
 
@@ -71,14 +66,14 @@ def test_terminal_velocity_by_wen_and_yu_has_the_drag_coefficient_of_one_sphere(
     drag = 24.0 / reynolds * (1.0 + 0.15 * reynolds**0.687) if reynolds < 1000.0 else 0.44
     archimedes = 0.75 * drag * reynolds**2
     gravity = archimedes * VISCOSITY**2 / (1.65 * DIAMETER[0] ** 3)
-    found = terminal_velocity(law("wen_yu"), DIAMETER[:1], DENSITY[:1], FLUID, VISCOSITY, gravity)
+    found = drag_by("wen_yu").terminal_velocity(DIAMETER[:1], DENSITY[:1], gravity)
     np.testing.assert_allclose(found * DIAMETER[0] / VISCOSITY, reynolds, rtol=1e-9)
 
 
 @pytest.mark.parametrize("solid", [0.4, 0.6])
 def test_minimum_fluidisation_by_ergun_is_the_root_of_his_pressure_drop(solid):
     """1.75 Re^2 / g^3 + 150 (1 - g) Re / g^3 = Ar, Re of the superficial velocity."""
-    found = minimum_fluidisation_velocity(law("ergun"), DIAMETER, DENSITY, FLUID, VISCOSITY, 9.81, solid)
+    found = drag_by("ergun").minimum_fluidisation_velocity(DIAMETER, DENSITY, 9.81, solid)
     void = 1.0 - solid
     archimedes = 9.81 * (DENSITY / FLUID - 1.0) * DIAMETER**3 / VISCOSITY**2
     a, b = 1.75 / void**3, 150.0 * solid / void**3
@@ -90,8 +85,8 @@ def test_minimum_fluidisation_by_ergun_is_the_root_of_his_pressure_drop(solid):
 def test_every_law_gives_finite_velocities_and_light_grains_rise(name):
     """A pack is carried by less than what carries one grain; without a difference of density nothing falls."""
     density = np.array([500.0, FLUID])
-    alone = terminal_velocity(law(name), DIAMETER, density, FLUID, VISCOSITY, 9.81)
-    packed = minimum_fluidisation_velocity(law(name), DIAMETER, density, FLUID, VISCOSITY, 9.81, 0.6)
+    alone = drag_by(name).terminal_velocity(DIAMETER, density, 9.81)
+    packed = drag_by(name).minimum_fluidisation_velocity(DIAMETER, density, 9.81, 0.6)
     assert np.isfinite(alone).all() and alone[1] == 0.0 == packed[1]
     if name not in ("stokes", "schiller_naumann"):  # these know nothing of a pack
         assert 0.0 < packed[0] < alone[0]

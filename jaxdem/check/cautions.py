@@ -47,8 +47,9 @@ def cautions(
 def _cells(spacing: tuple[float, ...] | None, diameter: float) -> Iterator[str]:
     if spacing is not None and min(spacing) < diameter:
         yield (
-            f"fluid.cells: the cell side is {min(spacing) / diameter:.2g} of the largest diameter. The equations of the fluid are averaged over the "
-            f"grains and the kernel (coupling.kernel_width). Cells smaller than a diameter add cost but no detail; 2 to 4 diameters are usual."
+            f"fluid.cells: the cell side is {min(spacing) / diameter:.2g} of the largest diameter. The equations of "
+            f"the fluid are averaged over the grains and the kernel (coupling.kernel_width). Cells smaller than a "
+            f"diameter add cost but no detail; 2 to 4 diameters are usual."
         )
 
 
@@ -56,16 +57,17 @@ def _sizes(scene: Scene, smallest: float, largest: float, cost: RunCost) -> Iter
     ratio = largest / smallest
     if cost.over_equal > DEAR:
         yield (
-            f"particles.radius: diameters range from {smallest:.3g} to {largest:.3g} m (1 : {ratio:.3g}). The neighbour list of every "
-            f"grain has the reach of the largest one and up to {cost.slots} entries. A contact step costs about "
-            f"{cost.over_equal:.2g} times as much as with equal grains. Use sizes that differ less, or a wall in place of the largest grains."
+            f"particles.radius: diameters range from {smallest:.3g} to {largest:.3g} m (1 : {ratio:.3g}). The "
+            f"neighbour list of every grain has the reach of the largest one and up to {cost.slots} entries. A "
+            f"contact step costs about {cost.over_equal:.2g} times as much as with equal grains. Use sizes that "
+            f"differ less, or a wall in place of the largest grains."
         )
     if scene.coupling is not None and ratio > UNEQUAL:
         law = "the closure" if scene.closure.file is not None else f"coupling.drag = {scene.coupling.drag!r}"
         yield (
-            f"{law}: this is a drag law for equal grains, but the diameters are 1 : {ratio:.3g}. In a dense mixture small grains get too "
-            f"much drag and large ones too little (see the page Limits: for 1 : 2 at a solid fraction of 0.5 it is 1.5 and 0.5 times the drag of a "
-            f"law for mixtures)."
+            f"{law}: this is a drag law for equal grains, but the diameters are 1 : {ratio:.3g}. In a dense mixture "
+            f"small grains get too much drag and large ones too little (see the page Limits: for 1 : 2 at a solid "
+            f"fraction of 0.5 it is 1.5 and 0.5 times the drag of a law for mixtures)."
         )
 
 
@@ -78,7 +80,8 @@ def _screen(scene: Scene, load: ScreenLoad | None) -> Iterator[str]:
     stiffness = contact.young_modulus if hertz else contact.normal_stiffness or 0.0
     needed = stiffness * (load.overlap / contact.maximum_overlap) ** (1.5 if hertz else 1.0)
     yield (
-        f"{key} = {stiffness:.3g}: the flow can press grains against the {load.side} side, on average with {load.weights:.2g} "
-        f"times their weight. They would overlap by {100 * load.overlap:.3g} % of a diameter; the limit is "
-        f"{100 * contact.maximum_overlap:.3g} %. Grains may be lost through this side. Set {key} to {needed:.2g} or more."
+        f"{key} = {stiffness:.3g}: the flow can press grains against the {load.side} side, on average with "
+        f"{load.weights:.2g} times their weight. They would overlap by {100 * load.overlap:.3g} % of a diameter; the "
+        f"limit is {100 * contact.maximum_overlap:.3g} %. Grains may be lost through this side. Set {key} to "
+        f"{needed:.2g} or more."
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,19 +11,19 @@ import numpy as np
 
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
+from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.check.run_cost import RunCost, run_cost
 from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
-from jaxdem.coupling.coupled import Coupling
-from jaxdem.coupling.forces import FORCES
 from jaxdem.fluid.interval import VISCOUS_LIMIT
+from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.simulate import samples_every
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.boundaries import boundary_speed
 from jaxdem.setup.builder import Case, build_case
 from jaxdem.simulation import Simulation
-from jaxdem.state import Parameters, State
+from jaxdem.state import State
 
 WORKING_COPIES = 3
 """Copies of a state that a compiled step is taken to need: before, after, and in between."""
@@ -123,7 +122,7 @@ def check_scene(scene: Scene) -> CheckReport:
     load = screen_load(scene, simulation, parameters, bodies, count)
     cost = run_cost(simulation, neighbors)
     void = state.fluid.void_fraction if state.fluid is not None else None
-    compiled_in, left_out = _parts(scene, simulation, parameters)
+    compiled_in, left_out = compiled_parts(scene, simulation, parameters)
     return CheckReport(
         precision=scene.precision,
         size=scene.domain.size,
@@ -146,7 +145,7 @@ def check_scene(scene: Scene) -> CheckReport:
         cost=cost,
         warnings=(*unit_warnings(scene), *cautions(scene, bodies, spacing, load, cost)),
         memory=_memory(simulation, state, neighbors),
-        population=_population(scene, simulation, state),
+        population=population_rows(scene, simulation, state),
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(case),
@@ -229,13 +228,13 @@ def _particle_figures(case: Case) -> dict[str, float | None]:
     return figures
 
 
-def _memory(simulation: Simulation, state: State, neighbors: Any) -> dict[str, int]:
+def _memory(simulation: Simulation, state: State, neighbors: Neighbors | None) -> dict[str, int]:
     """Estimates in bytes."""
     memory = {"particles": _bytes(state.particles), "neighbour list": _bytes(neighbors)}
     coupling = simulation.coupling
     memory["fluid"] = _bytes(state.fluid)
     memory["kernel weights"] = 0
-    if coupling is not None and state.particles is not None:
+    if coupling is not None and state.particles is not None and neighbors is not None:
         grid, deposition = coupling.interval.solver.grid, coupling.deposition
         radius = neighbors.radius
         shapes = jax.eval_shape(lambda x: deposition.weights(grid, x, radius), state.particles.position)
@@ -244,111 +243,5 @@ def _memory(simulation: Simulation, state: State, neighbors: Any) -> dict[str, i
     return memory | {"total while running": WORKING_COPIES * sum(memory.values())}
 
 
-def _bytes(tree: Any) -> int:
+def _bytes(tree: object) -> int:
     return sum(leaf.nbytes for leaf in jax.tree.leaves(tree) if hasattr(leaf, "nbytes"))
-
-
-def _parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parts of the model that the compiled program has, and those that it has not."""
-    parts: list[tuple[str, bool]] = [("particles", simulation.contact is not None)]
-    if simulation.contact is not None:
-        model = simulation.contact.model
-        parts += [
-            (f"contact law {type(model.law).__name__}", True),
-            ("rolling friction", model.rolling is not None),
-            ("rolling springs", model.rolling is not None and model.rolling.has_spring),
-            ("radius per particle", parameters.bodies is not None and parameters.bodies.radius.ndim > 0),
-            ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
-            (f"contact with {len(model.sides)} walls", bool(model.sides)),
-            (_walls_beside_the_box(scene), bool(model.surfaces)),
-            ("positions in pairs of floats", scene.precision == "float32"),
-        ]
-    parts.append(("fluid", simulation.fluid is not None))
-    if simulation.fluid is not None and parameters.fluid is not None:
-        solver = simulation.fluid.solver
-        parts += [
-            (f"advection {type(solver.advection).__name__}", True),
-            ("viscous stress", solver.viscous),
-            ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
-            ("learned subgrid stress", parameters.fluid.subgrid is not None),
-            ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
-            ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
-            ("coupling of particles and fluid", simulation.coupling is not None),
-            ("model B", simulation.coupling is not None and solver.model == "B"),
-        ]
-    if simulation.coupling is not None:
-        closure, learned = parameters.closure, bool(jax.tree.leaves(parameters.closure))
-        parts += _coupling_parts(simulation.coupling)
-        law = f"{'learned drag' if learned else 'drag law'} {type(closure).__name__}"
-        parts += [(law, True)] if learned else [(law, True), ("learned drag", False)]
-    for axis, wraps in enumerate(scene.periodic):
-        pair = scene.sides[2 * axis : 2 * axis + 2]
-        kinds = sorted({scene.boundary[name].kind for name in pair})
-        between = f"{pair[0]}-{pair[1]}"
-        parts.append((f"{between}: {'periodic' if wraps else ', '.join(kinds)}", True))
-    if simulation.contact is not None:
-        population = simulation.population
-        parts += [
-            (_materials(scene), simulation.contact.model.materials is not None),
-            ("removal of particles", population is not None and bool(population.exits)),
-            ("particle inlets", population is not None and bool(population.inlets)),
-        ]
-    return (
-        tuple(name for name, present in parts if present),
-        tuple(name for name, present in parts if not present),
-    )
-
-
-def _coupling_parts(coupling: Coupling) -> list[tuple[str, bool]]:
-    """How fluid and particles act on each other: what there is and what there is not."""
-    drag, there = coupling.drag, {type(force): force for force in coupling.forces}
-    wake, correction = "self-disturbance correction", drag.self_disturbance
-    if correction is not None:
-        wake = f"{wake} (mobility {correction.mobility:.4g}/m over viscosity)"
-    view, averaged = drag.coarse_inputs, "inputs of the drag law averaged"
-    if view is not None:
-        averaged = f"{averaged} to {' x '.join(str(count) for count in view.grid.cells)} cells"
-    sharper = "deconvolved velocity"
-    if drag.deconvolution > 0.0:
-        sharper = f"{sharper} (a = {drag.deconvolution:g})"
-    forces = [(str(there[kind]) if kind in there else kind.label, kind in there) for kind in FORCES]
-    return [
-        (f"void fraction {type(coupling.deposition).__name__}", True),
-        *forces,
-        (sharper, drag.deconvolution > 0.0),
-        (wake, correction is not None),
-        (averaged, view is not None),
-    ]
-
-
-def _population(scene: Scene, simulation: Simulation, state: State) -> tuple[tuple[str, str], ...]:
-    """Who is there at the start, who comes in and when, and where they leave."""
-    population, particles = simulation.population, state.particles
-    if population is None or particles is None:
-        return ()
-    rows = [("present at the start", str(int(np.sum(np.asarray(particles.active)))))]
-    assert scene.particles is not None
-    for inlet, table in zip(population.inlets, scene.particles.inlet, strict=True):
-        times = (int(inlet.due[0]) * simulation.interval, int(inlet.due[-1]) * simulation.interval)
-        flow = f"{table.rate:.4g} 1/s" if table.rate is not None else f"{table.mass_flow:.4g} kg/s"
-        rows.append(
-            (
-                f"inlet {len(rows) - 1}",
-                f"{len(inlet.due)} particles at {flow}, due from {times[0]:.4g} to {times[1]:.4g} s, "
-                f"up to {inlet.batch} at once",
-            )
-        )
-    sides = [name for name in scene.sides if scene.boundary[name].particles == "remove"]
-    return (*rows, ("removed at", ", ".join(sides) or "no side"))
-
-
-def _materials(scene: Scene) -> str:
-    names = ", ".join(material.name for material in scene.materials)
-    return f"materials by pair: {names}" if names else "materials by pair"
-
-
-def _walls_beside_the_box(scene: Scene) -> str:
-    if not scene.walls:
-        return "additional walls"
-    kinds = f"additional walls: {', '.join(wall.kind for wall in scene.walls)}"
-    return f"{kinds} (for particles only; they do not affect the fluid)" if scene.fluid is not None else kinds

@@ -1,4 +1,4 @@
-"""What an engineer knows a scene by: velocities at which grains fall and float, dimensionless numbers, loads. Host side."""
+"""What an engineer knows a scene by: velocities of fall and fluidisation, dimensionless numbers, loads. Host side."""
 
 from __future__ import annotations
 
@@ -25,9 +25,6 @@ PACKED = {2: 0.85, 3: 0.6}
 
 HALVINGS = 64
 """Of an interval of twelve decades: more than float64 resolves."""
-
-Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""F(solid fraction, Re), the multiple of Stokes drag."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,96 +60,73 @@ class ScreenLoad:
     overlap: float
 
 
-def stokes_multiple(law: Correlation) -> Law:
-    """F of a drag law as a function of numpy arrays, compiled once."""
-    compiled = jax.jit(law.stokes_multiple)
+@dataclasses.dataclass(frozen=True)
+class DragInFluid:
+    """Drag on spheres by a correlation in one fluid. Slips are interstitial, arrays are (N,), lengths in m, forces in N.
 
-    def multiple(solid_fraction: np.ndarray, reynolds: np.ndarray) -> np.ndarray:
-        both = (jnp.asarray(x, jnp.result_type(float)) for x in np.broadcast_arrays(solid_fraction, reynolds))
-        return np.asarray(compiled(*both), float)
-
-    return multiple
-
-
-def slip_under_load(
-    law: Law,
-    load: np.ndarray,
-    solid_fraction: float,
-    diameter: np.ndarray,
-    fluid_density: float,
-    viscosity: float,
-) -> np.ndarray:
-    """Interstitial slip u at which the drag is a given force, 3 pi mu d F(s, (1 - s) rho u d / mu) u = load [m/s].
-
-    Args:
-        law: F(s, Re).
-        load: (N,) >= 0 [N].
-        solid_fraction: s.
-        diameter: (N,) [m].
-        fluid_density: rho [kg/m3].
-        viscosity: mu / rho [m2/s].
+    Attributes:
+        multiple: F(solid fraction s, Reynolds number), the multiple of Stokes drag, of numpy arrays.
+        density: rho of the fluid [kg/m3].
+        viscosity: nu = mu / rho [m2/s].
     """
-    stokes = load / (3.0 * math.pi * fluid_density * viscosity * diameter)
-    newton = np.sqrt(load / fluid_density) / diameter  # a drag coefficient of 8/pi; the bracket goes far beyond
-    high = np.log(100.0 * np.maximum(stokes, newton) + 1e-300)
-    low = high - 12.0 * math.log(10.0)
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        slip = np.exp(middle)
-        drag = drag_force(law, slip, solid_fraction, diameter, fluid_density, viscosity)
-        below = drag < load
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.where(load > 0.0, np.exp(0.5 * (low + high)), 0.0)
 
+    multiple: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    density: float
+    viscosity: float
 
-def drag_force(
-    law: Law,
-    slip: np.ndarray,
-    solid_fraction: float,
-    diameter: np.ndarray,
-    fluid_density: float,
-    viscosity: float,
-) -> np.ndarray:
-    """3 pi mu d F(s, Re) u with the interstitial slip u and Re = (1 - s) rho u d / mu [N]."""
-    reynolds = (1.0 - solid_fraction) * slip * diameter / viscosity
-    multiple = law(np.full(np.shape(reynolds), solid_fraction), reynolds)
-    return 3.0 * math.pi * fluid_density * viscosity * diameter * multiple * slip
+    @classmethod
+    def of(cls, law: Correlation, density: float, viscosity: float) -> DragInFluid:
+        """The drag by a law, compiled once."""
+        compiled = jax.jit(law.stokes_multiple)
 
+        def multiple(solid_fraction: np.ndarray, reynolds: np.ndarray) -> np.ndarray:
+            both = (jnp.asarray(x, jnp.result_type(float)) for x in np.broadcast_arrays(solid_fraction, reynolds))
+            return np.asarray(compiled(*both), float)
 
-def terminal_velocity(
-    law: Law,
-    diameter: np.ndarray,
-    density: np.ndarray,
-    fluid_density: float,
-    viscosity: float,
-    gravity: float,
-) -> np.ndarray:
-    """Speed at which one sphere alone falls, or rises: its drag is its weight less buoyancy [m/s]."""
-    load = _submerged_weight(diameter, density, fluid_density, gravity)
-    return slip_under_load(law, load, 0.0, diameter, fluid_density, viscosity)
+        return cls(multiple, density, viscosity)
 
+    def force(self, slip: np.ndarray, solid_fraction: float, diameter: np.ndarray) -> np.ndarray:
+        """3 pi mu d F(s, Re) u with the slip u and Re = (1 - s) rho u d / mu."""
+        reynolds = (1.0 - solid_fraction) * slip * diameter / self.viscosity
+        multiple = self.multiple(np.full(np.shape(reynolds), solid_fraction), reynolds)
+        return 3.0 * math.pi * self.density * self.viscosity * diameter * multiple * slip
 
-def minimum_fluidisation_velocity(
-    law: Law,
-    diameter: np.ndarray,
-    density: np.ndarray,
-    fluid_density: float,
-    viscosity: float,
-    gravity: float,
-    solid_fraction: float,
-) -> np.ndarray:
-    """Superficial velocity U = g u at which a pack is carried, g = 1 - s its void fraction [m/s].
+    def slip_under(self, load: np.ndarray, solid_fraction: float, diameter: np.ndarray) -> np.ndarray:
+        """Slip u at which the drag is a given force >= 0 [m/s]."""
+        stokes = load / (3.0 * math.pi * self.density * self.viscosity * diameter)
+        newton = np.sqrt(load / self.density) / diameter  # a drag coefficient of 8/pi; the bracket goes far beyond
+        high = np.log(100.0 * np.maximum(stokes, newton) + 1e-300)
+        low = high - 12.0 * math.log(10.0)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            below = self.force(np.exp(middle), solid_fraction, diameter) < load
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        return np.where(load > 0.0, np.exp(0.5 * (low + high)), 0.0)
 
-    Model A: the fluid loses n f_d = -g dp/dx to n grains a volume, each of which has drag f_d and V dp/dx, together f_d / g;
-    so f_d = g times the weight less buoyancy. For Ergun's law that is his pressure drop at the weight of the bed.
-    """
-    void_fraction = 1.0 - solid_fraction
-    load = void_fraction * _submerged_weight(diameter, density, fluid_density, gravity)
-    return void_fraction * slip_under_load(law, load, solid_fraction, diameter, fluid_density, viscosity)
+    def weight(self, diameter: np.ndarray, density: np.ndarray, gravity: float) -> np.ndarray:
+        """Size of the weight less buoyancy."""
+        return math.pi / 6.0 * diameter**3 * np.abs(density - self.density) * gravity
+
+    def terminal_velocity(self, diameter: np.ndarray, density: np.ndarray, gravity: float) -> np.ndarray:
+        """Speed at which one sphere alone falls, or rises: its drag is its weight less buoyancy [m/s]."""
+        return self.slip_under(self.weight(diameter, density, gravity), 0.0, diameter)
+
+    def minimum_fluidisation_velocity(
+        self, diameter: np.ndarray, density: np.ndarray, gravity: float, solid_fraction: float
+    ) -> np.ndarray:
+        """Superficial velocity U = g u at which a pack is carried, g = 1 - s its void fraction [m/s].
+
+        Model A: the fluid loses n f_d = -g dp/dx to n grains a volume, each of which has drag f_d and V dp/dx, together
+        f_d / g; so f_d = g times the weight less buoyancy. For Ergun's law that is his pressure drop at the weight of
+        the bed.
+        """
+        void_fraction = 1.0 - solid_fraction
+        load = void_fraction * self.weight(diameter, density, gravity)
+        return void_fraction * self.slip_under(load, solid_fraction, diameter)
 
 
 def packed_solid_fraction(scene: Scene, diameter: float) -> float:
-    """Of a pack of the scene: in 2-D that of the spheres in a layer of `domain.depth`, no more than laws are evaluated at."""
+    """Of a pack: in 2-D of the spheres in a layer of `domain.depth`, no more than laws are evaluated at."""
     fraction = PACKED[scene.dimension]
     if scene.dimension == 2:
         fraction *= 2.0 * diameter / (3.0 * (scene.domain.depth or diameter))
@@ -166,7 +140,7 @@ def engineering_numbers(scene: Scene, parameters: Parameters, bodies: Bodies) ->
         return ()  # with a closure in its place the name of the law is not looked at
     gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
     diameter, density = _extremes(bodies, fluid.density)
-    law = stokes_multiple(DRAG_LAWS[coupling.drag]())
+    drag = DragInFluid.of(DRAG_LAWS[coupling.drag](), fluid.density, fluid.viscosity)
     named = f"by {coupling.drag}"
     if scene.closure.file is not None or jax.tree.leaves(parameters.closure):
         named += ", not by the closure"
@@ -176,18 +150,15 @@ def engineering_numbers(scene: Scene, parameters: Parameters, bodies: Bodies) ->
         _number("Archimedes number", gravity * excess * diameter**3 / fluid.viscosity**2, "-"),
     ]
     if gravity > 0.0:
-        fall = terminal_velocity(law, diameter, density, fluid.density, fluid.viscosity, gravity)
+        fall = drag.terminal_velocity(diameter, density, gravity)
         solid = packed_solid_fraction(scene, float(diameter.max()))
-        lift = minimum_fluidisation_velocity(law, diameter, density, fluid.density, fluid.viscosity, gravity, solid)
+        lift = drag.minimum_fluidisation_velocity(diameter, density, gravity, solid)
         impact = density / fluid.density * fall * diameter / (9.0 * fluid.viscosity)
         found += [
             _number("terminal velocity", fall, "m/s", f"a single grain, {named}"),
             _number("  its Reynolds number", fall * diameter / fluid.viscosity, "-"),
             _number(
-                "  its Stokes number",
-                impact,
-                "-",
-                "for an impact: below about 10, grains do not rebound in a liquid",
+                "  its Stokes number", impact, "-", "for an impact: below about 10, grains do not rebound in a liquid"
             ),
             _number(
                 "minimum fluidisation",
@@ -229,9 +200,10 @@ def screen_load(
 ) -> ScreenLoad | None:
     """The mean load of the grains at an outlet that is a screen to them; None where the stream carries nothing there.
 
-    Of every grain that the superficial velocity U through the outlet's side carries (its drag alone exceeds its weight and
-    friction that hold it), the side bears what the stream puts on it in a pack, f_d(s, U) / g, with its weight along it; it is
-    shared by a layer of grains side by side. Chains of forces make it up to some three times that for single grains.
+    Of every grain that the superficial velocity U through the outlet's side carries (its drag alone exceeds its weight
+    and friction that hold it), the side bears what the stream puts on it in a pack, f_d(s, U) / g, with its weight
+    along it; it is shared by a layer of grains side by side. Chains of forces make it up to some three times that for
+    single grains.
     """
     fluid, contact = scene.fluid, scene.contact
     flow = _outflow(scene, simulation, parameters)
@@ -240,16 +212,16 @@ def screen_load(
     if scene.coupling.drag not in DRAG_LAWS:
         return None
     side, axis, outward, speed = flow
-    law = stokes_multiple(DRAG_LAWS[scene.coupling.drag]())
+    drag = DragInFluid.of(DRAG_LAWS[scene.coupling.drag](), fluid.density, fluid.viscosity)
     diameter, density = _extremes(bodies, fluid.density)
     solid = packed_solid_fraction(scene, float(diameter.max()))
     gravity = np.asarray(scene.domain.gravity or (0.0,) * scene.dimension)
     submerged = math.pi / 6.0 * diameter**3 * (density - fluid.density)
     along = submerged * outward * gravity[axis]
     held = contact.friction * np.abs(submerged) * float(np.linalg.norm(np.delete(gravity, axis)))
-    alone = drag_force(law, np.full(2, speed), 0.0, diameter, fluid.density, fluid.viscosity)
+    alone = drag.force(np.full(2, speed), 0.0, diameter)
     void_fraction = 1.0 - solid
-    packed = drag_force(law, np.full(2, speed / void_fraction), solid, diameter, fluid.density, fluid.viscosity)
+    packed = drag.force(np.full(2, speed / void_fraction), solid, diameter)
     carried = alone + along > held
     if not carried.all():
         return None
@@ -283,10 +255,6 @@ def _outflow(scene: Scene, simulation: Simulation, parameters: Parameters) -> tu
     if not inflow > 0.0:
         return None
     return name, number // 2, 1.0 if number % 2 else -1.0, inflow / area
-
-
-def _submerged_weight(diameter: np.ndarray, density: np.ndarray, fluid_density: float, gravity: float) -> np.ndarray:
-    return math.pi / 6.0 * diameter**3 * np.abs(density - fluid_density) * gravity
 
 
 def _extremes(bodies: Bodies, fluid_density: float) -> tuple[np.ndarray, np.ndarray]:

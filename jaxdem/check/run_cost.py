@@ -17,12 +17,14 @@ class Costs:
 
     Attributes:
         launch: of a contact step, whatever its size.
-        particle, pair, slot: of a contact step, for each particle, each pair of the list and each slot of a particle, by
+        particle, pair, slot: of a contact step, for each particle, each pair of the list and each slot of a particle,
+        by
             dimension.
         fluid_launch: of a fluid step, whatever its size.
         cell: of a fluid step, for each cell, by dimension.
         exchange: of a coupling interval, for each particle.
-        among_grains: of a fluid step among grains over one without: more iterations, and further fluid steps where it is fast.
+        among_grains: of a fluid step among grains over one without: more iterations, and further fluid steps where it
+            is fast.
         output: of a frame, its files and its share of checkpoints.
         compiling: of both programs of a step, about, with an empty cache.
         basis: where the figures are from.

@@ -1,4 +1,4 @@
-"""Numbers of a scene that look as if they were in another unit. All are possible; a warning names the likely meaning."""
+"""Numbers of a scene that look as if they were in another unit. All are possible; a warning says what is likely."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.closures.subgrid import SubgridClosure
 from jaxdem.errors import InputError, cut
 from jaxdem.files.hdf5 import CLOSURE as FORMAT
-from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import UNREADABLE, attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 from jaxdem.files.reading import parse_json
 
 VERSION = 1
@@ -31,11 +31,6 @@ KEY, SUBGRID_KEY = "closure.file", "fluid.subgrid"
 
 WRITERS = {KEY: "`jaxdem train`", SUBGRID_KEY: "`jaxdem finetune --subgrid`"}
 """What writes the files that a key of the scene names."""
-
-UNREADABLE = (
-    OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, OverflowError, MemoryError,
-)  # fmt: skip
-"""What h5py, and what reads from it, raise on a file that is truncated, altered or another program's."""
 
 SMALLEST_FLOAT = 2
 """Bytes of the shortest number that a file may hold weights in."""

@@ -15,10 +15,11 @@ import sys
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import h5py
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jaxdem.files import hdf5_contents
 from jaxdem.files.reading import open_regular
@@ -29,6 +30,11 @@ LIBVER = ("v110", "v110")
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 CHECKED = 2
 """The version of the first block (byte 8 of a file) from which on tables have checksums."""
+
+UNREADABLE = (
+    OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError, AttributeError, OverflowError, MemoryError,
+)  # fmt: skip
+"""What h5py raises on a file that is truncated, is not HDF5, or lacks what we look for."""
 
 CLOSURE, DATASET = "jaxdem-closure", "jaxdem-dataset"
 """What closures and datasets say of themselves in the attribute `format`."""
@@ -43,10 +49,10 @@ TRIAL_SECONDS, TRIAL_RATE = 30.0, 10e6
 """What a trial may take at least, and the bytes in a second beyond that; a disk reads ten times faster."""
 
 TRIAL = ("-P", hdf5_contents.__file__)
-"""Arguments of Python for a process that reads all there is; what it meets beside a hang or a crash is for the reader proper to say."""
+"""Arguments of Python for a process that reads all there is, to see whether it hangs or crashes."""
 
 
-def create(target: Any, **options: Any) -> h5py.File:
+def create(target: str | os.PathLike[str] | IO[bytes], **options: Any) -> h5py.File:
     """A new file (path, or object to write to) with checked tables; `options` are those of `h5py.File`."""
     return h5py.File(target, "w", libver=LIBVER, **options)
 
@@ -62,7 +68,7 @@ def image_of(file: h5py.File) -> bytes:
     return bytes(file.id.get_file_image())
 
 
-def store(group: h5py.Group, name: str, data: Any) -> h5py.Dataset:
+def store(group: h5py.Group, name: str, data: ArrayLike) -> h5py.Dataset:
     """Write an array of any shape with a checksum over its numbers."""
     array = np.asarray(data)
     if array.nbytes > COMPACT_BYTES:
@@ -79,8 +85,8 @@ def store(group: h5py.Group, name: str, data: Any) -> h5py.Dataset:
     return dataset
 
 
-def plain(value: Any) -> Any:
-    """An attribute as Python's own: text (of fixed and of variable length) as `str`, numbers as they are, arrays of text as lists."""
+def plain(value: object) -> Any:
+    """An attribute as Python's own: text as `str`, numbers as they are, arrays of text as lists."""
     if isinstance(value, bytes):
         return value.decode()
     if isinstance(value, np.ndarray) and value.dtype.kind in "SO":
@@ -107,8 +113,8 @@ def open_for_reading(path: str | os.PathLike[str]) -> h5py.File:
     """Open without HDF5's own lock: our files are never changed in place, and the disk may be read-only.
 
     Raises:
-        OSError: it is not a regular file, not HDF5, is damaged, holds up the library, names other files, or claims more data
-            than it has.
+        OSError: it is not a regular file, not HDF5, is damaged, holds up the library, names other files, or claims more
+            data than it has.
     """
     with open_regular(path) as file:
         head = file.read(len(SIGNATURE) + 1)

@@ -1,8 +1,8 @@
 """Looks at an HDF5 file before anything of it is read: all must lie in it, and nothing may claim more than there is.
 
-HDF5 files may name other files (external links, external storage, virtual data sets), which a reader would follow, and may claim
-data sets of any size, for which a reader would make room. This module imports nothing of jaxdem, for it is a program
-too: `python hdf5_contents.py FILE` looks, and then reads all there is.
+HDF5 files may name other files (external links, external storage, virtual data sets), which a reader would follow, and
+may claim data sets of any size, for which a reader would make room. This module imports nothing of jaxdem, for it is a
+program too: `python hdf5_contents.py FILE` looks, and then reads all there is.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Files that anyone may have written: opened only where they are regular files, read and parsed within limits.
 
-What is wrong is raised as OSError (it cannot be opened or is too large) or ValueError (what it holds); who reads it knows the key and
-the remedy.
+What is wrong is raised as OSError (it cannot be opened or is too large) or ValueError (what it holds); who reads it
+knows the key and the remedy.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ def open_regular(path: Name) -> BinaryIO:
     """The file, open for reading; never waits for another program to open its other end.
 
     Raises:
-        OSError: it cannot be opened, or is a folder, pipe, socket, device, or a file that the system makes up (/proc, /sys).
+        OSError: it cannot be opened, or is a folder, pipe, socket, device, or a file that the system makes up (/proc,
+            /sys).
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
@@ -83,7 +84,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     """TOML as nested dicts.
 
     Raises:
-        ValueError: it is not TOML (`tomllib.TOMLDecodeError`), is nested too deeply, or has a number of too many digits.
+        ValueError: it is not TOML (`tomllib.TOMLDecodeError`), is nested too deeply, or has a number of too many
+            digits.
     """
     return _parsed(tomllib.loads, text, LARGEST_IN_TOML)
 

@@ -46,7 +46,7 @@ def acquire_lock(path: Path) -> int:
 
 
 def still_locked(path: Path, descriptor: int) -> bool:
-    """Whether the folder at `path` is the one that was locked: it may have been moved away, and another be in its place."""
+    """Whether the folder at `path` is the one that was locked, and not another that has taken its place."""
     try:
         found = os.stat(path / LOCK)
     except OSError:

@@ -10,24 +10,23 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import UNREADABLE, attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 from jaxdem.files.reading import parse_json
 from jaxdem.io.durable import write_bytes
-from jaxdem.io.frames import UNREADABLE
+from jaxdem.io.frames import Arrays
 
 FORMAT_NAME = "jaxdem checkpoint"
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 
 Attributes = dict[str, str | int | float]
 
 
-def write_checkpoint(path: str | Path, arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> None:
+def write_checkpoint(path: str | Path, arrays: Arrays, attributes: Mapping[str, object]) -> None:
     """Replace the checkpoint at `path`, durably; the old one stays until the new one is whole.
 
     Args:
@@ -93,14 +92,14 @@ def _checksum(arrays: Mapping[str, np.ndarray], attributes: str) -> str:
     return digest.hexdigest()
 
 
-def _storable(name: str, value: Any) -> np.ndarray:
+def _storable(name: str, value: object) -> np.ndarray:
     array = np.asarray(value)
     if array.dtype.kind not in "biufc":
         raise TypeError(f"{name}: arrays of {array.dtype} cannot be kept in a checkpoint")
     return array
 
 
-def _plain(name: str, value: Any) -> str | int | float:
+def _plain(name: str, value: object) -> str | int | float:
     if isinstance(value, np.generic):
         value = value.item()
     if not isinstance(value, (str, int, float)):

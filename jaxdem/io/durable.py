@@ -71,7 +71,7 @@ def remove_leftovers(folder: Path) -> None:
         leftover.unlink(missing_ok=True)
 
 
-class PatientFile(io.FileIO):
+class DeferredErrorFile(io.FileIO):
     """A file for HDF5 to write to that keeps the first error of the disk in `error` and goes on.
 
     HDF5 that cannot write can neither close its file nor release its objects, and says so again and

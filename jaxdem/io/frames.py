@@ -10,7 +10,7 @@ the joined file both hold is the same frame.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,18 +18,17 @@ from typing import Any, Protocol
 
 import h5py
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jaxdem.errors import InputError
-from jaxdem.files.hdf5 import create, image_of, in_memory, open_for_reading, store
+from jaxdem.files.hdf5 import UNREADABLE, create, image_of, in_memory, open_for_reading, store
 from jaxdem.io.access import reason_of
-from jaxdem.io.durable import PatientFile, aside, sync_directory, write_bytes
+from jaxdem.io.durable import DeferredErrorFile, aside, sync_directory, write_bytes
 
 PARTS_FOLDER = ".frames"
 
-UNREADABLE = (
-    OSError, KeyError, ValueError, RuntimeError, TypeError, IndexError, AttributeError, OverflowError, MemoryError,
-)  # fmt: skip
-"""What h5py raises on a file that is truncated, is not HDF5, or lacks what we look for."""
+Arrays = Mapping[str, ArrayLike]
+"""Arrays by name."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +111,10 @@ class FrameSeries:
         self.joined = joined or folder / f"{frame_format.stem}{frame_format.suffix}"
         self.parts = folder / PARTS_FOLDER
         self._layout: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
+
+    def exists(self) -> bool:
+        """Whether there is a file of this kind at all."""
+        return self.joined.exists() or bool(self.part_indices())
 
     def part(self, index: int) -> Path:
         """Path of the part that holds frame `index`."""
@@ -207,7 +210,7 @@ class FrameSeries:
             self.joined.unlink(missing_ok=True)
             sync_directory(self.joined.parent)
             return
-        with aside(self.joined) as temporary, PatientFile(temporary) as target:
+        with aside(self.joined) as temporary, DeferredErrorFile(temporary) as target:
             with create(target) as file:
                 entries = []
                 for frame in self.frames(number):
@@ -224,8 +227,9 @@ class FrameSeries:
 
     def drop_parts(self, first: int = 0) -> None:
         """Remove the parts from `first` on."""
-        for index in reversed([index for index in self.part_indices() if index >= first]):
-            self.part(index).unlink(missing_ok=True)
+        for index in reversed(self.part_indices()):
+            if index >= first:
+                self.part(index).unlink(missing_ok=True)
 
     def _part_is_whole(self, index: int) -> bool:
         try:

@@ -47,7 +47,7 @@ class Run:
         self._fluid = FrameSeries(self.path, FluidFormat())
         history = read_history(self.path / HISTORY)
         counts = [len(history["time"])]
-        counts += [series.count() for series in (self._particles, self._fluid) if _present(series)]
+        counts += [series.count() for series in (self._particles, self._fluid) if series.exists()]
         self.number_of_frames = min(counts)
         self.history = {name: column[: self.number_of_frames] for name, column in history.items()}
 
@@ -58,11 +58,11 @@ class Run:
 
     @cached_property
     def has_particles(self) -> bool:
-        return _present(self._particles)
+        return self._particles.exists()
 
     @cached_property
     def has_fluid(self) -> bool:
-        return _present(self._fluid)
+        return self._fluid.exists()
 
     def particles(self, index: int) -> dict[str, np.ndarray]:
         """Particles at output `index` (negative from the end), {} in a scene without.
@@ -96,7 +96,7 @@ class Run:
     def dimension(self) -> int:
         """2 or 3."""
         for series in (self._particles, self._fluid):
-            if self.number_of_frames and _present(series):
+            if self.number_of_frames and series.exists():
                 return int(series.read(0).attributes["dimension"])
         size = self.scene.get("domain", {}).get("size")
         if not isinstance(size, list):
@@ -124,7 +124,7 @@ class Run:
     def samples(self) -> Samples | None:
         """What the drag law saw, None where the scene asked for no samples."""
         series = FrameSeries(self.path, SampleFormat())
-        return Samples(series, series.count()) if _present(series) else None
+        return Samples(series, series.count()) if series.exists() else None
 
     @cached_property
     def _first_fluid(self) -> Frame | None:
@@ -143,7 +143,3 @@ def load_run(path: str | Path) -> Run:
         InputError: it is no run directory, or a file in it is damaged.
     """
     return Run(path)
-
-
-def _present(series: FrameSeries) -> bool:
-    return series.joined.exists() or bool(series.part_indices())

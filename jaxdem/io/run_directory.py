@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
 from jaxdem.io.durable import aside_names, remove_leftovers, sync_directory, write_bytes
-from jaxdem.io.frames import PARTS_FOLDER, FrameSeries
+from jaxdem.io.frames import PARTS_FOLDER, Arrays, FrameSeries
 from jaxdem.io.history import History
 from jaxdem.io.samples import SampleFormat, sample_frame
 from jaxdem.io.summary import SUMMARY, read_summary, write_summary
@@ -40,7 +40,7 @@ class RunDirectory:
         sample_attributes: constants stored as attributes of `samples.h5`.
     """
 
-    def __init__(self, path: Path, scene_toml: str, lock: int, sample_attributes: Mapping[str, Any] | None):
+    def __init__(self, path: Path, scene_toml: str, lock: int, sample_attributes: Arrays | None):
         self.path = path
         self.sample_attributes = dict(sample_attributes or {})
         self._scene = scene_text.parse(scene_toml, str(path / SCENE))
@@ -57,9 +57,7 @@ class RunDirectory:
         return self._history.rows
 
     @classmethod
-    def create(
-        cls, path: str | Path, scene_toml: str, sample_attributes: Mapping[str, Any] | None = None
-    ) -> RunDirectory:
+    def create(cls, path: str | Path, scene_toml: str, sample_attributes: Arrays | None = None) -> RunDirectory:
         """Start a run in a new or empty folder and store its scene.
 
         Raises:
@@ -69,41 +67,28 @@ class RunDirectory:
         cls.check(path, scene_toml, resume=False)
         with input_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-        lock = acquire_lock(path)
-        try:
-            with input_errors(path):
-                # Between the look above and the lock another run may have come and gone.
-                if _entries(path):
-                    raise _occupied(path)
-                write_bytes(path / SCENE, scene_toml.encode())
-                return cls(path, scene_toml, lock, sample_attributes)
-        except BaseException:
-            os.close(lock)
-            raise
+        with _locked_for_a_run(path) as lock:
+            # Between the look above and the lock another run may have come and gone.
+            if _entries(path):
+                raise _occupied(path)
+            write_bytes(path / SCENE, scene_toml.encode())
+            return cls(path, scene_toml, lock, sample_attributes)
 
     @classmethod
-    def resume(
-        cls, path: str | Path, scene_toml: str, sample_attributes: Mapping[str, Any] | None = None
-    ) -> RunDirectory:
+    def resume(cls, path: str | Path, scene_toml: str, sample_attributes: Arrays | None = None) -> RunDirectory:
         """Open the folder of an unfinished run; nothing is cut yet, see `cut_back`.
 
-        A run that was killed before its first checkpoint has its scene only, and starts from the beginning:
-        see `has_checkpoint`.
+        A run that was killed before its first checkpoint (see `has_checkpoint`) has its scene only, and starts anew.
 
         Raises:
             InputError: there is no checkpoint, the stored scene is another one, or the folder is in use.
         """
         path = Path(path)
         cls.check(path, scene_toml, resume=True)
-        lock = acquire_lock(path)
-        try:
-            with input_errors(path):
-                remove_leftovers(path)
-                remove_leftovers(path / PARTS_FOLDER)
-                return cls(path, scene_toml, lock, sample_attributes)
-        except BaseException:
-            os.close(lock)
-            raise
+        with _locked_for_a_run(path) as lock:
+            remove_leftovers(path)
+            remove_leftovers(path / PARTS_FOLDER)
+            return cls(path, scene_toml, lock, sample_attributes)
 
     @classmethod
     def check(cls, path: str | Path, scene_toml: str, resume: bool) -> None:
@@ -145,15 +130,26 @@ class RunDirectory:
         Raises:
             InputError: naming the first key that differs, or the stored scene cannot be read.
         """
-        _require_same_scene(Path(path), scene_toml)
+        place = Path(path) / SCENE
+        try:
+            stored = scene_text.read(place)
+        except OSError as error:
+            limit = f"its {SCENE} cannot be read ({reason_of(error)})"
+            raise InputError(OPTION, str(path), limit, "Start the run anew in another folder.") from error
+        given = scene_text.parse(scene_toml, "the scene given")
+        difference = scene_text.first_difference(scene_text.parse(stored, str(place)), given)
+        if difference is not None:
+            key, before, after = difference
+            limit = f"the run in {path} has {before!r}, and --resume only continues the same scene"
+            raise InputError(key, after, limit, f"Give {key} as stored in {place}, or another {OPTION}.")
 
     def write_frame(
         self,
         index: int,
         time: float,
-        particles: Mapping[str, Any] | None,
-        fluid: Mapping[str, Any] | None,
-        samples: Mapping[str, Any] | None,
+        particles: Arrays | None,
+        fluid: Arrays | None,
+        samples: Arrays | None,
         history_row: Mapping[str, float | None],
     ) -> None:
         """Write output `index` at `time` [s] and commit it.
@@ -183,7 +179,7 @@ class RunDirectory:
                 self._particles.write(index, particle_frame(time, particles))
             self._history.append({**history_row, "time": float(time)})
 
-    def write_sample(self, index: int, time: float, arrays: Mapping[str, Any]) -> None:
+    def write_sample(self, index: int, time: float, arrays: Arrays) -> None:
         """Write sample `index` (must be `samples`, the next one) at `time` [s].
 
         Raises:
@@ -195,14 +191,14 @@ class RunDirectory:
             self._samples.write(index, sample_frame(time, arrays, self.sample_attributes))
         self.samples = index + 1
 
-    def write_checkpoint(self, arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> None:
+    def write_checkpoint(self, arrays: Arrays, attributes: Mapping[str, str | int | float]) -> None:
         """Replace the restart state; `attributes` holds the numbers `frames` and `samples` it follows.
 
         Raises:
             RunError: the disk refused; the former checkpoint is kept.
         """
         for name, written in (("frames", self.frames), ("samples", self.samples)):
-            if not 0 <= attributes[name] <= written:
+            if not 0 <= int(attributes[name]) <= written:
                 raise ValueError(f"checkpoint after {attributes[name]} {name}, {written} are written")
         with self._run_errors(self._time):
             checkpoint_file.write_checkpoint(self.path / CHECKPOINT, arrays, attributes)
@@ -224,7 +220,7 @@ class RunDirectory:
         held = {"frames": self.frames, "samples": self.samples}
         for series in (self._particles, self._fluid):
             # A kind that has no frame at all is one the scene does not have.
-            if series.joined.exists() or series.part_indices():
+            if series.exists():
                 held["frames"] = min(held["frames"], series.count())
         for name, wanted in (("frames", frames), ("samples", samples)):
             if held[name] < wanted:
@@ -242,7 +238,7 @@ class RunDirectory:
                 if folder.is_dir():
                     sync_directory(folder)
 
-    def finish(self, summary: Mapping[str, Any]) -> None:
+    def finish(self, summary: Mapping[str, object]) -> None:
         """Join the frames and write `summary.json` with `complete` true (unless given otherwise).
 
         Raises:
@@ -250,7 +246,7 @@ class RunDirectory:
         """
         self._close_run({"complete": True, **summary})
 
-    def interrupt(self, summary: Mapping[str, Any]) -> None:
+    def interrupt(self, summary: Mapping[str, object]) -> None:
         """As `finish` for a run that did not reach its end: `complete` is false."""
         self._close_run({**summary, "complete": False})
 
@@ -268,11 +264,11 @@ class RunDirectory:
     ) -> None:
         self.close()
 
-    def _close_run(self, summary: dict[str, Any]) -> None:
+    def _close_run(self, summary: dict[str, object]) -> None:
         kinds = ((self._particles, self.frames), (self._fluid, self.frames), (self._samples, self.samples))
         with self._run_errors(self._time):
             for series, number in kinds:
-                if series.joined.exists() or series.part_indices():
+                if series.exists():
                     series.join(number)
                     self._require_own_folder()
             # Parts go only when all joined files are there.
@@ -292,32 +288,27 @@ class RunDirectory:
             yield
         except OSError as error:
             reason = f"cannot write to the run directory: {reason_of(error)}"
-            remedy = f"Earlier frames are kept ({self.frames}). Free some disk space or correct the permissions, then continue with --resume."
-            raise RunError(reason, str(self.path), self._time, remedy) from error
+            remedy = f"Earlier frames are kept ({self.frames}). Free some disk space or correct the permissions, then"
+            raise RunError(reason, str(self.path), self._time, f"{remedy} continue with --resume.") from error
 
     def _require_own_folder(self) -> None:
         """Raise RunError where another folder has taken the place of the one that the run began in."""
         if self._lock is not None and not still_locked(self.path, self._lock):
             reason = f"the run directory was moved, replaced, or its {LOCK} removed while the run wrote to it"
-            remedy = (
-                "Nothing more was written. Continue with --resume in the place of the moved folder, or start a new run."
-            )
-            raise RunError(reason, str(self.path), self._time, remedy)
+            remedy = "Nothing more was written. Continue with --resume in the place of the moved folder"
+            raise RunError(reason, str(self.path), self._time, f"{remedy}, or start a new run.")
 
 
-def _require_same_scene(path: Path, scene_toml: str) -> None:
+@contextmanager
+def _locked_for_a_run(path: Path) -> Iterator[int]:
+    """The lock of a folder, which stays with the run that opens well; what the disk refuses is a wrong `--out`."""
+    lock = acquire_lock(path)
     try:
-        stored = scene_text.read(path / SCENE)
-    except OSError as error:
-        remedy = "Start the run anew in another folder."
-        raise InputError(OPTION, str(path), f"its {SCENE} cannot be read ({reason_of(error)})", remedy) from error
-    difference = scene_text.first_difference(
-        scene_text.parse(stored, str(path / SCENE)), scene_text.parse(scene_toml, "the scene given")
-    )
-    if difference is not None:
-        key, before, after = difference
-        limit = f"the run in {path} has {before!r}, and --resume only continues the same scene"
-        raise InputError(key, after, limit, f"Give {key} as stored in {path / SCENE}, or another {OPTION}.")
+        with input_errors(path):
+            yield lock
+    except BaseException:
+        os.close(lock)
+        raise
 
 
 def _entries(path: Path) -> set[str]:

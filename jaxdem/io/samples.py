@@ -6,7 +6,6 @@ attributes. Shapes and names stay the same over a run.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,15 +14,15 @@ import h5py
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.files.hdf5 import attributes_of, open_for_reading, store, write_attributes
-from jaxdem.io.frames import UNREADABLE, Entries, Frame, FrameSeries, extend
+from jaxdem.files.hdf5 import UNREADABLE, attributes_of, open_for_reading, store, write_attributes
+from jaxdem.io.frames import Arrays, Entries, Frame, FrameSeries, extend
 
 FORMAT_NAME = "jaxdem samples"
 FORMAT_VERSION = 1
 _RESERVED = ("format", "format_version")
 
 
-def sample_frame(time: float, arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> Frame:
+def sample_frame(time: float, arrays: Arrays, attributes: Arrays) -> Frame:
     """One sample: `arrays` by name (any shape, the same at all times), `attributes` scalars or small arrays.
 
     Raises:

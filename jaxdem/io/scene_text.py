@@ -50,12 +50,12 @@ def read(path: Path) -> str:
         raise OSError(errno.EILSEQ, "is not UTF-8 text", str(path)) from None
 
 
-def _positive(number: Any) -> bool:
+def _positive(number: object) -> bool:
     return isinstance(number, int | float) and 0 < number < math.inf
 
 
 def without_folders(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene with closures by their files' names alone: a study may be moved, and a checkpoint knows their weights."""
+    """The scene with closures by their files' names alone: a study may be moved, a checkpoint knows the weights."""
     found = dict(tables)
     for table, key in (("closure", "file"), ("fluid", "subgrid")):
         if tables.get(table, {}).get(key):
@@ -63,7 +63,7 @@ def without_folders(tables: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def first_difference(stored: dict[str, Any], given: dict[str, Any]) -> tuple[str, Any, Any] | None:
+def first_difference(stored: dict[str, Any], given: dict[str, Any]) -> tuple[str, object, object] | None:
     """Dotted key, stored value and given value of the first key that differs; None if the scenes agree.
 
     Comments, order and layout of the text do not count, nor in which folder a closure's file lies.

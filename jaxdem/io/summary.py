@@ -17,7 +17,7 @@ from jaxdem.io.durable import write_bytes
 SUMMARY = "summary.json"
 
 
-def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
+def write_summary(folder: Path, summary: Mapping[str, object]) -> None:
     """Replace the summary in `folder`, durably."""
     text = json.dumps(_finite(summary), indent=2, allow_nan=False) + "\n"
     write_bytes(folder / SUMMARY, text.encode())
@@ -42,16 +42,14 @@ def read_summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
-def _finite(value: Any) -> Any:
+def _finite(value: object) -> object:
     """`value` as JSON has it: floats finite or None, numpy's numbers and arrays as Python's."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, list | tuple):
         return [_finite(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    return value if isinstance(value, (str, int, type(None))) else str(value)
+    return value if isinstance(value, str | int | None) else str(value)

@@ -7,14 +7,13 @@ specification" (docs.vtk.org, vtk_file_formats/vtkhdf_file_format).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import h5py
 import numpy as np
 
 from jaxdem.files.hdf5 import store
-from jaxdem.io.frames import Entries, Frame, extend
+from jaxdem.io.frames import Arrays, Entries, Frame, extend
 
 ROOT = "VTKHDF"
 VERSION = (2, 0)
@@ -45,7 +44,7 @@ UNCHANGING = ("id", "radius")
 """Point data stored once while it stays the same; later steps point at the same rows."""
 
 
-def particle_frame(time: float, arrays: Mapping[str, Any]) -> Frame:
+def particle_frame(time: float, arrays: Arrays) -> Frame:
     """Particle arrays as VTK wants them.
 
     Args:
@@ -79,7 +78,7 @@ def particle_frame(time: float, arrays: Mapping[str, Any]) -> Frame:
     return Frame(float(time), stored, {"dimension": dimension})
 
 
-def fluid_frame(time: float, arrays: Mapping[str, Any], spacing: Sequence[float], depth: float) -> Frame:
+def fluid_frame(time: float, arrays: Arrays, spacing: Sequence[float], depth: float) -> Frame:
     """Cell arrays of the fluid with the geometry of the grid; the corner of the domain is the origin.
 
     Args:
@@ -112,16 +111,14 @@ def fluid_frame(time: float, arrays: Mapping[str, Any], spacing: Sequence[float]
 
 
 def _three_components(array: np.ndarray) -> np.ndarray:
-    return np.concatenate([array, np.zeros((*array.shape[:-1], 1), array.dtype)], axis=-1)
+    """(x, z) as (x, z, 0) along the last axis."""
+    return np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, 1)])
 
 
 def _out_of_plane(array: np.ndarray) -> np.ndarray:
-    """Scalar angular velocity (N,) or (N, 1) as (N, 3); three components pass."""
-    if array.ndim == 2 and array.shape[1] == 3:
-        return array
-    vector = np.zeros((array.shape[0], 3), array.dtype)
-    vector[:, 2] = array.reshape(array.shape[0])
-    return vector
+    """Scalar angular velocity (N,) or (N, 1) as (0, 0, scalar); three components pass."""
+    columns = array if array.ndim == 2 else array[:, None]
+    return np.pad(columns, [(0, 0), (3 - columns.shape[1], 0)])
 
 
 class _StepFormat:
@@ -304,13 +301,11 @@ def _same_rows(point_data: h5py.Group, name: str, array: np.ndarray) -> int | No
 
 def _x_fastest(array: np.ndarray, dimension: int) -> np.ndarray:
     """[ix, iy(, iz)(, component)] to [iz, iy, ix(, component)]; in 2-D with a single layer iz."""
-    axes = (*reversed(range(dimension)), *range(dimension, array.ndim))
-    turned = array.transpose(axes)
+    turned = array.swapaxes(0, dimension - 1)
     return turned[None] if dimension == 2 else turned
 
 
 def _x_first(array: np.ndarray, dimension: int) -> np.ndarray:
     """The inverse of `_x_fastest`."""
     layer = array[0] if dimension == 2 else array
-    axes = (*reversed(range(dimension)), *range(dimension, layer.ndim))
-    return np.ascontiguousarray(layer.transpose(axes))
+    return np.ascontiguousarray(layer.swapaxes(0, dimension - 1))

@@ -114,7 +114,7 @@ def die_in_write(number: int) -> None:
 
     os.replace, os.fsync = dying(os.replace), dying(os.fsync)
     pathlib.Path.write_bytes = half_of(pathlib.Path.write_bytes)
-    durable.PatientFile.write = half_of(durable.PatientFile.write)
+    durable.DeferredErrorFile.write = half_of(durable.DeferredErrorFile.write)
 
 
 def child(work) -> int:

@@ -1,0 +1,112 @@
+"""What of the model a scene's program has and has not, and which particles come and go."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.forces import FORCES
+from jaxdem.scene import Scene
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+
+
+def compiled_parts(
+    scene: Scene, simulation: Simulation, parameters: Parameters
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Parts of the model that the compiled program has, and those that it has not."""
+    parts: list[tuple[str, bool]] = [("particles", simulation.contact is not None)]
+    if simulation.contact is not None:
+        model = simulation.contact.model
+        parts += [
+            (f"contact law {type(model.law).__name__}", True),
+            ("rolling friction", model.rolling is not None),
+            ("rolling springs", model.rolling is not None and model.rolling.has_spring),
+            ("radius per particle", parameters.bodies is not None and parameters.bodies.radius.ndim > 0),
+            ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
+            (f"contact with {len(model.sides)} walls", bool(model.sides)),
+            (_walls_beside_the_box(scene), bool(model.surfaces)),
+            ("positions in pairs of floats", scene.precision == "float32"),
+        ]
+    parts.append(("fluid", simulation.fluid is not None))
+    if simulation.fluid is not None and parameters.fluid is not None:
+        solver = simulation.fluid.solver
+        parts += [
+            (f"advection {type(solver.advection).__name__}", True),
+            ("viscous stress", solver.viscous),
+            ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
+            ("learned subgrid stress", parameters.fluid.subgrid is not None),
+            ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
+            ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
+            ("coupling of particles and fluid", simulation.coupling is not None),
+            ("model B", simulation.coupling is not None and solver.model == "B"),
+        ]
+    if simulation.coupling is not None:
+        closure, learned = parameters.closure, bool(jax.tree.leaves(parameters.closure))
+        parts += _coupling_parts(simulation.coupling)
+        law = f"{'learned drag' if learned else 'drag law'} {type(closure).__name__}"
+        parts += [(law, True)] if learned else [(law, True), ("learned drag", False)]
+    for axis, wraps in enumerate(scene.periodic):
+        pair = scene.sides[2 * axis : 2 * axis + 2]
+        kinds = sorted({scene.boundary[name].kind for name in pair})
+        between = f"{pair[0]}-{pair[1]}"
+        parts.append((f"{between}: {'periodic' if wraps else ', '.join(kinds)}", True))
+    if simulation.contact is not None:
+        population = simulation.population
+        parts += [
+            (_materials(scene), simulation.contact.model.materials is not None),
+            ("removal of particles", population is not None and bool(population.exits)),
+            ("particle inlets", population is not None and bool(population.inlets)),
+        ]
+    return tuple(name for name, there in parts if there), tuple(name for name, there in parts if not there)
+
+
+def _coupling_parts(coupling: Coupling) -> list[tuple[str, bool]]:
+    """How fluid and particles act on each other: what there is and what there is not."""
+    drag, there = coupling.drag, {type(force): force for force in coupling.forces}
+    wake, correction = "self-disturbance correction", drag.self_disturbance
+    if correction is not None:
+        wake = f"{wake} (mobility {correction.mobility:.4g}/m over viscosity)"
+    view, averaged = drag.coarse_inputs, "inputs of the drag law averaged"
+    if view is not None:
+        averaged = f"{averaged} to {' x '.join(str(count) for count in view.grid.cells)} cells"
+    sharper = "deconvolved velocity"
+    if drag.deconvolution > 0.0:
+        sharper = f"{sharper} (a = {drag.deconvolution:g})"
+    forces = [(str(there[kind]) if kind in there else kind.label, kind in there) for kind in FORCES]
+    return [
+        (f"void fraction {type(coupling.deposition).__name__}", True),
+        *forces,
+        (sharper, drag.deconvolution > 0.0),
+        (wake, correction is not None),
+        (averaged, view is not None),
+    ]
+
+
+def population_rows(scene: Scene, simulation: Simulation, state: State) -> tuple[tuple[str, str], ...]:
+    """Who is there at the start, who comes in and when, and where they leave."""
+    population, particles = simulation.population, state.particles
+    if population is None or particles is None:
+        return ()
+    rows = [("present at the start", str(int(np.sum(np.asarray(particles.active)))))]
+    tables = scene.particles.inlet if scene.particles is not None else ()
+    for inlet, table in zip(population.inlets, tables, strict=True):
+        times = (int(inlet.due[0]) * simulation.interval, int(inlet.due[-1]) * simulation.interval)
+        flow = f"{table.rate:.4g} 1/s" if table.rate is not None else f"{table.mass_flow:.4g} kg/s"
+        text = f"{len(inlet.due)} particles at {flow}, due from {times[0]:.4g} to {times[1]:.4g} s"
+        rows.append((f"inlet {len(rows) - 1}", f"{text}, up to {inlet.batch} at once"))
+    sides = [name for name in scene.sides if scene.boundary[name].particles == "remove"]
+    return (*rows, ("removed at", ", ".join(sides) or "no side"))
+
+
+def _materials(scene: Scene) -> str:
+    names = ", ".join(material.name for material in scene.materials)
+    return f"materials by pair: {names}" if names else "materials by pair"
+
+
+def _walls_beside_the_box(scene: Scene) -> str:
+    if not scene.walls:
+        return "additional walls"
+    kinds = f"additional walls: {', '.join(wall.kind for wall in scene.walls)}"
+    return f"{kinds} (for particles only; they do not affect the fluid)" if scene.fluid is not None else kinds
