@@ -12,8 +12,8 @@ from jaxdem.version import __version__
 if TYPE_CHECKING:
     from jaxdem.errors import InputError, RunError
     from jaxdem.io import load_run
-    from jaxdem.run.rollout import Rollout, rollout
-    from jaxdem.run.simulate import simulate
+    from jaxdem.run.differentiable import Rollout, rollout
+    from jaxdem.run.scene_run import simulate
     from jaxdem.scene import Scene, load_scene
     from jaxdem.setup.builder import build, initial_state
     from jaxdem.simulation import Simulation, neighbors_from_jax_md
@@ -36,7 +36,7 @@ __all__ = [
 
 _MODULES = {
     "InputError": "errors",
-    "Rollout": "run.rollout",
+    "Rollout": "run.differentiable",
     "RunError": "errors",
     "Scene": "scene",
     "Simulation": "simulation",
@@ -45,8 +45,8 @@ _MODULES = {
     "load_run": "io",
     "load_scene": "scene",
     "neighbors_from_jax_md": "simulation",
-    "rollout": "run.rollout",
-    "simulate": "run.simulate",
+    "rollout": "run.differentiable",
+    "simulate": "run.scene_run",
 }
 """The module that each public name comes from."""
 

@@ -24,8 +24,9 @@ from jaxdem.io import Run
 from jaxdem.io.access import locked, reason_of
 from jaxdem.io.durable import write_bytes
 from jaxdem.report import Candidate, Comparison, Page, compare
-from jaxdem.run.simulate import Progress, simulate_once
+from jaxdem.run.scene_run import simulate_once
 from jaxdem.run.sweep import Listener
+from jaxdem.run.time_loop import Progress
 from jaxdem.scene import Scene, load_scene
 from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import SEEING, read_dataset

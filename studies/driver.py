@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from jaxdem.errors import InputError
 from jaxdem.io.access import locked
 from jaxdem.report import Candidate, Comparison, Page, compare
-from jaxdem.run.records import versions
+from jaxdem.run.summary import versions
 from jaxdem.study import claim
 from studies.evidence import Evidence
 from studies.injection import injection_plan

@@ -23,7 +23,8 @@ from jaxdem.io import RunDirectory, load_run
 from jaxdem.io.run_directory import SCENE
 from jaxdem.io.scene_text import without_folders
 from jaxdem.run.compilation_cache import use_compilation_cache
-from jaxdem.run.simulate import Interrupted, simulate_once
+from jaxdem.run.scene_run import simulate_once
+from jaxdem.run.time_loop import Interrupted
 from jaxdem.scene import Scene, load_scene
 from jaxdem.study import SCENES, fit_to_files
 from jaxdem.train.closures import Closures

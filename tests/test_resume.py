@@ -21,7 +21,8 @@ from jaxdem.particles import neighbors as neighbor_module
 from jaxdem.run import chunk
 from jaxdem.run.chunk import Records
 from jaxdem.run.restart import origin
-from jaxdem.run.simulate import Interrupted, TimeLoop, simulate_once
+from jaxdem.run.scene_run import simulate_once
+from jaxdem.run.time_loop import Interrupted, TimeLoop
 from jaxdem.run.totals import Totals
 from jaxdem.state import Parameters
 

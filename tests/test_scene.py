@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from jaxdem import InputError, build, initial_state, load_scene, rollout, simulate
-from jaxdem.run.simulate import samples_every
+from jaxdem.run.samples import samples_every
 from jaxdem.scene import parse_override
 from jaxdem.setup.overlaps import check_initial_positions
 from jaxdem.setup.particles import particle_setup

@@ -17,7 +17,7 @@ from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
 from jaxdem.fluid.interval import VISCOUS_LIMIT
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.run.simulate import samples_every
+from jaxdem.run.samples import samples_every
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.boundaries import boundary_speed

@@ -161,7 +161,8 @@ def run(
         _warn_of_units(description)
     start_jax(description.precision)
     from jaxdem.cli import progress
-    from jaxdem.run.simulate import Interrupted, simulate
+    from jaxdem.run.scene_run import simulate
+    from jaxdem.run.time_loop import Interrupted
 
     beside = _units_beside_a_refusal(description) if quiet else nullcontext()
     try:
@@ -314,7 +315,7 @@ def sweep(
         _warn_of_units(description)
     start_jax(description.precision)
     from jaxdem.cli import progress
-    from jaxdem.run.simulate import Interrupted
+    from jaxdem.run.time_loop import Interrupted
 
     try:
         with progress.study_display(quiet) as display:

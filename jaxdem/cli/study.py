@@ -42,7 +42,7 @@ def study(
     prepare_folder(out)
     start_jax()
     from jaxdem.cli import progress
-    from jaxdem.run.simulate import Interrupted
+    from jaxdem.run.time_loop import Interrupted
     from jaxdem.study import run_study
 
     try:

@@ -26,7 +26,7 @@ from jaxdem.metrics import METRICS, compile_time, run_time
 from jaxdem.scene import Scene, load_scene, parse_override
 
 if TYPE_CHECKING:
-    from jaxdem.run.simulate import Progress
+    from jaxdem.run.time_loop import Progress
 
 TABLE = "sweep.csv"
 LONGEST_NAME = 120
@@ -230,7 +230,7 @@ def _planned(
 
 
 def _perform(run: SweepRun, scene: Scene, path: Path, title: str, listener: Listener) -> None:
-    from jaxdem.run.simulate import simulate_once  # with JAX, which what is refused does without
+    from jaxdem.run.scene_run import simulate_once  # with JAX, which what is refused does without
 
     def begin() -> Progress:
         advance = listener.stage(title, scene.time.end)

@@ -96,7 +96,7 @@ class Totals:
         self.spread += spread
         self.ensemble_force += force
 
-    def collision_mean(self) -> float | None:
+    def collision_mean(self) -> float:
         """Mean collision force since the last call [N]; zero before the first interval."""
         mean = self.collision / self.collision_intervals if self.collision_intervals else 0.0
         self.collision, self.collision_intervals = 0.0, 0

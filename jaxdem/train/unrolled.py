@@ -17,7 +17,7 @@ from jax import Array
 from jaxdem.errors import present
 from jaxdem.failures import Failure
 from jaxdem.particles.neighbors import Neighbors, Room
-from jaxdem.run.rollout import measured_rollout
+from jaxdem.run.differentiable import measured_rollout
 from jaxdem.state import Diagnostics, State
 from jaxdem.train.closures import Closures, Weights
 from jaxdem.train.observables import Observables

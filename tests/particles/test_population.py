@@ -17,7 +17,7 @@ from jaxdem.check import check
 from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.errors import InputError
 from jaxdem.run.records import particle_counts
-from jaxdem.run.simulate import Interrupted
+from jaxdem.run.time_loop import Interrupted
 from jaxdem.scene.particles import largest_radius
 
 INTERVAL = 0.01

@@ -28,7 +28,7 @@ from jaxdem.fluid.subgrid_stress import subgrid_acceleration, subgrid_flow, subg
 from jaxdem.io import RunDirectory
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Room
-from jaxdem.run.rollout import measured_rollout
+from jaxdem.run.differentiable import measured_rollout
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
 from jaxdem.train.closures import Closures, few_parameters
 from jaxdem.train.finetune import PATIENCE, FinetuneSettings, Training

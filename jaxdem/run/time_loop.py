@@ -6,42 +6,25 @@ import contextlib
 import dataclasses
 import time as clock
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NoReturn, Unpack
+from typing import Any, NoReturn
 
 import jax
-import numpy as np
 
-from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
-from jaxdem.errors import InputError, RunError
+from jaxdem.errors import RunError
 from jaxdem.failures import OF_PARTICLES, Failure
-from jaxdem.io import Run, RunDirectory, load_run
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program
 from jaxdem.run.diagnosis import diagnosis
-from jaxdem.run.records import (
-    ensemble_spread,
-    frame_of,
-    history_of,
-    run_summary,
-    sample_attributes,
-    sample_of,
-)
-from jaxdem.run.restart import (
-    from_arrays,
-    origin,
-    require_same_origin,
-    require_same_parameters,
-    to_arrays,
-)
-from jaxdem.run.signals import Caught, Stopped, noted_signals
+from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
+from jaxdem.run.restart import from_arrays, origin, require_same_origin, to_arrays
+from jaxdem.run.samples import sample_of
+from jaxdem.run.signals import Caught, Stopped
+from jaxdem.run.summary import run_summary
 from jaxdem.run.totals import Totals
-from jaxdem.scene import Scene
-from jaxdem.setup.builder import build, build_case
-from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.builder import Case
 from jaxdem.setup.time_steps import simulated_time
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -63,80 +46,12 @@ class Interrupted(Exception):
         super().__init__(f"stopped at t = {time:.6g} s")
 
 
-def simulate(
-    scene: Scene,
-    out: str | Path,
-    *,
-    closure: DragClosure | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
-    profile: bool = False,
-    **extensions: Unpack[Extensions],
-) -> Run:
-    """Runs a scene to its end and writes the run directory.
-
-    Args:
-        scene: from `jaxdem.load_scene`.
-        out: run directory; must be new or empty unless `resume`.
-        closure: drag law or learned closure in place of the scene's, see `jaxdem.build`. This and the extensions are
-            not in the scene file: a resumed run must be given the same.
-        resume: go on from the directory's checkpoint.
-        progress: called now and then, at every output at least.
-        profile: compile fluid and particles apart and measure both in every interval, for `stages_s` of the summary;
-            slower.
-        extensions: further parts in place of the scene's, see `jaxdem.build`.
-
-    Returns:
-        The run, as `jaxdem.load_run` gives it.
-
-    Raises:
-        InputError: the scene or the directory cannot be used; nothing was started.
-        RunError: the run could not go on; what was done is kept, with `valid: false` in the summary.
-        Interrupted: SIGINT or SIGTERM; a checkpoint was written.
-    """
-    complete = resume and RunDirectory.is_complete(out)
-    if complete:
-        RunDirectory.require_same_scene(out, scene.to_toml())
-    case = build_case(scene, closure, **extensions)
-    simulation, parameters = case.simulation, case.parameters
-    if complete:
-        require_same_parameters(out, origin(scene.to_toml(), parameters))
-        return load_run(out)
-    every = samples_every(scene, simulation)
-    state, neighbors = case.initial_state()
-    attributes = sample_attributes(case) if every else None
-    opener = RunDirectory.resume if resume else RunDirectory.create
-    # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
-    with noted_signals() as caught, opener(out, scene.to_toml(), attributes) as directory:
-        loop = TimeLoop(scene, simulation, parameters, directory, state, neighbors, every, profile)
-        if directory.has_checkpoint:
-            loop.restore()
-        loop.run(progress, caught)
-    return load_run(out)
-
-
-def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run:
-    """The run of a scene in `out`: made, gone on with from its checkpoint, or taken as it is where it is complete.
-
-    Args:
-        scene: from `jaxdem.load_scene`.
-        out: run directory; one that was stopped before its first checkpoint is begun anew.
-        begin: called where there is something to compute; gives `progress` of `simulate`.
-
-    Raises:
-        InputError, RunError, Interrupted: see `simulate`.
-    """
-    if RunDirectory.is_complete(out):
-        require_same_parameters(out, origin(scene.to_toml(), build(scene)[1]))
-        return load_run(out)
-    return simulate(scene, out, resume=(out / SCENE).is_file(), progress=begin())
-
-
 @dataclasses.dataclass
 class TimeLoop:
     """The loop of one run.
 
     Attributes:
+        case: that runs.
         sample_every: number of coupling intervals between samples, 0 for none.
         profile: whether the parts of a step are compiled and timed one by one.
         done: coupling intervals so far.
@@ -144,9 +59,7 @@ class TimeLoop:
         forces: of the fluid in the last interval, None before the first and without fluid or particles.
     """
 
-    scene: Scene
-    simulation: Simulation
-    parameters: Parameters
+    case: Case
     directory: RunDirectory
     state: State
     neighbors: Neighbors | None
@@ -159,13 +72,28 @@ class TimeLoop:
     program: Program = dataclasses.field(init=False)
 
     @property
+    def simulation(self) -> Simulation:
+        """What is compiled."""
+        return self.case.simulation
+
+    @property
+    def parameters(self) -> Parameters:
+        """Its numbers."""
+        return self.case.parameters
+
+    @property
     def time(self) -> float:
         """Simulated time [s]."""
         return self._time_after(self.done)
 
+    @property
+    def instant(self) -> Instant:
+        """Where the run has got to."""
+        return Instant(self.time, self.state, self.neighbors, self.forces)
+
     def _time_after(self, intervals: int) -> float:
         per_output = self.simulation.steps.intervals_per_output
-        return simulated_time(self.scene.time.output_interval, intervals, per_output)
+        return simulated_time(self.case.scene.time.output_interval, intervals, per_output)
 
     @property
     def last(self) -> int:
@@ -213,16 +141,16 @@ class TimeLoop:
         while self.done < self.last:
             before, done = self.state, self.done
             self._advance(self._next_stop() - done)
-            if self._is_sampled(self.done) and self.done > done:
-                self._write_sample(before)
+            if self.forces is not None and self._is_sampled(self.done) and self.done > done:
+                self._write_sample(before, self.forces)
             if self.done % self.simulation.steps.intervals_per_output == 0 and self.done > done:
                 self._write_frame()
-                due = clock.perf_counter() - saved >= self.scene.output.checkpoint_interval
+                due = clock.perf_counter() - saved >= self.case.scene.output.checkpoint_interval
                 if due or self.done == self.last:
                     self._write_checkpoint()
                     saved = clock.perf_counter()
             if progress is not None:
-                progress(self.time, self.scene.time.end)
+                progress(self.time, self.case.scene.time.end)
             if self.caught:
                 raise Stopped
 
@@ -236,7 +164,7 @@ class TimeLoop:
         return min(stops)
 
     def _is_sampled(self, number: int) -> bool:
-        return self.sample_every > 0 and number % self.sample_every == 0 and self.forces is not None
+        return self.sample_every > 0 and number % self.sample_every == 0
 
     def _leave(self) -> NoReturn:
         """The run as a signal leaves it: with a checkpoint, and a summary for which nothing more is compiled."""
@@ -286,23 +214,20 @@ class TimeLoop:
                 lambda: ProfiledProgram(*given, self.totals.timed) if self.profile else ChunkProgram(*given)
             )
 
-    def _write_sample(self, before: State) -> None:
+    def _write_sample(self, before: State, forces: FluidForces) -> None:
         """What the drag law saw and gave in the interval that began with `before`."""
-        assert self.forces is not None and self.parameters.bodies is not None
         with self.totals.timed("output"):
-            volume = np.asarray(self.parameters.bodies.volume)
-            sample = sample_of(self.simulation, before, self.state, self.forces, volume)
+            sample = sample_of(self.case, before, self.state, forces)
             self.directory.write_sample(self.directory.samples, self._time_after(self.done - 1), sample)
 
     def _write_frame(self) -> None:
         with self.totals.timed("output"):
-            particles, fluid = frame_of(self.simulation, self.parameters, self.state, self.forces)
-            mean = self.totals.collision_mean()
-            row = history_of(self.simulation, self.parameters, self.state, self.forces, self.time, mean)
+            frame = frame_of(self.case, self.instant)
+            row = history_of(self.case, self.instant, frame, self.totals.collision_mean())
             if self.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
                 spread, force = ensemble_spread(self.parameters.closure, self.forces)
                 self.totals.add_spread(float(spread), float(force))
-            self.directory.write_frame(self.directory.frames, self.time, particles, fluid, None, row)
+            self.directory.write_frame(self.directory.frames, self.time, frame.particles, frame.fluid, None, row)
 
     def _write_checkpoint(self) -> None:
         with self.totals.timed("output"):
@@ -312,48 +237,7 @@ class TimeLoop:
             self.directory.write_checkpoint(arrays, attributes)
 
     def _origin(self) -> dict[str, str]:
-        return origin(self.scene.to_toml(), self.parameters)
+        return origin(self.case.scene.to_toml(), self.parameters)
 
     def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
-        return run_summary(
-            self.scene,
-            self.simulation,
-            self.parameters,
-            self.state,
-            self.neighbors,
-            self.totals,
-            valid=valid,
-            reason=reason,
-            time=self.time,
-            split_stages=split_stages,
-        )
-
-
-def samples_every(scene: Scene, simulation: Simulation) -> int:
-    """Number of coupling intervals between samples, 0 for none."""
-    wanted = scene.output.samples
-    if wanted == 0.0:
-        return 0
-    if scene.fluid is None or scene.coupling is None:
-        raise InputError("output.samples", wanted, "needs both [fluid] and [particles]", "set it to 0")
-    if simulation.population is not None:
-        raise InputError(
-            "output.samples", wanted, "training samples cannot be written where particles enter or leave", "set it to 0"
-        )  # fmt: skip
-    if wanted > scene.time.end * (1.0 + 1e-9):
-        raise InputError(
-            "output.samples",
-            wanted,
-            f"the scene ends at {scene.time.end:g} s, so there would be no sample",
-            "lower the time between samples",
-        )
-    ratio = wanted / simulation.interval
-    every = max(1, round(ratio))
-    if abs(every - ratio) > 1e-6 * every:
-        raise InputError(
-            "output.samples",
-            wanted,
-            f"must be a multiple of the coupling interval, {simulation.interval:.6g} s",
-            f"use, for example, {every * simulation.interval:.6g}",
-        )
-    return every
+        return run_summary(self.case, self.instant, self.totals, valid, reason, split_stages)
