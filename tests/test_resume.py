@@ -79,7 +79,7 @@ def resumed(scene, tmp_path_factory):
     """Stopped by a signal between two outputs, then resumed."""
     out = tmp_path_factory.mktemp("resumed") / "run"
     with pytest.raises(Interrupted) as caught, pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxdem.run.records.WORTH_SPLITTING", 0.0)
+        patch.setattr("jaxdem.run.summary.WORTH_SPLITTING", 0.0)
         patch.setattr(chunk, "LONGEST", 0.0)  # the host looks after every interval
         simulate(scene, out, progress=stop_at(STOPPED_AT, lambda: os.kill(os.getpid(), signal.SIGTERM)))
     assert caught.value.number == signal.SIGTERM
