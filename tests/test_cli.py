@@ -281,7 +281,7 @@ def test_check_bounds_the_viscous_limit_of_the_models(grains, option):
 @pytest.mark.parametrize(("quiet", "warned"), [((), 1), (("--quiet",), 0)])
 def test_run_warns_of_units_as_check_does(grains, done, tmp_path, monkeypatch, quiet, warned):
     """A density in g/cm3: one line on standard error before the run, and none where none is wanted."""
-    monkeypatch.setattr("jaxdem.run.simulate.simulate", lambda *_, **__: load_run(done[0]))
+    monkeypatch.setattr("jaxdem.run.scene_run.simulate", lambda *_, **__: load_run(done[0]))
     result = invoke("run", grains, "--out", tmp_path / "run", "--set", "particles.density=2.65", *quiet)
     assert result.exit_code == 0 and result.stderr.count("lighter than foam") == warned
     assert "write 2650" in invoke("check", grains, "--set", "particles.density=2.65").stdout
