@@ -52,20 +52,12 @@ def _norm_mean(vectors: ArrayLike) -> float:
 
 
 def drag_force_mean(drag_force: ArrayLike) -> float:
-    """Mean over particles of the size of the drag force, sum_i |F_i| / N [N].
-
-    Args:
-        drag_force: drag on each particle (N, D) [N].
-    """
+    """Mean over particles of the size of the drag force (N, D), sum_i |F_i| / N [N]."""
     return _norm_mean(drag_force)
 
 
 def particle_velocity_mean(velocity: ArrayLike) -> float:
-    """Mean speed of the particles, sum_i |v_i| / N [m/s].
-
-    Args:
-        velocity: (N, D) [m/s].
-    """
+    """Mean speed of the particles of a velocity (N, D), sum_i |v_i| / N [m/s]."""
     return _norm_mean(velocity)
 
 
@@ -116,48 +108,28 @@ def _front(position: ArrayLike, axis: int) -> float:
 
 
 def runoff(position: ArrayLike) -> float:
-    """How far the particles have come: 99.9th percentile (linear interpolation) of the centres' x [m].
-
-    Args:
-        position: centres (N, D) [m].
-    """
+    """How far the particles have come: 99.9th percentile (linear interpolation) of the x of the centres (N, D) [m]."""
     return _front(position, 0)
 
 
 def height(position: ArrayLike) -> float:
-    """How high the particles reach: 99.9th percentile (linear interpolation) of the centres' last coordinate [m].
-
-    Args:
-        position: centres (N, D) [m]; the last component is the vertical.
-    """
+    """How high the particles reach: as `runoff`, of the last coordinate of the centres, which is the vertical [m]."""
     return _front(position, -1)
 
 
 def fluid_pressure_mean(pressure: ArrayLike) -> float:
-    """Volume mean of the reduced pressure p - rho g x, which is zero at the outlet [Pa].
-
-    Args:
-        pressure: (cells...) [Pa], of cells of one size.
-    """
+    """Volume mean of the reduced pressure p - rho g x, which is zero at the outlet, of cells of one size [Pa]."""
     array = np.asarray(pressure, dtype=np.float64)
     return float(array.mean()) if array.size else float("nan")
 
 
 def fluid_velocity_mean(velocity: ArrayLike) -> float:
-    """Volume mean of |u| [m/s].
-
-    Args:
-        velocity: interstitial, at cell centres, (cells..., D) [m/s], of cells of one size.
-    """
+    """Volume mean of |u|, u interstitial, at the centres of cells of one size, (cells..., D) [m/s]."""
     return _norm_mean(velocity)
 
 
 def fluid_velocity_median(velocity: ArrayLike) -> float:
-    """Median over the volume of |u| [m/s].
-
-    Args:
-        velocity: interstitial, at cell centres, (cells..., D) [m/s], of cells of one size.
-    """
+    """Median over the volume of |u|, as `fluid_velocity_mean` [m/s]."""
     array = np.asarray(velocity, dtype=np.float64)
     return float(np.median(np.linalg.norm(array, axis=-1))) if array.size else float("nan")
 
@@ -176,6 +148,8 @@ def history_row(
     fluid_velocity: ArrayLike | None = None,
 ) -> dict[str, float]:
     """One row of history.csv: the time and the nine metrics; what does not exist is NaN.
+
+    Each array by its name, because each may be missing.
 
     Args:
         time: simulated time [s].
@@ -269,16 +243,12 @@ def errors(history: Mapping[str, ArrayLike], reference_history: Mapping[str, Arr
     """`relative_error` of each of the nine metrics [-]; NaN where either history lacks the column.
 
     Args:
-        history: columns of history.csv by name, each (T,); `time` is needed.
-        reference_history: the same of the reference.
+        history, reference_history: columns of history.csv by name, each (T,); `time` is needed.
     """
-    result = {}
-    for metric in METRICS:
-        values, reference = history.get(metric.name), reference_history.get(metric.name)
-        if values is None or reference is None:
-            result[metric.name] = float("nan")
-            continue
-        result[metric.name] = relative_error(history["time"], values, reference_history["time"], reference)
+    result = dict.fromkeys((metric.name for metric in METRICS), float("nan"))
+    for name in result.keys() & history.keys() & reference_history.keys():
+        reference = reference_history["time"], reference_history[name]
+        result[name] = relative_error(history["time"], history[name], *reference)
     return result
 
 
@@ -296,16 +266,12 @@ def run_time(summary: Mapping[str, Any]) -> float:
     """Run time: wall time of the time loop without `compile_time` [s]; NaN where either is not recorded.
 
     Whether a program was in the cache does not change it, so run times of two runs compare.
-
-    Args:
-        summary: content of a run's summary.json.
     """
     return _seconds(summary.get("wall_time_s")) - compile_time(summary)
 
 
 def _seconds(value: object) -> float:
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    return float(value) if number else float("nan")  # type: ignore[arg-type]
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
 
 
 def pareto_front(

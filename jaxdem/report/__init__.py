@@ -10,22 +10,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from jaxdem.io import Run
 from jaxdem.report import chart, figures, findings, snapshots
 from jaxdem.report.comparison import Candidate, Comparison, Row, build, write_csv
 from jaxdem.report.page import Page, write_page
 from jaxdem.report.parity import check_parity, parity_figure
-from jaxdem.report.runs import RunLike
 from jaxdem.report.table import terminal_table
 
 __all__ = ["Candidate", "Comparison", "Page", "Row", "compare", "terminal_table"]
 
 
 def compare(
-    reference: RunLike | Candidate,
-    runs: Sequence[RunLike | Candidate],
+    reference: Run | Candidate,
+    runs: Sequence[Run | Candidate],
     out: Path,
     *,
-    noise: Sequence[RunLike] = (),
+    noise: Sequence[Run] = (),
     until: float | None = None,
     page: Page | None = None,
 ) -> Comparison:

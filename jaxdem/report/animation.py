@@ -14,8 +14,8 @@ from pathlib import Path
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
 from jaxdem.errors import InputError
+from jaxdem.io import Run
 from jaxdem.report import pictures, style
-from jaxdem.report.runs import RunLike
 from jaxdem.report.single import Frame, frame_size
 
 MAX_GIF_FRAMES = 300
@@ -31,7 +31,7 @@ SLOWEST = 0.01
 
 
 def animate(
-    run: RunLike,
+    run: Run,
     out: Path,
     *,
     color: str = "velocity",

@@ -14,9 +14,10 @@ import numpy as np
 
 from jaxdem import metrics
 from jaxdem.errors import InputError
+from jaxdem.io import Run
 from jaxdem.io.durable import write_bytes
 from jaxdem.report import runs as read
-from jaxdem.report.runs import NAMES, Array, RunLike
+from jaxdem.report.runs import NAMES, Array
 from jaxdem.report.style import NOISE, RunStyle, styles
 
 NAN = float("nan")
@@ -33,9 +34,9 @@ class Candidate:
         training_cost_s: time spent to train its closure [s]; NaN without training.
     """
 
-    run: RunLike
+    run: Run
     name: str = ""
-    packs: Sequence[RunLike] = ()
+    packs: Sequence[Run] = ()
     training_cost_s: float = NAN
 
 
@@ -74,7 +75,7 @@ class Row:
 
     name: str
     role: Literal["reference", "run", "noise"]
-    run: RunLike
+    run: Run
     history: dict[str, Array]
     look: RunStyle
     complete: bool
@@ -155,30 +156,17 @@ class Row:
     @property
     def particles(self) -> float:
         """Number of particles; NaN where not recorded."""
-        return self._number("counts.particles", "particles.count")
-
-    @property
-    def contact_time_step(self) -> float:
-        """[s]; NaN where not recorded."""
-        return self._number("time_steps.contact", "contact.time_step")
+        return read.number(read.recorded(self.run, "counts.particles", "particles.count"))
 
     @property
     def closure(self) -> str:
         """File of the learned closure; empty for a drag law alone."""
-        return read.closure_file(self.run)
+        return str(read.recorded(self.run, "closure.file", "closure.file") or "")
 
     @property
     def drag(self) -> str:
         """Name of the drag law."""
         return str(read.lookup(self.run.scene, "coupling.drag", ""))
-
-    @property
-    def precision(self) -> str:
-        """float32 or float64."""
-        return str(read.lookup(self.run.summary, "precision", read.lookup(self.run.scene, "precision", "")))
-
-    def _number(self, in_summary: str, in_scene: str) -> float:
-        return read.number(read.lookup(self.run.summary, in_summary, read.lookup(self.run.scene, in_scene)))
 
 
 @dataclass
@@ -269,7 +257,7 @@ class Comparison:
 
 
 def build(
-    reference: Candidate, runs: Sequence[Candidate], noise: Sequence[RunLike] = (), until: float | None = None
+    reference: Candidate, runs: Sequence[Candidate], noise: Sequence[Run] = (), until: float | None = None
 ) -> Comparison:
     """Rows of all runs.
 
@@ -289,7 +277,7 @@ def build(
     return Comparison(rows, jittered, until)
 
 
-def row_of_one(run: RunLike) -> Row:
+def row_of_one(run: Run) -> Row:
     """A run by itself."""
     return _row(Candidate(run), folder_name(run), "run", styles(2)[1], read.history_until(run, None), None)
 
@@ -305,7 +293,7 @@ def _names(candidates: Sequence[Candidate]) -> list[str]:
     return [name if names.count(name) == 1 else f"{name} #{i}" for i, name in enumerate(names)]
 
 
-def folder_name(run: RunLike) -> str:
+def folder_name(run: Run) -> str:
     """Name of the run's folder."""
     return Path(run.path).resolve().name or "run"
 
@@ -337,12 +325,12 @@ def _row(
     )  # fmt: skip
 
 
-def _trial(run: RunLike, history: dict[str, Array], reference: dict[str, Array]) -> Trial:
+def _trial(run: Run, history: dict[str, Array], reference: dict[str, Array]) -> Trial:
     summary = run.summary or {}
     return Trial(metrics.run_time(summary), metrics.compile_time(summary), metrics.errors(history, reference))
 
 
-def _state(run: RunLike, times: Array, reference_times: Array, until: float | None) -> tuple[bool, str]:
+def _state(run: Run, times: Array, reference_times: Array, until: float | None) -> tuple[bool, str]:
     """(complete, in words): whether the history reaches the planned end, to within half an output interval."""
     ends = [read.number(read.lookup(run.scene, "time.end")), *reference_times[-1:]]
     wanted = min(max(filter(math.isfinite, ends), default=NAN), math.inf if until is None else until)
@@ -376,8 +364,8 @@ def _record(row: Row, comparison: Comparison) -> dict[str, Any]:
         "particle_count": int(row.particles) if math.isfinite(row.particles) else "",
         "closure_file": row.closure,
         "drag_law": row.drag,
-        "precision": row.precision,
-        "contact_time_step": row.contact_time_step,
+        "precision": str(read.recorded(row.run, "precision", "precision") or ""),
+        "contact_time_step": read.number(read.recorded(row.run, "time_steps.contact", "contact.time_step")),
         "wall_time_s": row.run_time_s + row.compile_time_s,
         "valid": "true" if row.valid else "false",
         **row.final,

@@ -39,14 +39,14 @@ def times(ratio: float) -> str:
 
 
 class Verdict(Enum):
-    """One run's mean error beside another's."""
+    """One run's mean error beside another's: what is said where the one has a closure that the other has not."""
 
-    LOWER = "lower by more than the noise"
-    HIGHER = "higher by more than the noise"
-    SAME = "the same within the noise"
-    MAYBE_LOWER = "lower, with a noise that is not known"
-    MAYBE_HIGHER = "higher, with a noise that is not known"
-    UNKNOWN = "one of the two is not known"
+    LOWER = "the closure lowers the mean error"
+    HIGHER = "the closure raises the mean error"
+    SAME = "the run with the learned closure is no better than the run without it; the difference is within the noise"
+    MAYBE_LOWER = "the mean error is lower with the closure; because the noise is not known, this may be chance"
+    MAYBE_HIGHER = "the mean error is higher with the closure; because the noise is not known, this may be chance"
+    UNKNOWN = "it is not known whether the closure helps"
 
 
 def judge(error: float, other: float, noise: float) -> Verdict:
@@ -167,18 +167,6 @@ def twin_without_closure(row: Row, comparison: Comparison) -> Row | None:
     return min(twins, key=lambda other: _or_inf(other.mean_error), default=None)
 
 
-OUTCOME = {
-    Verdict.LOWER: "the closure lowers the mean error",
-    Verdict.HIGHER: "the closure raises the mean error",
-    Verdict.SAME: "the run with the learned closure is no better than the run without it; the difference is within the "
-    "noise",
-    Verdict.MAYBE_LOWER: "the mean error is lower with the closure; because the noise is not known, this may be chance",
-    Verdict.MAYBE_HIGHER: "the mean error is higher with the closure; because the noise is not known, this may be chance",
-    Verdict.UNKNOWN: "it is not known whether the closure helps",
-}
-"""What is said of a closure on a mesh."""
-
-
 def _closure_sentence(row: Row, comparison: Comparison) -> str:
     """The learned run against the run on the same mesh with the drag law alone; what its training costs follows."""
     twin = twin_without_closure(row, comparison)
@@ -194,7 +182,7 @@ def _closure_sentence(row: Row, comparison: Comparison) -> str:
     with_it, without = (f" ({one.name}{', ' + _range(one) if len(one.trials) > 1 else ''})" for one in (row, twin))
     noise = f"; the noise is {percent(comparison.error_noise)}" if verdict is Verdict.SAME else ""
     return (
-        f"On {row.cells_text} cells {OUTCOME[verdict]}: {percent(row.mean_error)} with it{with_it} against "
+        f"On {row.cells_text} cells {verdict.value}: {percent(row.mean_error)} with it{with_it} against "
         f"{percent(twin.mean_error)} without{without}, with a smaller error in {better} of {len(pairs)} metrics{noise}."
         f"{_cost(row, verdict, comparison)}"
     )

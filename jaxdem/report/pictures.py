@@ -15,8 +15,9 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
 from jaxdem.errors import InputError
+from jaxdem.io import Run
 from jaxdem.report import walls as beside
-from jaxdem.report.runs import Array, RunLike, domain_size
+from jaxdem.report.runs import Array, domain_size
 from jaxdem.report.walls import INLET, OUTLET, Opening, Solid
 
 WATER = LinearSegmentedColormap.from_list("water", ["#FFFFFF", "#CFE3F3", "#86B9DE", "#3D86BF", "#0B4A85"])
@@ -57,7 +58,7 @@ class Picture:
 
     Attributes:
         time: of the frame [s].
-        centres: (N, 2) [m], those nearest the viewer last; radius: (N,) [m]; both None without particles.
+        centres: (N, 2) [m], those nearest the viewer last; radius: (N,) [m].
         speed: fluid speed (nx, nz) [m/s], in 3-D averaged over the depth; None without fluid.
         values: (N,) of each of `QUANTITIES` that the frame has.
         walls: beside the box's sides; None without.
@@ -65,15 +66,15 @@ class Picture:
     """
 
     time: float
-    centres: Array | None
-    radius: Array | None
+    centres: Array
+    radius: Array
     speed: Array | None
     values: dict[str, Array] = field(default_factory=dict)
     walls: Solid | None = None
     openings: Sequence[Opening] = ()
 
 
-def nearest(run: RunLike, time: float, until: float) -> int | None:
+def nearest(run: Run, time: float, until: float) -> int | None:
     """Number of the frame nearest to `time`; None where the run has none within half an output interval of it.
 
     Args:
@@ -87,13 +88,13 @@ def nearest(run: RunLike, time: float, until: float) -> int | None:
     return i if abs(frames[i] - time) <= slack else None
 
 
-def near(run: RunLike, time: float, until: float) -> Picture | None:
+def near(run: Run, time: float, until: float) -> Picture | None:
     """The frame that `nearest` finds."""
     index = nearest(run, time, until)
     return None if index is None else take(run, index)
 
 
-def take(run: RunLike, index: int) -> Picture:
+def take(run: Run, index: int) -> Picture:
     """Frame `index` as a picture."""
     particles = run.particles(index) or {}
     centres, radius, values = _project(particles, run.dimension)
@@ -103,10 +104,10 @@ def take(run: RunLike, index: int) -> Picture:
     return Picture(float(run.times[index]), centres, radius, speed, values, walls, openings)
 
 
-def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array | None, Array | None, dict[str, Array]]:
+def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array, Array, dict[str, Array]]:
     position = particles.get("position")
     if position is None or not len(position):
-        return None, None, {}
+        return np.empty((0, 2)), np.empty(0), {}
     xyz = np.asarray(position, dtype=np.float64)
     radius = np.broadcast_to(np.asarray(particles.get("radius", np.nan), dtype=np.float64), (len(xyz),))
     shown = np.isfinite(xyz).all(axis=1) & np.isfinite(radius) & (particles.get("active", 1) != 0)
@@ -129,7 +130,7 @@ def _speed(fluid: Mapping[str, Array] | None, dimension: int) -> Array | None:
     return plane
 
 
-def view(run: RunLike, picture: Picture) -> str:
+def view(run: Run, picture: Picture) -> str:
     """How a 3-D run is seen, for a title; empty in 2-D."""
     if run.dimension == 2:
         return ""
@@ -137,7 +138,7 @@ def view(run: RunLike, picture: Picture) -> str:
     return "seen from the front" + (f", {' and '.join(averaged)} averaged over the depth" if averaged else "")
 
 
-def require(run: RunLike, quantity: str) -> None:
+def require(run: Run, quantity: str) -> None:
     """Refuse a run without frames, and a quantity that its particles do not have.
 
     Raises:
@@ -214,14 +215,12 @@ def draw(
     outlines = [_outline(opening) for opening in picture.openings]
     colours = [OPENINGS[opening.kind] for opening in picture.openings]
     axis.add_collection(LineCollection(outlines, colors=colours, linewidths=3.0, clip_on=False, zorder=2.6))
-    if picture.centres is not None and picture.radius is not None:
-        discs = EllipseCollection(
-            2.0 * picture.radius, 2.0 * picture.radius, np.zeros_like(picture.radius), units="xy",
-            offsets=picture.centres, offset_transform=axis.transData, linewidths=0.0, cmap=GRAINS,
-            norm=_scale(tops, color),
-        )  # fmt: skip
-        discs.set_array(picture.values.get(color, np.zeros_like(picture.radius)))
-        axis.add_collection(discs, autolim=False)
+    discs = EllipseCollection(
+        2.0 * picture.radius, 2.0 * picture.radius, np.zeros_like(picture.radius), units="xy", offsets=picture.centres,
+        offset_transform=axis.transData, linewidths=0.0, cmap=GRAINS, norm=_scale(tops, color),
+    )  # fmt: skip
+    discs.set_array(picture.values.get(color, np.zeros_like(picture.radius)))
+    axis.add_collection(discs, autolim=False)
     axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]))
 
 

@@ -102,13 +102,11 @@ def _planes(shot: Picture, box: tuple[float, float], radius: float, tops: Tops) 
     low, height high (65535 is the box's side), radius (255 is the largest), then of each quantity N bytes, then the
     cells' speed, x fastest; 255 is the top of a scale.
     """
-    count, cells, planes = 0, (0, 0), []
-    if shot.centres is not None and shot.radius is not None:
-        count = len(shot.centres)
-        places = np.clip(np.rint(shot.centres / box * 65535), 0, 65535).astype(np.uint16)
-        planes = [part.astype(np.uint8) for column in places.T for part in (column & 255, column >> 8)]
-        planes.append(_bytes(shot.radius, radius))
-        planes += [_bytes(shot.values.get(name, np.zeros(count)), tops.get(name, 1.0)) for name in QUANTITIES]
+    count, cells = len(shot.centres), (0, 0)
+    places = np.clip(np.rint(shot.centres / box * 65535), 0, 65535).astype(np.uint16)
+    planes = [part.astype(np.uint8) for column in places.T for part in (column & 255, column >> 8)]
+    planes.append(_bytes(shot.radius, radius))
+    planes += [_bytes(shot.values.get(name, np.zeros(count)), tops.get(name, 1.0)) for name in QUANTITIES]
     if shot.speed is not None:
         every = max(1, math.ceil(max(shot.speed.shape) / MAX_CELLS))
         cells = shot.speed[::every, ::every].shape

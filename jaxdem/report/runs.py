@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Protocol
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxdem.io import Run
 from jaxdem.metrics import METRICS
 
 Array = NDArray[np.float64]
 
 NAMES = tuple(metric.name for metric in METRICS)
 PRESSURE = "fluid_pressure_mean"
-
-
-class RunLike(Protocol):
-    """The part of `jaxdem.io.Run` that the report uses."""
-
-    @property
-    def path(self) -> Path: ...
-    @property
-    def summary(self) -> dict[str, Any]: ...
-    @property
-    def scene(self) -> dict[str, Any]: ...
-    @property
-    def history(self) -> dict[str, Array]: ...
-    @property
-    def times(self) -> Array: ...
-    @property
-    def number_of_frames(self) -> int: ...
-    @property
-    def dimension(self) -> int: ...
-    def particles(self, i: int, /) -> dict[str, Array] | None: ...
-    def fluid(self, i: int, /) -> dict[str, Array] | None: ...
 
 
 def lookup(mapping: Mapping[str, Any] | None, dotted: str, default: Any = None) -> Any:
@@ -46,6 +25,11 @@ def lookup(mapping: Mapping[str, Any] | None, dotted: str, default: Any = None) 
             return default
         value = value[key]
     return default if value is None else value
+
+
+def recorded(run: Run, in_summary: str, in_scene: str) -> Any:
+    """What the summary has at a dotted key, else what the scene asked for; None where neither tells."""
+    return lookup(run.summary, in_summary, lookup(run.scene, in_scene))
 
 
 def number(value: Any) -> float:
@@ -70,7 +54,7 @@ def text(value: Any, fallback: str = "not recorded") -> str:
     return str(value)
 
 
-def history_until(run: RunLike, until: float | None) -> dict[str, Array]:
+def history_until(run: Run, until: float | None) -> dict[str, Array]:
     """The history up to and including the time `until` [s]; columns (T,), with `time` first.
 
     Columns of another length than the time are left out (a history cut by a kill), and so is the mean pressure of a
@@ -87,7 +71,7 @@ def history_until(run: RunLike, until: float | None) -> dict[str, Array]:
     return result
 
 
-def without_outlet(run: RunLike) -> bool:
+def without_outlet(run: Run) -> bool:
     """Whether no side of the run's box fixes the pressure, as far as is known.
 
     Its mean pressure is zero by convention, and what is written is rounding.
@@ -96,34 +80,26 @@ def without_outlet(run: RunLike) -> bool:
     return bool(sides) and all(lookup(side, "kind") != "outlet" for side in sides.values())
 
 
-def cells(run: RunLike) -> tuple[int, ...] | None:
+def cells(run: Run) -> tuple[int, ...] | None:
     """Number of fluid cells along each axis; None without fluid."""
     return tuple(map(int, lookup(run.scene, "fluid.cells", ()))) or None
 
 
-def domain_size(run: RunLike) -> tuple[float, ...] | None:
+def domain_size(run: Run) -> tuple[float, ...] | None:
     """Box sides [m], the vertical one last; None where the scene does not tell."""
     return tuple(map(float, lookup(run.scene, "domain.size", ()))) or None
 
 
-def closure_file(run: RunLike) -> str:
-    """Name of the learned closure's file; empty for a run with a drag law alone."""
-    given = lookup(run.summary, "closure.file") or lookup(run.scene, "closure.file")
-    return str(given) if given else ""
-
-
 def scene_differences(scene: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """Dotted keys in which two scenes differ, each with (value here, value in the reference); None where missing."""
-    here, there = _flatten(scene or {}), _flatten(reference or {})
-    keys = [*there, *(key for key in here if key not in there)]
-    return {key: (here.get(key), there.get(key)) for key in keys if here.get(key) != there.get(key)}
+    here, there = dict(_flat(scene or {})), dict(_flat(reference or {}))
+    pairs = {key: (here.get(key), there.get(key)) for key in there | here}
+    return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def _flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in mapping.items():
         if isinstance(value, Mapping):
-            flat.update(_flatten(value, f"{prefix}{key}."))
+            yield from _flat(value, f"{prefix}{key}.")
         else:
-            flat[f"{prefix}{key}"] = list(value) if isinstance(value, tuple) else value
-    return flat
+            yield f"{prefix}{key}", list(value) if isinstance(value, tuple) else value

@@ -12,12 +12,12 @@ from pathlib import Path
 from matplotlib.figure import Figure, SubFigure
 
 from jaxdem.errors import InputError
+from jaxdem.io import Run
 from jaxdem.report import chart, pictures, style
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import folder_name, row_of_one
 from jaxdem.report.figures import metrics_panels
 from jaxdem.report.pictures import Picture, Tops
-from jaxdem.report.runs import RunLike
 
 FORMATS = (".png", ".pdf", ".svg")
 """Endings of a single file with both pictures."""
@@ -26,7 +26,7 @@ LONG_SIDE, SHORTEST = 8.0, 5.2
 """Longer side of the picture of a frame and least width of its figure [inch]."""
 
 
-def plot_run(run: RunLike, out: Path, *, time: float | None = None, color: str = "velocity") -> list[Path]:
+def plot_run(run: Run, out: Path, *, time: float | None = None, color: str = "velocity") -> list[Path]:
     """Draw the metrics of a run over time, and its particles over the fluid's speed at one time.
 
     Args:
@@ -75,7 +75,7 @@ def is_file(out: Path) -> bool:
     return True
 
 
-def frame_at(run: RunLike, time: float | None) -> int:
+def frame_at(run: Run, time: float | None) -> int:
     """Number of the output nearest to a time [s], the last one for None.
 
     Raises:
@@ -90,7 +90,7 @@ def frame_at(run: RunLike, time: float | None) -> int:
     return index
 
 
-def _metrics(figure: Figure | SubFigure, run: RunLike, panels: list[chart.Panel], time: float) -> None:
+def _metrics(figure: Figure | SubFigure, run: Run, panels: list[chart.Panel], time: float) -> None:
     """The panels, with the time of the snapshot marked."""
     for axis in chart.draw_panels(figure, panels):
         axis.axvline(time, color=style.NOISE, linewidth=1.0, linestyle=":", zorder=1)
@@ -100,11 +100,11 @@ def _metrics(figure: Figure | SubFigure, run: RunLike, panels: list[chart.Panel]
         figure.suptitle(status, color=style.INVALID, fontsize=10, wrap=True)
 
 
-def _snapshot(figure: Figure | SubFigure, run: RunLike, picture: Picture, color: str) -> None:
+def _snapshot(figure: Figure | SubFigure, run: Run, picture: Picture, color: str) -> None:
     Frame(figure, run, pictures.tops([picture]), color, picture).draw(picture)
 
 
-def _box(run: RunLike) -> tuple[float, float]:
+def _box(run: Run) -> tuple[float, float]:
     """Length and height of the domain [m]."""
     box = read.domain_size(run)
     if box is None:
@@ -112,7 +112,7 @@ def _box(run: RunLike) -> tuple[float, float]:
     return box[0], box[-1]
 
 
-def frame_size(run: RunLike) -> tuple[float, float]:
+def frame_size(run: Run) -> tuple[float, float]:
     """Width and height of the figure of one frame [inch]: the box, and room for title, axes and keys."""
     length, height = _box(run)
     scale = LONG_SIDE / max(length, height)
@@ -122,7 +122,7 @@ def frame_size(run: RunLike) -> tuple[float, float]:
 class Frame:
     """Axes in the box's own shape with the colour bars below, for one frame after another."""
 
-    def __init__(self, figure: Figure | SubFigure, run: RunLike, tops: Tops, color: str, first: Picture) -> None:
+    def __init__(self, figure: Figure | SubFigure, run: Run, tops: Tops, color: str, first: Picture) -> None:
         self.run, self.tops, self.color, self.box = run, tops, color, _box(run)
         self.axis = figure.subplots()
         self.axis.set(xlabel="x [m]", ylabel="height [m]")

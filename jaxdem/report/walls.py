@@ -19,8 +19,8 @@ from jaxdem.report.runs import Array, lookup
 
 RESOLUTION = {2: 400, 3: 200}
 """Points along the longer side of a picture, by dimension."""
-SLICES = 16
-"""Points over the depth."""
+SLICES = 17
+"""Points over the depth; the middle one is at half of it."""
 
 INLET, OUTLET = "inlet", "outlet"
 
@@ -72,11 +72,7 @@ def _solid(tables: str, box: tuple[float, ...]) -> Solid:
     distance = _distance(walls, np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1))
     # Half of a point's surroundings is solid where the surface goes through it.
     share = np.clip(0.5 - distance / spacing, 0.0, 1.0)
-    if len(box) == 2:
-        return Solid(share, distance)
-    middle = [centres[0], np.array([0.5 * box[1]]), centres[2]]
-    section = _distance(walls, np.stack(np.meshgrid(*middle, indexing="ij"), axis=-1))
-    return Solid(share.mean(axis=1), section[:, 0])
+    return Solid(share, distance) if len(box) == 2 else Solid(share.mean(axis=1), distance[:, SLICES // 2])
 
 
 def _distance(walls: Sequence[Mapping[str, Any]], points: Array) -> Array:
