@@ -22,7 +22,8 @@ from jaxdem.files import hdf5
 from jaxdem.io import RunDirectory
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid
 from jaxdem.report import style
-from jaxdem.report.comparison import Comparison, row_of_one, write_csv
+from jaxdem.report.comparison import Comparison, row_of_one
+from jaxdem.report.table import write_csv
 from jaxdem.run.restart import origin, require_same_origin
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.magnitudes import check_magnitudes

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from jaxdem.io import Run
 from jaxdem.report import chart, figures, findings, snapshots
-from jaxdem.report.comparison import Candidate, Comparison, Row, build, write_csv
+from jaxdem.report.comparison import Candidate, Comparison, Row, build
 from jaxdem.report.page import Page, write_page
 from jaxdem.report.parity import check_parity, parity_figure
-from jaxdem.report.table import terminal_table
+from jaxdem.report.table import terminal_table, write_csv
 
 __all__ = ["Candidate", "Comparison", "Page", "Row", "compare", "terminal_table"]
 

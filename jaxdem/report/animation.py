@@ -69,7 +69,7 @@ def animate(
 
     tops: pictures.Tops = {}
     for index in indices:
-        own = pictures.tops([pictures.take(run, index)])
+        own = pictures.scale_tops([pictures.take(run, index)])
         tops |= {name: max(top, tops.get(name, 0.0)) for name, top in own.items()}
         advance()
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any
 
 import plotly.graph_objects as go  # type: ignore[import-untyped, unused-ignore]
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
@@ -106,9 +106,8 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
         if not panel.series:
             axis.text(0.5, 0.5, panel.note, transform=axis.transAxes, ha="center", va="center", color="#666666")
             axis.set_yticks([])
-        elif panel.note:
-            axis.set_title(panel.note, color=style.INVALID)
         else:
+            axis.set_title(panel.note, color=style.INVALID)
             axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
         if panel.logarithmic:
             axis.set(xscale="log", yscale="log")
@@ -127,9 +126,12 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Plain numbers between the limits of a logarithmic axis, three to nine of them over a few decades."""
-    leading = (1.0, 2.0, 5.0) if high < 1000.0 * low else (1.0,)
-    locator = MaxNLocator(6) if high < 5.0 * low else LogLocator(subs=leading)
+    """Plain numbers between the limits of a logarithmic axis: in steps within a decade, then 1, 2, 5, then decades.
+
+    Three at least where the limits are `log_limits`.
+    """
+    digits = (1.0, 2.0, 5.0) if high < 1000.0 * low else (1.0,)
+    locator = MaxNLocator(6) if high < 10.0 * low else LogLocator(subs=digits)
     return [float(tick) for tick in locator.tick_values(low, high) if low <= tick <= high]
 
 
@@ -138,15 +140,17 @@ def write_png(panels: Sequence[Panel], path: Path) -> Path:
     with style.look():
         alone = len(panels) == 1
         width = 9.0 if alone else 4.2 * min(COLUMNS, len(panels))
-        names = dict.fromkeys(style.escaped(one.label) for panel in panels for one in panel.series)
-        columns = style.legend_columns(list(names), width - 0.5)
+        names = {style.escaped(one.label) for panel in panels for one in panel.series}
+        columns = style.legend_columns(names, width - 0.5)
         height = 5.4 if alone else 3.0 * math.ceil(len(panels) / COLUMNS)
         figure = style.new_figure(width, height + style.LEGEND_LINE * math.ceil(len(names) / columns))
         axes = draw_panels(figure, panels)
-        pairs = [zip(*axis.get_legend_handles_labels(), strict=True) for axis in axes]
-        handles = {label: handle for axis in reversed(pairs) for handle, label in reversed(list(axis))}
-        if names:
-            figure.legend([handles[name] for name in names], list(names), loc="outside lower center", ncols=columns)
+        handles: dict[str, Artist] = {}
+        for axis in axes:
+            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+                handles.setdefault(label, handle)
+        if handles:
+            figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
         return style.save(figure, path)
 
 
@@ -189,7 +193,7 @@ def _range(panel: Panel, limits: tuple[float, float] | None) -> list[float] | No
     return [math.log10(limit) if panel.logarithmic else limit for limit in limits] if limits else None
 
 
-def _trace(one: Series, both: bool, listed: bool) -> Any:
+def _trace(one: Series, both: bool, listed: bool) -> go.Scatter:
     """A series of plotly's; under the pointer stand both numbers or the upright one, and the note."""
     name, every = _plain_text(one.label), max(1, math.ceil(len(one.x) / MAX_POINTS))
     lines = ["%{x:.4g}, %{y:.4g}" if both else "%{y:.4g}", *map(_plain_text, one.note.split("\n") if one.note else [])]

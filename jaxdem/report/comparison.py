@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from jaxdem import metrics
 from jaxdem.errors import InputError
 from jaxdem.io import Run
-from jaxdem.io.durable import write_bytes
 from jaxdem.report import runs as read
 from jaxdem.report.runs import NAMES, Array
 from jaxdem.report.style import NOISE, RunStyle, styles
 
 NAN = float("nan")
+Role = Literal["reference", "run", "noise"]
 
 
 @dataclass(frozen=True)
@@ -65,31 +63,43 @@ class Row:
     Attributes:
         role: "noise" is a reference run again, its pack jittered.
         history: what is compared of it; columns (T,), SI.
-        look: how it is drawn.
+        valid: what the run's summary says; False where there is no summary.
         complete: whether the history reaches the end that scene and reference ask for.
         status: "valid", or in words what is wrong.
-        compared_from, compared_until: span shared with the reference [s].
+        compared_from, compared_until: span shared with the reference [s]; end_time: of the last output [s].
+        final: the nine metrics at the last output, SI.
         trials: with each pack that is valid and complete; one for a run that was done once.
         trials_done: how many packs it was done with.
+        run_time_s, compile_time_s: medians over the packs [s]; NaN where not recorded.
+        errors, mean_error: means over the packs [-]; NaN where missing.
+        cells: of the fluid along each axis; None without.
+        particles: how many; NaN where not recorded.
+        closure: file of the learned closure; empty for a drag law alone.
     """
 
     name: str
-    role: Literal["reference", "run", "noise"]
+    role: Role
     run: Run
     history: dict[str, Array]
     look: RunStyle
+    valid: bool
     complete: bool
     status: str
     compared_from: float
     compared_until: float
+    end_time: float
+    final: dict[str, float]
     trials: tuple[Trial, ...]
     trials_done: int
     training_cost_s: float
-
-    @property
-    def valid(self) -> bool:
-        """What the run's summary says; False where there is no summary."""
-        return read.lookup(self.run.summary, "valid") is True
+    run_time_s: float
+    compile_time_s: float
+    errors: dict[str, float]
+    mean_error: float
+    cells: tuple[int, ...] | None
+    particles: float
+    closure: str
+    drag: str
 
     @property
     def ranked(self) -> bool:
@@ -104,26 +114,6 @@ class Row:
         return f"{self.name} ({', '.join(remarks)})" if remarks else self.name
 
     @property
-    def run_time_s(self) -> float:
-        """`metrics.run_time`, which is without compiling, median over the packs [s]; NaN where not recorded."""
-        return float(np.median([trial.run_time_s for trial in self.trials]))
-
-    @property
-    def compile_time_s(self) -> float:
-        """Median over the packs [s]; NaN where not recorded."""
-        return float(np.median([trial.compile_time_s for trial in self.trials]))
-
-    @property
-    def errors(self) -> dict[str, float]:
-        """Of each metric, mean over the packs [-]; NaN where missing."""
-        return {name: float(np.mean([trial.errors[name] for trial in self.trials])) for name in NAMES}
-
-    @property
-    def mean_error(self) -> float:
-        """Mean of the finite errors, and over the packs [-]."""
-        return float(np.mean([trial.mean_error for trial in self.trials]))
-
-    @property
     def pack_errors(self) -> list[float]:
         """Mean error with each pack [-]."""
         return [trial.mean_error for trial in self.trials]
@@ -134,39 +124,9 @@ class Row:
         return len(self.trials[0].finite_errors)
 
     @property
-    def end_time(self) -> float:
-        """Last output [s]; NaN without."""
-        return float(self.history["time"][-1]) if len(self.history["time"]) else NAN
-
-    @property
-    def final(self) -> dict[str, float]:
-        """The nine metrics at the last output, SI."""
-        return {n: float(self.history[n][-1]) if len(self.history.get(n, ())) else NAN for n in NAMES}
-
-    @property
-    def cells(self) -> tuple[int, ...] | None:
-        """Number of fluid cells along each axis; None without fluid."""
-        return read.cells(self.run)
-
-    @property
     def cells_text(self) -> str:
         """Mesh as "75 x 12"; a dash without fluid."""
         return " x ".join(str(n) for n in self.cells) if self.cells else "-"
-
-    @property
-    def particles(self) -> float:
-        """Number of particles; NaN where not recorded."""
-        return read.number(read.recorded(self.run, "counts.particles", "particles.count"))
-
-    @property
-    def closure(self) -> str:
-        """File of the learned closure; empty for a drag law alone."""
-        return str(read.recorded(self.run, "closure.file", "closure.file") or "")
-
-    @property
-    def drag(self) -> str:
-        """Name of the drag law."""
-        return str(read.lookup(self.run.scene, "coupling.drag", ""))
 
 
 @dataclass
@@ -299,29 +259,39 @@ def folder_name(run: Run) -> str:
 
 
 def _row(
-    candidate: Candidate,
-    name: str,
-    role: Literal["reference", "run", "noise"],
-    look: RunStyle,
-    reference: dict[str, Array],
-    until: float | None,
+    candidate: Candidate, name: str, role: Role, look: RunStyle, reference: dict[str, Array], until: float | None
 ) -> Row:
     """Read a run's figures and its errors against the reference's history; of its packs those of the sound runs."""
-    history, other = read.history_until(candidate.run, until), reference["time"]
+    run, other = candidate.run, reference["time"]
+    history = read.history_until(run, until)
     own = history["time"]
-    complete, status = _state(candidate.run, own, other, until)
-    trials = [_trial(candidate.run, history, reference)]
-    if status == "valid":
-        for run in candidate.packs:
-            more = read.history_until(run, until)
-            trial = _trial(run, more, reference)
-            if _state(run, more["time"], other, until)[1] == "valid" and math.isfinite(trial.mean_error):
-                trials.append(trial)
-    shared = (float(max(own[0], other[0])), float(min(own[-1], other[-1]))) if len(own) and len(other) else (NAN, NAN)
-    done = 1 + len(candidate.packs)
+    complete, status = _state(run, own, other, until)
+    trials = [_trial(run, history, reference)]
+    for pack in candidate.packs if status == "valid" else ():
+        more = read.history_until(pack, until)
+        if _state(pack, more["time"], other, until)[1] == "valid":
+            trials.append(_trial(pack, more, reference))
+    shared = (max(own[0], other[0]), min(own[-1], other[-1])) if len(own) and len(other) else (NAN, NAN)
     return Row(
-        name, role, candidate.run, history, look, complete, status, *shared, tuple(trials), done,
-        float(candidate.training_cost_s),
+        name, role, run, history, look,
+        valid=read.lookup(run.summary, "valid") is True,
+        complete=complete,
+        status=status,
+        compared_from=float(shared[0]),
+        compared_until=float(shared[1]),
+        end_time=float(own[-1]) if len(own) else NAN,
+        final={n: float(history[n][-1]) if len(history.get(n, ())) else NAN for n in NAMES},
+        trials=tuple(trials),
+        trials_done=1 + len(candidate.packs),
+        training_cost_s=float(candidate.training_cost_s),
+        run_time_s=float(np.median([trial.run_time_s for trial in trials])),
+        compile_time_s=float(np.median([trial.compile_time_s for trial in trials])),
+        errors={n: float(np.mean([trial.errors[n] for trial in trials])) for n in NAMES},
+        mean_error=float(np.mean([trial.mean_error for trial in trials])),
+        cells=read.cells(run),
+        particles=read.number(read.recorded(run, "counts.particles", "particles.count")),
+        closure=str(read.recorded(run, "closure.file", "closure.file") or ""),
+        drag=str(read.lookup(run.scene, "coupling.drag", "")),
     )  # fmt: skip
 
 
@@ -344,46 +314,3 @@ def _state(run: Run, times: Array, reference_times: Array, until: float | None) 
         ended = f"incomplete: ended at {times[-1]:.4g} s of {wanted:.4g} s" if len(times) else "no history"
         parts.append(ended)
     return complete, "; ".join(parts) or "valid"
-
-
-def write_csv(comparison: Comparison, path: Path) -> None:
-    """comparison.csv: one row a run, the reference first, noise runs last; missing numbers are `nan`."""
-    records = [_record(row, comparison) for row in comparison.every]
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, fieldnames=list(records[0]))
-    writer.writeheader()
-    writer.writerows(records)
-    write_bytes(path, text.getvalue().encode())
-
-
-def _record(row: Row, comparison: Comparison) -> dict[str, Any]:
-    noise = {"error_over_noise": comparison.over_noise(row)} if comparison.noise_rows else {}
-    return {
-        "name": row.name,
-        "cells": "x".join(str(n) for n in row.cells or ()),
-        "particle_count": int(row.particles) if math.isfinite(row.particles) else "",
-        "closure_file": row.closure,
-        "drag_law": row.drag,
-        "precision": str(read.recorded(row.run, "precision", "precision") or ""),
-        "contact_time_step": read.number(read.recorded(row.run, "time_steps.contact", "contact.time_step")),
-        "wall_time_s": row.run_time_s + row.compile_time_s,
-        "valid": "true" if row.valid else "false",
-        **row.final,
-        **{f"error_{name}": error for name, error in row.errors.items()},
-        "mean_error": row.mean_error,
-        **noise,
-        "role": row.role,
-        "status": row.status,
-        "end_time": row.end_time,
-        "compared_from": row.compared_from,
-        "compared_until": row.compared_until,
-        "metrics_counted": row.metrics_counted,
-        "run_time_s": row.run_time_s,
-        "compile_time_s": row.compile_time_s,
-        "packs": len(row.trials),
-        "mean_error_lowest": min(row.pack_errors),
-        "mean_error_highest": max(row.pack_errors),
-        "training_cost_s": row.training_cost_s,
-        "pareto": "true" if row in comparison.front else "false",
-        "path": str(row.run.path),
-    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +16,8 @@ from matplotlib.lines import Line2D
 
 from jaxdem.errors import InputError
 from jaxdem.io import Run
-from jaxdem.report import walls as beside
 from jaxdem.report.runs import Array, domain_size
-from jaxdem.report.walls import INLET, OUTLET, Opening, Solid
+from jaxdem.report.walls import INLET, OUTLET, Opening, Solid, openings, solid
 
 WATER = LinearSegmentedColormap.from_list("water", ["#FFFFFF", "#CFE3F3", "#86B9DE", "#3D86BF", "#0B4A85"])
 GRAINS = LinearSegmentedColormap.from_list("grains", ["#2B1408", "#7A3B12", "#C9661B", "#F39A1E", "#FFD23F"])
@@ -59,8 +58,8 @@ class Picture:
     Attributes:
         time: of the frame [s].
         centres: (N, 2) [m], those nearest the viewer last; radius: (N,) [m].
-        speed: fluid speed (nx, nz) [m/s], in 3-D averaged over the depth; None without fluid.
         values: (N,) of each of `QUANTITIES` that the frame has.
+        speed: fluid speed (nx, nz) [m/s], in 3-D averaged over the depth; None without fluid.
         walls: beside the box's sides; None without.
         openings: where fluid or grains come in or leave.
     """
@@ -68,8 +67,8 @@ class Picture:
     time: float
     centres: Array
     radius: Array
+    values: dict[str, Array]
     speed: Array | None
-    values: dict[str, Array] = field(default_factory=dict)
     walls: Solid | None = None
     openings: Sequence[Opening] = ()
 
@@ -88,7 +87,7 @@ def nearest(run: Run, time: float, until: float) -> int | None:
     return i if abs(frames[i] - time) <= slack else None
 
 
-def near(run: Run, time: float, until: float) -> Picture | None:
+def take_nearest(run: Run, time: float, until: float) -> Picture | None:
     """The frame that `nearest` finds."""
     index = nearest(run, time, until)
     return None if index is None else take(run, index)
@@ -96,12 +95,10 @@ def near(run: Run, time: float, until: float) -> Picture | None:
 
 def take(run: Run, index: int) -> Picture:
     """Frame `index` as a picture."""
-    particles = run.particles(index) or {}
-    centres, radius, values = _project(particles, run.dimension)
-    speed, box = _speed(run.fluid(index), run.dimension), domain_size(run)
-    walls = None if box is None else beside.solid(run.scene, box)
-    openings = [] if box is None else beside.openings(run.scene, box)
-    return Picture(float(run.times[index]), centres, radius, speed, values, walls, openings)
+    particles, speed = _project(run.particles(index) or {}, run.dimension), _speed(run.fluid(index), run.dimension)
+    box = domain_size(run)
+    borders = (solid(run.scene, box), openings(run.scene, box)) if box else ()
+    return Picture(float(run.times[index]), *particles, speed, *borders)
 
 
 def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array, Array, dict[str, Array]]:
@@ -110,8 +107,8 @@ def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array, Arr
         return np.empty((0, 2)), np.empty(0), {}
     xyz = np.asarray(position, dtype=np.float64)
     radius = np.broadcast_to(np.asarray(particles.get("radius", np.nan), dtype=np.float64), (len(xyz),))
-    shown = np.isfinite(xyz).all(axis=1) & np.isfinite(radius) & (particles.get("active", 1) != 0)
-    order = np.flatnonzero(shown)
+    visible = np.isfinite(xyz).all(axis=1) & np.isfinite(radius) & (particles.get("active", 1) != 0)
+    order = np.flatnonzero(visible)
     if dimension == 3:  # the viewer stands at y = 0, in front
         order = order[np.argsort(-xyz[order, 1], kind="stable")]
     values = {
@@ -154,7 +151,7 @@ def require(run: Run, quantity: str) -> None:
         raise InputError("--color", quantity, limit, "Colour by velocity.")
 
 
-def tops(pictures: Sequence[Picture]) -> Tops:
+def scale_tops(pictures: Sequence[Picture]) -> Tops:
     """The largest of the pictures' `TOP_PERCENTILE` of the finite values."""
     found: Tops = {}
     for picture in pictures:
@@ -173,7 +170,7 @@ def common_tops(runs: Iterable[Sequence[Picture | None]]) -> Tops:
     """
     found: Tops = {}
     for pictures in runs:
-        own = tops([picture for picture in pictures if picture])
+        own = scale_tops([picture for picture in pictures if picture])
         found = {name: top for name, top in own.items() if top > 0.0} | found
     return found
 
@@ -185,7 +182,7 @@ def _scale(tops: Tops, name: str) -> Normalize:
 def draw(
     axis: Axes, picture: Picture | None, box: tuple[float, float], size: tuple[float, float], tops: Tops, color: str
 ) -> None:
-    """Draw a picture; an earlier one is taken away.
+    """Draw a picture in place of an earlier one.
 
     Args:
         picture: None leaves an empty panel.
@@ -221,7 +218,6 @@ def draw(
     )  # fmt: skip
     discs.set_array(picture.values.get(color, np.zeros_like(picture.radius)))
     axis.add_collection(discs, autolim=False)
-    axis.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]))
 
 
 def _draw_walls(axis: Axes, walls: Solid, box: tuple[float, float]) -> None:
@@ -241,7 +237,7 @@ def _outline(opening: Opening) -> list[tuple[float, float]]:
     return [(x, z), (right, z), (right, top), (x, top), (x, z)]
 
 
-def add_keys(
+def add_legends(
     figure: Figure | SubFigure, axes: Sequence[Axes], shown: Sequence[Picture], tops: Tops, color: str, inches: float
 ) -> None:
     """Bars of the colour scales below panels that take this width, and what the coloured edges are."""

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.colors import to_hex
@@ -68,7 +68,7 @@ def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> Player | None:
         return None
     # Of a few outputs: what is above has the last colour.
     tops = pictures.common_tops(
-        [[pictures.near(row.run, time, times[-1]) for time in _thinned(times, 8)] for row in rows]
+        [[pictures.take_nearest(row.run, time, times[-1]) for time in _thinned(times, 8)] for row in rows]
     )
     one = sum(len(_clip(row, times[-1:], tops).frames[0] or "") for row in rows)
     times = _thinned(times, max_bytes // max(one, 1))
@@ -90,7 +90,7 @@ def _clip(row: Row, times: Array, tops: Tops) -> _Clip:
     size, begun = read.domain_size(row.run) or (), row.run.number_of_frames > 0
     box, particles = (size[0], size[-1]), (row.run.particles(0) if begun else None) or {}
     radius = float(np.max(particles.get("radius", 0.0), initial=0.0))
-    shots = (pictures.near(row.run, float(time), float(times[-1])) for time in times)
+    shots = (pictures.take_nearest(row.run, float(time), float(times[-1])) for time in times)
     frames = [None if shot is None else _packed(_planes(shot, box, radius, tops)) for shot in shots]
     return _Clip(row, box, radius, pictures.take(row.run, 0) if begun else None, frames)
 
@@ -125,7 +125,7 @@ def _packed(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data, 6)).decode("ascii")
 
 
-def _data(clip: _Clip) -> dict[str, Any]:
+def _data(clip: _Clip) -> dict[str, object]:
     """Of a run: its frames, and the walls, which stand still: numbers of points along x and up, and how solid each is."""
     walls = clip.first.walls if clip.first else None
     openings = clip.first.openings if clip.first else ()

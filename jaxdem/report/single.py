@@ -101,7 +101,7 @@ def _metrics(figure: Figure | SubFigure, run: Run, panels: list[chart.Panel], ti
 
 
 def _snapshot(figure: Figure | SubFigure, run: Run, picture: Picture, color: str) -> None:
-    Frame(figure, run, pictures.tops([picture]), color, picture).draw(picture)
+    Frame(figure, run, pictures.scale_tops([picture]), color, picture).draw(picture)
 
 
 def _box(run: Run) -> tuple[float, float]:
@@ -128,7 +128,7 @@ class Frame:
         self.axis.set(xlabel="x [m]", ylabel="height [m]")
         inches = LONG_SIDE * self.box[0] / max(self.box)
         self.axis.locator_params(axis="x", nbins=max(2, int(1.3 * inches)))
-        pictures.add_keys(figure, [self.axis], [first], tops, color, inches)
+        pictures.add_legends(figure, [self.axis], [first], tops, color, inches)
 
     def draw(self, picture: Picture) -> None:
         """A frame, with run, time and view above."""

@@ -41,7 +41,7 @@ def snapshots_figure(comparison: Comparison, path: Path) -> Path | None:
     """
     rows, times = comparison.rows, snapshot_times(comparison.reference.history["time"])
     boxes = [box for row in rows if (box := read.domain_size(row.run))]
-    shots = [[pictures.near(row.run, time, times[-1]) for time in times] for row in rows]
+    shots = [[pictures.take_nearest(row.run, time, times[-1]) for time in times] for row in rows]
     shown = [shot for line in shots for shot in line if shot]
     if not shown or not boxes:
         return None
@@ -56,7 +56,7 @@ def snapshots_figure(comparison: Comparison, path: Path) -> Path | None:
                 _title(axis, row, shot.time if shot else time, width)
                 if shot is None:
                     _say_why(axis, row, time)
-        pictures.add_keys(figure, figure.axes, shown, tops, COLOR, figure.get_figwidth() - 0.9)
+        pictures.add_legends(figure, figure.axes, shown, tops, COLOR, figure.get_figwidth() - 0.9)
         views = {pictures.view(row.run, shot) for row, line in zip(rows, shots, strict=True) for shot in line if shot}
         if view := max(views, key=len):
             figure.supxlabel(view, fontsize=10)

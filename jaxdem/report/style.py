@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast
@@ -22,7 +22,12 @@ from jaxdem.io.durable import write_bytes
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 REFERENCE, NOISE, INVALID = "#000000", "#9A9A9A", "#B00020"
 # Names of plotly's -> what matplotlib has for them.
-DASHES: dict[str, Any] = {"solid": "-", "dash": (0, (5, 2)), "dashdot": (0, (5, 1.5, 1, 1.5)), "dot": (0, (1, 1.2))}
+DASHES: dict[str, str | tuple[float, tuple[float, ...]]] = {
+    "solid": "-",
+    "dash": (0, (5, 2)),
+    "dashdot": (0, (5, 1.5, 1, 1.5)),
+    "dot": (0, (1, 1.2)),
+}
 MARKERS = {"circle": "o", "square": "s", "triangle-up": "^", "diamond": "D", "star": "*", "x": "X"}
 # After one round of colours the dash and the marker change, so that no two runs look alike up to 24.
 RUN_DASHES, RUN_MARKERS = tuple(DASHES), ("circle", "square", "triangle-up", "diamond")
@@ -49,7 +54,6 @@ RC: dict[str, Any] = {
 MAX_PIXELS = 8000
 """Longest side of a PNG; the resolution falls where a figure of many runs would be larger."""
 
-
 SHORTEST_NAME = 4
 """Characters that are kept of a name wherever it stands."""
 NAME_ROOM = 3.4
@@ -68,7 +72,7 @@ class RunStyle(NamedTuple):
 
 
 def styles(number: int) -> list[RunStyle]:
-    """Styles of a reference and of that many runs less one."""
+    """Styles of a reference and its runs, so many in all."""
     looks = itertools.product(zip(RUN_DASHES, RUN_MARKERS, strict=True), COLOURS)
     runs = [RunStyle(color, dash, marker, 1.6) for (dash, marker), color in looks]
     return [RunStyle(REFERENCE, "solid", "star", 2.4), *itertools.islice(itertools.cycle(runs), number - 1)]
@@ -112,7 +116,7 @@ def text_width(text: str, size: float = 10.0) -> float:
     return float(TextPath((0.0, 0.0), text, prop=font).get_extents().x1) / 72.0
 
 
-def legend_columns(labels: Sequence[str], width: float, most: int = 4) -> int:
+def legend_columns(labels: Collection[str], width: float, most: int = 4) -> int:
     """Number of columns in which a legend of these escaped labels fits a width [inch]."""
     widest = max(map(text_width, labels), default=0.0) + LEGEND_HANDLE
     return max(1, min(most, len(labels), math.floor(width / widest)))

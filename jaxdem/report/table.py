@@ -1,13 +1,18 @@
-"""The comparison as a short table for the terminal."""
+"""The comparison as tables: comparison.csv, and a short one for the terminal."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
+from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
+from jaxdem.io.durable import write_bytes
+from jaxdem.report import runs as read
 from jaxdem.report.comparison import Comparison, Row
 from jaxdem.report.findings import FRONT_MEANING, error_range, percent
 
@@ -50,3 +55,46 @@ def _line(row: Row, comparison: Comparison, noise: bool) -> list[str]:
     line.append(f"{error}\n{error_range(row)}" if len(row.trials) > 1 else error)
     line += ["-" if is_reference else value(comparison.over_noise(row), ".1f")] * noise
     return [*line, value(row.final["runoff"], ".2f"), value(row.final["height"], ".2f")]
+
+
+def write_csv(comparison: Comparison, path: Path) -> None:
+    """comparison.csv: one row a run, the reference first, noise runs last; missing numbers are `nan`."""
+    records = [_record(row, comparison) for row in comparison.every]
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, fieldnames=list(records[0]))
+    writer.writeheader()
+    writer.writerows(records)
+    write_bytes(path, text.getvalue().encode())
+
+
+def _record(row: Row, comparison: Comparison) -> dict[str, object]:
+    noise = {"error_over_noise": comparison.over_noise(row)} if comparison.noise_rows else {}
+    return {
+        "name": row.name,
+        "cells": "x".join(str(n) for n in row.cells or ()),
+        "particle_count": int(row.particles) if math.isfinite(row.particles) else "",
+        "closure_file": row.closure,
+        "drag_law": row.drag,
+        "precision": str(read.recorded(row.run, "precision", "precision") or ""),
+        "contact_time_step": read.number(read.recorded(row.run, "time_steps.contact", "contact.time_step")),
+        "wall_time_s": row.run_time_s + row.compile_time_s,
+        "valid": "true" if row.valid else "false",
+        **row.final,
+        **{f"error_{name}": error for name, error in row.errors.items()},
+        "mean_error": row.mean_error,
+        **noise,
+        "role": row.role,
+        "status": row.status,
+        "end_time": row.end_time,
+        "compared_from": row.compared_from,
+        "compared_until": row.compared_until,
+        "metrics_counted": row.metrics_counted,
+        "run_time_s": row.run_time_s,
+        "compile_time_s": row.compile_time_s,
+        "packs": len(row.trials),
+        "mean_error_lowest": min(row.pack_errors),
+        "mean_error_highest": max(row.pack_errors),
+        "training_cost_s": row.training_cost_s,
+        "pareto": "true" if row in comparison.front else "false",
+        "path": str(row.run.path),
+    }

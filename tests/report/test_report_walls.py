@@ -154,7 +154,7 @@ def test_openings_are_drawn_on_their_sides(make: Any) -> None:
     for opening, path in zip(found, lines.get_segments(), strict=True):
         assert path.min(axis=0).tolist() == list(opening.start) and path.max(axis=0).tolist() == list(opening.stop)
     figure = Figure(layout="constrained")
-    pictures.add_keys(figure, [figure.subplots()], [pictures.take(run, 0)], {}, "velocity", 5.0)
+    pictures.add_legends(figure, [figure.subplots()], [pictures.take(run, 0)], {}, "velocity", 5.0)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["inlet", "outlet"]
 
 
