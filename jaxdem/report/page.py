@@ -61,7 +61,7 @@ class Page:
 
 def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequence[Panel], path: Path) -> None:
     """Write the page; PNG files that are named in `comparison.files` are embedded, snapshots where nothing is played."""
-    clips = player(comparison.rows)
+    clips, front = player(comparison.rows), len(comparison.front) > 1
     body = [
         f"<h1>{escape(page.title)}</h1>",
         "<h2>Summary</h2>",
@@ -73,7 +73,7 @@ def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequen
             "Each point is a run. Lower and further to the left is better. The run time does not include compilation. "
             "The error is the mean over the metrics. Small points are the same run with other packs. A hollow point "
             "includes the training time. The vertical line is the run time of the reference, whose error is zero by "
-            f"definition. The Pareto front joins the runs of which it holds that {FRONT_MEANING}."
+            "definition." + (f" Of a run on the Pareto front it holds that {FRONT_MEANING}." if front else "")
         ),
         "<h2>Errors by metric</h2>",
         _error_table(comparison),
