@@ -27,7 +27,7 @@ LIMIT_NAMES = {
 
 
 def render(report: CheckReport) -> Group:
-    """One table per section: scene, time steps, resolution, engineering numbers, wall time, memory, program, warnings."""
+    """One table per section; sections without rows are left out."""
     sections = {
         "Scene": _scene(report),
         "Time steps": _steps(report),

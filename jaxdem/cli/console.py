@@ -1,4 +1,4 @@
-"""The consoles that the command line writes to: what does not print is shown as escapes, a broken pipe ends the program."""
+"""The consoles of the command line: what does not print is shown as escapes, a broken pipe ends the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands share: scenes to read, places to write to, lists of numbers. Nothing here imports JAX but `start_jax`."""
+"""What the commands share: scenes to read, places to write to, lists of numbers. Only `start_jax` imports JAX."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jaxdem.scene import Scene
 
 ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
-"""What JAX and its compiler reserve of it, with the stacks of a core's threads [B]; twice as much is normal and not used."""
+"""What JAX and its compiler reserve of it, with the stacks of a core's threads [B]; twice as much is normal."""
 
 
 def prepare_file(path: Path, *inputs: str | Path | None, option: str = "--out") -> None:
@@ -106,7 +106,7 @@ def _require_format(key: str, path: Path, what: str, writer: str) -> None:
 
 
 def this_command(context: typer.Context, **changes: object) -> str:
-    """The command that is at work, as a shell takes it: arguments, and options that differ from their defaults or are changed."""
+    """This command as a shell takes it: arguments, and options that differ from their defaults or are changed."""
     words = ["jaxdem", str(context.info_name)]
     for parameter in context.command.params:
         value = {**context.params, **changes}[str(parameter.name)]

@@ -186,7 +186,8 @@ def dataset(
     settings: options.CoarseSettings = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Make training data from a fine run: inputs of the drag law on coarser meshes, and the drag that it should give."""
+    """Make training data from a fine run: inputs of the drag law on coarser meshes, and the drag that it should
+    give."""
     factors = whole_numbers("--coarsen", coarsen, ",")
     changed = overrides(settings)
     prepare_file(out, run)

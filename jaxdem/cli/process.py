@@ -30,8 +30,8 @@ SAVING = "jaxdem: the run stops after this coupling interval and writes a checkp
 def run(commands: Callable[[], Any]) -> NoReturn:
     """Runs the command line, and ends the process with its exit code.
 
-    SIGINT and SIGTERM raise `SystemExit(128 + number)` in the main thread wherever a run does not handle them. Code outside
-    Python, such as a compiler, holds that up: after `GRACE` the process ends without it.
+    SIGINT and SIGTERM raise `SystemExit(128 + number)` in the main thread wherever a run does not handle them. Code
+    outside Python, such as a compiler, holds that up: after `GRACE` the process ends without it.
     """
     _open_closed_streams()
     report = sys.unraisablehook

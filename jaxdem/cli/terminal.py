@@ -97,7 +97,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def print_sweep(sweep: Sweep) -> None:
-    """One line a run: what was varied, whether it is valid, run time and metrics at the end; then where the table is."""
+    """One line a run: what was varied, whether it is valid, run time and metrics at the end; then the table's place."""
     from rich.markup import escape
     from rich.table import Table
 

@@ -46,11 +46,11 @@ def save_closure(
 ) -> None:
     """Write a closure; an earlier file is replaced in one step, only when the new one is complete.
 
-    Layout: attributes format, version, kind ("paper", "invariant", "ensemble" or "subgrid"), base (scene name of the base
-    law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features (invariant), members and
-    member_kind (ensemble); dataset `metadata` (JSON in UTF-8, as bytes); group `arrays` with every data field, the weights
-    below `arrays/weights/<layer>/<kernel or bias>`, those of
-    an ensemble below `arrays/members/` with the members along their first axis.
+    Layout: attributes format, version, kind ("paper", "invariant", "ensemble" or "subgrid"), base (scene name of the
+    base law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features (invariant), members
+    and member_kind (ensemble); dataset `metadata` (JSON in UTF-8, as bytes); group `arrays` with every data field, the
+    weights below `arrays/weights/<layer>/<kernel or bias>`, those of an ensemble below `arrays/members/` with the
+    members along their first axis.
 
     Args:
         path: file to write; its folder must exist.
@@ -165,8 +165,8 @@ def _check_sizes(own: dict[str, Any], size: int, path: str, key: str) -> None:
     weights = members * (sum(hidden) + sum(one * other for one, other in itertools.pairwise(hidden)))
     least = weights * SMALLEST_FLOAT
     if min(members, *hidden, 1) < 1 or least > size:
-        limit = f"claims {members} network(s) with hidden layers {list(hidden)}, {least} bytes at least; the file has {size}"
-        raise InputError(key, path, cut(limit), "Train or copy it again.")
+        claim = f"claims {members} network(s) with hidden layers {list(hidden)}, {least} bytes at least"
+        raise InputError(key, path, cut(f"{claim}; the file has {size}"), "Train or copy it again.")
 
 
 def _check_values(name: str, values: np.ndarray, path: str, key: str) -> None:

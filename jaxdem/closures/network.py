@@ -57,7 +57,7 @@ Weights = dict[str, dict[str, Array]]
 
 
 def layer_name(number: int) -> str:
-    """Name of a layer in `Weights` and in closure files, that of flax.linen: its `Dense` layers take them as they are."""
+    """Name of a layer in `Weights` and in closure files: that of flax.linen, whose `Dense` layers can take them."""
     return f"Dense_{number}"
 
 
@@ -129,9 +129,9 @@ def apply_in_parts(apply: Callable[[Array], Array], values: Array) -> Array:
 def normalised_inputs(values: Array, mean: Array, scale: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """What a network sees (N, K), (values - mean) / scale, and whether all values lie in the training range (N,).
 
-    The range, low to high (K,), is extended by `RANGE_MARGIN` (high - low) + `RANGE_RELATIVE_TOLERANCE` max(|low|, |high|).
-    NaN is outside. Outside the network sees its mean input, 0, so that no infinity reaches the gradient. All four are
-    constants to differentiation.
+    The range, low to high (K,), is extended by `RANGE_MARGIN` (high - low) + `RANGE_RELATIVE_TOLERANCE` max(|low|,
+    |high|). NaN is outside. Outside the network sees its mean input, 0, so that no infinity reaches the gradient. The
+    four arrays are constants to differentiation.
     """
     mean, scale, low, high = (constant(leaf, values.dtype) for leaf in (mean, scale, low, high))
     margin = RANGE_MARGIN * (high - low) + RANGE_RELATIVE_TOLERANCE * jnp.maximum(jnp.abs(low), jnp.abs(high))

@@ -7,9 +7,9 @@ the fine run less the pressure and viscous force that the coarse run applies its
 
     F_target = F_drag + (-V grad p + V div tau)_fine - (-V grad p + V div tau)_coarse
 
-That is a drag of model A. A run of model B has all its fluid force in F_drag; its target is of model A too, and so is the
-dataset's `drag_force`, g F_drag there, which both recipes learn; the exchange converts what is learned from it as it converts
-the correlations.
+That is a drag of model A. A run of model B has all its fluid force in F_drag; its target is of model A too, and so
+is the dataset's `drag_force`, g F_drag there, which both recipes learn; the exchange converts what is learned from it
+as it converts the correlations.
 """
 
 from __future__ import annotations

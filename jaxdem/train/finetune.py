@@ -1,10 +1,11 @@
 """Training closures through the solver: unrolled coarse runs that are to have the statistics of a fine one.
 
 A coarse run is started from a frame of the reference, unrolled for some outputs, and its observables (front, height,
-mean drag, profiles; `jaxdem.train.observables`) are compared with the reference's at those times. Single
-trajectories diverge chaotically, so they are not compared, and horizons grow from short to long. Trained are the weights of the drag closure, of the subgrid stress, or of
-both at once; with a subgrid stress in the run the fluid is compared too. The gradient goes through the whole coupled step by
-`jaxdem.rollout`. A gradient-free search on a few of the parameters stands beside it as a baseline.
+mean drag, profiles; `jaxdem.train.observables`) are compared with the reference's at those times (`Unrolled` has the
+loss). Single trajectories diverge chaotically, so they are not compared, and horizons grow from short to long. Trained
+are the weights of the drag closure, of the subgrid stress, or of both at once; with a subgrid stress in the run the
+fluid is compared too. The gradient goes through the whole coupled step by `jaxdem.rollout`. A gradient-free search on
+a few of the parameters stands beside it as a baseline.
 """
 
 from __future__ import annotations
@@ -121,8 +122,8 @@ def finetune(
 ) -> FinetuneResult:
     """Train closures through runs of a coarse scene that follow a reference.
 
-    Runs over the longest horizon from the reference's first frame and from the last that leaves room for them decide which
-    weights are kept; no update starts there (unless there is no other frame to start from).
+    Runs over the longest horizon from the reference's first frame and from the last that leaves room for them decide
+    which weights are kept; no update starts there (unless there is no other frame to start from).
 
     Args:
         scene: coarse scene; its drag law, closure and subgrid stress are replaced where one is given.

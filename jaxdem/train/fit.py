@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 RANGE_QUANTILE = 1e-3
-"""Part of the training rows at either end of a feature that its range leaves out: a few stray grains do not speak for a flow."""
+"""Part of the rows at either end of a feature that its range leaves out: a few stray grains are not a flow."""
 
 
 def fit_paper(

@@ -117,8 +117,8 @@ def minimize(
     is one compiled call; the host reads losses about a hundred times in all. A network whose loss is not finite is
     cut off in its outcome, and the others go on.
 
-    Several networks are mapped inside one compiled epoch (`jax.vmap`) on an accelerator. On a CPU they go side by side, a
-    thread each with the epoch of one network: mapped, what passes between the layers of all of them leaves the caches.
+    Several networks are mapped inside one compiled epoch (`jax.vmap`) on an accelerator. On a CPU they go side by side,
+    a thread each with the epoch of one network: mapped, what passes between all their layers leaves the caches.
 
     Args:
         plan: of all networks.
@@ -213,8 +213,8 @@ class _Epoch:
     def optimizer(self) -> optax.GradientTransformation:
         """Adamax (0.9, 0.999, 1e-7) of learning rate 1; a network's own rate is multiplied to its changes.
 
-        So networks that differ in the rate share a program. All parameters are one vector to it, a few loops instead of a
-        few for every layer.
+        So networks that differ in the rate share a program. All parameters are one vector to it, a few loops instead
+        of a few for every layer.
 
         Source: Kingma & Ba (2015), Adam: a method for stochastic optimization, algorithm 2.
         """
@@ -223,7 +223,7 @@ class _Epoch:
 
     @partial(jax.jit, static_argnums=0, donate_argnums=1)
     def run(self, carry: Tree, data: Tree, order: Array, rate: Array) -> tuple[Tree, Array]:
-        """Weights and optimiser state after the epoch, and its mean loss; `order` (batches, batch) has each batch's rows."""
+        """Weights and optimiser state after the epoch, and its mean loss; `order` (batches, batch) has the rows."""
         optimizer = self.optimizer
 
         def epoch(carry: Tree, data: Tree, order: Array, rate: Array) -> tuple[Tree, Array]:

@@ -26,7 +26,7 @@ PARITY_ROWS = 5000
 """Rows kept for parity plots."""
 
 Scores = dict[str, dict[str, float]]
-"""By coarsening (as text, as JSON has it): R2 of closure, base and regression, out_of_range (fraction of rows), samples."""
+"""By coarsening, as text: R2 of closure, base and regression, out_of_range (fraction of rows), samples."""
 Parity = dict[int, dict[str, Forces]]
 """By coarsening the arrays predicted, target, base, regression, each (<= 5000, D) [N]."""
 
@@ -38,7 +38,7 @@ class FitResult:
     Attributes:
         closure: the trained `PaperNetwork` or `InvariantClosure`, or an ensemble of them.
         metadata: what the closure file keeps, plain values: recipe, base_law, datasets, split, settings,
-            samples, seed, seconds, loss_history (per epoch), r2 and r2_train (`Scores` on held-out and on training rows).
+            samples, seed, seconds, loss_history (per epoch), r2 and r2_train (`Scores` on held-out and training rows).
         parity: `Parity` of held-out rows.
         split: how the held-out rows were chosen.
     """
@@ -178,7 +178,7 @@ def solve(problems: Sequence[Problem], progress: Progress | None = None, mapped:
 
 
 def solve_all(problems: Sequence[Problem], progress: Progress | None, since: float) -> list[Outcome]:
-    """`solve`; raises RunError where a loss is no finite number. `since` is the begin of the work, by `perf_counter`."""
+    """`solve`; raises RunError where a loss is not finite. `since` is when the work began, by `perf_counter`."""
     outcomes = solve(problems, progress)
     for outcome in outcomes:
         if outcome.diverged:

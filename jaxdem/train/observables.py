@@ -33,7 +33,7 @@ class Observables(NamedTuple):
         solids_profile: (BINS,) volume of particles per length along x [m2].
         height_profile: (BINS,) volume of particles times the height of their centres, per length along x [m3].
         fluid_velocity_mean, fluid_pressure_mean: (), as in `jaxdem.metrics`; these and the following are None where
-            the fluid is not compared, the pressure also in a box without an outlet, where its mean is zero but for rounding.
+            the fluid is not compared, the pressure also in a box without an outlet, where its mean is zero.
         momentum_profile: (cells along x,) mean over each section of g u_x^2, the momentum that passes [m2/s2].
         flux_height_profile: (cells along x,) mean over each section of g u_x z, where the flow passes [m2/s].
     """

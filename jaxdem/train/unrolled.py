@@ -24,7 +24,7 @@ from jaxdem.train.observables import Observables
 from jaxdem.train.reference import CoarseCase
 
 ENLARGEMENTS = 4
-"""So often a run gets more room for its neighbour list, five times as much in the end; who still lacks it has blown up."""
+"""So often a run gets more room for its neighbour list, five times as much in the end; then it has blown up."""
 
 
 class Unrolled:

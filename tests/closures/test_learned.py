@@ -225,7 +225,10 @@ def test_a_run_tells_how_far_its_ensemble_is_apart(tmp_path):
 
 
 def test_the_closure_that_comes_with_the_scenes():
-    """Better than its base law and the regression on a run that it has not seen, on every coarse mesh; in range on grains and water like those that it was trained on, and the base law far from them."""
+    """Better than its base law and the regression on a run that it has not seen, on every coarse mesh.
+
+    In range on grains and water like those that it was trained on, and the base law far from them.
+    """
     closure, metadata = load_closure(SCENES / "filtered.closure.h5")
     assert metadata["datasets"][-1] == "fine" and metadata["split"].startswith("by run: fine held out")
     for factor in ("2", "3", "4", "8"):

@@ -462,7 +462,7 @@ def test_a_case_starts_from_the_frames_of_its_reference(reference):
 
 
 def test_a_case_has_the_sides_of_its_scene(reference):
-    """An inlet of 0.3 m/s on the left: its face has that flux, not the mean of it and the first cell (which is at rest)."""
+    """An inlet of 0.3 m/s on the left: its face has that flux, not the mean of it and the first cell, at rest."""
     sides = {
         "boundary": {
             "left": {"kind": "inlet", "velocity": 0.3, "ramp_time": 0.0},
