@@ -15,6 +15,7 @@ import typer
 from jaxdem.errors import InputError
 
 if TYPE_CHECKING:
+    from jaxdem.files.stored import Kind
     from jaxdem.scene import Scene
 
 ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
@@ -79,30 +80,26 @@ def read_scene(
 
 def require_closure(key: str, path: str | Path | None) -> None:
     """Refuse a file that is not there, or does not say of itself that it is a closure; its content is read later."""
+    from jaxdem.files.stored import CLOSURE
+
     if path is not None:
-        _require_format(key, Path(path), "closure", "`jaxdem train` or `jaxdem finetune`")
+        _require(Path(path), CLOSURE._replace(key=key))
 
 
 def require_datasets(paths: Sequence[Path]) -> None:
     """As `require_closure`, of datasets."""
+    from jaxdem.files.stored import DATASET
+
     for path in paths:
         if not path.is_dir():  # a folder is refused when it is read
-            _require_format("dataset", path, "dataset", "`jaxdem dataset`")
+            _require(path, DATASET)
 
 
-def _require_format(key: str, path: Path, what: str, writer: str) -> None:
-    from jaxdem.files.hdf5 import CLOSURE, DATASET, attributes_of, open_for_reading
+def _require(path: Path, kind: Kind) -> None:
+    from jaxdem.files.stored import reading
 
-    remedy = f"Give a file written by {writer}."
-    try:
-        if not path.is_file():
-            raise InputError(key, str(path), "is not a file", remedy)
-        with open_for_reading(path) as file:
-            found = attributes_of(file).get("format")
-    except (OSError, ValueError, RuntimeError, KeyError, TypeError) as error:
-        raise InputError(key, str(path), f"cannot be read as a {what} ({error})", remedy) from None
-    if found != {"closure": CLOSURE, "dataset": DATASET}[what]:
-        raise InputError(key, str(path), f"is not a {what} file", remedy)
+    with reading(path, kind._replace(again=f"Give a file written by {kind.writer}.")):
+        pass
 
 
 def this_command(context: typer.Context, **changes: object) -> str:

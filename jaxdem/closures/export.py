@@ -13,10 +13,11 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.export_c import c_header
 from jaxdem.closures.export_onnx import onnx_model
 from jaxdem.closures.export_stablehlo import stablehlo_module
-from jaxdem.closures.file import StoredClosure, write_aside
+from jaxdem.closures.file import StoredClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law_name
 from jaxdem.errors import InputError
+from jaxdem.files.stored import write_whole
 
 FORMATS = ("c", "onnx", "stablehlo")
 """Formats that `export_closure` writes."""
@@ -59,8 +60,7 @@ def export_closure(
         artifact, text = stablehlo_module(law, dimension)
         contents = dict(zip(files_written(form, target), (artifact, text.encode()), strict=True))
     for file, content in contents.items():
-        with write_aside(file, "--out") as aside:
-            aside.write_bytes(content)
+        write_whole(file, content, "--out")
     return tuple(contents)
 
 

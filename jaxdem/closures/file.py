@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import errno
 import itertools
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
@@ -22,15 +19,9 @@ from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.closures.subgrid import SubgridClosure
 from jaxdem.errors import InputError, cut
-from jaxdem.files.hdf5 import CLOSURE as FORMAT
-from jaxdem.files.hdf5 import UNREADABLE, attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, store, write_attributes
 from jaxdem.files.reading import parse_json
-
-VERSION = 1
-KEY, SUBGRID_KEY = "closure.file", "fluid.subgrid"
-
-WRITERS = {KEY: "`jaxdem train`", SUBGRID_KEY: "`jaxdem finetune --subgrid`"}
-"""What writes the files that a key of the scene names."""
+from jaxdem.files.stored import CLOSURE, SUBGRID, Kind, reading, write_whole
 
 SMALLEST_FLOAT = 2
 """Bytes of the shortest number that a file may hold weights in."""
@@ -63,39 +54,13 @@ def save_closure(
     """
     structure = _structure(closure)
     text = json.dumps(metadata, default=_plain)
-    key = SUBGRID_KEY if isinstance(closure, SubgridClosure) else KEY
     with in_memory("closure") as file:
-        write_attributes(file, {"format": FORMAT, "version": VERSION, **structure})
+        write_attributes(file, {"format": CLOSURE.format, "version": CLOSURE.version, **structure})
         store(file, "metadata", np.frombuffer(text.encode(), np.uint8))
         for name, leaf in _named_leaves(closure).items():
             store(file, f"arrays/{name}", leaf)
         content = image_of(file)
-    with write_aside(path, key) as aside:
-        aside.write_bytes(content)
-
-
-@contextmanager
-def write_aside(path: str | os.PathLike[str], key: str) -> Iterator[Path]:
-    """Give a path beside `path` to write to; on success sync it and move it into place, otherwise remove it.
-
-    Raises:
-        InputError: the place cannot be written; `key` is what the error names.
-        OSError: there is no room on the disk.
-    """
-    target = Path(path)
-    aside = target.with_name(f"{target.name}.{os.getpid()}.part")  # two processes may write one file
-    try:
-        yield aside
-        with open(aside, "rb") as written:
-            os.fsync(written.fileno())
-        os.replace(aside, target)
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            error.filename = str(path)
-            raise
-        raise InputError(key, str(path), f"cannot be written ({error})", "Choose a writable place.") from error
-    finally:
-        aside.unlink(missing_ok=True)
+    write_whole(path, content, (SUBGRID if isinstance(closure, SubgridClosure) else CLOSURE).key)
 
 
 def load_closure(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str, Any]]:
@@ -105,7 +70,7 @@ def load_closure(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str,
         InputError: no such file, not HDF5 or cut short, not a drag closure, of a newer version, or arrays that are
             missing, do not have the shapes of the structure, or are not finite.
     """
-    return _load(path, KEY)
+    return _load(path, CLOSURE)
 
 
 def load_subgrid(path: str | os.PathLike[str]) -> tuple[SubgridClosure, dict[str, Any]]:
@@ -114,51 +79,25 @@ def load_subgrid(path: str | os.PathLike[str]) -> tuple[SubgridClosure, dict[str
     Raises:
         InputError: as `load_closure`; a drag closure is refused.
     """
-    return _load(path, SUBGRID_KEY)
+    return _load(path, SUBGRID)
 
 
-def _load(path: str | os.PathLike[str], key: str) -> tuple[Any, dict[str, Any]]:
+def _load(path: str | os.PathLike[str], kind: Kind) -> tuple[Any, dict[str, Any]]:
     """The closure that a key of the scene stands for."""
-    try:
-        if not Path(path).is_file():
-            raise InputError(key, str(path), "is not a file", f"Give a file written by {WRITERS[key]}.")
-        with open_for_reading(path) as file:
-            return _read(file, str(path), key)
-    except UNREADABLE as error:
-        reason = f"cannot be read as a closure ({error})"
-        raise InputError(key, str(path), reason, "Train or copy it again.") from error
+    with reading(path, kind) as file:
+        own = attributes_of(file)
+        found = SUBGRID if own["kind"] == "subgrid" else CLOSURE
+        if found != kind:
+            what = "subgrid stress" if found == SUBGRID else "drag closure"
+            raise kind.refusal(path, f"holds a {what}", f"Give it as {found.key}.")
+        _check_sizes(own, file.id.get_filesize(), path, kind)
+        template = _template(own, str(path))
+        leaves = [_array(file, name, leaf.shape, path, kind) for name, leaf in _named_leaves(template).items()]
+        closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
+        return closure, parse_json(_bytes(file["metadata"][()]).decode())
 
 
-def _read(file: h5py.File, path: str, key: str) -> tuple[Any, dict[str, Any]]:
-    own = attributes_of(file)
-    if own.get("format") != FORMAT:
-        raise InputError(key, path, "is not a closure file", f"Give a file written by {WRITERS[key]}.")
-    if int(own["version"]) > VERSION:
-        limit = f"has version {own['version']}, this program reads up to {VERSION}"
-        raise InputError(key, path, limit, "Update jaxdem.")
-    found = SUBGRID_KEY if own["kind"] == "subgrid" else KEY
-    if found != key:
-        what = "subgrid stress" if found == SUBGRID_KEY else "drag closure"
-        raise InputError(key, path, f"holds a {what}", f"Give it as {found}.")
-    _check_sizes(own, file.id.get_filesize(), path, key)
-    template = _template(own, path)
-    leaves = []
-    for name, leaf in _named_leaves(template).items():
-        stored = file.get(f"arrays/{name}")
-        if not isinstance(stored, h5py.Dataset):
-            raise InputError(key, path, f"the array {name} is missing", "Train or copy it again.")
-        if stored.shape != leaf.shape or stored.dtype.kind != "f":
-            found = f"{stored.shape} {stored.dtype}"
-            limit = f"the array {name} has shape {found}, its structure asks for {leaf.shape} floats"
-            raise InputError(key, path, limit, "Train or copy it again.")
-        values = stored[()]
-        _check_values(name, values, path, key)
-        leaves.append(jnp.asarray(values))
-    closure = jax.tree.unflatten(jax.tree.structure(template), leaves)
-    return closure, parse_json(_bytes(file["metadata"][()]).decode())
-
-
-def _check_sizes(own: dict[str, Any], size: int, path: str, key: str) -> None:
+def _check_sizes(own: dict[str, Any], size: int, path: str | os.PathLike[str], kind: Kind) -> None:
     """Refuse a structure whose weights a file of `size` bytes cannot hold, before anything of it is made."""
     hidden, _ = _network(own)
     members = int(own["members"]) if own["kind"] == "ensemble" else 1
@@ -166,21 +105,26 @@ def _check_sizes(own: dict[str, Any], size: int, path: str, key: str) -> None:
     least = weights * SMALLEST_FLOAT
     if min(members, *hidden, 1) < 1 or least > size:
         claim = f"claims {members} network(s) with hidden layers {list(hidden)}, {least} bytes at least"
-        raise InputError(key, path, cut(f"{claim}; the file has {size}"), "Train or copy it again.")
+        raise kind.refusal(path, cut(f"{claim}; the file has {size}"))
 
 
-def _check_values(name: str, values: np.ndarray, path: str, key: str) -> None:
-    """Refuse numbers that are not finite in single precision, in which runs compute with them, and scales of zero."""
+def _array(file: h5py.File, name: str, shape: tuple[int, ...], path: str | os.PathLike[str], kind: Kind) -> Array:
+    """An array of floats that are finite in single precision, in which runs compute; scales are positive."""
+    stored = file.get(f"arrays/{name}")
+    if not isinstance(stored, h5py.Dataset):
+        raise kind.refusal(path, f"the array {name} is missing")
+    if stored.shape != shape or stored.dtype.kind != "f":
+        found = f"{stored.shape} {stored.dtype}"
+        raise kind.refusal(path, f"the array {name} has shape {found}, its structure asks for {shape} floats")
+    values = stored[()]
     with np.errstate(over="ignore"):
         single = values.astype(np.float32)
     unbounded = name.endswith(("_low", "_high"))  # the range of a closure that has not been trained
-    limit = ""
     if np.isnan(single).any() or (np.isinf(single).any() and not unbounded):
-        limit = f"the array {name} holds values that are not finite numbers in single precision"
-    elif name.endswith("_scale") and not (single > 0.0).all():
-        limit = f"the array {name} holds values that are not positive"
-    if limit:
-        raise InputError(key, path, limit, "Train or copy it again.")
+        raise kind.refusal(path, f"the array {name} holds values that are not finite numbers in single precision")
+    if name.endswith("_scale") and not (single > 0.0).all():
+        raise kind.refusal(path, f"the array {name} holds values that are not positive")
+    return jnp.asarray(values)
 
 
 def _bytes(stored: Any) -> bytes:
@@ -217,19 +161,19 @@ def _template(attributes: Any, path: str) -> StoredClosure | SubgridClosure:
 
 
 def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
-    base = drag_law(str(attributes["base"]), KEY)
+    base = drag_law(str(attributes["base"]), CLOSURE.key)
     hidden, activation = _network(attributes)
     if kind == "paper":
         dimension = int(attributes["dimension"])
         if dimension not in (2, 3):
-            raise InputError(KEY, path, f"is of {dimension} dimensions", "Train or copy it again.")
+            raise CLOSURE.refusal(path, f"is of {dimension} dimensions")
         return PaperNetwork.initial(dimension, base, hidden, activation)
     if kind == "invariant":
         terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
         # Files of the first versions do not name their features.
         features = str(attributes.get("features", ",".join(WITHOUT_PRESSURE))).split(",")
         return InvariantClosure.initial(base, hidden, activation, terms, features=features)
-    raise InputError(KEY, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
+    raise InputError(CLOSURE.key, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
 
 
 def _network(attributes: Any) -> tuple[tuple[int, ...], str]:

@@ -36,9 +36,6 @@ UNREADABLE = (
 )  # fmt: skip
 """What h5py raises on a file that is truncated, is not HDF5, or lacks what we look for."""
 
-CLOSURE, DATASET = "jaxdem-closure", "jaxdem-dataset"
-"""What closures and datasets say of themselves in the attribute `format`."""
-
 COMPACT_BYTES = 16384
 """Up to here an array lies in its header; HDF5's limit is 64 KiB for all of it."""
 

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -15,22 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxdem.closures.base import DragInputs
-from jaxdem.closures.file import UNREADABLE, write_aside
-from jaxdem.errors import InputError
-from jaxdem.files.hdf5 import DATASET as FORMAT
-from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, store, write_attributes
+from jaxdem.files.stored import DATASET, reading, write_whole
 
-VERSION = 1
-KEY = "dataset"
-
-ROOT_ATTRIBUTES = (
-    "drag",
-    "fluid_density",
-    "dynamic_viscosity",
-    "dimension",
-    "run",
-    "scene_toml",
-)
+ROOT_ATTRIBUTES = ("drag", "fluid_density", "dynamic_viscosity", "dimension", "run", "scene_toml")
 GROUP_ATTRIBUTES = ("filter_size", "kernel_width")
 SCALARS = ("time", "solid_fraction", "diameter")
 VECTORS = (
@@ -144,8 +131,8 @@ def write_dataset(
         InputError: an attribute or array is missing or has a wrong shape, or the place cannot be written.
     """
     with in_memory("dataset") as file:
-        given = {name: _require(attributes, name, str(path)) for name in ROOT_ATTRIBUTES}
-        write_attributes(file, {"format": FORMAT, "version": VERSION, **given})
+        root = {name: _require(attributes, name, str(path)) for name in ROOT_ATTRIBUTES}
+        write_attributes(file, {"format": DATASET.format, "version": DATASET.version, **root})
         for coarsening, content in sorted(groups.items()):
             place = f"coarsen_{coarsening}"
             group = file.create_group(place)
@@ -155,8 +142,7 @@ def write_dataset(
                 store(group, name, _require(content, name, str(path), place))
         _read(file, str(path))
         image = image_of(file)
-    with write_aside(path, KEY) as aside:
-        aside.write_bytes(image)
+    write_whole(path, image, DATASET.key)
 
 
 def read_dataset(path: str | os.PathLike[str]) -> Dataset:
@@ -166,34 +152,21 @@ def read_dataset(path: str | os.PathLike[str]) -> Dataset:
         InputError: no such file, not HDF5 or cut short, not a dataset, of a newer version, without a group,
             or with an array that is missing, of another shape, or not finite (the array is named).
     """
-    try:
-        if not Path(path).is_file():
-            raise InputError(KEY, str(path), "is not a file", "Give a file written by `jaxdem dataset`.")
-        with open_for_reading(path) as file:
-            return _read(file, str(path))
-    except UNREADABLE as error:
-        reason = f"cannot be read as a dataset ({error})"
-        raise InputError(KEY, str(path), reason, "Make it again with `jaxdem dataset`.") from error
+    with reading(path, DATASET) as file:
+        return _read(file, str(path))
 
 
 def _read(file: h5py.File, path: str) -> Dataset:
     own = attributes_of(file)
-    if own.get("format") != FORMAT:
-        raise InputError(KEY, path, "is not a dataset file", "Give a file written by `jaxdem dataset`.")
-    if int(own["version"]) > VERSION:
-        limit = f"has version {own['version']}, this program reads up to {VERSION}"
-        raise InputError(KEY, path, limit, "Update jaxdem.")
     root = {name: _require(own, name, path) for name in ROOT_ATTRIBUTES}
     fluid: dict[str, Any] = {name: float(root[name]) for name in ("fluid_density", "dynamic_viscosity")}
     for name, value in fluid.items():
         if not 0.0 < value < math.inf:
-            raise InputError(
-                KEY, path, f"{name} is {value}, it must be positive", "Make it again with `jaxdem dataset`."
-            )
+            raise DATASET.refusal(path, f"{name} is {value}, it must be positive")
     dimension = int(root["dimension"])
     coarsenings = sorted(int(name.removeprefix("coarsen_")) for name in file if name.startswith("coarsen_"))
     if not coarsenings:
-        raise InputError(KEY, path, "holds no group coarsen_<n>", "Make it again with `jaxdem dataset`.")
+        raise DATASET.refusal(path, "holds no group coarsen_<n>")
     groups = {}
     for coarsening in coarsenings:
         name = f"coarsen_{coarsening}"
@@ -206,27 +179,27 @@ def _read_group(group: h5py.Group, place: str, dimension: int, path: str) -> dic
     """Attributes and arrays of one group, checked against each other."""
     content: dict[str, Any] = {name: float(_require(group.attrs, name, path, place)) for name in GROUP_ATTRIBUTES}
     rows = _require(group, "time", path, place).shape[0]
+    valid_run = "Make it again from a run whose summary says valid."
     for name in SCALARS + VECTORS:
         stored = _require(group, name, path, place)
         shape = (rows,) if name in SCALARS else (rows, dimension)
         if stored.shape != shape or rows == 0:
             limit = f"{place}/{name} has shape {stored.shape}, {shape} with at least one row is needed"
-            raise InputError(KEY, path, limit, "Make it again with `jaxdem dataset`.")
-        content[name] = stored[()]
-        if name in RANGES and not (RANGES[name][0] < content[name].min() and content[name].max() < RANGES[name][1]):
-            limit = f"{place}/{name} reaches from {content[name].min()} to {content[name].max()}, beyond {RANGES[name]}"
-            raise InputError(KEY, path, limit, "Make it again from a run whose summary says valid.")
+            raise DATASET.refusal(path, limit)
+        values = content[name] = stored[()]
+        if name in RANGES and not (RANGES[name][0] < values.min() and values.max() < RANGES[name][1]):
+            limit = f"{place}/{name} reaches from {values.min()} to {values.max()}, beyond {RANGES[name]}"
+            raise DATASET.refusal(path, limit, valid_run)
         with np.errstate(over="ignore"):  # training is in single precision
-            finite = content[name].dtype.kind == "f" and np.isfinite(content[name].astype(np.float32)).all()
+            finite = values.dtype.kind == "f" and np.isfinite(values.astype(np.float32)).all()
         if not finite:
             limit = f"{place}/{name} holds values that are not finite numbers in single precision"
-            raise InputError(KEY, path, limit, "Make it again from a run whose summary says valid.")
+            raise DATASET.refusal(path, limit, valid_run)
     return content
 
 
 def _require(content: Any, name: str, path: str, place: str = "") -> Any:
     """An entry that must be there."""
     if name not in content:
-        limit = f"{place}/{name} is missing" if place else f"{name} is missing"
-        raise InputError(KEY, path, limit, "Make it again with `jaxdem dataset`.")
+        raise DATASET.refusal(path, f"{place}/{name} is missing" if place else f"{name} is missing")
     return content[name]

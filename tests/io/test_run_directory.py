@@ -24,8 +24,8 @@ from made_frames import (
 )
 
 import jaxdem.io
-from jaxdem.closures.file import write_aside
 from jaxdem.errors import InputError, RunError
+from jaxdem.files.stored import write_whole
 from jaxdem.io import FluidFormat, FrameSeries, ParticleFormat, RunDirectory, SampleFormat, load_run
 from jaxdem.io.access import acquire_lock
 from jaxdem.io.durable import write_bytes
@@ -56,8 +56,7 @@ def check_frames(path, number: int, dimension: int = 2, fluid: bool = True) -> N
 
 
 def write_closure_bytes(path, content):
-    with write_aside(path, "closure.file") as aside:
-        aside.write_bytes(content)
+    write_whole(path, content, "closure.file")
 
 
 def names(path) -> set[str]:
