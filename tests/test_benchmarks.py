@@ -28,6 +28,7 @@ def test_a_peer_that_fails_has_a_row_with_the_reason(tmp_path, monkeypatch):
             "builds": [3, 4],
             "without_search": {"seconds": [0.4, 0.3]},
             "lists": [0.2, 0.25],
+            "list builds": [0.1, 0.2],
         }
 
     contenders = {"good": (good, "python"), "peer": (fails, "python"), "absent": (good, "no-such-program")}
@@ -36,7 +37,7 @@ def test_a_peer_that_fails_has_a_row_with_the_reason(tmp_path, monkeypatch):
     assert table.count(f"| failed: {WORDS} |") == 2
     assert "GRANULAR package" in result["peer, 2"]["failed"] and "| absent | 1 | not installed |" in table
     assert result["good, 1"]["million_particle_steps_per_second"]["highest"] == contact.COUNT * 100 / 0.4 / 1e6
-    assert "| good | 2 | 4.50 (4.00-5.00) | 3 | 22% (20%-25%) |" in table
+    assert "| good | 2 | 4.50 (4.00-5.00) | 3 | 22% (20%-25%) | 15% (10%-20%) |" in table
 
 
 def test_the_reason_of_a_program_without_words():

@@ -1,7 +1,7 @@
 """Neighbour lists of jax-md: it finds who is near whom, and jaxdem computes the contacts.
 
-Grains fall into a box with a periodic side. jax-md updates its list before every step of jaxdem, in the same compiled loop.
-The motion is compared with that of a run that makes its own lists.
+Grains fall into a box with a periodic side. jax-md updates its list before every step of jaxdem, in the same compiled
+loop. The motion is compared with that of a run that makes its own lists.
 
 Run: python examples/extending/jax_md_list.py
 """
@@ -40,7 +40,7 @@ def displacement(a: Array, b: Array, **_: Any) -> Array:
 
 
 def main() -> tuple[np.ndarray, np.ndarray, int]:
-    """Positions (25, 2) at the end with lists of jax-md, and with jaxdem's own [m]; and how many lists jaxdem made of its own."""
+    """Positions (25, 2) at the end with lists of jax-md, and with jaxdem's own [m]; number of own lists beside jax-md's."""
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)

@@ -87,8 +87,8 @@ def _check_kind(search: NeighborSearch, particles: ParticleState, given: JaxMdLi
 def _remedy(search: NeighborSearch) -> str:
     cutoff, skin = search.geometry.cutoff, search.geometry.skin
     return (
-        f"give jax_md.partition.neighbor_list r_cutoff = {cutoff:.6g} and dr_threshold = {skin:.6g} (their sum counts), "
-        "box and displacement of the scene, no mask and no fractional coordinates"
+        f"give jax_md.partition.neighbor_list r_cutoff = {cutoff:.6g} and dr_threshold = {skin:.6g} (their sum counts),"
+        " box and displacement of the scene, no mask and no fractional coordinates"
     )
 
 
@@ -173,7 +173,7 @@ def _ends_in_reach(search: NeighborSearch, active: Array | None, given: JaxMdLis
 
 
 def _reference(search: NeighborSearch, particles: ParticleState, given: Array) -> tuple[Vector, tuple[Low, ...]]:
-    """The list's positions as many whole periods away as the particles are, which the solver never wraps into the box."""
+    """The list's positions as many whole periods away as the particles are, which are never wrapped into the box."""
     geometry, pairs = search.geometry, []
     given, position = lax.stop_gradient((given, particles.position))
     for k, x in enumerate(vectors.components(given)):

@@ -55,7 +55,7 @@ ROOM = Room(24, 400, 16)
 
 
 def cloud(box, periodic, radius, count=60, seed=0, **more):
-    """Overlapping grains anywhere, in motion, with friction and random springs: forces tell whether history moved along."""
+    """Overlapping grains anywhere, in motion, with friction and random springs, which forces depend on."""
     generator = np.random.default_rng(seed)
     dimension = len(box)
     position = generator.uniform(0.0, 1.0, (count, dimension)) * np.array(box)
@@ -137,7 +137,7 @@ def row():
 
 
 def test_inside_jit_with_fixed_shapes_and_flags(row):
-    """A list updated and taken over in a compiled program; too little room in jax-md's list, or in ours, is flagged and stays."""
+    """A list updated and taken over in a compiled program; too little room in jax-md's list, or in ours, is flagged."""
     scene, functions, given = row
     search = scene.interval.search
 
@@ -195,7 +195,7 @@ def without_the_sixth(index):
     ("make", "words"),
     [
         (lambda scene, given: given.idx, ("neighbor_list", "ArrayImpl", "jax_md.partition.NeighborList")),
-        (made(dr_threshold=0.001), ("cell_size = 0.021", "must reach 0.024 m", "r_cutoff = 0.02", "dr_threshold = 0.004")),
+        (made(dr_threshold=0.001), ("cell_size = 0.021", "must reach 0.024 m", "0.02 and dr_threshold = 0.004")),
         # Without cells jax-md tells no reach: a pair is missing.
         (made(r_cutoff=0.016, disable_cell_list=True), ("11 pairs are missing", "particles 0 and 1", "0.024 m")),
         (made(custom_mask_function=without_the_sixth), ("2 pairs are missing, such as particles 4 and 5",)),
@@ -228,8 +228,8 @@ def test_a_list_of_another_period_is_refused():
 
 
 def test_single_precision_many_periods_away():
-    """Two discs 1,000 periods apart from the box that overlap by 20 nm: the list of their places in the box, to one float,
-    gives the force of ours, which resolves it."""
+    """Two discs 1,000 periods away from the box that overlap by 20 nm: the list of their places in the box, to one
+    float, gives the force of ours, which resolves it."""
     period, overlap = 0.3, 2e-8
     position = np.array([[0.1, 0.1], [0.12 - overlap, 0.1]]) + [1000 * period, 0.0]
     scene = world(position, radius=0.01, box=(period, 0.2), periodic=(True, False), dtype=jnp.float32)
