@@ -62,7 +62,7 @@ def test_terminal_velocity_by_stokes_is_his_formula():
 
 @pytest.mark.parametrize("reynolds", [0.1, 30.0, 900.0, 1e5])
 def test_terminal_velocity_by_wen_and_yu_has_the_drag_coefficient_of_one_sphere(reynolds):
-    """Cd = 24/Re (1 + 0.15 Re^0.687), 0.44 above Re = 1000; Ar = 3/4 Cd Re^2 gives the gravity that makes it fall so."""
+    """Cd = 24/Re (1 + 0.15 Re^0.687), 0.44 above Re = 1000; Ar = 3/4 Cd Re^2 gives the gravity of that fall."""
     drag = 24.0 / reynolds * (1.0 + 0.15 * reynolds**0.687) if reynolds < 1000.0 else 0.44
     archimedes = 0.75 * drag * reynolds**2
     gravity = archimedes * VISCOSITY**2 / (1.65 * DIAMETER[0] ** 3)
@@ -109,7 +109,7 @@ def test_the_check_has_the_numbers_of_its_scene():
 
 
 def test_the_load_on_a_screen_is_the_drag_of_all_that_is_carried_there():
-    """With Stokes' law and no gravity: N grains of 3 pi mu d U / g^2 each, on W / d of them; Hertz's overlap under that."""
+    """With Stokes' law and no gravity: N grains of 3 pi mu d U / g^2 each, on W / d of them; Hertz's overlap."""
     flow = {"bottom": {"kind": "inlet", "velocity": 3.0}, "top": {"kind": "outlet"}}
     still = {"domain": {"gravity": [0.0, 0.0]}, "contact": {"speed": 0.5}}
     scene = scene_with(boundary=flow, coupling={"drag": "stokes"}, fluid={"viscosity": 1.0}, **still)
@@ -137,7 +137,7 @@ def listed(count, *room):
 
 
 def test_the_estimate_is_within_its_factor_of_what_was_measured():
-    """docs/performance.md: the injection scene on 4 cm takes 75 s a simulated second on one core, 94 % of it contacts."""
+    """docs/performance.md: the injection scene on 4 cm takes 75 s a simulated second on one core, 94 % in contacts."""
     simulation, _ = build(load_scene(SCENES / "injection.toml"))
     cost = run_cost(simulation, listed(20_000, 8, 65_001, 6))
     measured = 75.0 * 5.0

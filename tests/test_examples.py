@@ -1,4 +1,4 @@
-"""The examples of the page on extending do what they say, and so does the page of the scene's keys; the study's tables are its numbers."""
+"""The examples of the page on extending do what they say; the page of keys and the tables of the study are current."""
 
 from __future__ import annotations
 

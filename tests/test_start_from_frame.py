@@ -75,7 +75,8 @@ def test_an_overlap_beyond_that_of_an_impact_is_refused_and_a_speed_allows_it(be
     assert simulation.steps.expected_overlap < overlap_of(bed, index)
     with pytest.raises(InputError, match=r"the limit is 1 %.*raise contact\.speed"):
         initial_state(slow, simulation, parameters)
-    gross = load_scene(TABLES, {"particles.position": [[0.02, 0.02], [0.03, 0.02]], "particles.angular_velocity": [0.0, 0.0]})  # fmt: skip
+    rows = {"particles.position": [[0.02, 0.02], [0.03, 0.02]], "particles.angular_velocity": [0.0, 0.0]}
+    gross = load_scene(TABLES, rows)
     simulation, parameters = build(gross)
     limit = 100 * simulation.steps.expected_overlap
     with pytest.raises(InputError, match=rf"overlap by 50 %.*limit is {limit:.3g} %.*contact\.speed = 0\.8 m/s"):

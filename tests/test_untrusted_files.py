@@ -1,4 +1,4 @@
-"""Files that anyone may have written: what is not a plain file, names others, or claims what it has not is refused, at once."""
+"""Files that anyone may have written: no plain file, one that names others, or one that claims what it has not."""
 
 from __future__ import annotations
 

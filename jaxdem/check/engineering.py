@@ -62,7 +62,7 @@ class ScreenLoad:
 
 @dataclasses.dataclass(frozen=True)
 class DragInFluid:
-    """Drag on spheres by a correlation in one fluid. Slips are interstitial, arrays are (N,), lengths in m, forces in N.
+    """Drag on spheres by a correlation in one fluid. Slips are interstitial, arrays (N,), lengths in m, forces in N.
 
     Attributes:
         multiple: F(solid fraction s, Reynolds number), the multiple of Stokes drag, of numpy arrays.

@@ -5,7 +5,7 @@ from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import COLUMNS, History, read_history
 from jaxdem.io.load import Run, load_run
 from jaxdem.io.run_directory import RunDirectory
-from jaxdem.io.samples import SampleFormat, Samples, read_samples
+from jaxdem.io.samples import SampleFormat, Samples
 from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
 
 __all__ = [
@@ -24,6 +24,5 @@ __all__ = [
     "particle_frame",
     "read_checkpoint",
     "read_history",
-    "read_samples",
     "write_checkpoint",
 ]

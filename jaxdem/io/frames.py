@@ -106,9 +106,9 @@ def extend(group: h5py.Group, name: str, rows: np.ndarray, growing: bool, chunk:
 class FrameSeries:
     """The frames of one kind in a run directory, whether joined, in parts, or both."""
 
-    def __init__(self, folder: Path, frame_format: Format, joined: Path | None = None):
+    def __init__(self, folder: Path, frame_format: Format):
         self.format = frame_format
-        self.joined = joined or folder / f"{frame_format.stem}{frame_format.suffix}"
+        self.joined = folder / f"{frame_format.stem}{frame_format.suffix}"
         self.parts = folder / PARTS_FOLDER
         self._layout: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
 

@@ -7,14 +7,12 @@ attributes. Shapes and names stay the same over a run.
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from jaxdem.errors import InputError
-from jaxdem.files.hdf5 import UNREADABLE, attributes_of, open_for_reading, store, write_attributes
+from jaxdem.files.hdf5 import attributes_of, store, write_attributes
 from jaxdem.io.frames import Arrays, Entries, Frame, FrameSeries, extend
 
 FORMAT_NAME = "jaxdem samples"
@@ -104,19 +102,3 @@ class Samples:
         if not -self._number <= index < self._number:
             raise IndexError(f"sample {index} of {self._number}")
         return self._series.read(index % self._number).arrays
-
-
-def read_samples(path: str | Path) -> Samples:
-    """Open a joined `samples.h5`.
-
-    Raises:
-        InputError: the file is missing, damaged, or not one of jaxdem.
-    """
-    path = Path(path)
-    try:
-        with open_for_reading(path) as file:
-            number = SampleFormat().count(file)
-    except UNREADABLE as error:
-        remedy = "Give the samples.h5 of a run whose scene asks for samples."
-        raise InputError("samples", str(path), "cannot be read as samples", remedy) from error
-    return Samples(FrameSeries(path.parent, SampleFormat(), joined=path), number)

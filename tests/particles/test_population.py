@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.check import check
+from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.errors import InputError
 from jaxdem.run.records import particle_counts
@@ -77,10 +77,10 @@ def sheet():
 def test_check_says_who_comes_and_goes(sheet):
     """The number of rows is known before the run, and so is when they are due."""
     scene = jaxdem.load_scene(SHEET)
-    rows = dict(check._population(scene, sheet[0], sheet[2]))
+    rows = dict(population_rows(scene, sheet[0], sheet[2]))
     assert rows["present at the start"] == "4" and rows["removed at"] == "right"
     assert rows["inlet 0"] == "12 particles at 100 1/s, due from 0.01 to 0.12 s, up to 4 at once"
-    compiled_in, left_out = check._parts(scene, sheet[0], sheet[1])
+    compiled_in, left_out = compiled_parts(scene, sheet[0], sheet[1])
     assert {"removal of particles", "particle inlets"} <= set(compiled_in)
     assert "materials by pair" in left_out
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.check import check
+from jaxdem.check.program import compiled_parts
 from jaxdem.errors import InputError
 from jaxdem.particles.forces import MaterialIndex
 from jaxdem.particles.materials import SeveralMaterials, surroundings
@@ -254,7 +254,7 @@ def test_the_build_hands_materials_on():
     assert given.young_modulus.tolist() == [7e7, 1e9, 1e10]
     assert table.young_modulus.tolist() == [1e9, 1e10, 7e7]
     scene = scene_of(["soft", "hard"], walls=walls, contact=contact)
-    assert "materials by pair: soft, hard" in check._parts(scene, simulation, parameters)[0]
+    assert "materials by pair: soft, hard" in compiled_parts(scene, simulation, parameters)[0]
     assert float(jaxdem.build(scene_of())[0].contact.model.materials.particle) == 0
 
 
