@@ -123,8 +123,11 @@ def _set(tables: dict[str, Any], key: str, value: Any) -> None:
         entries = holder if isinstance(holder, list) else []
         if part.isdecimal() or isinstance(holder, list):
             if not 0 <= number < len(entries):
-                limit = f"there are {len(entries)} tables, with numbers from 0"
-                raise InputError(f"--set {key}", value, limit, "give the number of one of them")
+                table = f"[[{key.partition(f'.{part}')[0]}]]"
+                limit = (
+                    f"there are {len(entries)} tables {table}" if len(entries) != 1 else f"there is one table {table}"
+                )
+                raise InputError(f"--set {key}", value, limit, "give the number of one of them, from 0")
             holder = entries[number]
         else:
             holder = holder.setdefault(part, {})
