@@ -63,12 +63,17 @@ class Parameters(NamedTuple):
         return self.contact if self.contact is not None else required(self.contact, "parameters.contact")
 
     @property
+    def flow(self) -> FluidProperties:
+        """Numbers of the fluid, of a scene that has one, with the gravity that may drive it."""
+        return required(self.fluid, "parameters.fluid")._replace(gravity=self.gravity)
+
+    @property
     def mixture(self) -> Mixture:
         """What the exchange between fluid and particles needs; for a scene that has both."""
         return Mixture(
             required(self.closure, "parameters.closure"),
             required(self.drag_scale, "parameters.drag_scale"),
-            required(self.fluid, "parameters.fluid"),
+            self.flow,
             required(self.bodies, "parameters.bodies"),
             self.gravity,
         )

@@ -38,7 +38,7 @@ def advance_fluid(
     if simulation.coupling is not None:
         particles = required(state.particles, "state.particles")
         return simulation.coupling.advance(parameters.mixture, fluid, particles, time)
-    fluid, report = simulation.fluid.advance(required(parameters.fluid, "parameters.fluid"), fluid, time)
+    fluid, report = simulation.fluid.advance(parameters.flow, fluid, time)
     return fluid, None, report, None
 
 

@@ -17,8 +17,7 @@ from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import FaceField, Grid, face_average
-from jaxdem.fluid.momentum import FluidProperties, FluidState
-from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.momentum import FluidProperties, FluidState, pressure_slope
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, centres_in_box
@@ -62,7 +61,8 @@ class CoarseInputs:
         fractions = face_average(fine, 1.0 - solids)
         flux = tuple(g * u for g, u in zip(fractions, fluid.face_velocity, strict=True))
         pressure = remap_cells(fine, self.grid, fluid.pressure)
-        return self.sample(remap_flux(fine, self.grid, flux), pressure, particles, bodies, properties)[0]
+        flux = remap_flux(fine, self.grid, flux)
+        return self.sample(flux, pressure, particles, bodies, properties, fluid.mean_gradient)[0]
 
     def sample(
         self,
@@ -71,6 +71,7 @@ class CoarseInputs:
         particles: ParticleState,
         bodies: ParticleProperties,
         properties: FluidProperties,
+        mean_gradient: Array | None = None,
     ) -> tuple[DragInputs, FluidState, Weights]:
         """The inputs, and the fluid on the coarse mesh and the weights that they are made with.
 
@@ -80,6 +81,7 @@ class CoarseInputs:
             particles: where they are.
             bodies: radius [m] and volume [m3].
             properties: density and viscosity.
+            mean_gradient: see `FluidState`.
         """
         centres = centres_in_box(particles, self.grid.size, self.grid.periodic)
         weights = self.deposition.weights(self.grid, centres, bodies.radius)
@@ -87,9 +89,10 @@ class CoarseInputs:
         solids = solid_fraction(self.grid, weights, bodies.volume)
         fractions = face_average(self.grid, 1.0 - solids)
         velocity = tuple(f / g for f, g in zip(flux, fractions, strict=True))
-        slope = pressure_gradient(self.grid, self.boundary, pressure, continued=True)
+        fluid = FluidState(velocity, pressure, 1.0 - solids, mean_gradient)
+        slope = pressure_slope(self.grid, self.boundary, fluid, continued=True)
         fields = MeshFields(velocity, slope, solids)
         inputs = drag_inputs(self.grid, weights, fields, particles.velocity, bodies, properties)
         if self.deconvolution > 0.0:
             inputs = deconvolved(self.grid, weights, inputs, velocity, self.deconvolution)
-        return inputs, FluidState(velocity, pressure, 1.0 - solids), weights
+        return inputs, fluid, weights

@@ -18,8 +18,7 @@ from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
 from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval, diagnostics
-from jaxdem.fluid.momentum import FluidProperties, FluidState
-from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.momentum import FluidProperties, FluidState, pressure_slope
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box
 
@@ -139,7 +138,7 @@ class Coupling:
         centres = centres_in_box(particles, grid.size, grid.periodic)
         weights = present_weights(self.deposition.weights(grid, centres, bodies.radius), particles.active)
         solids = solid_fraction(grid, weights, bodies.volume)
-        slope = pressure_gradient(grid, solver.boundary, fluid.pressure, continued=True)
+        slope = pressure_slope(grid, solver.boundary, fluid, continued=True)
         fields = MeshFields(fluid.face_velocity, slope, solids)
         inputs = drag_inputs(grid, weights, fields, particles.velocity, bodies, properties)
         sampled = SampledFluid(weights, solids, inputs, inputs)

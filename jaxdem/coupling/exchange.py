@@ -35,8 +35,7 @@ from jaxdem.fluid.interval import (
     Substeps,
     solver_record,
 )
-from jaxdem.fluid.momentum import FaceExchange, FluidState, FluidStep
-from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.momentum import FaceExchange, FluidState, FluidStep, pressure_slope
 from jaxdem.particles.integrate import as_column
 
 
@@ -220,7 +219,7 @@ class Exchange:
         faces, weights = carry.fluid.face_velocity, self.start.weights
         others = step * self.steady
         if self.interval.solver.shares_stress:
-            others = others + self._pressure_impulse(carry.fluid.pressure)
+            others = others + self._pressure_impulse(carry.fluid)
         terms = [] if self.drag.remainder is None else [step * self.drag.remainder]
         terms += [term for c in self.contributions.values() for term in self._explicit_impulses(c)]
         motion = None
@@ -260,7 +259,7 @@ class Exchange:
         impulse = response * (fluid - explicit.velocity) + explicit.impulse
         pressure = viscous = jnp.zeros_like(impulse)
         if solver.shares_stress:
-            pressure = self._pressure_impulse(result.state.pressure)
+            pressure = self._pressure_impulse(result.state)
         if solver.shares_stress and solver.viscous:
             stress = interpolate_faces(weights, result.viscous_acceleration)
             viscous = step * self.start.properties.density * as_column(bodies.volume) * stress
@@ -361,9 +360,9 @@ class Exchange:
         pending = (c.pending_impulse for c in self.contributions.values())
         return [impulse / self.substeps.number for impulse in pending if impulse is not None]
 
-    def _pressure_impulse(self, pressure: Array) -> Array:
+    def _pressure_impulse(self, fluid: FluidState) -> Array:
         """(N, D) -t V grad p [kg m/s]."""
-        slope = pressure_gradient(self.start.grid, self.interval.solver.boundary, pressure, continued=True)
+        slope = pressure_slope(self.start.grid, self.interval.solver.boundary, fluid, continued=True)
         volume = as_column(self.start.bodies.volume)
         return -self.substeps.step * volume * interpolate_faces(self.start.weights, slope)
 

@@ -25,6 +25,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity, with_outflow
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
+from jaxdem.fluid.drive import Drive, DriveParameters, at_time, given_gradient, held
 from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
@@ -55,11 +56,14 @@ class FluidState(NamedTuple):
         pressure: reduced pressure on the cells, of the step that led to the velocity; among particles the mean over the
             steps of the coupling interval [Pa].
         void_fraction: on the cells, at the time of the velocity; None without particles [-].
+        mean_gradient: (D,) of the reduced pressure along periodic axes, beside that of `pressure`, which is periodic; None
+            where nothing drives the fluid, see `drive` [Pa/m].
     """
 
     face_velocity: FaceField
     pressure: Array
     void_fraction: Array | None
+    mean_gradient: Array | None = None
 
 
 class FluidProperties(NamedTuple):
@@ -72,6 +76,8 @@ class FluidProperties(NamedTuple):
             of an inlet with T times [m/s].
         smagorinsky: () coefficient of the subgrid viscosity; None compiles none [-].
         subgrid: closure of the subgrid stress with its weights; None compiles none.
+        drive: of periodic axes; None where nothing drives the fluid.
+        gravity: (D,) that drives it along periodic axes; `Parameters` gives it [m/s2].
     """
 
     density: Array
@@ -79,6 +85,8 @@ class FluidProperties(NamedTuple):
     side_velocity: tuple[Array, ...]
     smagorinsky: Array | None = None
     subgrid: SubgridLaw | None = None
+    drive: DriveParameters | None = None
+    gravity: Array | None = None
 
 
 class FaceExchange(NamedTuple):
@@ -131,6 +139,7 @@ class FluidSolver:
         advection: reconstruction of advected momentum.
         viscous: whether there is a viscosity, molecular or subgrid; an inviscid scene compiles no stress.
         model: of the equations, "A" or "B".
+        drive: of periodic axes; None compiles none.
 
     Source of the models: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II
     and III.
@@ -141,6 +150,7 @@ class FluidSolver:
     advection: AdvectionScheme
     viscous: bool
     model: Literal["A", "B"] = "A"
+    drive: Drive | None = None
 
     @property
     def shares_stress(self) -> bool:
@@ -181,10 +191,10 @@ class FluidSolver:
                 # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
                 growth = growth - jnp.mean(growth)
         mobility, shift = self._exchange_terms(properties, exchange, new)
-        pull = tuple(
-            g * slope / properties.density
-            for g, slope in zip(weight, pressure_gradient(grid, self.boundary, state.pressure), strict=True)
-        )
+        middle = time + 0.5 * time_step
+        state = state._replace(mean_gradient=self._mean_gradient(properties, state, middle))
+        slope = pressure_slope(grid, self.boundary, state)
+        pull = tuple(g * s / properties.density for g, s in zip(weight, slope, strict=True))
 
         def advance(rates: FaceField) -> FaceField:
             advanced = tuple(
@@ -212,8 +222,36 @@ class FluidSolver:
             mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
             predicted = advance(mean.total)
         push = tuple((time_step / properties.density) * w * m for w, m in zip(weight, mobility, strict=True))
+        mean_gradient = state.mean_gradient
+        if self.drive is not None and any(self.drive.held):
+            numbers = required(properties.drive, "parameters.fluid.drive")
+            target = at_time(self.drive, required(numbers.bulk_velocity, "bulk_velocity of the drive"), end)
+            predicted, change = held(self.drive, target, predicted, new, push)
+            mean_gradient = required(mean_gradient, "mean_gradient of the fluid") + change
         velocity, pressure, report, remaining = self._project(state.pressure, predicted, new, push, growth)
-        return FluidStep(FluidState(velocity, pressure, void_fraction), mean.stress, report, remaining)
+        fluid = FluidState(velocity, pressure, void_fraction, mean_gradient)
+        return FluidStep(fluid, mean.stress, report, remaining)
+
+    def first_gradient(self, properties: FluidProperties) -> Array | None:
+        """(D,) mean gradient of the reduced pressure that the scene gives at its start [Pa/m]; None without a drive."""
+        return (
+            None
+            if self.drive is None
+            else self._given_gradient(self.drive, properties, jnp.zeros_like(properties.density))
+        )
+
+    def _given_gradient(self, drive: Drive, properties: FluidProperties, time: Array) -> Array:
+        numbers = required(properties.drive, "parameters.fluid.drive")
+        weight = properties.density * required(properties.gravity, "gravity of the fluid")
+        return given_gradient(drive, numbers, weight, time)
+
+    def _mean_gradient(self, properties: FluidProperties, state: FluidState, time: Array) -> Array | None:
+        """What the scene gives at this time; along an axis that is held what the last step needed."""
+        if self.drive is None:
+            return None
+        given = self._given_gradient(self.drive, properties, time)
+        last = required(state.mean_gradient, "mean_gradient of the fluid")
+        return jnp.where(jnp.asarray(self.drive.held), last, given)
 
     def largest_viscosity(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
         """() largest kinematic viscosity, molecular and subgrid, for the limit of the explicit stress [m2/s].
@@ -352,6 +390,14 @@ class FluidSolver:
         remaining = jnp.max(jnp.abs(divergence(grid, _product(void_fraction, velocity)) + growth)) / scale
         report = SolverReport(iterations, remaining * scale, remaining <= 5.0 * passes[-1])
         return velocity, pressure, report, remaining
+
+
+def pressure_slope(grid: Grid, boundary: Boundary, state: FluidState, continued: bool = False) -> FaceField:
+    """Gradient of the reduced pressure on the faces, with that which drives the fluid; see `pressure_gradient`."""
+    slope = pressure_gradient(grid, boundary, state.pressure, continued)
+    if state.mean_gradient is None:
+        return slope
+    return tuple(s + state.mean_gradient[axis] for axis, s in enumerate(slope))
 
 
 def _or_one(void_fraction: Array | None) -> CellOrOne:

@@ -13,7 +13,7 @@ from jax import Array, lax
 
 from jaxdem.failures import failures
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.scene.drive import check_drive
+from jaxdem.scene.drive import check_gravity
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 
@@ -67,11 +67,13 @@ def rollout(
             rounding, in about half the time.
 
     Raises:
-        InputError: gravity has a component along a periodic axis in a scene with a fluid, see `jaxdem.scene.drive`. That is
+        InputError: gravity has a component along a periodic axis of a fluid that the scene does not drive. That is
             seen where gravity is a number; traced (as an argument under jit, grad or vmap) it has no value to look at.
     """
     if simulation.fluid is not None and not isinstance(parameters.gravity, jax.core.Tracer):
-        check_drive("parameters.gravity", np.asarray(parameters.gravity).tolist(), simulation.periodic)
+        drive = simulation.fluid.solver.drive
+        driven = (False,) * len(simulation.periodic) if drive is None else drive.driven
+        check_gravity(np.asarray(parameters.gravity).tolist(), driven, simulation.periodic)
     if reversible:
         simulation = simulation.reversible()
     measure = None if observe is None else (lambda state, _: observe(state))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
 from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
@@ -80,12 +81,29 @@ Vector = Annotated[tuple[Finite, ...], AfterValidator(per_axis)]
 """As many numbers as the box has axes."""
 Corner = Annotated[tuple[Finite, ...], BeforeValidator(_one_number)]
 """A place on a side, in the other axes; in 2-D a number is enough."""
+Abscissae = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
+"""Arguments of a table; see `check_table`."""
 Name = Annotated[str, Field(min_length=1)]
 MaterialName = Annotated[Name, AfterValidator(_known_material)]
 WallMaterialName = Annotated[Name, AfterValidator(_of_walls_too)]
 
 Table = TypeVar("Table")
 Tables = Annotated[tuple[Table, ...], BeforeValidator(_list_of_tables)]
+
+
+def check_table(name: str, arguments: tuple[float, ...] | None, other: str, values: Sequence[object] | None) -> None:
+    """Arguments that increase, and as many values."""
+    if arguments is None and values is None:
+        return
+    if arguments is None or values is None:
+        there, lacking = (name, other) if values is None else (other, name)
+        raise wrong(there, arguments or values, f"needs {lacking} as well", f"add the key {lacking}")
+    if len(arguments) != len(values):
+        limit = f"needs {len(arguments)} entries, as many as {name}"
+        raise wrong(other, values, limit, "give lists of the same length")
+    for a, b in itertools.pairwise(arguments):
+        if b <= a:
+            raise wrong(name, arguments, f"must increase, but {b} follows {a}", "sort the entries")
 
 
 class Section(BaseModel):

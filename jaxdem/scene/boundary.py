@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import Corner, Finite, NonNegative, Section, wrong
+from jaxdem.scene.base import Abscissae, Corner, Finite, NonNegative, Section, check_table, wrong
 from jaxdem.scene.domain import Box
 
 KIND_ALIASES = {
@@ -32,7 +31,6 @@ def _known_kind(value: object) -> object:
 Kind = Annotated[
     Literal["no_slip", "free_slip", "moving_wall", "inlet", "outlet", "periodic"], BeforeValidator(_known_kind)
 ]
-Abscissae = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 Velocity = Finite | tuple[Finite, ...]
 
 
@@ -91,35 +89,18 @@ class BoundarySide(Section):
             kinds = ("inlet", "moving_wall") if name == "velocity" else ("inlet",)
             if getattr(self, name) is not None and self.kind not in kinds:
                 raise wrong(name, getattr(self, name), f"is not used with kind = {self.kind}", "remove this key")
-        _check_table("times", self.times, "velocities", self.velocities)
+        check_table("times", self.times, "velocities", self.velocities)
         if self.kind in ("inlet", "moving_wall") and self.velocity is None and self.times is None:
             raise wrong("velocity", None, f"is needed by kind = {self.kind}", "set a velocity [m/s]")
         if self.velocity is not None and self.times is not None:
             remedy = "remove velocity, or times and velocities"
             raise wrong("velocity", self.velocity, "cannot be combined with times, which use velocities", remedy)
-        _check_table("positions", self.positions, "values", self.values)
+        check_table("positions", self.positions, "values", self.values)
         if (self.profile == "table") != (self.positions is not None):
             limit = "positions and values are needed by profile = table, and are not used with another profile"
             remedy = 'set profile = "table" and give positions and values, or remove all three'
             raise wrong("profile", self.profile or "uniform", limit, remedy)
         return self
-
-
-def _check_table(
-    name: str, arguments: tuple[float, ...] | None, other: str, values: tuple[Velocity, ...] | None
-) -> None:
-    """Arguments that increase, and as many values."""
-    if arguments is None and values is None:
-        return
-    if arguments is None or values is None:
-        there, lacking = (name, other) if values is None else (other, name)
-        raise wrong(there, arguments or values, f"needs {lacking} as well", f"add the key {lacking}")
-    if len(arguments) != len(values):
-        limit = f"needs {len(arguments)} entries, as many as {name}"
-        raise wrong(other, values, limit, "give lists of the same length")
-    for a, b in itertools.pairwise(arguments):
-        if b <= a:
-            raise wrong(name, arguments, f"must increase, but {b} follows {a}", "sort the entries")
 
 
 def completed_boundary(

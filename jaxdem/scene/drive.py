@@ -1,34 +1,78 @@
-"""What drives a fluid round a periodic box: nothing yet, so gravity along a periodic axis is refused."""
+"""What drives a fluid round a periodic box: checks that need the sides of the box."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from jaxdem.errors import InputError
+from jaxdem.scene.fluid import Fluid
 
 AXES = {2: "xz", 3: "xyz"}
 """Names of the axes; the last one is up."""
 
 
-def check_drive(key: str, gravity: Sequence[float], periodic: Sequence[bool]) -> None:
-    """Refuses gravity along a periodic axis in a scene with a fluid.
+def rows_of(value: Sequence[object] | None) -> tuple[tuple[float | str, ...], ...]:
+    """The values of a key at all its times: one row where it has none, none where it is not given."""
+    if value is None:
+        return ()
+    return tuple(value) if isinstance(value[0], tuple) else (tuple(value),)  # type: ignore[arg-type, return-value]
 
-    The fluid's pressure is the reduced one, p - rho g.x, which is periodic like everything else: along a periodic axis
-    the weight of the fluid drops out, and no wall holds it. Particles would feel that component and the fluid would
-    not.
 
-    Args:
-        key: that holds it, for the message.
-        gravity: (D,) [m/s2].
-        periodic: whether each axis is periodic.
+def driven_axes(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]) -> tuple[bool, ...]:
+    """The periodic axes along which a pressure gradient, a bulk velocity or gravity acts on the fluid."""
+    gradient, bulk = rows_of(fluid.pressure_gradient), rows_of(fluid.bulk_velocity)
+    return tuple(
+        wraps
+        and (
+            gravity[axis] != 0.0
+            or any(row[axis] != 0.0 for row in gradient)
+            or any(row[axis] != "free" for row in bulk)
+        )
+        for axis, wraps in enumerate(periodic)
+    )
+
+
+def check_drive(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]) -> None:
+    """Refuses a drive along an axis that is not periodic, two drives along one axis, and model B under gravity.
 
     Raises:
-        InputError: a component along a periodic axis is not zero.
+        InputError: see above.
     """
-    for axis, (component, wraps) in enumerate(zip(gravity, periodic, strict=True)):
-        if wraps and component != 0.0:
-            name = AXES[len(periodic)][axis]
-            limit = f"has {component:.6g} m/s2 along {name}, where the box is periodic: it would act on the particles"
-            remedy = f"set that component to 0, or close the box along {name} with walls. A key that drives a fluid"
-            remedy += " through a periodic box, fluid.pressure_gradient, is planned but not there yet"
-            raise InputError(key, tuple(gravity), f"{limit} and not on the fluid", remedy)
+    gradient, bulk = rows_of(fluid.pressure_gradient), rows_of(fluid.bulk_velocity)
+    for axis, (wraps, name) in enumerate(zip(periodic, AXES[len(periodic)], strict=True)):
+        drops = any(row[axis] != 0.0 for row in gradient)
+        flows = [row[axis] for row in bulk if row[axis] != "free"]
+        for key, acts in (("pressure_gradient", drops), ("bulk_velocity", any(flow != 0.0 for flow in flows))):
+            if acts and not wraps:
+                limit = f"has a component along {name}, where the box is not periodic"
+                remedy = (
+                    f"set that component to 0, make both sides across {name} periodic, or use an inlet and an outlet"
+                )
+                raise InputError(f"fluid.{key}", getattr(fluid, key), limit, remedy)
+        if drops and flows:
+            limit = f"is given along {name}, where fluid.bulk_velocity is held: the gradient is a result there"
+            remedy = 'set that component to 0, or that of fluid.bulk_velocity to "free"'
+            raise InputError("fluid.pressure_gradient", fluid.pressure_gradient, limit, remedy)
+        if 0 < len(flows) < len(bulk):
+            limit = f'is "free" along {name} at some of the times and held at others'
+            raise InputError("fluid.bulk_velocity", fluid.bulk_velocity, limit, "use one of both at all times")
+        if wraps and gravity[axis] != 0.0 and fluid.model == "B":
+            limit = f"has no pressure gradient on particles, so it cannot have gravity along {name}, which is periodic"
+            raise InputError("fluid.model", "B", limit, 'set fluid.model = "A", or that component of gravity to 0')
+
+
+def check_gravity(gravity: Sequence[float], driven: Sequence[bool], periodic: Sequence[bool]) -> None:
+    """Refuses gravity along a periodic axis that the simulation was not built to be driven along.
+
+    Raises:
+        InputError: a component along a periodic axis is not zero, and the scene's is.
+    """
+    for component, wraps, acts, name in zip(gravity, periodic, driven, AXES[len(periodic)], strict=True):
+        if wraps and component != 0.0 and not acts:
+            limit = (
+                f"has {component:.6g} m/s2 along {name}, where the box is periodic and the scene has none: it would act"
+            )
+            remedy = "build the simulation from a scene whose domain.gravity has that component, or set it to 0"
+            raise InputError(
+                "parameters.gravity", tuple(gravity), f"{limit} on the particles and not on the fluid", remedy
+            )

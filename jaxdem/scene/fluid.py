@@ -4,15 +4,38 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from jaxdem.scene.base import Fraction, NonNegative, Positive, Section, Vector, per_axis, wrong
+from jaxdem.scene.base import (
+    Abscissae,
+    Finite,
+    Fraction,
+    NonNegative,
+    Positive,
+    Section,
+    Vector,
+    check_table,
+    per_axis,
+    wrong,
+)
 
 Cells = Annotated[
     tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...],
     Field(min_length=2, max_length=3),
     AfterValidator(per_axis),
 ]
+
+
+Held = Annotated[tuple[Finite | Literal["free"], ...], AfterValidator(per_axis)]
+
+
+def _rows(value: object) -> str:
+    """Whether a list is one row, or one for each of several times."""
+    return "rows" if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple) else "row"
+
+
+Gradient = Annotated[Annotated[Vector, Tag("row")] | Annotated[tuple[Vector, ...], Tag("rows")], Discriminator(_rows)]
+Bulk = Annotated[Annotated[Held, Tag("row")] | Annotated[tuple[Held, ...], Tag("rows")], Discriminator(_rows)]
 
 
 class Fluid(Section):
@@ -33,6 +56,14 @@ class Fluid(Section):
             "upwind" is first order.
         courant_limit: largest Courant number of a fluid step. A longer step is halved, up to three times [-].
         velocity: initial interstitial velocity, one number per axis. Default: at rest [m/s].
+        pressure_gradient: mean gradient of the pressure along periodic axes, one number per axis: a negative one drives
+            the fluid forwards. With `drive_times` one such list for each time. Gravity along a periodic axis drives the
+            fluid as well. Default: 0 [Pa/m].
+        bulk_velocity: volume flow over the cross-section along periodic axes, one number per axis, or "free" for an
+            axis that is not held. The pressure gradient that holds it is a result: `pressure_gradient_x` and so on of
+            history.csv. With `drive_times` one such list for each time [m/s].
+        drive_times: increasing times for `pressure_gradient` and `bulk_velocity`. Linear between them, constant before
+            the first and after the last [s].
     """
 
     cells: Cells
@@ -45,6 +76,25 @@ class Fluid(Section):
     advection: Literal["limited", "superbee", "central", "central_4", "upwind"] = "limited"
     courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7
     velocity: Vector | None = None
+    pressure_gradient: Gradient | None = None
+    bulk_velocity: Bulk | None = None
+    drive_times: Abscissae | None = None
+
+    @model_validator(mode="after")
+    def _drive(self) -> Fluid:
+        """One value for each axis; with times one such list for each."""
+        given = {name: getattr(self, name) for name in ("pressure_gradient", "bulk_velocity")}
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, value in given.items():
+            rows = value if isinstance(value[0], tuple) else None
+            if (rows is None) != (self.drive_times is None):
+                limit = "is a list of lists with drive_times, and a list of numbers without"
+                raise wrong(name, value, limit, "give one list for each of drive_times, or remove drive_times")
+            check_table("drive_times", self.drive_times, name, rows)
+        if self.drive_times is not None and not given:
+            remedy = "give one of them, or remove drive_times"
+            raise wrong("drive_times", self.drive_times, "needs pressure_gradient or bulk_velocity", remedy)
+        return self
 
     @model_validator(mode="after")
     def _subgrid_stress(self) -> Fluid:

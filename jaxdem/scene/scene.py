@@ -133,7 +133,7 @@ def completed(scene: Scene) -> Scene:
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
     check_exits(found.boundary, found.particles is not None, found.fluid is not None)
     if found.fluid is not None:
-        check_drive("domain.gravity", found.domain.gravity or (), found.periodic)
+        check_drive(found.fluid, found.domain.gravity or (), found.periodic)
     if found.coupling is not None and found.coupling.basset and found.comes_and_goes:
         limit = "its history is kept only for particles that are present from the start to the end"
         remedy = "set it to 0, or use a scene in which no particle enters or leaves"

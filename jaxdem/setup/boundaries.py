@@ -15,6 +15,7 @@ from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.scene import Scene
 from jaxdem.scene.boundary import parabolic_axes
+from jaxdem.setup.drive import bulk_speed
 
 
 def scene_boundary(
@@ -73,6 +74,8 @@ def boundary_speed(scene: Scene) -> float:
                 speeds.append(peak * math.hypot(*velocity))
     if scene.fluid is not None and scene.fluid.velocity is not None:
         speeds.append(math.hypot(*scene.fluid.velocity))
+    if scene.fluid is not None:
+        speeds.append(bulk_speed(scene.fluid))
     return max(speeds)
 
 

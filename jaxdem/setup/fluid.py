@@ -13,6 +13,7 @@ from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.scene import Scene
 from jaxdem.scene.fluid import Fluid
 from jaxdem.setup.boundaries import check_flow
+from jaxdem.setup.drive import drive_of
 from jaxdem.structure import TimeSteps
 
 ADVECTION: dict[str, Callable[[], AdvectionScheme]] = {
@@ -61,5 +62,7 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps) -> F
     table = fluid.table
     check_flow(fluid.scene, fluid.grid, boundary)
     viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0
-    solver = FluidSolver(fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model)
+    solver = FluidSolver(
+        fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive_of(fluid.scene, table)
+    )
     return FluidInterval(solver, steps.interval, steps.fluid_substeps, table.courant_limit)

@@ -16,6 +16,7 @@ from jaxdem.particles.integrate import ParticleProperties
 from jaxdem.particles.materials import ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.scene import Contact, Scene
 from jaxdem.setup.closures import subgrid_closure
+from jaxdem.setup.drive import drive_parameters
 from jaxdem.setup.materials import MaterialTable
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.state import Parameters
@@ -55,7 +56,8 @@ def scene_parameters(
         table = scene.fluid
         smagorinsky = number(table.smagorinsky) if table.smagorinsky > 0.0 else None
         law = subgrid_closure(table, subgrid)
-        fluid = FluidProperties(number(table.density), number(table.viscosity), velocity, smagorinsky, law)
+        drive = drive_parameters(scene, table, number)
+        fluid = FluidProperties(number(table.density), number(table.viscosity), velocity, smagorinsky, law, drive)
         drag_scale = None if scene.coupling is None else number(1.0)
     return Parameters(
         gravity=number(scene.domain.gravity),

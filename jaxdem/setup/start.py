@@ -58,7 +58,8 @@ def first_state(
             void_fraction = _void_fraction(simulation.coupling, parameters.mixture.bodies, state)
         velocity = _fluid_velocity(scene)
         faces = tuple(jnp.full(grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
-        fluid = FluidState(faces, jnp.zeros(grid.cells, dtype), void_fraction)
+        gradient = simulation.fluid.solver.first_gradient(parameters.flow)
+        fluid = FluidState(faces, jnp.zeros(grid.cells, dtype), void_fraction, gradient)
     return State(state, fluid, jnp.zeros((), jnp.int32)), neighbors
 
 
