@@ -59,7 +59,7 @@ class Domain(Section):
         size: side lengths, two or three numbers; the last axis points up [m].
         depth: extent in the third direction, in 2-D only. Default: one (largest) diameter, or 1 m without particles
             [m].
-        gravity: acceleration, one number per axis. Default: 9.81 downwards. With a fluid it must be zero along periodic
+        gravity: acceleration, one number per axis. Default: 9.81 downwards. Along a periodic axis it drives a fluid, and must
             axes [m/s2].
     """
 

@@ -61,6 +61,20 @@ def check_drive(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]
             raise InputError("fluid.model", "B", limit, 'set fluid.model = "A", or that component of gravity to 0')
 
 
+def check_own_gravity(gravity: Sequence[float] | None, periodic: Sequence[bool]) -> None:
+    """Refuses gravity by default along a periodic axis of a fluid, where all would fall without end.
+
+    Raises:
+        InputError: the box is periodic along the vertical axis and the scene gives no gravity.
+    """
+    if periodic[-1] and gravity is None:
+        limit = (
+            "is 9.81 m/s2 downwards by default, where the box is periodic: fluid and particles would fall for ever"
+        )
+        remedy = "give domain.gravity: zeros for none, or the value, with fluid.bulk_velocity to hold the fluid"
+        raise InputError("domain.gravity", None, limit, remedy)
+
+
 def check_gravity(gravity: Sequence[float], driven: Sequence[bool], periodic: Sequence[bool]) -> None:
     """Refuses gravity along a periodic axis that the simulation was not built to be driven along.
 

@@ -14,7 +14,7 @@ from jaxdem.scene.boundary import BoundarySide, completed_boundary
 from jaxdem.scene.contact import Contact
 from jaxdem.scene.coupling import Closure, Coupling, check_on_mesh, coupling_without_fluid
 from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
-from jaxdem.scene.drive import check_drive
+from jaxdem.scene.drive import check_drive, check_own_gravity
 from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.materials import MaterialPairs, Materials
 from jaxdem.scene.particles import Particles, largest_radius
@@ -133,6 +133,7 @@ def completed(scene: Scene) -> Scene:
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
     check_exits(found.boundary, found.particles is not None, found.fluid is not None)
     if found.fluid is not None:
+        check_own_gravity(scene.domain.gravity, found.periodic)
         check_drive(found.fluid, found.domain.gravity or (), found.periodic)
     if found.coupling is not None and found.coupling.basset and found.comes_and_goes:
         limit = "its history is kept only for particles that are present from the start to the end"
