@@ -32,7 +32,7 @@ class Drive:
     """Which axes are driven, and how; static.
 
     Attributes:
-        driven: whether each axis is; a driven axis is periodic.
+        driven: whether each axis is: the periodic ones.
         held: whether the bulk velocity along it is held.
         times: increasing, of the tables in `DriveParameters` [s]; None for values that do not change.
     """

@@ -29,27 +29,29 @@ COLUMNS = (
     "fluid_velocity_mean",
     "fluid_velocity_median",
 )
-EXTRA_COLUMNS = ("present", "removed")
-"""Numbers of particles; only in runs in which they change."""
+POPULATION_COLUMNS = ("present", "removed")
+"""Numbers of particles, in runs in which they change."""
+DRIVE_COLUMNS = ("pressure_gradient", "bulk_velocity")
+"""Of the fluid along each periodic axis, `pressure_gradient_x` and so on, in runs in which something drives it."""
 
-_HEADER = ",".join(COLUMNS) + "\n"
-_HEADERS = (_HEADER, ",".join(COLUMNS + EXTRA_COLUMNS) + "\n")
+_HEADER = ",".join(COLUMNS)
+_EXTRA = {*POPULATION_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in "xyz")}
 
 
 class History:
     """Writer of a `history.csv`; `rows` is the number of lines that are safely on disk.
 
-    An absent file is made with its header, with the `EXTRA_COLUMNS` if asked. Of an existing one a partial last
-    line is cut off.
+    An absent file is made with its header, with further columns if asked. Of an existing one a partial last line is cut
+    off.
 
     Raises:
         InputError: the file is there and is not a history.
     """
 
-    def __init__(self, path: Path, extra: bool = False):
+    def __init__(self, path: Path, extra: tuple[str, ...] = ()):
         self.path = path
-        self._columns = COLUMNS + EXTRA_COLUMNS if extra else COLUMNS
-        self._header = _HEADERS[extra]
+        self._columns = COLUMNS + extra
+        self._header = ",".join(self._columns) + "\n"
         if not path.exists():
             write_bytes(path, self._header.encode())
         header, lines = _complete_lines(path)
@@ -124,8 +126,9 @@ def _complete_lines(path: Path) -> tuple[str, list[str]]:
         lines = text.replace("\r\n", "\n").splitlines(keepends=True)
     except OSError as error:
         raise InputError(path.name, str(path), f"cannot be read ({error.strerror})", remedy) from error
-    if not lines or lines[0] not in _HEADERS:
-        raise InputError(path.name, str(path), f"does not start with the header {_HEADER.strip()}", remedy)
+    columns_there = lines[0].rstrip("\n").split(",") if lines else []
+    if columns_there[: len(COLUMNS)] != list(COLUMNS) or not _EXTRA.issuperset(columns_there[len(COLUMNS) :]):
+        raise InputError(path.name, str(path), f"does not start with the header {_HEADER}", remedy)
     complete, columns = [], lines[0].count(",") + 1
     for number, line in enumerate(lines[1:], start=2):
         try:

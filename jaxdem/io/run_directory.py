@@ -49,7 +49,7 @@ class RunDirectory:
         self._particles = FrameSeries(path, ParticleFormat())
         self._fluid = FrameSeries(path, FluidFormat())
         self._samples = FrameSeries(path, SampleFormat())
-        self._history = History(path / HISTORY, scene_text.comes_and_goes(self._scene))
+        self._history = History(path / HISTORY, scene_text.history_columns(self._scene))
         self.samples = self._samples.count()
 
     @property

@@ -10,6 +10,10 @@ from typing import Any
 
 from jaxdem.errors import InputError
 from jaxdem.files.reading import parse_toml, read_text
+from jaxdem.io.history import DRIVE_COLUMNS, POPULATION_COLUMNS
+
+AXES = {2: ("xz", ("left", "bottom")), 3: ("xyz", ("left", "front", "bottom"))}
+"""By dimension the names of the axes, and of the side at the lower end of each."""
 
 _ABSENT = "(not set)"
 
@@ -93,6 +97,25 @@ def spacing(scene: dict[str, Any], cells: tuple[int, ...]) -> tuple[float, ...]:
 def depth(scene: dict[str, Any], cell: tuple[float, ...]) -> float:
     """Thickness [m] of the layer of a 2-D scene: `domain.depth`, else the smallest side of a cell."""
     return float(scene.get("domain", {}).get("depth") or min(cell))
+
+
+def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
+    """Columns of the history beside the metrics; see `io.history`."""
+    population = POPULATION_COLUMNS if comes_and_goes(scene) else ()
+    return (*population, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene)))
+
+
+def driven_axes(scene: dict[str, Any]) -> str:
+    """Names of the periodic axes of a fluid that something drives along one of them."""
+    fluid, gravity = scene.get("fluid"), scene.get("domain", {}).get("gravity", [])
+    names, lower = AXES.get(len(gravity), ("", ()))
+    sides = scene.get("boundary", {})
+    wraps = [sides.get(side, {}).get("kind") == "periodic" for side in lower]
+    given = isinstance(fluid, dict) and ("pressure_gradient" in fluid or "bulk_velocity" in fluid)
+    driven = any(wrap and (given or component != 0.0) for wrap, component in zip(wraps, gravity, strict=False))
+    if fluid is None or not driven:
+        return ""
+    return "".join(name for name, wrap in zip(names, wraps, strict=True) if wrap)
 
 
 def comes_and_goes(scene: dict[str, Any]) -> bool:

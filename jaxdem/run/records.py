@@ -13,7 +13,8 @@ from jax import Array
 from jaxdem import metrics
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
-from jaxdem.fluid.grid import cell_average
+from jaxdem.fluid.drive import bulk_velocity
+from jaxdem.fluid.grid import cell_average, face_average
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.packing import into_period
@@ -96,7 +97,23 @@ def history_of(case: Case, instant: Instant, frame: Frame, collision: float) -> 
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
     row = metrics.history_row(instant.time, collision_force=None if particles is None else collision, **arrays)
     counts = particle_counts(case.simulation, instant.state)
-    return row | {name: float(counts[name]) for name in ("present", "removed") if name in counts}
+    numbers = {name: float(counts[name]) for name in ("present", "removed") if name in counts}
+    return row | numbers | drive_figures(case, instant.state)
+
+
+def drive_figures(case: Case, state: State) -> dict[str, float]:
+    """Mean gradient of the pressure and bulk velocity along the periodic axes; {} where nothing drives the fluid."""
+    interval, fluid = case.simulation.fluid, state.fluid
+    if interval is None or interval.solver.drive is None or fluid is None or fluid.mean_gradient is None:
+        return {}
+    grid, drive, flow = interval.solver.grid, interval.solver.drive, case.parameters.flow
+    gradient = np.asarray(fluid.mean_gradient + flow.density * case.parameters.gravity)
+    whole = (1.0,) * grid.dimension
+    on_faces = whole if fluid.void_fraction is None else face_average(grid, fluid.void_fraction)
+    bulk = np.asarray(bulk_velocity(drive, fluid.face_velocity, on_faces))
+    axes = [(axis, name) for axis, name in enumerate("xz" if grid.dimension == 2 else "xyz") if drive.driven[axis]]
+    found = {f"pressure_gradient_{name}": float(gradient[axis]) for axis, name in axes}
+    return found | {f"bulk_velocity_{name}": float(bulk[axis]) for axis, name in axes}
 
 
 @jax.jit

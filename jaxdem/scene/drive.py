@@ -18,18 +18,10 @@ def rows_of(value: Sequence[object] | None) -> tuple[tuple[float | str, ...], ..
     return tuple(value) if isinstance(value[0], tuple) else (tuple(value),)  # type: ignore[arg-type, return-value]
 
 
-def driven_axes(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]) -> tuple[bool, ...]:
-    """The periodic axes along which a pressure gradient, a bulk velocity or gravity acts on the fluid."""
-    gradient, bulk = rows_of(fluid.pressure_gradient), rows_of(fluid.bulk_velocity)
-    return tuple(
-        wraps
-        and (
-            gravity[axis] != 0.0
-            or any(row[axis] != 0.0 for row in gradient)
-            or any(row[axis] != "free" for row in bulk)
-        )
-        for axis, wraps in enumerate(periodic)
-    )
+def is_driven(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]) -> bool:
+    """Whether a pressure gradient, a bulk velocity or gravity acts on the fluid along a periodic axis."""
+    given = fluid.pressure_gradient is not None or fluid.bulk_velocity is not None
+    return any(wraps and (given or component != 0.0) for component, wraps in zip(gravity, periodic, strict=True))
 
 
 def check_drive(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]) -> None:
@@ -68,9 +60,7 @@ def check_own_gravity(gravity: Sequence[float] | None, periodic: Sequence[bool])
         InputError: the box is periodic along the vertical axis and the scene gives no gravity.
     """
     if periodic[-1] and gravity is None:
-        limit = (
-            "is 9.81 m/s2 downwards by default, where the box is periodic: fluid and particles would fall for ever"
-        )
+        limit = "is 9.81 m/s2 downwards by default, where the box is periodic: fluid and particles would fall for ever"
         remedy = "give domain.gravity: zeros for none, or the value, with fluid.bulk_velocity to hold the fluid"
         raise InputError("domain.gravity", None, limit, remedy)
 

@@ -10,18 +10,17 @@ from jax import Array
 
 from jaxdem.fluid.drive import Drive, DriveParameters
 from jaxdem.scene import Scene
-from jaxdem.scene.drive import driven_axes, rows_of
+from jaxdem.scene.drive import is_driven, rows_of
 from jaxdem.scene.fluid import Fluid
 
 
 def drive_of(scene: Scene, table: Fluid) -> Drive | None:
     """Which axes are driven; None where none is."""
-    driven = driven_axes(table, scene.domain.gravity or (), scene.periodic)
-    if not any(driven):
+    if not is_driven(table, scene.domain.gravity or (), scene.periodic):
         return None
     bulk = rows_of(table.bulk_velocity)
     held = tuple(bool(bulk) and wraps and bulk[0][axis] != "free" for axis, wraps in enumerate(scene.periodic))
-    return Drive(driven, held, table.drive_times)
+    return Drive(scene.periodic, held, table.drive_times)
 
 
 def drive_parameters(scene: Scene, table: Fluid, number: Callable[[np.ndarray], Array]) -> DriveParameters | None:
