@@ -35,6 +35,7 @@ def compiled_parts(
         parts += [
             (f"advection {type(solver.advection).__name__}", True),
             ("viscous stress", solver.viscous),
+            ("drive along periodic axes", solver.drive is not None),
             ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
             ("learned subgrid stress", parameters.fluid.subgrid is not None),
             ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),

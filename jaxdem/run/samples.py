@@ -46,6 +46,8 @@ def sample_of(case: Case, before: State, after: State, forces: FluidForces) -> d
         # The void fraction of `after` was deposited from the positions of `before`.
         "void_fraction": np.asarray(after.fluid.void_fraction),
     }
+    if before.fluid.mean_gradient is not None:
+        sample["mean_gradient"] = np.asarray(before.fluid.mean_gradient)
     return sample | {f"face_velocity_{axis}": np.asarray(u) for axis, u in enumerate(before.fluid.face_velocity)}
 
 

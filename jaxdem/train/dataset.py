@@ -160,10 +160,17 @@ class CoarseView:
             jnp.asarray(sample["position"], dtype),
             jnp.asarray(sample["particle_velocity"], dtype),
             jnp.asarray(time, dtype),
+            jnp.asarray(sample["mean_gradient"], dtype) if "mean_gradient" in sample else None,
         )
 
     def _observe(
-        self, flux: tuple[Array, ...], pressure: Array, position: Array, velocity: Array, time: Array
+        self,
+        flux: tuple[Array, ...],
+        pressure: Array,
+        position: Array,
+        velocity: Array,
+        time: Array,
+        mean_gradient: Array | None,
     ) -> tuple[DragInputs, Array, FluidState]:
         """Inputs of the drag law on the coarse mesh, the force that this mesh applies by itself, and its fluid."""
         bodies, fluid, solver, dtype = self.bodies, self.properties, self.coupling.interval.solver, position.dtype
@@ -171,7 +178,7 @@ class CoarseView:
         view = CoarseInputs(self.coarse, solver.boundary, self.coupling.deposition, drag.deconvolution)
         particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
         averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
-        inputs, state, weights = view.sample(*averaged, particles, bodies, fluid)
+        inputs, state, weights = view.sample(*averaged, particles, bodies, fluid, mean_gradient)
         volume = as_column(bodies.volume)
         applied = -volume * inputs.pressure_gradient
         if solver.viscous:

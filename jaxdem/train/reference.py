@@ -91,7 +91,18 @@ class CoarseCase:
         particles, flow = self._particles(index), present(self.run.fluid(index), "fluid")
         time = jnp.asarray(self.run.times[index], particles.position.dtype)
         step = jnp.asarray(index * self.per_output, jnp.int32)
-        return State(particles, self._fluid(flow, particles.position, time), step)
+        fluid = self._fluid(flow, particles.position, time)._replace(mean_gradient=self._mean_gradient(index))
+        return State(particles, fluid, step)
+
+    def _mean_gradient(self, index: int) -> Array | None:
+        """Of the reduced pressure at output `index`, as the reference had it [Pa/m]; None where nothing drives the fluid."""
+        drive, flow = self.solver.drive, self.parameters.flow
+        if drive is None:
+            return None
+        names = [f"pressure_gradient_{axis}" for axis in ("xz" if self.dimension == 2 else "xyz")]
+        found = [self.run.history[name][index] if name in self.run.history else 0.0 for name in names]
+        gradient = jnp.asarray(found, self.parameters.gravity.dtype) - flow.density * self.parameters.gravity
+        return jnp.where(jnp.asarray(drive.driven), gradient, 0.0)
 
     def _particles(self, index: int) -> ParticleState:
         spin = self.run.particles(index)["angular_velocity"]
