@@ -279,8 +279,8 @@ def pareto_front(
 ) -> NDArray[np.bool_]:
     """The cheapest point, and each dearer one that errs less than all points before it: the points that no other beats.
 
-    Any two of them differ by more than the noise, in cost and in error. Of points that cannot be told apart in either the
-    cheapest is taken; one that costs the same within the noise and clearly errs less takes its place.
+    Any two of them differ by more than the noise, in cost and in error. Of points that cannot be told apart in either
+    the cheapest is taken; one that costs the same within the noise and clearly errs less takes its place.
 
     Args:
         cost: (P,), e.g. run time [s]; a point with a value that is not finite is never on the front.

@@ -1,4 +1,4 @@
-"""Reads every text of a figure as it is drawn: no raw markup, inside the canvas, none over another or over other axes."""
+"""Reads every text of a figure as drawn: no raw markup, inside the canvas, none over another or over other axes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SLACK = 2.0
 
 
 def drawn_texts(figure: Figure) -> list[tuple[Text, Bbox]]:
-    """The texts that drawing the figure draws, with their boxes in pixels; tick labels that are not drawn are not there."""
+    """The texts that drawing the figure draws, with their boxes in pixels; without tick labels that are not drawn."""
     drawn: dict[int, Text] = {}
     draw = Text.draw
 

@@ -1,7 +1,7 @@
 """Figures of numbers, described once and drawn twice: by matplotlib for a file, by plotly for a page.
 
-A figure is a list of panels, a panel a list of series. The file is for print; on the page a reader can zoom, read values
-under the pointer, and hide a run in all panels by a click on its name.
+A figure is a list of panels, a panel a list of series. The file is for print; on the page a reader can zoom, read
+values under the pointer, and hide a run in all panels by a click on its name.
 """
 
 from __future__ import annotations
@@ -196,12 +196,13 @@ def _range(panel: Panel, limits: tuple[float, float] | None) -> list[float] | No
 def _trace(one: Series, both: bool, listed: bool) -> go.Scatter:
     """A series of plotly's; under the pointer stand both numbers or the upright one, and the note."""
     name, every = _plain_text(one.label), max(1, math.ceil(len(one.x) / MAX_POINTS))
-    lines = ["%{x:.4g}, %{y:.4g}" if both else "%{y:.4g}", *map(_plain_text, one.note.split("\n") if one.note else [])]
+    lines = ["%{x:.4g}, %{y:.4g}" if both else "%{y:.4g}", *map(_plain_text, one.note.splitlines())]
+    shape, symbol = "hv" if one.steps else None, (one.marker + "-open" * one.hollow) or None
     return go.Scatter(
         x=_finite(one.x[::every]), y=_finite(one.y[::every]), name=name, legendgroup=name, showlegend=listed,
         mode="+".join(["lines"] * bool(one.line) + ["markers"] * bool(one.marker)), hovertemplate="<br>".join(lines),
-        line={"color": one.color, "dash": one.line or None, "width": one.width + 0.4, "shape": "hv" if one.steps else None},
-        marker={"color": one.color, "size": 1.2 * one.size, "symbol": one.marker + "-open" * one.hollow or None, "line_width": 2 * one.hollow},
+        line={"color": one.color, "dash": one.line or None, "width": one.width + 0.4, "shape": shape},
+        marker={"color": one.color, "size": 1.2 * one.size, "symbol": symbol, "line_width": 2 * one.hollow},
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ class Candidate:
 
 
 class Trial(NamedTuple):
-    """A run with one of its packs: `metrics.run_time`, `metrics.compile_time` [s], `metrics.relative_error` of each [-]."""
+    """A run with one of its packs: `run_time`, `compile_time` [s] and `errors` [-] of `jaxdem.metrics`."""
 
     run_time_s: float
     compile_time_s: float

@@ -27,7 +27,7 @@ def metrics_panels(rows: Sequence[Row]) -> list[Panel]:
 
 
 def _metric_panel(metric: Metric, rows: Sequence[Row]) -> Panel | None:
-    """None for a metric that no run has. The mean pressure is left out of a box without an outlet: the panel says so."""
+    """None for a metric that no run has; of a box without an outlet the panel says why it has no mean pressure."""
     y_label = f"{metric.label} [{metric.unit}]"
     shown = [(row, row.history[metric.name]) for row in rows if _has(row.history, metric.name)]
     if not shown:

@@ -1,7 +1,7 @@
 """A comparison in words: which run errs by how much, whether a closure helps, what limits the comparison.
 
-Sentences are made from the figures alone and say a loss as plainly as a gain. Two runs are compared in one place, `judge`, with
-the noise of the comparison, so that no two sentences contradict each other.
+Sentences are made from the figures alone and say a loss as plainly as a gain. Two runs are compared in one place,
+`judge`, with the noise of the comparison, so that no two sentences contradict each other.
 """
 
 from __future__ import annotations
@@ -117,8 +117,8 @@ def _noise_sentences(comparison: Comparison) -> list[str]:
     if math.isfinite(floor):
         used = sum(row.ranked for row in comparison.noise_rows)
         result.append(
-            f"Reference runs that differ only in a small jitter of the pack differ by {percent(floor)} ({used} run(s)). "
-            "This is the noise; no model can be expected to have a smaller error."
+            f"Reference runs that differ only in a small jitter of the pack differ by {percent(floor)} "
+            f"({used} run(s)). This is the noise; no model can be expected to have a smaller error."
         )
     result.append(f"Two mean errors that differ by {percent(noise)} or less count as equal within the noise.")
     if math.isfinite(comparison.time_noise):

@@ -60,7 +60,7 @@ class Page:
 
 
 def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequence[Panel], path: Path) -> None:
-    """Write the page; PNG files that are named in `comparison.files` are embedded, snapshots where nothing is played."""
+    """Write the page, with the PNG files that `comparison.files` names; of them snapshots where nothing is played."""
     clips, front = player(comparison.rows), len(comparison.front) > 1
     body = [
         f"<h1>{escape(page.title)}</h1>",

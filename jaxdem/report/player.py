@@ -126,13 +126,14 @@ def _packed(data: bytes) -> str:
 
 
 def _data(clip: _Clip) -> dict[str, object]:
-    """Of a run: its frames, and the walls, which stand still: numbers of points along x and up, and how solid each is."""
+    """Of a run: its frames, and its walls, which stand still: points along x and up, and how solid each is."""
     walls = clip.first.walls if clip.first else None
+    share = None if walls is None else _packed(_bytes(walls.share.T.ravel(), 1.0).tobytes())
     openings = clip.first.openings if clip.first else ()
     return {
         "box": clip.box,
         "radius": clip.radius,
-        "walls": walls and {"points": walls.share.shape, "share": _packed(_bytes(walls.share.T.ravel(), 1.0).tobytes())},
+        "walls": walls and {"points": walls.share.shape, "share": share},
         "openings": [{"color": pictures.OPENINGS[o.kind], "corners": [*o.start, *o.stop]} for o in openings],
         "frames": clip.frames,
     }  # fmt: skip

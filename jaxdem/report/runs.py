@@ -32,7 +32,7 @@ def recorded(run: Run, in_summary: str, in_scene: str) -> Any:
     return lookup(run.summary, in_summary, lookup(run.scene, in_scene))
 
 
-def number(value: Any) -> float:
+def number(value: object) -> float:
     """A float; of a table such as {value = 1e-4, limit = 2e-4} its value; NaN for anything else."""
     if isinstance(value, Mapping):
         value = next((value[key] for key in ("value", "used", "step") if key in value), None)
@@ -41,7 +41,7 @@ def number(value: Any) -> float:
     return float(value)
 
 
-def text(value: Any, fallback: str = "not recorded") -> str:
+def text(value: object, fallback: str = "not recorded") -> str:
     """One line of text for a value of a summary: tables become "key value, key value"."""
     if value is None or value == "" or value == {}:
         return fallback
@@ -90,14 +90,14 @@ def domain_size(run: Run) -> tuple[float, ...] | None:
     return tuple(map(float, lookup(run.scene, "domain.size", ()))) or None
 
 
-def scene_differences(scene: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+def scene_differences(scene: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, tuple[object, object]]:
     """Dotted keys in which two scenes differ, each with (value here, value in the reference); None where missing."""
     here, there = dict(_flat(scene or {})), dict(_flat(reference or {}))
     pairs = {key: (here.get(key), there.get(key)) for key in there | here}
     return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
     for key, value in mapping.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}.")

@@ -20,8 +20,8 @@ from jaxdem.report.findings import FRONT_MEANING, error_range, percent
 def terminal_table(comparison: Comparison) -> Table:
     """Run, mesh, run and compile time, mean error with its range over packs, final run-off and height, state.
 
-    It fits 80 columns. Where several runs are ranked, a star marks those on the Pareto front. The reason for which a run is
-    not ranked is printed below the table.
+    It fits 80 columns. Where several runs are ranked, a star marks those on the Pareto front. The reason for which a
+    run is not ranked is printed below the table.
     """
     noise, starred = math.isfinite(comparison.noise_mean), sum(row.ranked for row in comparison.runs) > 1
     packs = any(len(row.trials) > 1 for row in comparison.rows)

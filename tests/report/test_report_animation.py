@@ -96,7 +96,7 @@ def played(runs: list[Any], **options: Any) -> Any:
 
 
 def test_the_page_holds_the_data_of_all_runs(make: Any) -> None:
-    """Frames decoded as the script does it: places to a pixel in 65535, speeds to a 255th; no frame where there is none."""
+    """Frames decoded as the script does it: places to a pixel in 65535, speeds to a 255th; None where there is none."""
     runs = [
         make("fine", outputs=5, count=30),
         make("a</script>", end=1.0, outputs=3, count=30, cells=(40, 6)),

@@ -136,7 +136,7 @@ FACTORS, WALLS = (1.05, 1.19, 1.2, 1.21, 1.4), (2.0, 6.0, 26.0, 40.0, None)
 def test_no_two_findings_contradict_each_other(
     make: Any, tmp_path: Path, no_page: None, factor: float, wall: float | None, noisy: bool
 ) -> None:
-    """The error without the closure is 0.2, with it factor - 1, the noise 0.02: what is said of error, cost and front follows."""
+    """The error is 0.2, with the closure factor - 1, the noise 0.02: what is said of error, cost and front follows."""
     plain, learned = (
         make("plain", factor=1.2, wall=6.0),
         make("learned", factor=factor, wall=wall, closure="c.h5"),
@@ -188,7 +188,7 @@ def test_a_closure_without_a_twin_is_not_judged(make: Any, tmp_path: Path, no_pa
 
 
 def test_run_time_is_without_compiling(make: Any, tmp_path: Path) -> None:
-    """Two runs of one speed, one compiled and one from the cache: the same run time in the row, the files, the figure, the words."""
+    """Two runs of one speed, one compiled and one from the cache: the same run time in row, files, figure and words."""
     cold, cached = make("cold", wall=5.8, factor=1.2), make("cached", wall=5.8, factor=1.2)
     cold.summary |= {"wall_time_s": 5.8 + 43.0, "stages_s": {"compile": 43.0}}
     result = compare(make("fine", wall=5.8), [cold, cached], tmp_path)

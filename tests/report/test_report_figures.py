@@ -130,7 +130,7 @@ def test_sound_runs_choose_the_axis(make: Any) -> None:
 
 
 def test_a_pressure_that_is_left_out_is_said(make: Any, saved: list[Any]) -> None:
-    """In a closed box the panel is there and says why it is empty, in the file and on the page; without fluid it is not."""
+    """In a closed box the panel says why it is empty, in the file and on the page; without fluid it is not there."""
     closed = make("closed")
     closed.scene["boundary"] = {side: {"kind": "no_slip"} for side in ("left", "right", "bottom", "top")}
     panels = figures.metrics_panels(compared(closed, closed).every)

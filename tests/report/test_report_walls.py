@@ -132,7 +132,7 @@ def test_a_wall_across_the_view_has_no_outline(make: Any) -> None:
 
 
 def test_openings_are_drawn_on_their_sides(make: Any) -> None:
-    """Patches, whole sides, sides that grains leave through, and the box that they appear in; front and back are not seen."""
+    """Patches, whole sides, sides that grains leave through, the box that they appear in; not in front and back."""
     run = make("open", size=SIZE[3], cells=(4, 4, 4))
     run.scene["boundary"] = {
         "left": {"kind": "inlet", "from": [0.1, 0.2], "to": [0.3, 0.5]},
