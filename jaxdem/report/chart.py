@@ -16,7 +16,7 @@ import plotly.graph_objects as go  # type: ignore[import-untyped, unused-ignore]
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
-from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 from plotly.subplots import make_subplots  # type: ignore[import-untyped, unused-ignore]
 
 from jaxdem.report import style
@@ -120,7 +120,7 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
                 # Numbers as 0.02 and 200, not as powers.
                 which.set_major_locator(FixedLocator(log_ticks(*limits)))
                 which.set_major_formatter(StrMethodFormatter("{x:g}"))
-                which.set_minor_formatter(NullFormatter())
+                which.set_minor_locator(NullLocator())
         axes.append(axis)
     return axes
 
@@ -131,7 +131,7 @@ def log_ticks(low: float, high: float) -> list[float]:
     Three at least where the limits are `log_limits`.
     """
     digits = (1.0, 2.0, 5.0) if high < 1000.0 * low else (1.0,)
-    locator = MaxNLocator(6) if high < 10.0 * low else LogLocator(subs=digits)
+    locator = MaxNLocator(8, steps=[1, 2, 5, 10]) if high < 10.0 * low else LogLocator(subs=digits)
     return [float(tick) for tick in locator.tick_values(low, high) if low <= tick <= high]
 
 

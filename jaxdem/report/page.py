@@ -82,7 +82,7 @@ def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequen
         "<h2>The metrics over time</h2>",
         to_html(metrics, "metrics-plot"),
         _caption("Click a name in the legend to hide that run in all panels. Drag to zoom; double-click to zoom out."),
-        *(["<h2>Animations</h2>", clips.html, _caption(clips.caption)] if clips else _image(comparison, "snapshots")),
+        *(["<h2>Animations</h2>", clips] if clips else _image(comparison, "snapshots")),
         *_image(comparison, "parity"),
         *(["<h2>Notes</h2>", _list(page.notes, "notes")] if page.notes else []),
         *map(_section, page.sections),

@@ -38,13 +38,6 @@ LONG_BOX = 2.0
 """From this ratio of length to height on at most two runs stand in a row."""
 
 
-class Player(NamedTuple):
-    """Fragment of the page, and what one must know of it."""
-
-    html: str
-    caption: str
-
-
 class _Clip(NamedTuple):
     """A run in the page: sides of the box and largest radius [m], first picture, its frames at the common times."""
 
@@ -55,11 +48,11 @@ class _Clip(NamedTuple):
     frames: list[str | None]
 
 
-def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> Player | None:
+def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> str | None:
     """The animations of all runs at the output times of the first, which is the reference; one colour scale for all.
 
     Returns:
-        None where the reference has fewer than two outputs, or where two would not fit into `max_bytes`.
+        A fragment of the page, with its caption; None where the reference has fewer than two outputs, or where two would not fit into `max_bytes`.
     """
     outputs = rows[0].history["time"]
     rows = [row for row in rows if read.domain_size(row.run)]
@@ -78,7 +71,8 @@ def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> Player | None:
     if every is None or not sizes.any():
         return None
     clips = [clip._replace(frames=clip.frames[::every]) for clip in clips]
-    return Player(_html(clips, times[::every], tops), _caption(rows, clips, len(times[::every]), len(outputs)))
+    shown = times[::every]
+    return _html(clips, shown, tops) + f'<p class="caption">{_caption(clips, len(shown), len(outputs))}</p>'
 
 
 def _thinned(times: Array, most: int) -> Array:
@@ -175,9 +169,9 @@ def _html(clips: Sequence[_Clip], times: Array, tops: Tops) -> str:
     )
 
 
-def _caption(rows: Sequence[Row], clips: Sequence[_Clip], shown: int, outputs: int) -> str:
+def _caption(clips: Sequence[_Clip], shown: int, outputs: int) -> str:
     parts = ["Discs have their true radius, but are at least one pixel wide. All runs have the same colour scale."]
-    if any(row.run.dimension == 3 for row in rows):
+    if any(clip.row.run.dimension == 3 for clip in clips):
         parts.append(
             "3-D runs are seen from the front. The speed of the fluid and the walls are averaged over the depth."
         )

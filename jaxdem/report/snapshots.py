@@ -55,7 +55,8 @@ def snapshots_figure(comparison: Comparison, path: Path) -> Path | None:
                 pictures.draw(axis, shot, (box[0], box[-1]), size, tops, COLOR)
                 _title(axis, row, shot.time if shot else time, width)
                 if shot is None:
-                    _say_why(axis, row, time)
+                    why = f"ended at t = {row.end_time:.3g} s" if time > row.end_time else "no frame at this time"
+                    axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", color=style.INVALID)
         pictures.add_legends(figure, figure.axes, shown, tops, COLOR, figure.get_figwidth() - 0.9)
         views = {pictures.view(row.run, shot) for row, line in zip(rows, shots, strict=True) for shot in line if shot}
         if view := max(views, key=len):
@@ -101,8 +102,3 @@ def _title(axis: Axes, row: Row, time: float, inches: float) -> None:
     before, after = "    ", f",  t = {time:.3g} s"
     name = style.escaped(row.label, inches - style.text_width(f".{before}{after}", 9.0), 9.0)
     axis.set_title(before + name + after, loc="left", fontsize=9, color="black" if row.ranked else style.INVALID)
-
-
-def _say_why(axis: Axes, row: Row, time: float) -> None:
-    why = f"ended at t = {row.end_time:.3g} s" if time > row.end_time else "no frame at this time"
-    axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", color=style.INVALID)

@@ -174,8 +174,8 @@ def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypa
     snapshots.snapshots_figure(result, tmp_path / "snapshots.png")
     assert len(calls) == 5 + 6
     page = player(result.rows)
-    assert page is not None and "pink lines are outlets" in page.caption
-    data = json.loads(re.search(r'id="player-data">(.*?)</script>', page.html)[1])["runs"][1]
+    assert page is not None and "pink lines are outlets" in page
+    data = json.loads(re.search(r'id="player-data">(.*?)</script>', page)[1])["runs"][1]
     nx, nz = data["walls"]["points"]
     share = np.frombuffer(zlib.decompress(base64.b64decode(data["walls"]["share"])), np.uint8).reshape(nz, nx)
     assert share[round(0.5 / 0.8 * nz), round(0.6 * nx)] == 255 and share[round(0.9 * nz), round(0.5 * nx)] == 0
