@@ -289,7 +289,7 @@ class NeighborSearch:
     def _found(self, position: Vector) -> tuple[int, int]:
         """Number of pairs in reach at these positions, and the most neighbours that a particle has; not jittable."""
         tree = self.tree(position)
-        others = tree.query_ball_point(tree.data, self.reach, return_length=True) - 1
+        others = tree.query_ball_point(tree.data, self.reach, return_length=True, workers=-1) - 1
         return int(others.sum()) // 2, int(others.max(initial=0))
 
     def tree(self, position: Vector) -> KDTree:

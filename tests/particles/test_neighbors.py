@@ -109,7 +109,8 @@ def test_one_large_sphere_among_many_small_ones_has_a_short_search():
 
 @pytest.mark.parametrize("periodic", [(False, False, False), (True, False, True)])
 def test_a_list_whose_cells_share_columns_is_complete(periodic):
-    """10,000 spheres in a box of many more cells than the table has columns, in a clump and thinly all over: SciPy's pairs."""
+    """10,000 spheres in a box of many more cells than the table has columns, in a clump and thinly all over: pairs of
+    SciPy."""
     generator = np.random.default_rng(4)
     box, reach = (1.7, 1.5, 1.6), 0.024
     position = generator.uniform(0.0, 1.0, (10_000, 3)) * np.array(box)
@@ -130,7 +131,7 @@ def test_a_list_whose_cells_share_columns_is_complete(periodic):
 
 
 def test_a_few_grains_in_a_box_of_1e14_cells():
-    """Their pairs, by brute force, and the room for them: the cells of such a box would be more than any memory holds."""
+    """Their pairs, by brute force, and the room for them: cells of such a box would be more than any memory holds."""
     generator = np.random.default_rng(5)
     position = 30.0 + generator.uniform(0.0, 0.008, (60, 3))
     listed = world(position, radius=0.0005, box=(60.0, 60.0, 60.0), walls=False).neighbors
@@ -140,8 +141,8 @@ def test_a_few_grains_in_a_box_of_1e14_cells():
 
 
 def test_cells_around_one_at_a_periodic_side_never_share_a_column():
-    """Around the corners of periodic boxes of 40 shapes, one of which needs other multipliers than its cells alone: a particle in a shared
-    column would be found twice."""
+    """Around the corners of periodic boxes of 40 shapes, one of which needs other multipliers than its cells alone: a
+    particle in a shared column would be found twice."""
     generator = np.random.default_rng(6)
     for shape in generator.integers(52, 400, (40, 3)):
         grid = CellGrid(tuple(0.01 * shape + 1e-6), (True, True, bool(shape[2] % 2)), 0.01, 10)
@@ -153,7 +154,7 @@ def test_cells_around_one_at_a_periodic_side_never_share_a_column():
 
 
 def test_a_grain_a_hair_below_a_periodic_side_is_in_a_list_of_shared_columns():
-    """Its image lies on the side itself, to round-off; and 20 grains have room for 20 in a column, however wide it is."""
+    """Its image lies on the side itself, to round-off; 20 grains have room for 20 in a column, however wide it is."""
     position = np.array([[-1e-17, 1.0, 1.0], [2.9995, 1.0, 1.0], [1.0, 1.0, 1.0]])
     listed = world(position, radius=0.0005, box=(3.0, 3.0, 3.0), periodic=(True, False, False), walls=False).neighbors
     assert set(listed_pairs(listed)) == {(0, 1), (1, 0)}
