@@ -193,7 +193,8 @@ def test_too_few_neighbour_slots_change_nothing(scene, whole, tmp_path, monkeypa
     assert counts["neighbor_resizes"] > 0
     assert whole.summary["counts"]["neighbor_resizes"] == 0
     assert counts["neighbor_builds"] == whole.summary["counts"]["neighbor_builds"]
-    # Collisions amplify rounding: of 1.5e-8 to 1.2e-7 m at the end of the run, by the compiler's options, little in its first half.
+    # Collisions amplify rounding: to 1.5e-8 ... 1.2e-7 m at the end of the run, by the compiler's options; little in
+    # its first half.
     for index in range(whole.number_of_frames // 2 + 1):
         ours, theirs = whole.particles(index), tight.particles(index)
         np.testing.assert_allclose(ours["position"], theirs["position"], rtol=0, atol=1e-7)
@@ -274,7 +275,7 @@ def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch
 
 
 def test_where_a_closure_lies_does_not_matter():
-    """A study's folder may be moved between two calls: the checkpoint knows the weights, the scene only names a file."""
+    """A study's folder may be moved between two calls: the checkpoint has the weights, the scene only names a file."""
     parameters = Parameters(np.zeros(2), None, None, None, None, None)
     texts = [f'seed = 1\n[closure]\nfile = "{name}"\n' for name in ("/a/drag.h5", "/b/drag.h5", "/a/other.h5")]
     here, moved, other = (origin(text, parameters)["scene"] for text in texts)

@@ -28,7 +28,7 @@ def test_nested_spans_count_once():
 
 
 def test_what_is_compiled_within_a_stage_is_compile_time():
-    """Also where no one thought of it: a program that an output compiles is not in the run time, nor in the output's."""
+    """Also a program that an output compiles is not in the run time, nor in the output's."""
     totals = Totals()
     totals.begin()
     with totals.timed("output"):

@@ -7,18 +7,23 @@ import math
 import numpy as np
 
 from jaxdem.failures import MEANING, Failure, first_flag
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
 SIDES = ("left", "right", "front", "back", "bottom", "top")
 """Sides in 3-D, axis by axis, lower before upper; in 2-D without the middle pair."""
 
+OF_ONE_PARTICLE = (Failure.PARTICLES_NOT_FINITE, Failure.PARTICLE_LOST, Failure.TOO_FAST)
+"""Flags that one particle raises."""
+
 STEADY = 1.0
 """A force of the fluid through a side counts as what pushed from this multiple of the particle's weight on [-]."""
 
 REMEDY_OF_A_PRESS = (
-    "the load pressed the particle through the wall: stiffen the contact (contact.young_modulus, contact.normal_stiffness) or raise "
-    "contact.speed until the wall holds (`jaxdem check` prints the overlap under the load of the fluid)"
+    "the load pressed the particle through the wall: stiffen the contact (contact.young_modulus, "
+    "contact.normal_stiffness) or raise contact.speed until the wall holds (`jaxdem check` prints the overlap under "
+    "the load of the fluid)"
 )
 
 
@@ -35,23 +40,19 @@ def diagnosis(
     """
     flag = first_flag(code)
     reason, remedy = MEANING[flag]
-    if before.particles is None or flag not in (
-        Failure.PARTICLES_NOT_FINITE,
-        Failure.PARTICLE_LOST,
-        Failure.TOO_FAST,
-    ):
+    particles = reached.particles
+    if before.particles is None or particles is None or flag not in OF_ONE_PARTICLE:
         return reason, _cell(simulation, flag, reached), remedy
-    index = _particle(simulation, flag, reached)
+    index = _particle(simulation, flag, particles)
     point = ", ".join(f"{x:.5g}" for x in np.asarray(before.particles.position[index]))
     where = f"particle {index}, last at ({point}) m"
-    assert reached.particles is not None
-    speed = float(np.linalg.norm(np.asarray(reached.particles.velocity[index], float)))
+    speed = float(np.linalg.norm(np.asarray(particles.velocity[index], float)))
     if flag == Failure.TOO_FAST:
         where += f", at {speed:.3g} m/s; the limit is {simulation.steps.speed_limit or 0.0:.3g} m/s"
     if flag == Failure.PARTICLE_LOST:
-        side, outward = _side_left(simulation, np.asarray(reached.particles.position[index], float))
+        side, outward = _side_left(simulation, np.asarray(particles.position[index], float))
         where += f", through the {side} side at {speed:.3g} m/s"
-        push = _fluid_push(parameters, reached, index, outward)
+        push = _fluid_push(parameters, particles, index, outward)
         if push > STEADY:
             where += f"; the fluid pushes it out with {push:.2g} times its weight"
             if not speed > (simulation.steps.speed_limit or math.inf):
@@ -59,10 +60,8 @@ def diagnosis(
     return reason, where, remedy
 
 
-def _particle(simulation: Simulation, flag: Failure, reached: State) -> int:
+def _particle(simulation: Simulation, flag: Failure, particles: ParticleState) -> int:
     """The particle that a flag is about; those that have been removed are none."""
-    particles = reached.particles
-    assert particles is not None
     position, velocity = np.asarray(particles.position, float), np.asarray(particles.velocity, float)
     present = np.ones(len(position), bool) if particles.active is None else np.asarray(particles.active)
     spin = np.asarray(particles.angular_velocity, float)
@@ -87,10 +86,10 @@ def _side_left(simulation: Simulation, position: np.ndarray) -> tuple[str, np.nd
     return names[2 * int(axis) + int(upper)], outward
 
 
-def _fluid_push(parameters: Parameters, reached: State, index: int, outward: np.ndarray) -> float:
+def _fluid_push(parameters: Parameters, particles: ParticleState, index: int, outward: np.ndarray) -> float:
     """Force of the fluid out of the box over the particle's weight, or its mass times 9.81 m/s2 without gravity."""
-    particles, bodies = reached.particles, parameters.bodies
-    if particles is None or particles.fluid_force is None or bodies is None:
+    bodies = parameters.bodies
+    if particles.fluid_force is None or bodies is None:
         return 0.0
     mass = float(np.broadcast_to(np.asarray(bodies.mass), len(particles.position))[index])
     gravity = float(np.linalg.norm(np.asarray(parameters.gravity))) or 9.81

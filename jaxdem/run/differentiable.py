@@ -68,7 +68,7 @@ def rollout(
 
     Raises:
         InputError: gravity has a component along a periodic axis of a fluid that the scene does not drive. That is
-            seen where gravity is a number; traced (as an argument under jit, grad or vmap) it has no value to look at.
+            seen where gravity is a number; traced (as an argument under jit, grad or vmap) it has no value.
     """
     if simulation.fluid is not None and not isinstance(parameters.gravity, jax.core.Tracer):
         drive = simulation.fluid.solver.drive

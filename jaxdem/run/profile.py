@@ -14,9 +14,12 @@ from jaxdem.coupling.coupled import SampledFluid
 from jaxdem.coupling.exchange import Exchange
 from jaxdem.fluid.momentum import FluidState, FluidStep
 from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.neighbors import Neighbors, carry_history
+from jaxdem.run.records import Instant
 from jaxdem.run.totals import Totals
+from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.step import advance_fluid
@@ -26,20 +29,18 @@ WORTH_SPLITTING = 20.0
 
 
 def estimate_stages(
-    simulation: Simulation,
-    parameters: Parameters,
-    state: State,
-    neighbors: Neighbors | None,
-    totals: Totals,
-    worth_splitting: float = WORTH_SPLITTING,
+    case: Case, instant: Instant, totals: Totals, worth_splitting: float = WORTH_SPLITTING
 ) -> tuple[dict[str, float | None], list[str]]:
     """Wall time by stage [s], and the names of those that are estimates.
 
-    A step is one program. What of its time is the fluid's and what the particles' is measured in a run with `profile`; in a run
-    that is long enough the fluid's part is compiled alone, replayed at the final state and multiplied by the number of
-    intervals. Neighbour builds, exchange between particles and mesh, and drag law are parts of these two, found in the
-    same way; the rest is `contact` and `fluid`. What is shorter than `worth_splitting` [s] is not told apart: its stages are null.
+    A step is one program. What of its time is the fluid's and what the particles' is measured in a run with `profile`;
+    in a run that is long enough the fluid's part is compiled alone, replayed at the final state and multiplied by the
+    number of intervals. Neighbour builds, exchange between particles and mesh, and drag law are parts of these two,
+    found in the same way; the rest is `contact` and `fluid`. What is shorter than `worth_splitting` [s] is not told
+    apart: its stages are null.
     """
+    simulation, parameters = case.simulation, case.parameters
+    state, neighbors = instant.state, instant.neighbors
     step, output = totals.stages["step"], totals.stages["output"]
     particles: float | None = totals.stages["particle_part"]
     fluid: float | None = totals.stages["fluid_part"]
@@ -61,13 +62,11 @@ def estimate_stages(
         "fluid": fluid,
         "output": output,
     }
-    if neighbors is not None and neighbors.room.slots and (particles or 0.0) > worth_splitting:
-        assert particles is not None
+    if neighbors is not None and neighbors.room.slots and particles is not None and particles > worth_splitting:
         share = min(_neighbors_time(simulation, state, neighbors) * totals.builds, particles)
         stages |= {"neighbors": share, "contact": particles - share}
         estimated += ["neighbors", "contact"]
-    if simulation.coupling is not None and (fluid or 0.0) > worth_splitting:
-        assert fluid is not None
+    if simulation.coupling is not None and fluid is not None and fluid > worth_splitting:
         drag, seen, transfer = _exchange_times(simulation, parameters, state)
         drag = min(drag * totals.intervals, fluid)
         coupling = min(seen * totals.intervals + transfer * totals.fluid_steps, fluid - drag)
@@ -82,16 +81,14 @@ def _fluid_time(simulation: Simulation, parameters: Parameters, state: State) ->
 
 
 def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) -> float:
-    assert state.particles is not None
-    position = vectors.components(state.particles.position)
-    low = split_low(state.particles.position_low, len(position))
-    active = state.particles.active
+    @jax.jit
+    def rebuild(particles: ParticleState, neighbors: Neighbors) -> tuple[Neighbors, Vector]:
+        position = vectors.components(particles.position)
+        low = split_low(particles.position_low, len(position))
+        new = simulation.search.update(position, low, neighbors, particles.active)
+        return new, carry_history(particles.contact_spring, neighbors, new)
 
-    def rebuild(neighbors: Neighbors, springs: Any, position: Any, low: Any) -> Any:
-        new = simulation.search.update(position, low, neighbors, active)
-        return new, carry_history(springs, neighbors, new)
-
-    return _seconds(jax.jit(rebuild), neighbors, state.particles.contact_spring, position, low)
+    return _seconds(rebuild, state.particles, neighbors)
 
 
 def _exchange_times(simulation: Simulation, parameters: Parameters, state: State) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,13 +18,16 @@ from jaxdem.errors import InputError
 from jaxdem.io import scene_text
 from jaxdem.io.checkpoint import read_checkpoint
 from jaxdem.io.run_directory import CHECKPOINT
+from jaxdem.numerics.compensated import Low
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.version import __version__
 
+Tree = TypeVar("Tree")
+
 COLUMN_MARGIN = 8
-"""A column of the search's table has room for all particles at most when it is made; it grows with the list's other capacities."""
+"""A column of the search's table has room for all particles at most when it is made; it grows with the list."""
 
 OTHER_INPUTS = (
     "another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files "
@@ -32,13 +35,13 @@ OTHER_INPUTS = (
 )
 
 
-def to_arrays(state: State, neighbors: Neighbors | None, extra: dict[str, Any]) -> dict[str, np.ndarray]:
+def to_arrays(state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Named arrays of everything that a run goes on from.
 
     Args:
         state: of the simulation.
         neighbors: its list.
-        extra: name -> number or array, counters of the time loop.
+        extra: name -> number, counters of the time loop.
     """
     arrays = _named("state", state)
     if neighbors is not None:
@@ -72,7 +75,7 @@ def from_arrays(
         positions = state.particles.position
         dimension = positions.shape[1]
         reference = tuple(jnp.asarray(_get(arrays, f"neighbors.reference[{k}]")) for k in range(dimension))
-        low: Any = (None,) * dimension
+        low: tuple[Low, ...] = (None,) * dimension
         if state.particles.position_low is not None:
             low = tuple(jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
         fresh = simulation.search.allocate(reference, low, jnp.asarray(_get(arrays, "neighbors.radius")), room)
@@ -100,7 +103,7 @@ def origin(scene_toml: str, parameters: Parameters) -> dict[str, str]:
     }
 
 
-def require_same_origin(attributes: Mapping[str, Any], here: Mapping[str, str]) -> None:
+def require_same_origin(attributes: Mapping[str, object], here: Mapping[str, str]) -> None:
     """Refuses a checkpoint that was put into the folder of another run, or whose inputs have changed since.
 
     Args:
@@ -161,12 +164,12 @@ def _room(arrays: dict[str, np.ndarray]) -> Room:
     return room
 
 
-def _named(prefix: str, tree: Any) -> dict[str, np.ndarray]:
+def _named(prefix: str, tree: object) -> dict[str, np.ndarray]:
     leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
     return {prefix + jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
 
 
-def _restored(prefix: str, template: Any, arrays: dict[str, np.ndarray]) -> Any:
+def _restored(prefix: str, template: Tree, arrays: dict[str, np.ndarray]) -> Tree:
     leaves, structure = jax.tree_util.tree_flatten_with_path(template)
     restored = []
     for path, leaf in leaves:

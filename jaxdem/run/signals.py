@@ -7,9 +7,11 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from types import FrameType
+from typing import TypeVar
 
 Result = TypeVar("Result")
+Handler = Callable[[int, FrameType | None], object] | int | None
 
 POLL = 0.1
 """How often work in a thread is looked after [s]."""
@@ -80,13 +82,14 @@ class Caught(list[int]):
 def noted_signals() -> Iterator[Caught]:
     """SIGINT and SIGTERM noted in a list; a second one acts as usual."""
     caught = Caught()
-    previous: dict[int, Any] = {}
+    previous: dict[int, Handler] = {}
 
-    def note(number: int, frame: Any) -> None:
-        if caught and callable(previous[number]):
-            previous[number](number, frame)
+    def note(number: int, frame: FrameType | None) -> None:
+        handler = previous[number]
+        if caught and callable(handler):
+            handler(number, frame)
         elif caught:
-            signal.signal(number, previous[number])
+            signal.signal(number, handler)
             signal.raise_signal(number)
         caught.note(number)
 

@@ -40,7 +40,7 @@ def run_summary(
     count = 0 if state.particles is None else state.particles.position.shape[0]
     elapsed, compiled, steps = totals.elapsed(), totals.compile_seconds(), simulation.steps
     worth_splitting = WORTH_SPLITTING if split_stages else math.inf
-    stages, estimated = estimate_stages(simulation, case.parameters, state, neighbors, totals, worth_splitting)
+    stages, estimated = estimate_stages(case, instant, totals, worth_splitting)
     stages["compile"] = compiled
     used = count * max(totals.intervals, 1)
     return {

@@ -51,7 +51,7 @@ class Variation(NamedTuple):
     """A dotted key of the scene, and the values that it takes."""
 
     key: str
-    values: tuple[Any, ...]
+    values: tuple[object, ...]
 
 
 @dataclasses.dataclass
@@ -64,7 +64,8 @@ class SweepRun:
         valid: what the run's summary says; None before the run.
         refused: it was not started, its input is wrong.
         reason: why it is not valid.
-        run_time_s, compile_time_s: `metrics.run_time`, without compiling, and `metrics.compile_time` [s]; NaN where not recorded.
+        run_time_s: `metrics.run_time`, without compiling; NaN where not recorded [s].
+        compile_time_s: `metrics.compile_time`; NaN where not recorded [s].
         final: the nine metrics at the last output, SI; NaN where missing.
     """
 
@@ -148,13 +149,13 @@ def _split(text: str) -> list[str]:
     return parts
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return value if isinstance(value, str) else repr(value)
 
 
 def run_sweep(
     scene: str | Path | dict[str, Any],
-    overrides: Mapping[str, Any],
+    overrides: Mapping[str, object],
     variations: Sequence[Variation],
     out: Path,
     listener: Listener,
@@ -172,8 +173,8 @@ def run_sweep(
         listener: hears of each run that has something to compute.
 
     Raises:
-        InputError: a key twice or with overrides, a scene that cannot be read, a folder that holds something else or to which
-            another process writes.
+        InputError: a key twice or with overrides, a scene that cannot be read, a folder that holds something else or
+            to which another process writes.
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
     sweep, scenes = _planned(scene, overrides, variations, out)
@@ -192,7 +193,7 @@ def run_sweep(
 
 def check_sweep(
     scene: str | Path | dict[str, Any],
-    overrides: Mapping[str, Any],
+    overrides: Mapping[str, object],
     variations: Sequence[Variation],
     out: Path,
 ) -> None:
@@ -206,7 +207,7 @@ def check_sweep(
 
 def _planned(
     scene: str | Path | dict[str, Any],
-    overrides: Mapping[str, Any],
+    overrides: Mapping[str, object],
     variations: Sequence[Variation],
     out: Path,
 ) -> tuple[Sweep, dict[str, Scene]]:
@@ -247,7 +248,7 @@ def _perform(run: SweepRun, scene: Scene, path: Path, title: str, listener: List
         listener.say(f"{title}: refused")
 
 
-def _name(chosen: Mapping[str, Any], taken: Mapping[str, Any]) -> str:
+def _name(chosen: Mapping[str, object], taken: Mapping[str, Scene]) -> str:
     """A readable folder name such as "viscosity=0.001,cells=10x10"; other characters become underscores."""
     last = [key.rpartition(".")[2] for key in chosen]
     parts = []

@@ -105,7 +105,8 @@ class TimeLoop:
 
         Args:
             progress: called at every output at least.
-            caught: signals that came; at the first the interval is finished, or compiling given up, and a checkpoint left.
+            caught: signals that came; at the first the interval is finished, or compiling given up, and a checkpoint
+                left.
         """
         self.totals.begin()
         self.caught = caught

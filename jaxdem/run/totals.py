@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time as clock
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -113,14 +112,14 @@ class Totals:
         """
         return self.stages["compile"] + compile_clock().total - self.compiled
 
-    def save(self) -> dict[str, Any]:
+    def save(self) -> dict[str, float]:
         """Names and values for a checkpoint."""
         fields = [f.name for f in dataclasses.fields(self) if f.name not in NOT_KEPT]
         values = {name: getattr(self, name) for name in fields} | {"wall": self.elapsed()}
         stages = self.stages | {"compile": self.compile_seconds()}
         return values | {f"stage_{name}": value for name, value in stages.items()}
 
-    def load(self, values: dict[str, Any]) -> None:
+    def load(self, values: Mapping[str, np.ndarray]) -> None:
         """The inverse of `save`."""
         for field in dataclasses.fields(self):
             if field.name not in NOT_KEPT:
