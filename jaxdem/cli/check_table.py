@@ -41,8 +41,8 @@ def render(report: CheckReport) -> Group:
         ],
     }
     tables = []
-    for title, given in sections.items():
-        rows = list(given)
+    for title, section in sections.items():
+        rows = list(section)
         if not rows:
             continue
         table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None)

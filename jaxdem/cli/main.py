@@ -1,5 +1,6 @@
 """The command line: reads files and options, calls the library, says what happened.
 
+A command has a parameter for every option, however many.
 Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SIGINT and SIGTERM.
 """
 

@@ -1,4 +1,7 @@
-"""The commands that make networks: train (one, or an ensemble), distill, prune, finetune."""
+"""The commands that make networks: train (one, or an ensemble), distill, prune, finetune.
+
+A command has a parameter for every option, however many.
+"""
 
 from __future__ import annotations
 
@@ -122,11 +125,11 @@ def prune(
     from jaxdem.closures.file import load_single
     from jaxdem.train import compress
 
-    given, _ = load_single(closure, "Prune one of its members, or distill it.")
-    chosen = compress.settings_for(given, seed=seed, epochs=epochs, samples=samples)
+    network, _ = load_single(closure, "Prune one of its members, or distill it.")
+    chosen = compress.settings_for(network, seed=seed, epochs=epochs, samples=samples)
     data = _read(datasets)
     with progress.counted("epoch", quiet) as report:
-        result = compress.prune(given, data, neurons, chosen, epochs is not None, report)
+        result = compress.prune(network, data, neurons, chosen, epochs is not None, report)
     _save(out, result)
     before, after = result.metadata["pruned"]["hidden_before"], result.metadata["settings"]["hidden"]
     terminal.line("Hidden layers reduced from {} to {}".format(*("-".join(map(str, w)) for w in (before, after))))
@@ -193,9 +196,9 @@ def finetune(
 
 def _trained(closure: Path | None, subgrid: str | None, trained: options.Trained | None) -> tuple[str, ...]:
     """Names of the closures that are trained."""
-    given = [name for name, source in zip(ALL, (closure, subgrid), strict=True) if source is not None]
-    names = tuple(given) if trained is None else ALL if trained is options.Trained.both else (trained.value,)
-    check_trained(names, given)
+    present = [name for name, source in zip(ALL, (closure, subgrid), strict=True) if source is not None]
+    names = tuple(present) if trained is None else ALL if trained is options.Trained.both else (trained.value,)
+    check_trained(names, present)
     return names
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,8 +23,8 @@ class Correlation(ABC):
     for model B. Every subclass is a pytree without leaves: a part of the program, not of its numbers.
     """
 
-    def __init_subclass__(cls, **given: Any) -> None:
-        super().__init_subclass__(**given)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         jax.tree_util.register_static(cls)
 
     @abstractmethod

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.closures.base import DragClosure, DragInputs
-from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, moved, trace, walk
+from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, Result, moved, trace, walk
 
 UNROLLED = 8
 """Up to this size every element is a statement of its own; beyond it there is a loop."""
@@ -97,7 +97,9 @@ class _Writer:
         self.known: dict[str, str] = {}
         self.numbers = itertools.count(1)
 
-    def apply(self, operation: str, operands: Sequence[Any], settings: dict[str, Any], result: Any) -> Any:
+    def apply(
+        self, operation: str, operands: Sequence[np.ndarray], settings: dict[str, Any], result: Result
+    ) -> np.ndarray:
         """One operation; see `jaxdem.closures.export_trace.Apply`."""
         if operation == "dot_general":
             return self._product(operands[0], operands[1], result.shape)
@@ -123,7 +125,7 @@ class _Writer:
                 kept.append(text)
         return kept[::-1]
 
-    def _elementwise(self, form: str, operands: list[np.ndarray], result: Any) -> np.ndarray:
+    def _elementwise(self, form: str, operands: list[np.ndarray], result: Result) -> np.ndarray:
         kind = "int" if result.dtype == bool else "float"
         operands = [np.broadcast_to(value, result.shape) for value in operands]
         if result.size <= UNROLLED:
@@ -141,7 +143,7 @@ class _Writer:
         self.lines.append((name, f"for (int i = 0; i < {result.size}; ++i) {name}[i] = {expression};"))
         return _elements(name, result.shape)
 
-    def _reduced(self, joint: str, value: np.ndarray, settings: dict[str, Any], result: Any) -> np.ndarray:
+    def _reduced(self, joint: str, value: np.ndarray, settings: dict[str, Any], result: Result) -> np.ndarray:
         axes = settings["axes"]
         rows = np.moveaxis(value, axes, range(-len(axes), 0)).reshape(*result.shape, -1)
         form = joint.join(f"{{{i}}}" for i in range(rows.shape[-1]))

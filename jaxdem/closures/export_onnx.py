@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.closures.base import DragClosure, DragInputs
-from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, trace, walk
+from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, Result, Value, trace, walk
 from jaxdem.errors import InputError
 
 OPERATOR_SET, FORMAT = 17, 8
@@ -90,7 +90,7 @@ class _Writer:
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
 
-    def apply(self, operation: str, operands: Sequence[Any], settings: dict[str, Any], result: Any) -> Any:
+    def apply(self, operation: str, operands: Sequence[Value], settings: dict[str, Any], result: Result) -> Value:
         """One operation; see `jaxdem.closures.export_trace.Apply`."""
         value = self._moved(operation, operands, settings, result)
         if value is None:
@@ -99,7 +99,7 @@ class _Writer:
         value.shape = result.shape
         return value
 
-    def _elementwise(self, operation: str, operands: list[Any], settings: dict[str, Any], result: Any) -> Any:
+    def _elementwise(self, operation: str, operands: list[Value], settings: dict[str, Any], result: Result) -> Value:
         """Operations on one element of each operand."""
         if operation in OPERATIONS and OPERATIONS[operation].onnx:
             return self.node(OPERATIONS[operation].onnx, *operands)
@@ -116,7 +116,7 @@ class _Writer:
             return self.node("Cast", operands[0], to=self._kind(result.dtype))
         raise NotImplementedError(f"no ONNX for the operation {operation}")
 
-    def _moved(self, operation: str, operands: Sequence[Any], settings: dict[str, Any], result: Any) -> Any:
+    def _moved(self, operation: str, operands: Sequence[Value], settings: dict[str, Any], result: Result) -> Value:
         """Operations that know axes, which lie one to the right in the graph; None of any other operation."""
         first = operands[0]
         if operation == "dot_general":
@@ -148,14 +148,14 @@ class _Writer:
             return self.node("Cast", smallest, to=self._kind(np.bool_))
         return None
 
-    def node(self, operator: str, *operands: Any, **settings: Any) -> _Tensor:
+    def node(self, operator: str, *operands: Value, **settings: Any) -> _Tensor:
         """A node of the graph, and the name of what it gives."""
         name = _Tensor(f"t{len(self.nodes) + 1}")
         names = [self._named(value) for value in operands]
         self.nodes.append(self.onnx.helper.make_node(operator, names, [name], **settings))
         return name
 
-    def whole(self, value: Any, shape: tuple[int, ...]) -> _Tensor:
+    def whole(self, value: Value, shape: tuple[int, ...]) -> _Tensor:
         """A value with the particles as its first axis, also where it is a constant."""
         if isinstance(value, _Tensor):
             return value
@@ -166,16 +166,16 @@ class _Writer:
         """Gives a value the name of an output."""
         self.nodes.append(self.onnx.helper.make_node("Identity", [value], [name]))
 
-    def _fitted(self, value: Any, rank: int) -> Any:
+    def _fitted(self, value: Value, rank: int) -> Value:
         """A single number for each particle gets as many axes as what it meets."""
         if isinstance(value, _Tensor) and len(value.shape) < rank:
             return self._reshaped(value, (1,) * rank)
         return value
 
-    def _reshaped(self, value: Any, shape: Sequence[int]) -> _Tensor:
+    def _reshaped(self, value: Value, shape: Sequence[int]) -> _Tensor:
         return self.node("Reshape", value, _whole(-1, *shape))
 
-    def _log1p(self, value: Any) -> _Tensor:
+    def _log1p(self, value: Value) -> _Tensor:
         """ln(1 + x) to all digits of a small x: x ln(y) / (y - 1) with y = 1 + x as it is rounded."""
         rounded = self.node("Add", value, _number(1.0))
         excess = self.node("Sub", rounded, _number(1.0))
@@ -184,7 +184,7 @@ class _Writer:
         exact = self.node("Div", self.node("Mul", self.node("Log", rounded), value), divisor)
         return self.node("Where", none, value, exact)
 
-    def _named(self, value: Any) -> str:
+    def _named(self, value: Value) -> str:
         if isinstance(value, _Tensor):
             return value
         name = f"c{len(self.constants) + 1}"

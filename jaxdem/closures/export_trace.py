@@ -7,7 +7,7 @@ every base law and every learned closure can be written, and what is written can
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -129,9 +129,17 @@ def trace(closure: DragClosure, dimension: int) -> ClosedJaxpr:
     return jax.make_jaxpr(one_particle(closure))(*input_shapes(dimension))
 
 
+class Result(Protocol):
+    """Shape and type of what an operation gives for one particle."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    size: int
+
+
 Value = Any
 """What stands for an array in a writer; constants are numpy arrays of numbers."""
-Apply = Callable[[str, Sequence[Value], dict[str, Any], Any], Value]
+Apply = Callable[[str, Sequence[Value], dict[str, Any], Result], Value]
 """apply(operation, operands, settings, shape and type of the result) to the result, as a writer has it."""
 
 
@@ -177,7 +185,7 @@ def walk(program: ClosedJaxpr, inputs: Sequence[Value], apply: Apply) -> list[Va
     return [value(place) for place in program.jaxpr.outvars]
 
 
-def _power(apply: Apply, value: Value, exponent: int, result: Any) -> Value:
+def _power(apply: Apply, value: Value, exponent: int, result: Result) -> Value:
     """A power of a whole exponent as products."""
     if exponent == 0:
         return np.ones(result.shape, result.dtype)

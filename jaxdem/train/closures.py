@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxdem.closures import InvariantClosure, PaperNetwork, SubgridClosure
+from jaxdem.closures.network import Weights as NetworkWeights
 from jaxdem.closures.network import layer_name
 from jaxdem.errors import present
 from jaxdem.state import Parameters
 from jaxdem.train import check_trained
 
 LearnedClosure = PaperNetwork | InvariantClosure
-Weights = dict[str, Any]
+Weights = dict[str, NetworkWeights]
 """Weights by the name of the closure, `drag` or `subgrid`."""
 
 
@@ -83,6 +84,6 @@ def few_parameters(closures: Closures) -> tuple[Array, Callable[[Array], Weights
     return jnp.zeros(sum(sizes.values()), jnp.asarray(first).dtype), weights
 
 
-def _last_layer(closures: Closures, name: str) -> tuple[str, Any]:
+def _last_layer(closures: Closures, name: str) -> tuple[str, dict[str, Array]]:
     last = layer_name(len(getattr(closures, name).hidden))
     return last, closures.weights[name][last]

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.file import LearnedClosure, StoredClosure
-from jaxdem.closures.network import ACTIVATIONS, PaperNetwork
+from jaxdem.closures.network import ACTIVATIONS, PaperNetwork, Weights, layer_name
 from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset
 from jaxdem.train.ensemble import one_of
@@ -115,11 +115,11 @@ def prune(
     started = time.perf_counter()
     make = RECIPES[recipe_of(closure)]
     problem: Problem = make(datasets, settings, closure)
-    seen = problem.data[0] if isinstance(closure, PaperNetwork) else problem.data[0].features
+    inputs = problem.data[0] if isinstance(closure, PaperNetwork) else problem.data[0].features
     # Evenly over all rows: the filtered recipe has them mesh by mesh.
-    seen = seen[:: -(-len(seen) // IMPORTANCE_ROWS)]
-    weights = prune_weights(closure.weights, closure.activation, seen, neurons)
-    hidden = tuple(weights[f"Dense_{layer}"]["bias"].shape[0] for layer in range(len(closure.hidden)))
+    inputs = inputs[:: -(-len(inputs) // IMPORTANCE_ROWS)]
+    weights = prune_weights(closure.weights, closure.activation, inputs, neurons)
+    hidden = tuple(weights[layer_name(layer)]["bias"].shape[0] for layer in range(len(closure.hidden)))
     smaller = dataclasses.replace(closure, weights=weights, hidden=hidden)
     history: list[float] = []
     changed = dataclasses.replace(settings, hidden=hidden)
@@ -136,7 +136,7 @@ def prune(
     return result
 
 
-def prune_weights(weights: dict[str, Any], activation: str, rows: Array, neurons: float) -> dict[str, Any]:
+def prune_weights(weights: Weights, activation: str, rows: Array, neurons: float) -> Weights:
     """Weights of the network without the least important neurons of its hidden layers.
 
     From the first layer to the last, with a_j the activation of neuron j over the rows and w_j its outgoing weights:
@@ -153,10 +153,10 @@ def prune_weights(weights: dict[str, Any], activation: str, rows: Array, neurons
     section 2, for neurons of constant output.
     """
     layers = [
-        {name: np.asarray(value, np.float64) for name, value in weights[f"Dense_{i}"].items()}
+        {name: np.asarray(value, np.float64) for name, value in weights[layer_name(i)].items()}
         for i in range(len(weights))
     ]
-    dtype = np.asarray(weights["Dense_0"]["bias"]).dtype
+    dtype = np.asarray(weights[layer_name(0)]["bias"]).dtype
     values = np.asarray(rows, np.float64)
     for layer, following in zip(layers[:-1], layers[1:], strict=True):
         inputs = jnp.asarray(values @ layer["kernel"] + layer["bias"][None], dtype)
@@ -171,7 +171,7 @@ def prune_weights(weights: dict[str, Any], activation: str, rows: Array, neurons
         layer["kernel"], layer["bias"] = layer["kernel"][:, kept], layer["bias"][kept]
         values = values[:, kept]
     return {
-        f"Dense_{i}": {name: jnp.asarray(value, dtype) for name, value in layer.items()}
+        layer_name(i): {name: jnp.asarray(value, dtype) for name, value in layer.items()}
         for i, layer in enumerate(layers)
     }
 

@@ -11,7 +11,7 @@ from typing import Any
 import h5py
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.files.hdf5 import attributes_of, image_of, in_memory, store, write_attributes
@@ -78,7 +78,7 @@ class Group:
     def __len__(self) -> int:
         return len(self.time)
 
-    def select(self, rows: NDArray[Any]) -> Group:
+    def select(self, rows: NDArray[np.integer | np.bool_]) -> Group:
         """The group with the given rows only (indices or a mask)."""
         arrays = {name: getattr(self, name)[rows] for name in SCALARS + VECTORS}
         return dataclasses.replace(self, **arrays)
@@ -115,8 +115,8 @@ class Dataset:
 
 def write_dataset(
     path: str | os.PathLike[str],
-    attributes: Mapping[str, Any],
-    groups: Mapping[int, Mapping[str, Any]],
+    attributes: Mapping[str, object],
+    groups: Mapping[int, Mapping[str, ArrayLike]],
 ) -> None:
     """Write a dataset file aside, sync it and move it into place.
 

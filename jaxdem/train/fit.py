@@ -6,7 +6,6 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.invariant import InvariantClosure, PreparedInputs, corrected
-from jaxdem.closures.network import PaperNetwork
+from jaxdem.closures.network import PaperNetwork, Weights
 from jaxdem.errors import InputError
 from jaxdem.train.dataset_file import Dataset, Group
 from jaxdem.train.fit_evaluate import Forces, map_rows, split_by_run
@@ -24,7 +23,6 @@ from jaxdem.train.fit_problem import (
     FitResult,
     Problem,
     all_coarsenings,
-    constants,
     mean_and_scale,
     on_device,
     solve_all,
@@ -124,10 +122,9 @@ def paper_problem(datasets: Sequence[Dataset], settings: FitSettings, start: Pap
         offset, unit = mean_and_scale(forces)
         closure = dataclasses.replace(
             closure,
-            **constants(
-                input_mean=mean, input_scale=scale, input_low=inputs.min(axis=0), input_high=inputs.max(axis=0),
-                output_mean=offset, output_scale=unit,
-            ),
+            input_mean=on_device(mean), input_scale=on_device(scale),
+            input_low=on_device(inputs.min(axis=0)), input_high=on_device(inputs.max(axis=0)),
+            output_mean=on_device(offset), output_scale=on_device(unit),
         )  # fmt: skip
     data = (
         _normalised(inputs, closure.input_mean, closure.input_scale),
@@ -150,7 +147,7 @@ class PaperLoss:
     measure: str
     activation: str
 
-    def __call__(self, weights: Any, rows: tuple[Array, Array]) -> Array:
+    def __call__(self, weights: Weights, rows: tuple[Array, Array]) -> Array:
         """The loss."""
         return LOSSES[self.measure](network_columns(weights, self.activation, rows[0].T), rows[1].T)
 
@@ -165,7 +162,7 @@ class FilteredLoss:
 
     activation: str
 
-    def __call__(self, weights: Any, rows: tuple[PreparedInputs, Array, Array]) -> Array:
+    def __call__(self, weights: Weights, rows: tuple[PreparedInputs, Array, Array]) -> Array:
         """The loss."""
         inputs, truth, counts = rows
         output = network_columns(weights, self.activation, inputs.features.T).T
@@ -197,12 +194,13 @@ def filtered_problem(
         low, high = np.quantile(features, (RANGE_QUANTILE, 1.0 - RANGE_QUANTILE), axis=0)
         closure = dataclasses.replace(
             closure,
-            **constants(feature_mean=mean, feature_scale=scale, feature_low=low, feature_high=high),
-        )
+            feature_mean=on_device(mean), feature_scale=on_device(scale),
+            feature_low=on_device(low), feature_high=on_device(high),
+        )  # fmt: skip
 
     # The network is trained on all rows, strays too, so that what it sees can be had once for all epochs.
-    seen = _normalised(features, closure.feature_mean, closure.feature_scale)
-    data = (jax.tree.map(jnp.asarray, prepared._replace(features=seen)), on_device(target), on_device(weight))
+    normalised = _normalised(features, closure.feature_mean, closure.feature_scale)
+    data = (jax.tree.map(jnp.asarray, prepared._replace(features=normalised)), on_device(target), on_device(weight))
     loss = FilteredLoss(settings.activation)
     regression = partial(fit_regression, closure, prepared, target, weight)
     targets = dict.fromkeys(all_coarsenings(split), "target_force")

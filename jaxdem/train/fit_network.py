@@ -7,14 +7,12 @@ and what is read across is a weight matrix, a few thousand numbers that are copi
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.lax import optimization_barrier
 
-from jaxdem.closures.network import ACTIVATIONS
+from jaxdem.closures.network import ACTIVATIONS, Weights, layer_name
 from jaxdem.numerics.products import PRECISION
 
 
@@ -37,14 +35,14 @@ def _product_backward(kept: tuple[Array, Array], slope: Array) -> tuple[Array, A
 _product.defvjp(_product_forward, _product_backward)
 
 
-def network_columns(weights: dict[str, Any], activation: str, columns: Array) -> Array:
+def network_columns(weights: Weights, activation: str, columns: Array) -> Array:
     """Outputs (outputs, M) of a network with the given weights from its inputs (inputs, M).
 
     The same numbers as the closure's own evaluation, to rounding; reverse mode only.
     """
     last = len(weights) - 1
     for layer in range(len(weights)):
-        parameters = weights[f"Dense_{layer}"]
+        parameters = weights[layer_name(layer)]
         columns = _product(parameters["kernel"], columns) + parameters["bias"][:, None]
         if layer < last:
             columns = ACTIVATIONS[activation](columns)

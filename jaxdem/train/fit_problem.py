@@ -213,11 +213,6 @@ def mean_and_scale(values: Forces) -> tuple[Forces, Forces]:
     return mean, np.where(varies, deviation, 1.0)
 
 
-def constants(**values: Forces) -> dict[str, Any]:
-    """Arrays by name in the precision in which closures are kept."""
-    return {name: on_device(value) for name, value in values.items()}
-
-
 def on_device(values: Forces) -> Array:
     """A JAX array in single precision."""
     return jnp.asarray(values, jnp.float32)

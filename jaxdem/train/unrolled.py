@@ -7,8 +7,6 @@ with s the mean size of m_ref over the reference.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -81,7 +79,7 @@ class Unrolled:
         terms = jax.tree.leaves(jax.tree.map(term, result.observations, targets, self.scales))
         return jnp.mean(jnp.stack(terms)), result.failures
 
-    def _evaluated(self, sloped: bool, weights: Any, index: int, outputs: int) -> Any:
+    def _evaluated(self, sloped: bool, weights: Weights, index: int, outputs: int) -> tuple[tuple[float, int], Weights]:
         """A compiled call; on overflow of the neighbour list again, with more room, `ENLARGEMENTS` times at most."""
         # Beyond the horizon any row will do; it does not count.
         rows = np.minimum(np.arange(index + 1, index + 1 + self.longest), self.case.run.number_of_frames - 1)
@@ -93,7 +91,7 @@ class Unrolled:
             state, neighbors = self._start(index)
             self.forward_runs += 1
             result = program(weights, state, neighbors, targets, jnp.asarray(outputs, jnp.int32))
-            (value, code), slopes = result if sloped else (result, None)
+            (value, code), slopes = result if sloped else (result, {})
             if not int(code) & Failure.OVERFLOW:
                 break
             # In the end grains lie in a heap or fly at a wall: the update failed, and others need no room of that size.
