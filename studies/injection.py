@@ -214,7 +214,7 @@ def budget_runs() -> list[RunSpec]:
 DATASETS = (*(f"dataset_{run.name}" for run in TRAINING), "dataset_fine")
 """What closures are trained on, and the fine run, which is held out."""
 
-SEEN: dict[str, dict[str, Any]] = {
+KERNELS: dict[str, dict[str, Any]] = {
     name: {key: value for key, value in fluid.items() if key in SEEING}
     for name, fluid in (
         ("narrow", SHARP),
@@ -222,7 +222,7 @@ SEEN: dict[str, dict[str, Any]] = {
         ("wide_deconvolved", WIDE_DECONVOLVED),
     )
 }
-"""How other coarse fluids see the fine one, by what stands behind the names of the datasets."""
+"""What other coarse fluids change in the inputs of the drag law, by what stands behind the names of the datasets."""
 
 ENSEMBLE = EnsembleSpec("filtered_ensemble", ("filtered", *(f"filtered_seed_{seed}" for seed in SEEDS)))
 
@@ -263,14 +263,14 @@ def fits() -> list[FitSpec]:
         result.append(FitSpec(f"filtered_seed_{seed}", "filtered", one, DATASETS))
     settings = dataclasses.replace(FILTERED, terms=TERMS)
     result.append(FitSpec("filtered_terms", "filtered", settings, DATASETS))
-    for seen in SEEN:
-        result.append(FitSpec(f"filtered_{seen}", "filtered", FILTERED, _datasets(seen)))
+    for kernel in KERNELS:
+        result.append(FitSpec(f"filtered_{kernel}", "filtered", FILTERED, _datasets(kernel)))
     result.append(FitSpec("filtered_narrow_terms", "filtered", settings, _datasets("narrow")))
     return result
 
 
-def _datasets(seen: str) -> tuple[str, ...]:
-    return tuple(f"{name}_{seen}" for name in DATASETS)
+def _datasets(kernel: str) -> tuple[str, ...]:
+    return tuple(f"{name}_{kernel}" for name in DATASETS)
 
 
 def tuned() -> list[TuneSpec]:
@@ -401,9 +401,9 @@ def injection_plan() -> Plan:
     # Rows of a sample are grains: some hundred thousand in all are enough, and memory is not.
     training = [DatasetSpec(f"dataset_{run.name}", run.name, COARSENINGS, every=3) for run in TRAINING]
     held_out = DatasetSpec("dataset_fine", FINE.name, (1, 2, 3, 4, 8), every=10)
-    seen = [
+    other_kernels = [
         dataclasses.replace(one, name=f"{one.name}_{name}", overrides=overrides)
-        for name, overrides in SEEN.items()
+        for name, overrides in KERNELS.items()
         for one in (*training, held_out)
     ]
     tests = [held_out, *(DatasetSpec(f"dataset_{name}", f"{name}_fine", (1, 4), every=2) for name in UNSEEN)]
@@ -414,7 +414,7 @@ def injection_plan() -> Plan:
     closed, through = closure_runs(), solver_runs()
     fitted = by_name(fits())
     filtered, paper = fitted["filtered"], fitted["paper"]
-    names = ("filtered_terms", *(f"filtered_{fluid}" for fluid in SEEN), "filtered_narrow_terms")
+    names = ("filtered_terms", *(f"filtered_{fluid}" for fluid in KERNELS), "filtered_narrow_terms")
     for_solver = [filtered, *(fitted[name] for name in names), ENSEMBLE, GRADIENT_STRESS, *tuned()]
     parts: dict[str, Sequence[Spec]] = {
         "mesh": mesh_runs(),
@@ -425,5 +425,5 @@ def injection_plan() -> Plan:
         "generalisation": [*plain, *unseen_runs(), filtered, paper, *tests],
         "pareto": [*plain, *closed, *through, *pareto_runs(), filtered, paper],
     }
-    specs = by_name([*TRAINING, *training, *seen, *(one for part in parts.values() for one in part)])
+    specs = by_name([*TRAINING, *training, *other_kernels, *(one for part in parts.values() for one in part)])
     return Plan(specs, {name: Part(name, tuple(by_name(needed))) for name, needed in parts.items()})

@@ -23,13 +23,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from scipy.interpolate import CubicHermiteSpline
 
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import Drag, DragInputs
-from jaxdem.coupling.coupled import Mixture
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, present
 from jaxdem.fluid.grid import cell_average
+from jaxdem.fluid.momentum import FluidState
 from jaxdem.io import Run
+from jaxdem.io.samples import Samples
 from jaxdem.metrics import history_row
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
@@ -41,7 +43,7 @@ FLUID_METRICS = ("fluid_pressure_mean", "fluid_velocity_mean", "fluid_velocity_m
 """What a replay has of the nine metrics."""
 
 HEAVY = 1e6
-"""Factor on the particles' mass: a trajectory that is given does not yield to the force."""
+"""Factor on the particles' mass: the fluid moves past trajectories that the force does not change."""
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["coefficient", "remainder"], meta_fields=[])
@@ -108,21 +110,20 @@ def replay(run: Run, factor: int, report: Callable[[float], None] | None = None)
     """
     if run.samples is None or len(run.samples.times) < 2:
         raise InputError("RUN", str(run.path), "holds no samples", "run it with output.samples")
-    return _Track(run, load_scene(run.scene), factor).follow(report or (lambda time: None))
+    return _Track(run.samples, load_scene(run.scene), factor).follow(report or (lambda time: None))
 
 
 class _Track:
     """The replay of one run on one mesh."""
 
-    def __init__(self, run: Run, scene: Scene, factor: int):
-        assert run.samples is not None and scene.fluid is not None and scene.coupling is not None
-        self.samples = run.samples
+    def __init__(self, samples: Samples, scene: Scene, factor: int):
+        self.samples = samples
         self.outputs, self.end = scene.time.output_interval, scene.time.end
         self.view = CoarseView(scene, factor)
-        self.simulation, self.parameters = self.view.simulation, self.view.parameters
-        self.law = DRAG_LAWS[scene.coupling.drag]()
+        self.interval = self.view.simulation.interval
+        law = DRAG_LAWS[present(scene.coupling, "coupling").drag]()
         self._advance = jax.jit(self._advanced)
-        self._coefficient = jax.jit(lambda inputs: self.law(inputs).coefficient)
+        self._coefficient = jax.jit(lambda inputs: law(inputs).coefficient)
 
     def knot(self, number: int) -> dict[str, np.ndarray]:
         """Position, velocity and the drag to give at a sample."""
@@ -138,7 +139,7 @@ class _Track:
 
     def follow(self, report: Callable[[float], None]) -> Replay:
         """All intervals from the first sample on, which is where the coarse fluid is the average of the fine one."""
-        interval, times = self.simulation.interval, np.asarray(self.samples.times, float)
+        interval, times = self.interval, np.asarray(self.samples.times, float)
         first, last = round(times[0] / interval), round(self.end / interval)
         every = round(self.outputs / interval)
         state = self.view.fluid(self.samples.frame(0), float(times[0]))
@@ -149,8 +150,9 @@ class _Track:
             while number + 2 < len(times) and time >= times[number + 1] - 1e-6 * interval:
                 number, before = number + 1, after
                 after = self.knot(number + 1)
-            moment = _between(before, after, (time - times[number], times[number + 1] - times[number]), interval)
-            state, mismatch = self._advance(state, *moment, jnp.asarray(time, moment[0].dtype))
+            place = (time - times[number], times[number + 1] - times[number])
+            track, drag = _between(before, after, place, interval)
+            state, mismatch = self._advance(state, track, drag, jnp.asarray(time, track[0].dtype))
             momentum = max(momentum, float(mismatch))
             if (step + 1) % every == 0:
                 frames.append(self._frame(simulated_time(self.outputs, step + 1, every), state))
@@ -159,38 +161,36 @@ class _Track:
         return Replay(fields[0], fields[1], fields[2], fields[3], momentum)
 
     def _inputs(self, rows: dict[str, np.ndarray]) -> DragInputs:
-        fluid = self.parameters.fluid
-        assert fluid is not None
-        given: dict[str, Any] = {name: rows[name] for name in DragInputs._fields if name in rows}
+        fluid = self.view.properties
+        known: dict[str, Any] = {name: rows[name] for name in DragInputs._fields if name in rows}
         return DragInputs(
-            **given,
+            **known,
             filter_size=jnp.asarray(self.view.coarse.filter_size, rows["fluid_velocity"].dtype),
             fluid_density=fluid.density,
             dynamic_viscosity=fluid.density * fluid.viscosity,
         )
 
     def _advanced(
-        self, fluid: Any, position: Array, velocity: Array, coefficient: Array, remainder: Array, time: Array
-    ) -> tuple[Any, Array]:
-        """The fluid after an interval, and the mismatch of momentum."""
-        p, coupling = self.parameters, self.simulation.coupling
-        assert coupling is not None and p.bodies is not None and p.fluid is not None and p.drag_scale is not None
+        self, fluid: FluidState, track: tuple[Array, Array], drag: GivenDrag, time: Array
+    ) -> tuple[FluidState, Array]:
+        """The fluid after an interval, and the mismatch of momentum; `track` is position and velocity."""
+        position, velocity = track
         nothing = jnp.zeros_like(velocity)
         particles = ParticleState(position, None, velocity, nothing[:, :0], (), (), nothing, nothing)
-        bodies = p.bodies._replace(density=p.bodies.density * HEAVY)
-        drag = GivenDrag(coefficient, remainder)
-        mixture = Mixture(drag, p.drag_scale, p.fluid, bodies, jnp.zeros_like(p.gravity))
-        fluid, _, _, report = coupling.advance(mixture, fluid, particles, time)
+        given = self.view.parameters.mixture
+        bodies = self.view.bodies._replace(density=self.view.bodies.density * HEAVY)
+        mixture = given._replace(closure=drag, bodies=bodies, gravity=jnp.zeros_like(given.gravity))
+        fluid, _, _, report = self.view.coupling.advance(mixture, fluid, particles, time)
         return fluid, report.momentum
 
-    def _frame(self, time: float, fluid: Any) -> tuple[Any, ...]:
+    def _frame(self, time: float, fluid: FluidState) -> tuple[np.ndarray, ...]:
         velocity = np.stack([np.asarray(u) for u in cell_average(fluid.face_velocity)], axis=-1)
         return np.asarray(time), velocity, np.asarray(fluid.pressure), np.asarray(fluid.void_fraction)
 
 
 def _between(
     before: dict[str, np.ndarray], after: dict[str, np.ndarray], place: tuple[float, float], interval: float
-) -> tuple[Array, ...]:
+) -> tuple[tuple[Array, Array], GivenDrag]:
     """Position and velocity at the start of an interval, the drag at its middle; beyond the last knot as at it.
 
     Args:
@@ -199,21 +199,15 @@ def _between(
         interval: [s].
     """
     since, span = place
-    x0, x1, v0, v1 = before["position"], after["position"], before["velocity"], after["velocity"]
-    s = since / span
-    if s < 1.0:
-        position = (
-            (1 + 2 * s) * (1 - s) ** 2 * x0
-            + s**2 * (3 - 2 * s) * x1
-            + span * (s * (1 - s) ** 2 * v0 - s**2 * (1 - s) * v1)
-        )
-        velocity = 6 * s * (1 - s) * (x1 - x0) / span + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
+    if since < span:
+        ends = [[knot[name] for knot in (before, after)] for name in ("position", "velocity")]
+        spline = CubicHermiteSpline([0.0, span], *ends)
+        position, velocity = spline(since), spline(since, 1)
     else:
-        position, velocity = x1 + (since - span) * v1, v1
-    middle = min(1.0, (since + 0.5 * interval) / span)
-    drag = [(1 - middle) * before[name] + middle * after[name] for name in ("coefficient", "remainder")]
-    kind = x0.dtype
-    return tuple(jnp.asarray(array, kind) for array in (position, velocity, *drag))
+        position, velocity = after["position"] + (since - span) * after["velocity"], after["velocity"]
+    middle, kind = min(1.0, (since + 0.5 * interval) / span), before["position"].dtype
+    drag = (jnp.asarray((1 - middle) * before[n] + middle * after[n], kind) for n in ("coefficient", "remainder"))
+    return (jnp.asarray(position, kind), jnp.asarray(velocity, kind)), GivenDrag(*drag)
 
 
 def replay_to_file(run: Run, factor: int, out: Path, report: Callable[[float], None]) -> None:
@@ -227,5 +221,6 @@ def replay_to_file(run: Run, factor: int, out: Path, report: Callable[[float], N
 
 def read_replay(path: Path) -> Replay:
     """What `replay_to_file` wrote."""
-    arrays: dict[str, Any] = read_stored(path)
-    return Replay(**{**arrays, "momentum": float(arrays["momentum"])})
+    arrays = read_stored(path)
+    momentum = float(arrays.pop("momentum"))
+    return Replay(**arrays, momentum=momentum)

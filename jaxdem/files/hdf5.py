@@ -4,7 +4,8 @@ Files are written in the format of HDF5 1.10, whose tables (headers, names, indi
 numbers either inside such a table or in chunks with a Fletcher-32 checksum, and with text of fixed length, since the
 heap of HDF5's variable-length text has none. In the older format, and it is the default of most programs, a single
 altered bit can send the library round in circles or out of its memory: a file in it is first read by a process of its
-own, which may take so long and no longer. `hdf5_contents` says what every file must be like.
+own, which may take so long and no longer. (`subprocess.run` ends a process that takes longer; a worker of
+`concurrent.futures` that hangs cannot be ended.) `hdf5_contents` says what every file must be like.
 """
 
 from __future__ import annotations
