@@ -4,13 +4,13 @@ import dataclasses
 import subprocess
 import sys
 from functools import partial
+from types import SimpleNamespace
 
 import h5py
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flax import linen
 
 from jaxdem import load_scene, simulate
 from jaxdem.closures import (
@@ -25,8 +25,9 @@ from jaxdem.closures import (
     load_subgrid,
     save_closure,
 )
+from jaxdem.closures.flax_module import flax_module
 from jaxdem.closures.invariant import FEATURES, TERMS, WITHOUT_PRESSURE
-from jaxdem.closures.network import ACTIVATIONS, initial_weights, perceptron
+from jaxdem.closures.network import initial_weights, perceptron
 from jaxdem.errors import InputError
 from jaxdem.study import SCENES
 
@@ -98,28 +99,17 @@ def rotation_matrix(dimension, seed=3):
     return jnp.asarray(matrix)
 
 
-class FlaxNetwork(linen.Module):
-    """The same network as flax has it."""
-
-    widths: tuple[int, ...]
-    activation: str
-
-    @linen.compact
-    def __call__(self, values):
-        for number, width in enumerate(self.widths):
-            values = linen.Dense(width, param_dtype=values.dtype)(values)
-            if number < len(self.widths) - 1:
-                values = ACTIVATIONS[self.activation](values)
-        return values
-
-
 @pytest.mark.parametrize("activation", ["elu", "softplus"])
 def test_weights_are_those_of_a_flax_network(activation):
+    """flax's own layers give what runs compute from the same weights; and its `init` makes weights of that layout."""
     values = jnp.asarray(np.random.default_rng(0).normal(size=(6, 5)))
-    weights = jax.tree.map(lambda leaf: leaf.astype(values.dtype), initial_weights((5, 7, 3, 2), activation, seed=1))
-    expected = jax.jit(FlaxNetwork((7, 3, 2), activation).apply)({"params": weights}, values)
-    found = jax.jit(partial(perceptron, activation=activation))(weights, values=values)
-    np.testing.assert_allclose(found, expected, rtol=1e-14)
+    closure = SimpleNamespace(weights=initial_weights((5, 7, 3, 2), activation, seed=1), activation=activation)
+    module, variables = flax_module(closure)
+    variables = jax.tree.map(lambda leaf: leaf.astype(values.dtype), variables)
+    found = jax.jit(partial(perceptron, activation=activation))(closure.weights, values=values)
+    np.testing.assert_allclose(found, jax.jit(module.apply)(variables, values), rtol=1e-14)
+    drawn = jax.eval_shape(module.init, jax.random.key(0), values)
+    assert jax.tree.map(jnp.shape, drawn) == jax.tree.map(jnp.shape, variables)
 
 
 def test_a_stored_network_is_used_without_flax():
