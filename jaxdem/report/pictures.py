@@ -28,6 +28,9 @@ WALL = LinearSegmentedColormap.from_list("wall", ["#A9AFB700", "#A9AFB7C8"])
 WALL_EDGE = "#2E3338"
 OPENINGS = {INLET: "#009E73", OUTLET: "#CC79A7"}
 
+LONG_BOX = 2.0
+"""Runs side by side stand in fewer columns from this ratio of length to height on."""
+
 TOP_PERCENTILE = 99.5
 """The top of a scale is this percentile: one stray grain or one cell at an edge does not darken all others."""
 

@@ -34,8 +34,6 @@ MAX_CELLS = 800
 """Cells along a side of the fluid's picture; of a finer mesh every second (third, ...) one is shown."""
 
 SCRIPT = Path(__file__).with_name("player.js")
-LONG_BOX = 2.0
-"""From this ratio of length to height on at most two runs stand in a row."""
 
 
 class _Clip(NamedTuple):
@@ -52,7 +50,8 @@ def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> str | None:
     """The animations of all runs at the output times of the first, which is the reference; one colour scale for all.
 
     Returns:
-        A fragment of the page, with its caption; None where the reference has fewer than two outputs, or where two would not fit into `max_bytes`.
+        A fragment of the page, with its caption; None where the reference has fewer than two outputs, or where two
+        would not fit into `max_bytes`.
     """
     outputs = rows[0].history["time"]
     rows = [row for row in rows if read.domain_size(row.run)]
@@ -157,7 +156,7 @@ def _html(clips: Sequence[_Clip], times: Array, tops: Tops) -> str:
         f'<span class="scale" data-scale="{name}"></span>'
         for name in ["fluid"] * ("fluid" in tops) + ["grains"] * bool(quantities)
     )
-    long = " long" if max(clip.box[0] / clip.box[1] for clip in clips) >= LONG_BOX else ""
+    long = " long" if max(clip.box[0] / clip.box[1] for clip in clips) >= pictures.LONG_BOX else ""
     # `<` cannot stand in a script: nothing in the data may end it.
     text = json.dumps(settings).replace("<", "\\u003c")
     return (

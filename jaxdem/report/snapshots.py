@@ -20,8 +20,6 @@ FRACTIONS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Times of the snapshots, as fractions of the span that is compared."""
 
 COLOR = "velocity"
-LONG_BOX = 2.0
-"""From this ratio of length to height on, runs stand above one another and the times in two columns."""
 
 
 def snapshot_times(times: Array) -> list[float]:
@@ -71,7 +69,7 @@ def _panels(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, l
     a row for each time, the runs side by side.
     """
     ratio = size[0] / size[1]
-    stacked = ratio >= LONG_BOX
+    stacked = ratio >= pictures.LONG_BOX
     lines, columns = (runs * math.ceil(times / 2), 2) if stacked else (times, runs)
     width = 6.9 if stacked else max(2.2, min(5.0 / columns**0.5, 4.5 * ratio))
     # A panel is at least as high as the label of its axis, and has its title above.
