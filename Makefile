@@ -2,7 +2,9 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+# Every process would translate all of JAX anew without the bytecode of Python, which takes a second.
+export PYTHONDONTWRITEBYTECODE :=
 # Number of parallel test processes. The threads of numpy and XLA are not limited.
 WORKERS ?= 2
 EXAMPLES := column_collapse settling fluidised_bed injection friction_calibration train_closure
@@ -49,9 +51,9 @@ $(VENV)/run.done: constraints.txt pyproject.toml
 	touch $@
 
 $(VENV)/test.done: $(VENV)/run.done constraints-test.txt
-	$(PIP) --no-deps -r constraints-test.txt
+	$(PIP) --no-compile --no-deps -r constraints-test.txt
 	touch $@
 
 $(VENV)/docs.done: $(VENV)/run.done constraints-docs.txt
-	$(PIP) --no-deps -r constraints-docs.txt
+	$(PIP) --no-compile --no-deps -r constraints-docs.txt
 	touch $@

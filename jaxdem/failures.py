@@ -85,7 +85,7 @@ def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
         found.append((Failure.OVERFLOW, particles.overflow))
         found.append((Failure.PARTICLES_NOT_FINITE, ~particles.finite))
         found.append((Failure.PARTICLE_LOST, particles.lost > 0))
-        limit = simulation.steps.speed_limit or 0.0
+        limit = 0.0 if simulation.steps.speed_limit is None else simulation.steps.speed_limit
         found.append((Failure.TOO_FAST, particles.fastest > limit))
     if fluid is not None and simulation.fluid is not None:
         found.append((Failure.FLUID_NOT_FINITE, ~fluid.finite))

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
+
 from jaxdem.errors import InputError, required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.jax_md_list import JaxMdList, listed_by_jax_md
 from jaxdem.particles.neighbors import Neighbors, Room, carry_history
@@ -36,10 +40,18 @@ class Simulation(Structure):
 
     def allocate(self, parameters: Parameters, particles: ParticleState, room: Room | None = None) -> Neighbors:
         """A neighbour list with room for these positions, or with exactly so much room; not jittable."""
-        position = vectors.components(particles.position)
-        low = split_low(particles.position_low, len(position))
+        position, low = _on_host(particles)
         bodies = required(parameters.bodies, "parameters.bodies")
         return self.search.allocate(position, low, bodies.radius, room, particles.active)
+
+    def room(self, particles: ParticleState) -> Room:
+        """What a list needs room for at these positions; nothing is compiled."""
+        return self.search.room(_on_host(particles)[0], particles.active)
+
+    def list_shapes(self, parameters: Parameters, particles: ParticleState, room: Room) -> Neighbors:
+        """What `allocate` gives, shapes and types alone; nothing is compiled."""
+        bodies = required(parameters.bodies, "parameters.bodies")
+        return self.search.shapes(*_on_host(particles), bodies.radius, room)
 
     def with_room(self, state: State, neighbors: Neighbors, room: Room) -> tuple[State, Neighbors]:
         """State and list with more room, the pairs and what they keep as before; not jittable."""
@@ -47,9 +59,15 @@ class Simulation(Structure):
         wider = self.search.allocate(
             neighbors.reference, neighbors.reference_low, neighbors.radius, room, particles.active
         )
-        springs = carry_history(particles.contact_spring, neighbors, wider)
+        springs = jax.jit(carry_history)(particles.contact_spring, neighbors, wider)
         wider = dataclasses.replace(wider, builds=neighbors.builds)
         return state._replace(particles=particles._replace(contact_spring=springs)), wider
+
+
+def _on_host(particles: ParticleState) -> tuple[Vector, tuple[Low, ...]]:
+    """Positions by component; outside of `jit` each would be a program of its own on the device."""
+    position, low = jax.device_get((particles.position, particles.position_low))
+    return vectors.components(position), split_low(low, position.shape[1])
 
 
 def neighbors_from_jax_md(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.check.cautions import cautions
@@ -97,7 +97,7 @@ class CheckReport:
 
 
 def check_scene(scene: Scene) -> CheckReport:
-    """Look a scene over without running it; nothing large is compiled.
+    """Look a scene over without running it; programs are compiled only for walls beside the box.
 
     Raises:
         InputError: whatever `simulate` would refuse before its first step.
@@ -105,7 +105,10 @@ def check_scene(scene: Scene) -> CheckReport:
     case = build_case(scene)
     simulation, parameters, bodies = case.simulation, case.parameters, case.bodies
     samples_every(scene, simulation)
-    state, neighbors = case.initial_state()
+    state, room = case.first_state()
+    neighbors = None
+    if room is not None and state.particles is not None:
+        neighbors = simulation.list_shapes(parameters, state.particles, room)
     steps, fluid = simulation.steps, simulation.fluid
     time_steps: dict[str, float] = {
         "interval": steps.interval,
@@ -121,7 +124,9 @@ def check_scene(scene: Scene) -> CheckReport:
     count = 0 if state.particles is None else len(state.particles.position)
     load = screen_load(scene, simulation, parameters, bodies, count)
     cost = run_cost(simulation, neighbors)
-    void = state.fluid.void_fraction if state.fluid is not None else None
+    void = None
+    if state.fluid is not None and state.fluid.void_fraction is not None:
+        void = np.asarray(state.fluid.void_fraction)
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
     return CheckReport(
         precision=scene.precision,
@@ -132,7 +137,7 @@ def check_scene(scene: Scene) -> CheckReport:
         spacing=spacing,
         cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter) if spacing and diameter else None,
         kernel_half_width=simulation.half_width,
-        void_fraction=None if void is None else (float(jnp.min(void)), float(jnp.mean(void))),
+        void_fraction=None if void is None else (float(void.min()), float(void.mean())),
         time_steps=time_steps,
         limits=dict(steps.limits)
         | _model_viscous_limit(scene, simulation, None if void is None else float(void.min())),
@@ -234,14 +239,15 @@ def _memory(simulation: Simulation, state: State, neighbors: Neighbors | None) -
     coupling = simulation.coupling
     memory["fluid"] = _bytes(state.fluid)
     memory["kernel weights"] = 0
-    if coupling is not None and state.particles is not None and neighbors is not None:
-        grid, deposition = coupling.interval.solver.grid, coupling.deposition
-        radius = neighbors.radius
-        shapes = jax.eval_shape(lambda x: deposition.weights(grid, x, radius), state.particles.position)
-        memory["kernel weights"] = sum(math.prod(s.shape) * s.dtype.itemsize for s in jax.tree.leaves(shapes))
+    if coupling is not None and state.particles is not None:
+        count, dimension = state.particles.position.shape
+        grid, real = coupling.interval.solver.grid, np.dtype(state.particles.position.dtype)
+        place: Any = np.zeros((1, dimension), real)
+        of_one = coupling.deposition.weights(grid, place, place[0, 0])
+        memory["kernel weights"] = count * of_one.index.size * (of_one.index.itemsize + real.itemsize)
     memory = {name: size for name, size in memory.items() if size}
     return memory | {"total while running": WORKING_COPIES * sum(memory.values())}
 
 
 def _bytes(tree: object) -> int:
-    return sum(leaf.nbytes for leaf in jax.tree.leaves(tree) if hasattr(leaf, "nbytes"))
+    return sum(math.prod(leaf.shape) * leaf.dtype.itemsize for leaf in jax.tree.leaves(tree))

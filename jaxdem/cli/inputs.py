@@ -135,9 +135,9 @@ def start_jax(precision: str = "float32") -> None:
         InputError: what JAX is asked for is not there, or it would end in an abort.
     """
     _require_address_space()
-    from jaxdem.run.compilation_cache import use_compilation_cache
+    from jaxdem.run.program_cache import use_program_cache
 
-    use_compilation_cache()
+    use_program_cache()
     import jax
 
     if precision == "float64":

@@ -10,12 +10,12 @@ import itertools
 import math
 from typing import Protocol
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxdem.coupling.interpolation import Weights, kernel_weights, point_weights
 from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
 
 
@@ -79,8 +79,9 @@ class Divided:
 
     def weights(self, grid: Grid, position: Array, radius: Array) -> Weights:
         """See `Deposition`."""
-        points = jnp.asarray(sphere_points()[:, : grid.dimension], position.dtype)
-        radius = jnp.broadcast_to(radius, position.shape[:1])
+        xp = namespace(position)
+        points = xp.asarray(sphere_points()[:, : grid.dimension], position.dtype)
+        radius = xp.broadcast_to(radius, position.shape[:1])
         return point_weights(grid, position[:, None] + radius[:, None, None] * points[None])
 
 
@@ -102,7 +103,7 @@ class Diffusion:
     def weights(self, grid: Grid, position: Array, radius: Array) -> Weights:
         """See `Deposition`."""
         smoothing = tuple(
-            jnp.asarray(gaussian_matrix(n, h, half / math.sqrt(6.0), periodic), position.dtype)
+            namespace(position).asarray(gaussian_matrix(n, h, half / math.sqrt(6.0), periodic), position.dtype)
             for n, h, half, periodic in zip(grid.cells, grid.spacing, self.half_width, grid.periodic, strict=True)
         )
         return Divided(self.half_width).weights(grid, position, radius)._replace(smoothing=smoothing)

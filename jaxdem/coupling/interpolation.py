@@ -16,9 +16,11 @@ import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, share_to_faces
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.products import PRECISION, along_axis
 from jaxdem.numerics.static import static
 
@@ -63,16 +65,17 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
         half_width: of the kernel along every axis [m].
         position: (N, D) [m].
     """
+    xp = namespace(position)
     per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)]
     index, weight = [], []
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
-        flat, product = jnp.zeros((), jnp.int32), jnp.ones((), position.dtype)
+        flat, product = xp.zeros((), xp.int32), xp.ones((), position.dtype)
         for axis, column in enumerate(combination):
             flat = flat * grid.cells[axis] + per_axis[axis][0][:, column]
             product = product * per_axis[axis][1][:, column]
         index.append(flat)
         weight.append(product)
-    return Weights(jnp.stack(index, axis=1), jnp.stack(weight, axis=1))
+    return Weights(xp.stack(index, axis=1), xp.stack(weight, axis=1))
 
 
 def cells_under(half_width: float, spacing: float) -> int:
@@ -82,17 +85,22 @@ def cells_under(half_width: float, spacing: float) -> int:
 
 def point_weights(grid: Grid, points: Array) -> Weights:
     """Weights of particles that are P points of equal weight each, (N, P, D) [m]; P = 1: the cell of the centre."""
-    flat = jnp.zeros((), jnp.int32)
+    xp = namespace(points)
+    flat = xp.zeros((), xp.int32)
     for axis in range(grid.dimension):
-        cell = jnp.floor(points[..., axis] / grid.spacing[axis]).astype(jnp.int32)
+        cell = xp.floor(points[..., axis] / grid.spacing[axis]).astype(xp.int32)
         flat = flat * grid.cells[axis] + _into_box(cell, grid.cells[axis], grid.periodic[axis])
-    return Weights(flat, jnp.full(flat.shape, 1.0 / flat.shape[1], points.dtype))
+    return Weights(flat, xp.full(flat.shape, 1.0 / flat.shape[1], points.dtype))
 
 
 def deposit(grid: Grid, weights: Weights, quantity: Array) -> Array:
     """Particle quantities (N,) spread over the cells: sum_p w_pc q_p, in the unit of the quantity."""
-    flat = jnp.zeros(math.prod(grid.cells), quantity.dtype)
-    spread = flat.at[weights.index].add(weights.weight * quantity[:, None], mode="promise_in_bounds")
+    size, shares = math.prod(grid.cells), weights.weight * quantity[:, None]
+    if isinstance(shares, np.ndarray):
+        spread = np.bincount(np.ravel(weights.index), np.ravel(shares), size).astype(shares.dtype)
+    else:
+        flat = jnp.zeros(size, quantity.dtype)
+        spread = flat.at[weights.index].add(shares, mode="promise_in_bounds")
     return _smoothed(weights, spread.reshape(grid.cells))
 
 
@@ -125,26 +133,27 @@ def _smoothed(weights: Weights, field: Array) -> Array:
 def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> tuple[Array, Array]:
     """Cell indices and weights along one axis, (N, reach) each."""
     count, spacing = grid.cells[axis], grid.spacing[axis]
-    reach = cells_under(half_width, spacing)
+    reach, xp = cells_under(half_width, spacing), namespace(position)
     scaled = position / spacing
     width = half_width / spacing
     # Compilers compute this once for the indices and once for the weights. Subtracting before dividing leaves
     # them no product to fuse with a sum, so that both round alike where the kernel ends on a cell's side.
-    first = jnp.floor((position - half_width) / spacing).astype(jnp.int32)
-    columns = first[:, None] + jnp.arange(reach, dtype=jnp.int32)[None]
+    first = xp.floor((position - half_width) / spacing).astype(xp.int32)
+    columns = first[:, None] + xp.arange(reach, dtype=xp.int32)[None]
     # Distances from the first cell, not from the box, keep the digits of positions far from the origin.
-    offset = (scaled - first)[:, None] - jnp.arange(reach + 1, dtype=position.dtype)[None]
+    offset = (scaled - first)[:, None] - xp.arange(reach + 1, dtype=position.dtype)[None]
     passed = _cumulative_triangle(-offset / width)
     weight = passed[:, 1:] - passed[:, :-1]
     # Rounding leaves the sum a few ulp off one: volume is to be exact.
-    weight = weight / jnp.sum(weight, axis=1, keepdims=True)
+    weight = weight / xp.sum(weight, axis=1, keepdims=True)
     return _into_box(columns, count, grid.periodic[axis]), weight
 
 
 def _cumulative_triangle(x: Array) -> Array:
     """Integral of the triangle of half-width 1 from -1 to x; once continuously differentiable."""
-    x = jnp.clip(x, -1.0, 1.0)
-    return jnp.where(x < 0, 0.5 * (1.0 + x) ** 2, 1.0 - 0.5 * (1.0 - x) ** 2)
+    xp = namespace(x)
+    x = xp.clip(x, -1.0, 1.0)
+    return xp.where(x < 0, 0.5 * (1.0 + x) ** 2, 1.0 - 0.5 * (1.0 - x) ** 2)
 
 
 def _into_box(index: Array, count: int, periodic: bool) -> Array:
@@ -152,4 +161,4 @@ def _into_box(index: Array, count: int, periodic: bool) -> Array:
     if periodic:
         return index % count
     folded = index % (2 * count)
-    return jnp.minimum(folded, 2 * count - 1 - folded)
+    return namespace(index).minimum(folded, 2 * count - 1 - folded)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.coupling.interpolation import Weights, deposit
 from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.host import namespace
 
 
 def solid_fraction(grid: Grid, weights: Weights, volume: Array) -> Array:
@@ -19,5 +19,5 @@ def solid_fraction(grid: Grid, weights: Weights, volume: Array) -> Array:
         weights: of the N particles.
         volume: () or (N,) [m3].
     """
-    per_particle = jnp.broadcast_to(volume / grid.cell_volume, weights.index.shape[:1])
+    per_particle = namespace(weights.weight).broadcast_to(volume / grid.cell_volume, weights.index.shape[:1])
     return deposit(grid, weights, per_particle)

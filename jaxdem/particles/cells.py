@@ -16,11 +16,14 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import operator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.pairs import WRITTEN_OUT, at, last_up_to
@@ -53,16 +56,20 @@ class CellGrid:
         periodic: whether each axis is periodic.
         reach: pairs nearer than this are listed [m].
         particles: their number, which says how many columns of the table are worth their memory.
+        per_axis: number of cells along each axis; as many as the reach allows if None. With it the reach may be traced.
     """
 
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
     reach: float
     particles: int
+    per_axis: tuple[int, ...] | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of cells along each axis."""
+        if self.per_axis is not None:
+            return self.per_axis
         return tuple(min(MOST_PER_AXIS, max(1, math.floor(length / self.reach))) for length in self.box)
 
     @property
@@ -90,8 +97,9 @@ class CellGrid:
         """
         found = []
         for x, length, n, wraps in zip(position, self.box, self.shape, self.periodic, strict=True):
-            cell = jnp.floor(x * (n / length)).astype(jnp.int32)
-            found.append(jnp.mod(cell, n) if wraps else jnp.clip(cell, 0, n - 1) + 1)
+            xp = namespace(x)
+            cell = xp.floor(x * (n / length)).astype(xp.int32)
+            found.append(xp.mod(cell, n) if wraps else xp.clip(cell, 0, n - 1) + 1)
         return tuple(found)
 
     def around(self, cells: Vector) -> Array:
@@ -111,9 +119,9 @@ class CellGrid:
         if self.shares:
             periods = tuple(n if wraps else 0 for n, wraps in zip(self.shape, self.periodic, strict=True))
             multipliers = _multipliers(periods, self.columns)
-            terms = [cell.astype(jnp.uint32) * jnp.uint32(m) for cell, m in zip(cells, multipliers, strict=True)]
+            terms = [cell.astype(np.uint32) * np.uint32(m) for cell, m in zip(cells, multipliers, strict=True)]
             # Of a power of two the overflow of 32 bits is a multiple.
-            return (functools.reduce(jnp.add, terms) & jnp.uint32(self.columns - 1)).astype(jnp.int32)
+            return (functools.reduce(operator.add, terms) & np.uint32(self.columns - 1)).astype(np.int32)
         index = cells[0]
         for cell, n in zip(cells[1:], self.padded_shape[1:], strict=True):
             index = index * n + cell
@@ -121,6 +129,7 @@ class CellGrid:
 
     def largest_occupancy(self, position: Vector) -> int:
         """Largest number of particles in a column; not jittable."""
+        position = jax.tree.map(np.asarray, position)
         return int(np.bincount(np.asarray(self.flat(self.cells(position)))).max(initial=0))
 
     def dense_occupancy(self, spacing: float) -> int:

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.typing import DTypeLike
 from scipy.spatial import KDTree
 
 from jaxdem.numerics import compensated, vectors
@@ -50,12 +52,15 @@ class NeighborGeometry:
         periodic: whether each axis is periodic.
         cutoff: largest distance of two centres in contact, the largest diameter [m].
         skin: extra distance that is listed; the list is good until a particle has moved skin/2 [m].
+        cells: number of cells of the search along each axis; as many as the reach allows if None. With it cutoff and
+            skin may be traced.
     """
 
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
     cutoff: float
     skin: float
+    cells: tuple[int, ...] | None = None
 
 
 @static
@@ -161,8 +166,15 @@ class NeighborSearch:
         """Pairs nearer than this are listed [m]."""
         return self.geometry.cutoff + self.geometry.skin
 
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Number of cells of the search along each axis."""
+        geometry = self.geometry
+        return geometry.cells or CellGrid(geometry.box, geometry.periodic, self.reach, 0).shape
+
     def _cells(self, position: Vector) -> CellGrid:
-        return CellGrid(self.geometry.box, self.geometry.periodic, self.reach, position[0].shape[0])
+        geometry = self.geometry
+        return CellGrid(geometry.box, geometry.periodic, self.reach, position[0].shape[0], geometry.cells)
 
     def allocate(
         self,
@@ -183,10 +195,32 @@ class NeighborSearch:
             active: (N,) bool, which particles there are; all if None.
         """
         if room is None:
-            room = self._room(position, active)
+            room = self.room(position, active)
         # As one program: outside of jit every operation would be compiled by itself.
         built = jax.jit(self._built)
-        return built(position, low, radius, room, jnp.zeros((), bool), active)
+        return built(position, low, radius, room, np.zeros((), bool), active)
+
+    def shapes(self, position: Vector, low: tuple[Low, ...], radius: Array, room: Room) -> Neighbors:
+        """What `allocate` gives for these arguments, shapes and types alone; nothing is compiled."""
+        count, dtype = position[0].shape[0], position[0].dtype
+
+        def shape(*sizes: int, dtype: DTypeLike = jnp.int32) -> Any:  # JAX has no type for arrays and shapes alike
+            return jax.ShapeDtypeStruct(sizes, dtype)
+
+        real, index = shape(room.pairs, dtype=dtype), shape(room.slots, count)
+        given = jax.tree.map(lambda a: shape(*a.shape, dtype=a.dtype), (position, low, radius))
+        return Neighbors(
+            index=index,
+            pairs=Pairs(shape(room.pairs), shape(room.pairs), index),
+            separation=(real,) * len(position),
+            radius=given[2],
+            overlap=real,
+            reference=given[0],
+            reference_low=given[1],
+            overflow=shape(dtype=bool),
+            builds=shape(),
+            cell_slots=room.cell,
+        )
 
     def update(
         self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors, active: Array | None = None
@@ -257,12 +291,14 @@ class NeighborSearch:
         apart[0] = (jnp.where(empty, far, apart[0][0]), first_low)
         return tuple(high for high, _ in apart), compensated.overlap_of_spheres(tuple(apart), radius_sum(radius, pairs))
 
-    def _room(self, position: Vector, active: Array | None) -> Room:
-        """Room for these positions and for a dense pack, with a margin."""
+    def room(self, position: Vector, active: Array | None = None) -> Room:
+        """Room for these positions and for a dense pack, with a margin; on the host."""
         count, dimension = position[0].shape[0], len(position)
         if count < 2:
             return Room(0, 0, 1)
-        present = position if active is None else tuple(x[np.asarray(active)] for x in position)
+        present = jax.tree.map(np.asarray, position)
+        if active is not None:
+            present = tuple(x[np.asarray(active)] for x in present)
         cells = self._cells(position)
         crowd = max(cells.largest_occupancy(present), cells.dense_occupancy(self.geometry.cutoff))
         usual, each = USUAL_SLOTS[dimension], USUAL_PAIRS[dimension]

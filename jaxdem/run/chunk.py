@@ -11,10 +11,14 @@ from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
 from jaxdem.failures import failures
+from jaxdem.numerics.host import on_device
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.run.exported import compiled
+from jaxdem.run.numbers import NO_NUMBERS, LoopNumbers, loop_numbers, with_numbers
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import advance_fluid, advance_particles
@@ -86,8 +90,10 @@ class ChunkProgram:
     def __init__(
         self, simulation: Simulation, parameters: Parameters, state: State, neighbors: Neighbors | None
     ) -> None:
-        program = jax.jit(partial(advance, simulation))
-        self._compiled = program.lower(parameters, state, neighbors, jnp.int32(1)).compile()
+        self._numbers = loop_numbers(simulation, parameters.gravity.dtype)
+        structure = with_numbers(simulation, NO_NUMBERS)
+        given = (self._numbers, parameters, state, neighbors, on_device(1, np.int32))
+        self._compiled = compiled(advance, structure, *given)
         self._seconds = math.inf
 
     @property
@@ -98,7 +104,8 @@ class ChunkProgram:
     def __call__(self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
         """See `Program`."""
         begin = clock.perf_counter()
-        chunk = jax.block_until_ready(self._compiled(parameters, state, neighbors, jnp.int32(count)))
+        given = (self._numbers, parameters, state, neighbors, on_device(count, np.int32))
+        chunk = jax.block_until_ready(self._compiled(*given))
         self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
         return chunk
 
@@ -137,19 +144,26 @@ class ProfiledProgram:
 
 
 def advance(
-    simulation: Simulation, parameters: Parameters, state: State, neighbors: Neighbors | None, count: Array
+    structure: Simulation,
+    numbers: LoopNumbers,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors | None,
+    count: Array,
 ) -> Chunk:
     """`count` coupling intervals, up to `CHUNK` of them; it ends early with one that raises a flag.
 
     Args:
-        simulation: from `jaxdem.build`.
-        parameters: its numbers.
+        structure: from `jaxdem.build`, without `numbers`.
+        numbers: its steps and limits.
+        parameters: its other numbers.
         state: to start from.
         neighbors: its list.
         count: () int32.
     """
+    simulation = with_numbers(structure, numbers)
     # Compiled by itself, so that finding the shapes of what it reports does not trace it a second time.
-    step = jax.jit(simulation.step)
+    step = jax.jit(lambda *given: simulation.step(*given))
     shapes = jax.eval_shape(step, parameters, state, neighbors)[2]
     blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
     records = jax.tree.map(lambda a: jnp.zeros((CHUNK, *a.shape), a.dtype), _records(shapes))

@@ -68,8 +68,9 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             particles["drag_force"] = np.where(particles["active"][:, None], particles["drag_force"], 0)
     if state.fluid is not None:
         pressure, void_fraction = np.asarray(state.fluid.pressure), state.fluid.void_fraction
+        faces = jax.tree.map(np.asarray, state.fluid.face_velocity)  # on the host, where nothing is compiled
         fluid = {
-            "velocity": np.stack([np.asarray(u) for u in cell_average(state.fluid.face_velocity)], axis=-1),
+            "velocity": np.stack(cell_average(faces), axis=-1),
             "pressure": pressure,
             "void_fraction": np.ones_like(pressure) if void_fraction is None else np.asarray(void_fraction),
         }
@@ -91,7 +92,8 @@ def history_of(case: Case, instant: Instant, frame: Frame, collision: float) -> 
         present = particles["active"].astype(bool) if "active" in particles else slice(None)
         names = ("position", "velocity", "angular_velocity", *(() if fluid is None else ("drag_force",)))
         arrays = {name: particles[name][present] for name in names}
-        for name, value in (("mass", np.asarray(bodies.mass)), ("inertia", np.asarray(bodies.inertia))):
+        bodies = jax.tree.map(np.asarray, bodies)
+        for name, value in (("mass", bodies.mass), ("inertia", bodies.inertia)):
             arrays[name] = value[present] if value.ndim else value
     if fluid is not None:
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
@@ -139,8 +141,8 @@ def particle_counts(simulation: Simulation, state: State) -> dict[str, int]:
         return {}
     coming = sum(len(inlet.due) for inlet in population.inlets)
     initial = particles.position.shape[0] - coming
-    inserted = 0 if particles.inserted is None else int(np.sum(particles.inserted))
-    present = int(np.sum(particles.active))
+    inserted = 0 if particles.inserted is None else int(np.sum(np.asarray(particles.inserted)))
+    present = int(np.sum(np.asarray(particles.active)))
     removed = initial + inserted - present
     return {"initial": initial, "inserted": inserted, "removed": removed, "present": present}
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
-from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.setup.bodies import NO_BODIES, Bodies
 from jaxdem.setup.boundaries import scene_boundary
@@ -54,9 +54,16 @@ class Case:
         """Size, density and material of all particles that there ever are; no entries in a scene without."""
         return NO_BODIES if self.particles is None else self.particles.bodies
 
+    def first_state(self) -> tuple[State, Room | None]:
+        """See `jaxdem.setup.start.first_state`."""
+        return first_state(self.scene, self.particles, self.simulation, self.parameters)
+
     def initial_state(self) -> tuple[State, Neighbors | None]:
         """See `jaxdem.initial_state`."""
-        return first_state(self.scene, self.particles, self.simulation, self.parameters)
+        state, room = self.first_state()
+        if room is None or state.particles is None:
+            return state, None
+        return state, self.simulation.allocate(self.parameters, state.particles, room)
 
 
 def build(

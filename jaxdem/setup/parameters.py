@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.fluid.momentum import FluidProperties
 from jaxdem.fluid.subgrid_stress import SubgridLaw
+from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleProperties
 from jaxdem.particles.materials import ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.scene import Contact, Scene
@@ -80,7 +80,7 @@ class _Numbers:
     def __call__(self, value: Values) -> Array:
         """One value; zero where there is none, for a constant that the scene's law does not use."""
         rigid = isinstance(value, str) and value == "rigid"
-        return jnp.asarray(math.inf if rigid else (0.0 if value is None else value), self._dtype)
+        return on_device(math.inf if rigid else (0.0 if value is None else value), self._dtype)
 
     def optional(self, value: Values) -> Array | None:
         """The same of a constant that follows another one where the scene gives none of its own."""

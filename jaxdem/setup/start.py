@@ -1,4 +1,4 @@
-"""The state that a scene starts from, and its neighbour list."""
+"""The state that a scene starts from."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import DTypeLike
 
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.presence import present_weights
@@ -16,9 +17,10 @@ from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.numerics import vectors
+from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval
-from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
@@ -32,8 +34,8 @@ from jaxdem.state import Parameters, State
 
 def first_state(
     scene: Scene, particles: ParticleSetup | None, simulation: Simulation, parameters: Parameters
-) -> tuple[State, Neighbors | None]:
-    """The state that a scene starts from, and its neighbour list.
+) -> tuple[State, Room | None]:
+    """The state that a scene starts from, and what its neighbour list needs room for; made on the host.
 
     Args:
         scene: the scene.
@@ -43,24 +45,28 @@ def first_state(
     Raises:
         InputError: particles overlap each other or a wall, lie outside the box, or do not fit into their pack.
     """
-    dtype, state, neighbors = parameters.gravity.dtype, None, None
+    dtype, state, room = parameters.gravity.dtype, None, None
     if particles is not None and simulation.contact is not None and parameters.bodies is not None:
         allowed = allowed_overlap(particles, simulation.steps)
         check_initial_positions(particles, allowed)
         state = _particles(particles, simulation.population, dtype)
         _check_surfaces(scene, simulation.contact.model.surfaces, state, parameters.bodies.radius, allowed)
-        neighbors = simulation.allocate(parameters, state)
-        state = _with_memory(scene, simulation.contact, simulation.coupling, state, neighbors)
+        room = simulation.room(state)
+        state = _with_memory(scene, simulation.contact, simulation.coupling, state, room)
     fluid = None
     if simulation.fluid is not None:
         grid, void_fraction = simulation.fluid.solver.grid, None
         if simulation.coupling is not None and state is not None:
             void_fraction = _void_fraction(simulation.coupling, parameters.mixture.bodies, state)
         velocity = _fluid_velocity(scene)
-        faces = tuple(jnp.full(grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
+        faces = tuple(_full(grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
         gradient = simulation.fluid.solver.first_gradient(parameters.flow)
-        fluid = FluidState(faces, jnp.zeros(grid.cells, dtype), void_fraction, gradient)
-    return State(state, fluid, jnp.zeros((), jnp.int32)), neighbors
+        fluid = FluidState(faces, _full(grid.cells, 0.0, dtype), void_fraction, gradient)
+    return State(state, fluid, _full((), 0, np.int32)), room
+
+
+def _full(shape: tuple[int, ...], value: float, dtype: DTypeLike) -> Array:
+    return on_device(np.full(shape, value), dtype)
 
 
 def _particles(particles: ParticleSetup, population: Population | None, dtype: np.dtype[np.floating]) -> ParticleState:
@@ -79,19 +85,19 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
         values = np.zeros((count, width))
         if given is not None:
             values[:present] = given
-        return jnp.asarray(values, dtype)
+        return on_device(values, dtype)
 
     return ParticleState(
-        position=jnp.asarray(leading),
-        position_low=jnp.asarray((position - leading).astype(dtype)) if single else None,
+        position=on_device(leading, dtype),
+        position_low=on_device(position - leading, dtype) if single else None,
         velocity=rows("velocity", table.velocity, dimension),
         angular_velocity=rows("angular_velocity", table.angular_velocity, turning),
         contact_spring=(),
         wall_spring=(),
-        contact_force=jnp.zeros((count, dimension), dtype),
-        fluid_force=None if particles.scene.fluid is None else jnp.zeros((count, dimension), dtype),
-        active=None if population is None else jnp.arange(count) < present,
-        inserted=jnp.zeros(len(inlets), jnp.int32) if inlets else None,
+        contact_force=_full((count, dimension), 0.0, dtype),
+        fluid_force=None if particles.scene.fluid is None else _full((count, dimension), 0.0, dtype),
+        active=None if population is None else on_device(np.arange(count) < present, bool),
+        inserted=_full((len(inlets),), 0, np.int32) if inlets else None,
     )
 
 
@@ -113,18 +119,19 @@ def _check_surfaces(
 
 
 def _with_memory(
-    scene: Scene, contact: ContactInterval, coupling: Coupling | None, particles: ParticleState, neighbors: Neighbors
+    scene: Scene, contact: ContactInterval, coupling: Coupling | None, particles: ParticleState, room: Room
 ) -> ParticleState:
     """The particles with springs at rest, and what further forces remember of a slip that has always been as it is."""
     count, dimension = particles.position.shape
     dtype, kept = particles.position.dtype, contact.model.history_size(dimension)
     memory = {}
-    if coupling is not None:
-        slip = jnp.asarray(_fluid_velocity(scene), dtype)[None] - particles.velocity
-        memory = {force.name: force.start(slip) for force in coupling.forces}
+    if coupling is not None and coupling.forces:
+        slip = np.asarray(_fluid_velocity(scene), dtype) - np.asarray(particles.velocity)
+        forces = coupling.forces
+        memory = jax.jit(lambda slip: {force.name: force.start(slip) for force in forces})(slip)
     return particles._replace(
-        contact_spring=(jnp.zeros(neighbors.room.pairs, dtype),) * kept,
-        wall_spring=(jnp.zeros((contact.model.walls, count), dtype),) * kept,
+        contact_spring=(_full((room.pairs,), 0.0, dtype),) * kept,
+        wall_spring=(_full((contact.model.walls, count), 0.0, dtype),) * kept,
         fluid_memory={name: value for name, value in memory.items() if value is not None} or None,
     )
 
@@ -136,20 +143,16 @@ def _fluid_velocity(scene: Scene) -> tuple[float, ...]:
 
 
 def _void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:
-    """Void fraction of the cells.
+    """Void fraction of the cells, on the host.
 
     Raises:
         InputError: it is too low for the fluid's equations.
     """
     grid, deposition = coupling.interval.solver.grid, coupling.deposition
-
-    @jax.jit  # as one program: outside of jit every operation would be compiled by itself
-    def deposited(position: Array, active: Array | None, radius: Array, volume: Array) -> Array:
-        weights = present_weights(deposition.weights(grid, position, radius), active)
-        return 1.0 - solid_fraction(grid, weights, volume)
-
-    void_fraction = deposited(particles.position, particles.active, bodies.radius, bodies.volume)
-    lowest = float(jnp.min(void_fraction))
+    position, active, bodies = jax.tree.map(np.asarray, (particles.position, particles.active, bodies))
+    weights = present_weights(deposition.weights(grid, position, bodies.radius), active)
+    void_fraction = on_device(1.0 - solid_fraction(grid, weights, bodies.volume), position.dtype)
+    lowest = float(np.min(np.asarray(void_fraction)))
     if lowest < MINIMUM_VOID_FRACTION:
         raise InputError(
             "particles",

@@ -179,7 +179,7 @@ def follow(scene: Scene, run: Run, closures: Closures) -> CoarseCase:
         raise InputError("particles", "inlets or exits", limit, "Take them out of the scene.")
     bodies = parameters.mixture.bodies
     grains = Grains(bodies.mass, bodies.inertia, bodies.volume, scene.domain.size[0])
-    particles = present(case.initial_state()[0].particles, "particles")
+    particles = present(case.first_state()[0].particles, "particles")
     return CoarseCase(simulation, parameters, grains, run, particles, per_output)
 
 

@@ -1,0 +1,24 @@
+"""Work on the host before a run, where nothing is compiled: formulas that take arrays of NumPy too, and arrays from it.
+
+Outside of `jit` every operation of JAX is a program of its own for each shape, `jnp.asarray` and `jnp.zeros` too.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import jax
+import numpy as np
+from jax import Array
+from jax.typing import DTypeLike
+from numpy.typing import ArrayLike
+
+
+def namespace(array: Array | np.ndarray) -> ModuleType:
+    """`numpy` for its arrays, `jax.numpy` for those of JAX, traced ones too (Python array API standard)."""
+    return array.__array_namespace__()  # type: ignore[no-any-return]
+
+
+def on_device(values: ArrayLike, dtype: DTypeLike) -> Array:
+    """An array of JAX with these values, which must not change any more."""
+    return jax.device_put(np.asarray(values, dtype))
