@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.closures import DRAG_LAWS
@@ -76,12 +76,11 @@ class DragInFluid:
 
     @classmethod
     def of(cls, law: Correlation, density: float, viscosity: float) -> DragInFluid:
-        """The drag by a law, compiled once."""
-        compiled = jax.jit(law.stokes_multiple)
+        """The drag by a law; nothing is compiled for one that takes arrays of NumPy."""
 
         def multiple(solid_fraction: np.ndarray, reynolds: np.ndarray) -> np.ndarray:
-            both = (jnp.asarray(x, jnp.result_type(float)) for x in np.broadcast_arrays(solid_fraction, reynolds))
-            return np.asarray(compiled(*both), float)
+            both: Any = (np.asarray(x, float) for x in np.broadcast_arrays(solid_fraction, reynolds))
+            return np.asarray(law.stokes_multiple(*both), float)
 
         return cls(multiple, density, viscosity)
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.vectors import safe_sqrt
 
 
@@ -27,13 +27,13 @@ class Beetstra(Correlation):
         void_fraction = 1.0 - solid_fraction
         # Numerator and denominator of the inertial part times Re^((1 + 4 s)/2): no pole at Re = 0.
         power = 0.5 + 2.0 * solid_fraction
-        moving = reynolds > 0
-        inside = jnp.where(moving, reynolds, 1.0)
+        xp, moving = namespace(reynolds), reynolds > 0
+        inside = xp.where(moving, reynolds, 1.0)
         ratio = (
             (1.0 / void_fraction + 3.0 * solid_fraction * void_fraction) * inside ** (1.0 + power)
             + 8.4 * inside ** (0.657 + power)
         ) / (inside**power + 10.0 ** (3.0 * solid_fraction))
-        inertial = 0.413 / (24.0 * void_fraction**2) * jnp.where(moving, ratio, 0.0)
+        inertial = 0.413 / (24.0 * void_fraction**2) * xp.where(moving, ratio, 0.0)
         return void_fraction * (creeping_drag(solid_fraction) + inertial)
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.vectors import safe_sqrt
 
 SMALLEST_LOG_REYNOLDS = 1e-6
@@ -29,7 +29,7 @@ class DiFeliceDallavalle(Correlation):
 
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
         """F(s, Re) = (0.63 sqrt(Re) + 4.8)^2 / 24 g^(1 - chi) [-]."""
-        chi = 3.7 - 0.65 * jnp.exp(-0.5 * (1.5 - log_reynolds(reynolds)) ** 2)
+        chi = 3.7 - 0.65 * namespace(reynolds).exp(-0.5 * (1.5 - log_reynolds(reynolds)) ** 2)
         return single_sphere_drag(reynolds) * (1.0 - solid_fraction) ** (1.0 - chi)
 
 
@@ -40,4 +40,5 @@ def single_sphere_drag(reynolds: Array) -> Array:
 
 def log_reynolds(reynolds: Array) -> Array:
     """log10(Re), bounded below where the exponents do not depend on it any more [-]."""
-    return jnp.log10(jnp.maximum(reynolds, SMALLEST_LOG_REYNOLDS))
+    xp = namespace(reynolds)
+    return xp.log10(xp.maximum(reynolds, SMALLEST_LOG_REYNOLDS))

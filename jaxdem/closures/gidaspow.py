@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
+import math
+
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.ergun import Ergun
 from jaxdem.closures.wen_yu import WenYu
+from jaxdem.numerics.host import namespace
 
 SWITCH_SOLID_FRACTION = 0.2
 """Solid fraction (void fraction 0.8) at which Gidaspow goes from Wen-Yu to Ergun."""
@@ -27,7 +29,7 @@ class Gidaspow(Correlation):
         """F(s, Re), discontinuous at s = 0.2 [-]."""
         dense = Ergun().stokes_multiple(solid_fraction, reynolds)
         dilute = WenYu().stokes_multiple(solid_fraction, reynolds)
-        return jnp.where(solid_fraction > SWITCH_SOLID_FRACTION, dense, dilute)
+        return namespace(solid_fraction).where(solid_fraction > SWITCH_SOLID_FRACTION, dense, dilute)
 
 
 class GidaspowBlended(Correlation):
@@ -44,5 +46,7 @@ class GidaspowBlended(Correlation):
         """F(s, Re), smooth in s [-]."""
         dense = Ergun().stokes_multiple(solid_fraction, reynolds)
         dilute = WenYu().stokes_multiple(solid_fraction, reynolds)
-        weight = jnp.arctan(150.0 * 1.75 * (SWITCH_SOLID_FRACTION - solid_fraction)) / jnp.pi + 0.5
+        weight = (
+            namespace(solid_fraction).arctan(150.0 * 1.75 * (SWITCH_SOLID_FRACTION - solid_fraction)) / math.pi + 0.5
+        )
         return (1.0 - weight) * dense + weight * dilute

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.vectors import safe_sqrt
 
 
@@ -39,11 +39,12 @@ class KochHill(Correlation):
 def _creeping(solid_fraction: Array) -> Array:
     """F0(s) of the law, the drag at Re = 0 over g^2 [-]."""
     # Each branch gets arguments of its own range only, so that the other one never spoils a gradient.
-    s = jnp.minimum(solid_fraction, 0.4)
+    xp = namespace(solid_fraction)
+    s = xp.minimum(solid_fraction, 0.4)
     occupied = s > 0
-    inside = jnp.where(occupied, s, 1.0)
-    logarithm = jnp.where(occupied, inside * jnp.log(inside), 0.0)
+    inside = xp.where(occupied, s, 1.0)
+    logarithm = xp.where(occupied, inside * xp.log(inside), 0.0)
     numerator = 1.0 + 3.0 * safe_sqrt(0.5 * s) + 135.0 / 64.0 * logarithm + 16.14 * s
     dilute = numerator / (1.0 + 0.681 * s - 8.48 * s**2 + 8.16 * s**3)
     dense = 10.0 * solid_fraction / (1.0 - solid_fraction) ** 3
-    return jnp.where(solid_fraction < 0.4, dilute, dense)
+    return xp.where(solid_fraction < 0.4, dilute, dense)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.di_felice import log_reynolds, single_sphere_drag
+from jaxdem.numerics.host import namespace
 
 
 class Rong(Correlation):
@@ -22,6 +22,6 @@ class Rong(Correlation):
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
         """F(s, Re) = (0.63 sqrt(Re) + 4.8)^2 / 24 g^(1 - chi) [-]."""
         void_fraction = 1.0 - solid_fraction
-        dip = jnp.exp(-0.5 * (1.5 - log_reynolds(reynolds)) ** 2)
+        dip = namespace(reynolds).exp(-0.5 * (1.5 - log_reynolds(reynolds)) ** 2)
         chi = 2.65 * (void_fraction + 1.0) - (5.3 - 3.5 * void_fraction) * void_fraction**2 * dip
         return single_sphere_drag(reynolds) * void_fraction ** (1.0 - chi)

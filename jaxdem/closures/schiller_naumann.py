@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.powers import power
 
 NEWTON_REYNOLDS = 1000.0
@@ -23,7 +23,7 @@ def single_sphere_multiple(reynolds: Array) -> Array:
         reynolds: (...,) >= 0 [-].
     """
     newton = NEWTON_DRAG_COEFFICIENT / 24.0 * reynolds
-    return jnp.where(reynolds <= NEWTON_REYNOLDS, 1.0 + 0.15 * power(reynolds, 0.687), newton)
+    return namespace(reynolds).where(reynolds <= NEWTON_REYNOLDS, 1.0 + 0.15 * power(reynolds, 0.687), newton)
 
 
 class SchillerNaumann(Correlation):
@@ -38,4 +38,4 @@ class SchillerNaumann(Correlation):
 
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
         """F(Re) [-]; the solid fraction does not enter."""
-        return single_sphere_multiple(reynolds) + jnp.zeros_like(solid_fraction)
+        return single_sphere_multiple(reynolds) + namespace(solid_fraction).zeros_like(solid_fraction)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.host import namespace
 
 
 class Stokes(Correlation):
@@ -19,7 +20,7 @@ class Stokes(Correlation):
 
     def stokes_multiple(self, solid_fraction: Array, reynolds: Array) -> Array:
         """F = 1 for every solid fraction and Reynolds number [-]."""
-        return jnp.ones(
-            jnp.broadcast_shapes(solid_fraction.shape, reynolds.shape),
-            jnp.result_type(solid_fraction, reynolds),
+        return namespace(reynolds).ones(
+            np.broadcast_shapes(solid_fraction.shape, reynolds.shape),
+            namespace(reynolds).result_type(solid_fraction, reynolds),
         )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.closures.beetstra import creeping_drag
 from jaxdem.closures.correlation import Correlation
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.powers import power
 
 
@@ -29,4 +29,4 @@ class Tang(Correlation):
         void_fraction = 1.0 - solid_fraction
         linear = 0.11 * solid_fraction * (1.0 + solid_fraction) - 0.00456 / void_fraction**4
         inertial = linear * reynolds + (0.169 * void_fraction + 0.0644 / void_fraction**4) * power(reynolds, 0.657)
-        return void_fraction * (creeping_drag(solid_fraction) + jnp.maximum(inertial, 0.0))
+        return void_fraction * (creeping_drag(solid_fraction) + namespace(reynolds).maximum(inertial, 0.0))

@@ -8,15 +8,16 @@ from __future__ import annotations
 from types import ModuleType
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 from numpy.typing import ArrayLike
 
 
-def namespace(array: Array | np.ndarray) -> ModuleType:
-    """`numpy` for its arrays, `jax.numpy` for those of JAX, traced ones too (Python array API standard)."""
-    return array.__array_namespace__()  # type: ignore[no-any-return]
+def namespace(array: ArrayLike) -> ModuleType:
+    """`numpy` for its arrays, `jax.numpy` for all others."""
+    return np if isinstance(array, np.ndarray | np.generic) else jnp
 
 
 def on_device(values: ArrayLike, dtype: DTypeLike) -> Array:

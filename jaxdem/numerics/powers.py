@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 from jax import Array
+
+from jaxdem.numerics.host import namespace
 
 
 def power(values: Array, exponent: float) -> Array:
     """A positive power; 0 where the value is not positive."""
-    positive = values > 0
-    return jnp.where(positive, jnp.where(positive, values, 1.0) ** exponent, 0.0)
+    xp, positive = namespace(values), values > 0
+    return xp.where(positive, xp.where(positive, values, 1.0) ** exponent, 0.0)

@@ -13,6 +13,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.numerics.host import namespace
+
 Vector = tuple[Array, ...]
 
 
@@ -81,8 +83,8 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 def safe_sqrt(squared: Array) -> Array:
     """sqrt with value and gradient zero at zero (double where: no NaN in reverse mode)."""
-    positive = squared > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
+    xp, positive = namespace(squared), squared > 0
+    return xp.where(positive, xp.sqrt(xp.where(positive, squared, 1.0)), 0.0)
 
 
 def row_lengths(rows: Array) -> Array:
