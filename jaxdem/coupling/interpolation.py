@@ -96,7 +96,7 @@ def point_weights(grid: Grid, points: Array) -> Weights:
 def deposit(grid: Grid, weights: Weights, quantity: Array) -> Array:
     """Particle quantities (N,) spread over the cells: sum_p w_pc q_p, in the unit of the quantity."""
     size, shares = math.prod(grid.cells), weights.weight * quantity[:, None]
-    if isinstance(shares, np.ndarray):
+    if isinstance(shares, np.ndarray) and isinstance(weights.index, np.ndarray):
         spread = np.bincount(np.ravel(weights.index), np.ravel(shares), size).astype(shares.dtype)
     else:
         flat = jnp.zeros(size, quantity.dtype)

@@ -21,7 +21,7 @@ def along_axis(matrix: Array | np.ndarray, field: Array, axis: int) -> Array:
     Returns:
         The field with M entries along `axis`.
     """
-    if isinstance(field, np.ndarray):
+    if isinstance(matrix, np.ndarray) and isinstance(field, np.ndarray):
         return np.moveaxis(np.tensordot(np.asarray(matrix, field.dtype), field, axes=(1, axis)), 0, axis)
     product = jnp.tensordot(jnp.asarray(matrix, field.dtype), field, axes=(1, axis), precision=PRECISION)
     return jnp.moveaxis(product, 0, axis)
