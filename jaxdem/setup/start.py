@@ -55,13 +55,13 @@ def first_state(
         state = _with_memory(scene, simulation.contact, simulation.coupling, state, room)
     fluid = None
     if simulation.fluid is not None:
-        grid, void_fraction = simulation.fluid.solver.grid, None
+        solver, void_fraction = simulation.fluid.solver, None
         if simulation.coupling is not None and state is not None:
             void_fraction = _void_fraction(simulation.coupling, parameters.mixture.bodies, state)
         velocity = _fluid_velocity(scene)
-        faces = tuple(_full(grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
-        gradient = simulation.fluid.solver.first_gradient(parameters.flow)
-        fluid = FluidState(faces, _full(grid.cells, 0.0, dtype), void_fraction, gradient)
+        faces = tuple(_full(solver.grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
+        gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
+        fluid = FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
     return State(state, fluid, _full((), 0, np.int32)), room
 
 
