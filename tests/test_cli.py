@@ -11,13 +11,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Annotated
 
 import jax
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from jaxdem import __version__, load_run
+from jaxdem.cli import options as declared
+from jaxdem.cli.inputs import this_command
 from jaxdem.cli.main import app
 from jaxdem.closures import (
     EnsembleClosure,
@@ -685,3 +689,24 @@ def test_a_signal_while_compiling_leaves_a_checkpoint_too(grains, tmp_path):
         assert stopped(process, tmp_path / "run") == 143
     finally:
         process.kill()
+
+
+def test_the_hint_is_the_command_with_all_that_was_given():
+    commands, hints = typer.Typer(), []
+    commands.callback()(lambda: None)
+
+    @commands.command("sweep")
+    def command(
+        context: typer.Context,
+        scene: declared.SceneFile,
+        out: Annotated[Path, declared.folder_out("Folder.")],
+        vary: declared.Vary,
+        fps: declared.FrameRate = 10.0,
+        resume: declared.Resume = False,
+        quiet: declared.Quiet = False,
+    ) -> None:
+        hints.append(this_command(context, resume=True))
+
+    given = ["sweep", "a b.toml", "--quiet", "--vary", "x=1,2", "--out", "o", "--vary", "y=3", "--fps", "10.0"]
+    assert CliRunner().invoke(commands, given).exit_code == 0
+    assert hints == ["jaxdem sweep 'a b.toml' --out o --vary x=1,2 --vary y=3 --resume --quiet"]

@@ -59,19 +59,14 @@ class Commands(TyperGroup):
         except BrokenPipeError:  # who read the output has gone
             raise SystemExit(process.BROKEN_PIPE) from None
         except OSError as error:
-            place = f"{error.filename}: " if error.filename else ""
-            terminal.fail(
-                f"{place}{error.strerror or error}. Free some disk space or correct the permissions, and try again.",
-                1,
-            )
+            place, what = f"{error.filename}: " if error.filename else "", error.strerror or error
+            terminal.fail(f"{place}{what}. Free some disk space or correct the permissions, and try again.", 1)
         except (MemoryError, RuntimeError) as error:
             if isinstance(error, RuntimeError) and OUT_OF_MEMORY not in str(error):
                 raise
             first = (str(error).splitlines() or ["out of memory"])[0]
-            terminal.fail(
-                f"Out of memory ({first}). `jaxdem check` prints the estimated memory. Use fewer particles or cells.",
-                1,
-            )
+            remedy = "`jaxdem check` prints the estimated memory. Use fewer particles or cells."
+            terminal.fail(f"Out of memory ({first}). {remedy}", 1)
 
 
 app = typer.Typer(
