@@ -1,10 +1,11 @@
-"""What another treatment of outlets changes in the pressures of the injection study: the same runs with two versions of the program.
+"""What another treatment of outlets changes in the pressures of the injection study: same runs, two versions of jaxdem.
 
     python benchmarks/outlet_study.py BEFORE AFTER
 
-Each folder holds the study's runs `fine`, `coarse_2`, `coarse_4` and, if there are any, other packs (`fine_seed_1`, ...), to 3.4 s:
-`jaxdem run scenes/injection.toml --set contact.young_modulus=7e6 --set contact.maximum_overlap=0.3 --set time.end=3.4`, with
-`--set fluid.cells=[150,25]` or `[75,12]` and `--set seed=1`. Prints a table and writes results/outlet_study.json and .md.
+Each folder holds the study's runs `fine`, `coarse_2`, `coarse_4` and, if there are any, other packs (`fine_seed_1`,
+...), to 3.4 s: `jaxdem run scenes/injection.toml` with `--set contact.young_modulus=7e6`,
+`--set contact.maximum_overlap=0.3`, `--set time.end=3.4`, `--set fluid.cells=[150,25]` or `[75,12]`, and `--set seed=1`.
+Prints a table and writes results/outlet_study.json and .md.
 """
 
 from __future__ import annotations
