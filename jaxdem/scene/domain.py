@@ -59,8 +59,8 @@ class Domain(Section):
         size: side lengths, two or three numbers; the last axis points up [m].
         depth: extent in the third direction, in 2-D only. Default: one (largest) diameter, or 1 m without particles
             [m].
-        gravity: acceleration, one number per axis. Default: 9.81 downwards. Along a periodic axis it drives a fluid, and must
-            axes [m/s2].
+        gravity: acceleration, one number per axis. Default: 9.81 downwards. Along a periodic axis it drives a fluid,
+            and must be given then [m/s2].
     """
 
     size: tuple[Positive, ...] = Field(min_length=2, max_length=3)
