@@ -4,7 +4,7 @@
 
 Each folder holds the study's runs `fine`, `coarse_2`, `coarse_4` and, if there are any, other packs (`fine_seed_1`,
 ...), to 3.4 s: `jaxdem run scenes/injection.toml` with `--set contact.young_modulus=7e6`,
-`--set contact.maximum_overlap=0.3`, `--set time.end=3.4`, `--set fluid.cells=[150,25]` or `[75,12]`, and `--set seed=1`.
+`--set contact.maximum_overlap=0.3`, `--set time.end=3.4`, `--set fluid.cells=[150,25]` or `[75,12]`, `--set seed=1`.
 Prints a table and writes results/outlet_study.json and .md.
 """
 
