@@ -61,13 +61,6 @@ class RunError(JaxdemError):
         super().__init__(visible(f"{reason} ({where}) at t = {time:.6g} s. {sentence(remedy)}"))
 
 
-def present(part: Part | None, name: str) -> Part:
-    """A part that scenes of this kind have; a caller that passes another kind has a fault (TypeError)."""
-    if part is None:
-        raise TypeError(f"the scene has no {name}")
-    return part
-
-
 def sentence(text: str) -> str:
     """The text with a capital letter and a full stop, where it starts and ends with a plain word."""
     if re.match(r"(?!jaxdem)[a-z]+[ ,:]", text):

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.closures import load_closure, save_closure
-from jaxdem.errors import InputError, present
+from jaxdem.errors import InputError, required
 from jaxdem.files.reading import parse_json, read_arrays, read_text
 from jaxdem.io import Run
 from jaxdem.io.access import locked, reason_of
@@ -90,7 +90,7 @@ class Study:
         reference, *noise = self._packs("fine", {}, {"output.samples": self.plan.samples})
         closure = self._closure(self._dataset(reference))
         metadata = load_closure(closure)[1]
-        fine = present(self.scene.fluid, "fluid").cells
+        fine = required(self.scene.fluid, "fluid").cells
         cells = {"fluid.cells": [max(1, round(count / factor)) for count in fine]}
         on_sharp, name = {**cells, **self.plan.sharp}, f"coarse_{factor}"
         best = f"coarse {factor}x, sharp" if sharp else f"coarse {factor}x"
@@ -123,7 +123,7 @@ class Study:
         """Training data from the reference run, averaged to its own mesh and to the coarse one."""
         path, factors = self.out / "dataset.h5", (1, self.plan.factor)
         if not path.is_file():
-            times = present(reference.samples, "samples").times
+            times = required(reference.samples, "samples").times
             advance = self.listener.stage("dataset", len(factors) * len(times))
             kernel = {key: value for key, value in self.plan.sharp.items() if key.startswith(SEEING)}
             make_dataset(reference.path, path, factors, lambda done, _: advance(done), overrides=kernel)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from jaxdem import metrics
-from jaxdem.errors import present
+from jaxdem.errors import required
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.remap import remap_cells
 from jaxdem.io import Run
@@ -164,4 +164,4 @@ def run_flux_error(run: Run, reference: Run) -> float:
 
 def fluid_frame(run: Run, index: int) -> dict[str, np.ndarray]:
     """Fluid fields of an output of a run that has a fluid."""
-    return present(run.fluid(index), "fluid")
+    return required(run.fluid(index), "fluid")

@@ -27,7 +27,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import Drag, DragInputs
-from jaxdem.errors import InputError, present
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.grid import cell_average
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.io import Run
@@ -121,7 +121,7 @@ class _Track:
         self.outputs, self.end = scene.time.output_interval, scene.time.end
         self.view = CoarseView(scene, factor)
         self.interval = self.view.simulation.interval
-        law = DRAG_LAWS[present(scene.coupling, "coupling").drag]()
+        law = DRAG_LAWS[required(scene.coupling, "coupling").drag]()
         self._advance = jax.jit(self._advanced)
         self._coefficient = jax.jit(lambda inputs: law(inputs).coefficient)
 

@@ -13,7 +13,7 @@ from jax import Array
 from jaxdem.closures import InvariantClosure, PaperNetwork, SubgridClosure
 from jaxdem.closures.network import Weights as NetworkWeights
 from jaxdem.closures.network import layer_name
-from jaxdem.errors import present
+from jaxdem.errors import required
 from jaxdem.state import Parameters
 from jaxdem.train import check_trained
 
@@ -50,7 +50,7 @@ class Closures(NamedTuple):
         if "drag" in self.trained:
             parameters = parameters._replace(closure=self.drag)
         if "subgrid" in self.trained:
-            fluid = present(parameters.fluid, "fluid")
+            fluid = required(parameters.fluid, "fluid")
             parameters = parameters._replace(fluid=fluid._replace(subgrid=self.subgrid))
         return parameters
 

@@ -27,7 +27,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.coupling.model_b import drag_of_model_a
-from jaxdem.errors import InputError, present
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.boundary import Sides
 from jaxdem.fluid.diffusion import stress_divergence
 from jaxdem.fluid.grid import face_average
@@ -82,7 +82,7 @@ def make_dataset(
             raise InputError(key, value, limit, "leave this key out")
     # Closures are trained in single precision, whatever the run had.
     scene, coarse_scene = (load_scene(source.scene, {"precision": "float32"} | changed) for changed in ({}, overrides))
-    if present(scene.coupling, "coupling").self_disturbance:
+    if required(scene.coupling, "coupling").self_disturbance:
         limit = "its drag law received the slip without the wake of the particle, and samples do not contain this slip"
         raise InputError("coupling.self_disturbance", True, limit, "Run the scene without it for training data.")
     if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
@@ -98,7 +98,7 @@ def make_dataset(
             if progress is not None:
                 progress(done, len(coarsen) * len(numbers))
         groups[factor] = view.group(collected)
-    fluid = present(scene.fluid, "fluid")
+    fluid = required(scene.fluid, "fluid")
     attributes = {
         "drag": str(samples.attributes["drag"]),
         "fluid_density": fluid.density,
@@ -115,11 +115,11 @@ class CoarseView:
 
     def __init__(self, scene: Scene, factor: int):
         simulation, parameters = build(scene)
-        solver = present(simulation.fluid, "fluid").solver
+        solver = required(simulation.fluid, "fluid").solver
         self.fine, self.of_model_b = solver.grid, not solver.shares_stress
         self.coarse = coarsened(self.fine, factor)
         self.simulation, _ = build(load_scene(scene.tables(), {"fluid.cells": list(self.coarse.cells)}))
-        self.coupling = present(self.simulation.coupling, "coupling")
+        self.coupling = required(self.simulation.coupling, "coupling")
         self.parameters = parameters
         self.bodies, self.properties = parameters.mixture.bodies, parameters.mixture.properties
         self._observed = jax.jit(self._observe)

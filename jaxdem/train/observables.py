@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.errors import present
+from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import Grid, cell_average
 from jaxdem.fluid.momentum import FluidState
@@ -103,7 +103,7 @@ def observe_fluid(observed: Observables, grid: Grid, boundary: Boundary, fluid: 
     height = (jnp.arange(grid.cells[-1], dtype=cells.dtype) + 0.5) * grid.spacing[-1]
     height = height.reshape((1,) * (grid.dimension - 1) + (-1,))
     along = cells[..., 0]
-    flux = present(fluid.void_fraction, "void fraction") * along
+    flux = required(fluid.void_fraction, "void fraction") * along
     return observed._replace(
         fluid_velocity_mean=jnp.mean(row_lengths(cells.reshape(-1, grid.dimension))),
         fluid_pressure_mean=jnp.mean(fluid.pressure) if boundary.has_outlet else None,

@@ -13,7 +13,7 @@ from jax import Array
 
 from jaxdem.closures import PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
-from jaxdem.errors import InputError, present
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidSolver, FluidState
@@ -58,7 +58,7 @@ class CoarseCase:
     @property
     def solver(self) -> FluidSolver:
         """Of the coarse fluid."""
-        return present(self.simulation.fluid, "fluid").solver
+        return required(self.simulation.fluid, "fluid").solver
 
     @property
     def observes_fluid(self) -> bool:
@@ -88,7 +88,7 @@ class CoarseCase:
 
         A frame has no contact springs (they start at zero) and cell velocities, of which the faces get the mean.
         """
-        particles, flow = self._particles(index), present(self.run.fluid(index), "fluid")
+        particles, flow = self._particles(index), required(self.run.fluid(index), "fluid")
         time = jnp.asarray(self.run.times[index], particles.position.dtype)
         step = jnp.asarray(index * self.per_output, jnp.int32)
         fluid = self._fluid(flow, particles.position, time)._replace(mean_gradient=self._mean_gradient(index))
@@ -121,9 +121,9 @@ class CoarseCase:
 
     def with_list(self, state: State, room: Room | None = None) -> tuple[State, Neighbors]:
         """A state with its neighbour list, and springs of the list's size at rest; not jittable."""
-        particles, simulation = present(state.particles, "particles"), self.simulation
+        particles, simulation = required(state.particles, "particles"), self.simulation
         neighbors = simulation.allocate(self.parameters, particles, room)
-        kept = present(simulation.contact, "particles").model.history_size(self.dimension)
+        kept = required(simulation.contact, "particles").model.history_size(self.dimension)
         springs = (jnp.zeros(neighbors.room.pairs, particles.position.dtype),) * kept
         return state._replace(particles=particles._replace(contact_spring=springs)), neighbors
 
@@ -150,7 +150,7 @@ class CoarseCase:
     def _deposited(self) -> Callable[[Array], tuple[Array, tuple[Array, ...]]]:
         """Void fraction of the cells and of the faces as a function of the positions, compiled."""
         grid, bodies = self.solver.grid, self.parameters.mixture.bodies
-        deposition = present(self.simulation.coupling, "coupling").deposition
+        deposition = required(self.simulation.coupling, "coupling").deposition
 
         @jax.jit
         def deposited(position: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -179,7 +179,7 @@ def follow(scene: Scene, run: Run, closures: Closures) -> CoarseCase:
         raise InputError("particles", "inlets or exits", limit, "Take them out of the scene.")
     bodies = parameters.mixture.bodies
     grains = Grains(bodies.mass, bodies.inertia, bodies.volume, scene.domain.size[0])
-    particles = present(case.first_state()[0].particles, "particles")
+    particles = required(case.first_state()[0].particles, "particles")
     return CoarseCase(simulation, parameters, grains, run, particles, per_output)
 
 
@@ -223,7 +223,7 @@ def _check_reference(scene: Scene, run: Run) -> None:
     if run.dimension != scene.dimension or not np.allclose(size, scene.domain.size, rtol=1e-9):
         limit = f"the scene's box is {scene.domain.size} m, the reference's {size} m"
         raise InputError("domain.size", scene.domain.size, limit, "Take the reference's scene with fewer cells.")
-    cells, limits = present(scene.fluid, "fluid").cells, present(run.cells, "fluid")
+    cells, limits = required(scene.fluid, "fluid").cells, required(run.cells, "fluid")
     if any(coarse > fine for coarse, fine in zip(cells, limits, strict=True)):
         limit = f"is finer than the {limits} of the reference"
         raise InputError("fluid.cells", cells, limit, "Give as many cells as it has, or fewer.")

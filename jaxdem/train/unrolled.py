@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.errors import present
+from jaxdem.errors import required
 from jaxdem.failures import Failure
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.run.differentiable import measured_rollout
@@ -64,8 +64,8 @@ class Unrolled:
         parameters = self.closures.with_weights(weights).put_into(case.parameters)
 
         def measure(state: State, diagnostics: Diagnostics) -> Observables:
-            drag = present(diagnostics.forces, "exchange").drag
-            return case.observe(present(state.particles, "particles"), state.fluid, drag)
+            drag = required(diagnostics.forces, "exchange").drag
+            return case.observe(required(state.particles, "particles"), state.fluid, drag)
 
         each, simulation = case.per_output, case.simulation.reversible()
         result = measured_rollout(simulation, parameters, state, neighbors, longest * each, measure, outputs * each)
