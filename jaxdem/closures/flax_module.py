@@ -10,7 +10,7 @@ from typing import Protocol
 from flax import linen
 from jax import Array
 
-from jaxdem.closures.network import ACTIVATIONS, Weights
+from jaxdem.closures.network import ACTIVATIONS, Weights, layer_name
 from jaxdem.numerics.products import PRECISION
 
 
@@ -54,5 +54,6 @@ def flax_module(closure: Networked) -> tuple[Perceptron, dict[str, Weights]]:
 
     What has been trained goes back with `dataclasses.replace(closure, weights=variables["params"])`.
     """
-    widths = tuple(layer["bias"].shape[0] for _, layer in sorted(closure.weights.items()))
+    layers = [closure.weights[layer_name(number)] for number in range(len(closure.weights))]
+    widths = tuple(layer["bias"].shape[0] for layer in layers)
     return Perceptron(widths, closure.activation), {"params": closure.weights}

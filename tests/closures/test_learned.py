@@ -112,6 +112,12 @@ def test_weights_are_those_of_a_flax_network(activation):
     assert jax.tree.map(jnp.shape, drawn) == jax.tree.map(jnp.shape, variables)
 
 
+def test_a_flax_network_has_its_layers_in_order_beyond_the_tenth():
+    widths = (2, *range(3, 15))
+    closure = SimpleNamespace(weights=initial_weights(widths, "elu", seed=0), activation="elu")
+    assert flax_module(closure)[0].widths == widths[1:]
+
+
 def test_a_stored_network_is_used_without_flax():
     """What JAX does not need to have when it is imported costs a second of every start."""
     use = (
