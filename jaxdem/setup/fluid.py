@@ -39,11 +39,6 @@ class FluidSetup:
     table: Fluid
     grid: Grid
 
-    @property
-    def velocity(self) -> tuple[float, ...]:
-        """(D,) at the start [m/s]."""
-        return self.table.velocity or (0.0,) * self.grid.dimension
-
 
 def fluid_setup(scene: Scene) -> FluidSetup | None:
     """The fluid of a scene; None in a scene without."""
@@ -51,6 +46,12 @@ def fluid_setup(scene: Scene) -> FluidSetup | None:
         return None
     depth = scene.domain.depth if scene.dimension == 2 else 1.0
     return FluidSetup(scene, scene.fluid, Grid(scene.fluid.cells, scene.domain.size, depth or 1.0, scene.periodic))
+
+
+def fluid_velocity(scene: Scene) -> tuple[float, ...]:
+    """(D,) velocity of the fluid at the start, zero in a scene without one [m/s]."""
+    velocity = None if scene.fluid is None else scene.fluid.velocity
+    return velocity or (0.0,) * scene.dimension
 
 
 def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps) -> FluidInterval:

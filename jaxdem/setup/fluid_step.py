@@ -8,7 +8,7 @@ from jaxdem.errors import InputError
 from jaxdem.fluid.interval import SUBSTEPS, VISCOUS_LIMIT
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
-from jaxdem.setup.fluid import FluidSetup
+from jaxdem.setup.fluid import FluidSetup, fluid_velocity
 
 LONGEST_INTERVAL = 0.01
 """Longest automatic fluid step, and interval without a fluid [s]."""
@@ -87,7 +87,7 @@ def _substeps_for(interval: float, fluid_step: float, viscous_limit: float) -> i
 def _check_courant(fluid: FluidSetup, interval: float) -> None:
     """Refuses an interval in which the initial fluid, or an inlet, certainly passes more cells than 8 steps may."""
     scene, spacing = fluid.scene, fluid.grid.spacing
-    rates = [sum(abs(u) / h for u, h in zip(fluid.velocity, spacing, strict=True))]
+    rates = [sum(abs(u) / h for u, h in zip(fluid_velocity(scene), spacing, strict=True))]
     for number, name in enumerate(scene.sides):
         side, axis = scene.boundary[name], number // 2
         others = [h for a, h in enumerate(spacing) if a != axis]

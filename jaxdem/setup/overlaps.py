@@ -1,15 +1,22 @@
-"""How deep particles may overlap each other and walls at the start, and the refusal of what is deeper. Host, numpy."""
+"""How deep particles may overlap each other and walls at the start, and the refusal of what is deeper. Host side."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
 from typing import NamedTuple
 
+import jax
 import numpy as np
+from jax import Array
 
 from jaxdem.errors import InputError
+from jaxdem.numerics import vectors
 from jaxdem.particles import packing
+from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.surfaces import Surface, surface_contacts
+from jaxdem.scene import Scene
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.walls import wall_keys
 from jaxdem.structure import TimeSteps
 
 INSERTION_OVERLAP = 0.01
@@ -89,30 +96,39 @@ def check_initial_positions(particles: ParticleSetup, allowed: Overlap = LEAST_O
         )
 
 
-def check_walls(
-    position: np.ndarray,
-    radius: np.ndarray,
-    names: Sequence[str],
-    overlap: np.ndarray,
-    allowed: Overlap,
+def check_surfaces(
+    scene: Scene, surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array, allowed: Overlap
 ) -> None:
     """Refuses particles that overlap a wall beside the sides of the box, or lie behind it.
 
     Args:
-        position: (N, D) [m].
+        scene: that the walls belong to.
+        surfaces: the walls, those given as functions last.
+        particles: at the start; those still to come are checked when they come.
         radius: () or (N,) [m].
-        names: of the S walls, for the message.
-        overlap: (S, N) depth in them [m].
         allowed: overlap at the start.
+
+    Raises:
+        InputError: naming the particle and the wall.
     """
-    depth = overlap / (2.0 * radius)
+    if not surfaces:
+        return
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+    # As one program: operation by operation it takes seconds to compile.
+    overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
+    depth = np.asarray(overlap) / (2.0 * np.asarray(radius))
     inside = ~(depth <= allowed.part)  # an overlap that is not a number too
+    if particles.active is not None:
+        inside &= np.asarray(particles.active)
     if inside.any():
         wall, index = np.unravel_index(np.argmax(np.where(inside, depth, -np.inf)), depth.shape)
+        names = [f"{key} ({kind})" for key, kind in wall_keys(scene)]
+        name = names[int(wall)] if wall < len(names) else "a wall given as a function"
         raise InputError(
             allowed.key,
-            f"particle {index} at {_point(position[index])} m",
-            f"it reaches {_percent(depth[wall, index])} of its diameter into {names[int(wall)]}, {allowed}",
+            f"particle {index} at {_point(np.asarray(particles.position[index]))} m",
+            f"it reaches {_percent(depth[wall, index])} of its diameter into {name}, {allowed}",
             allowed.remedy("move the particle or the wall")
             + ("; the normal of a wall points to the particles" if depth[wall, index] > 1.0 else ""),
         )

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
@@ -18,16 +15,15 @@ from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
-from jaxdem.particles.integrate import ParticleProperties, ParticleState, split_low
+from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
-from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
-from jaxdem.setup.overlaps import Overlap, allowed_overlap, check_initial_positions, check_walls
+from jaxdem.setup.fluid import fluid_velocity
+from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.walls import wall_keys
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -50,7 +46,7 @@ def first_state(
         allowed = allowed_overlap(particles, simulation.steps)
         check_initial_positions(particles, allowed)
         state = _particles(particles, simulation.population, dtype)
-        _check_surfaces(scene, simulation.contact.model.surfaces, state, parameters.bodies.radius, allowed)
+        check_surfaces(scene, simulation.contact.model.surfaces, state, parameters.bodies.radius, allowed)
         room = simulation.room(state)
         state = _with_memory(scene, simulation.contact, simulation.coupling, state, room)
     fluid = None
@@ -58,7 +54,7 @@ def first_state(
         solver, void_fraction = simulation.fluid.solver, None
         if simulation.coupling is not None and state is not None:
             void_fraction = _void_fraction(simulation.coupling, parameters.mixture.bodies, state)
-        velocity = _fluid_velocity(scene)
+        velocity = fluid_velocity(scene)
         faces = tuple(_full(solver.grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
         gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
         fluid = FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
@@ -101,23 +97,6 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
     )
 
 
-def _check_surfaces(
-    scene: Scene, surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array, allowed: Overlap
-) -> None:
-    """Refuses particles that reach too far into a wall beside the box; those still to come are checked later."""
-    if not surfaces:
-        return
-    names = [f"{key} ({kind})" for key, kind in wall_keys(scene)]
-    names += ["a wall given as a function"] * (len(surfaces) - len(names))
-    position = vectors.components(particles.position)
-    low = split_low(particles.position_low, len(position))
-    # As one program: operation by operation it takes seconds to compile.
-    overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
-    if particles.active is not None:
-        overlap = jnp.where(particles.active[None], overlap, -1.0)
-    check_walls(np.asarray(particles.position), np.asarray(radius), names, np.asarray(overlap), allowed)
-
-
 def _with_memory(
     scene: Scene, contact: ContactInterval, coupling: Coupling | None, particles: ParticleState, room: Room
 ) -> ParticleState:
@@ -126,7 +105,7 @@ def _with_memory(
     dtype, kept = particles.position.dtype, contact.model.history_size(dimension)
     memory = {}
     if coupling is not None and coupling.forces:
-        slip = np.asarray(_fluid_velocity(scene), dtype) - np.asarray(particles.velocity)
+        slip = np.asarray(fluid_velocity(scene), dtype) - np.asarray(particles.velocity)
         forces = coupling.forces
         memory = jax.jit(lambda slip: {force.name: force.start(slip) for force in forces})(slip)
     return particles._replace(
@@ -134,12 +113,6 @@ def _with_memory(
         wall_spring=(_full((contact.model.walls, count), 0.0, dtype),) * kept,
         fluid_memory={name: value for name, value in memory.items() if value is not None} or None,
     )
-
-
-def _fluid_velocity(scene: Scene) -> tuple[float, ...]:
-    """(D,) at the start [m/s]."""
-    velocity = None if scene.fluid is None else scene.fluid.velocity
-    return velocity or (0.0,) * scene.dimension
 
 
 def _void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:
