@@ -32,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from figure_texts import watched  # noqa: E402
 
+from jaxdem.run import exported  # noqa: E402
 from tests.cases.worlds import runner  # noqa: E402
 
 
@@ -53,6 +54,13 @@ def own_programs(request):
     runner.cache_clear()
     yield
     runner.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def no_traced_programs_kept():
+    """The command line keeps what it traces; a test that replaces code must not find what another has traced."""
+    yield
+    exported.keep_in(None)
 
 
 @pytest.fixture(scope="module", autouse=True)

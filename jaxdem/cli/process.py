@@ -6,6 +6,7 @@ Nothing beyond Python's own library is imported here, so that signals are handle
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import select
 import signal
@@ -34,6 +35,9 @@ def run(commands: Callable[[], Any]) -> NoReturn:
     outside Python, such as a compiler, holds that up: after `GRACE` the process ends without it.
     """
     _open_closed_streams()
+    # Loading and tracing make objects by the million, nearly all of which are kept: looking through them takes a tenth
+    # of a start.
+    gc.set_threshold(100_000, 50, 50)
     report = sys.unraisablehook
     # Raised in a destructor the exit is lost; `_watch` ends the process then.
     sys.unraisablehook = lambda lost: None if lost.exc_type is SystemExit else report(lost)
