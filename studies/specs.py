@@ -22,7 +22,7 @@ from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory, load_run
 from jaxdem.io.run_directory import SCENE
 from jaxdem.io.scene_text import without_folders
-from jaxdem.run.compilation_cache import use_compilation_cache
+from jaxdem.run.program_cache import use_program_cache
 from jaxdem.run.scene_run import simulate_once
 from jaxdem.run.time_loop import Interrupted
 from jaxdem.scene import Scene, load_scene
@@ -422,7 +422,7 @@ class Folder:
 
 def make_in_process(spec: Spec, folder: Folder, report: Report) -> None:
     """Make something in a process of its own; it ends where a run is asked to stop."""
-    use_compilation_cache()
+    use_program_cache()
     try:
         spec.make(folder, report)
     except Interrupted as stop:
