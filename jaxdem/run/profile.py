@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from jaxdem.coupling.coupled import SampledFluid
 from jaxdem.coupling.exchange import Exchange
+from jaxdem.errors import required
 from jaxdem.fluid.momentum import FluidState, FluidStep
 from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
@@ -129,13 +130,11 @@ class ExchangePieces(NamedTuple):
 
 def exchange_pieces(simulation: Simulation, parameters: Parameters) -> ExchangePieces:
     """The pieces of a step of a coupled simulation that are timed."""
-    coupling, mixture = simulation.coupling, parameters.mixture
-    assert coupling is not None
+    coupling, mixture = required(simulation.coupling, "coupling"), parameters.mixture
     static = ("interval", "further", "start")
 
     def both(state: State) -> tuple[FluidState, ParticleState]:
-        assert state.particles is not None and state.fluid is not None
-        return state.fluid, state.particles
+        return required(state.fluid, "fluid"), required(state.particles, "particles")
 
     def sample(state: State) -> SampledFluid:
         return coupling.sample(mixture, *both(state))

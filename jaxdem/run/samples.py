@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.coupling.exchange import FluidForces
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.run.records import wrapped_position
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case
@@ -30,32 +30,30 @@ def sample_of(case: Case, before: State, after: State, forces: FluidForces) -> d
     The law's force and the pressure gradient force belong to that moment; the viscous force is the mean over
     the interval, which the solver has at hand. In model B the drag stands for both, and they are zero.
     """
-    assert before.particles is not None and before.fluid is not None and after.fluid is not None
-    mixture, coupling = case.parameters.mixture, case.simulation.coupling
+    particles, fluid = required(before.particles, "particles"), required(before.fluid, "fluid")
+    mixture, coupling = case.parameters.mixture, required(case.simulation.coupling, "coupling")
     sample = {name: np.asarray(getattr(forces.inputs, name)) for name in SAMPLE_INPUTS}
-    shared = coupling is not None and coupling.interval.solver.shares_stress
-    volume = np.asarray(mixture.bodies.volume).reshape(-1, 1) * float(shared)
+    volume = np.asarray(mixture.bodies.volume).reshape(-1, 1) * float(coupling.interval.solver.shares_stress)
     sample |= {
-        "position": wrapped_position(case.simulation, before.particles),
+        "position": wrapped_position(case.simulation, particles),
         "slip_velocity": np.asarray(forces.inputs.slip_velocity),
         "reynolds": np.asarray(forces.inputs.reynolds),
         "drag_force": np.asarray(forces.law),
         "pressure_gradient_force": -volume * sample["pressure_gradient"],
         "viscous_force": np.asarray(forces.viscous),
-        "pressure": np.asarray(before.fluid.pressure),
+        "pressure": np.asarray(fluid.pressure),
         # The void fraction of `after` was deposited from the positions of `before`.
-        "void_fraction": np.asarray(after.fluid.void_fraction),
+        "void_fraction": np.asarray(required(after.fluid, "fluid").void_fraction),
     }
-    if before.fluid.mean_gradient is not None:
-        sample["mean_gradient"] = np.asarray(before.fluid.mean_gradient)
-    return sample | {f"face_velocity_{axis}": np.asarray(u) for axis, u in enumerate(before.fluid.face_velocity)}
+    if fluid.mean_gradient is not None:
+        sample["mean_gradient"] = np.asarray(fluid.mean_gradient)
+    return sample | {f"face_velocity_{axis}": np.asarray(u) for axis, u in enumerate(fluid.face_velocity)}
 
 
 def sample_attributes(case: Case) -> dict[str, Any]:
     """Constants that a reader of samples.h5 needs."""
     scene, bodies = case.scene, case.bodies
-    fluid, coupling = scene.fluid, scene.coupling
-    assert fluid is not None and coupling is not None
+    fluid, coupling = required(scene.fluid, "[fluid]"), required(scene.coupling, "[coupling]")
     return {
         "drag": coupling.drag,
         "closure": scene.closure.file or "",
