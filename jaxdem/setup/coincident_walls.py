@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.numerics.host import on_device
 from jaxdem.particles.surfaces import Surface
 from jaxdem.particles.walls import BoxSide
 from jaxdem.scene import Scene
@@ -42,7 +43,7 @@ def check_coincident(scene: Scene, sides: Sequence[BoxSide], surfaces: Sequence[
     names = [key for key, _ in wall_keys(scene)]
     names += [f"the function {k} of walls" for k in range(len(surfaces) - len(names))]
     points = np.random.default_rng(0).uniform(0.0, 1.0, (SAMPLES, len(box))) * np.asarray(box)
-    places, radius = jnp.asarray(points, jnp.result_type(float)), jnp.zeros((), jnp.result_type(float))
+    places, radius = (on_device(values, jnp.result_type(float)) for values in (points, 0.0))
 
     @jax.jit  # as one program: outside of jit every operation would be compiled by itself
     def distances() -> list[jax.Array]:

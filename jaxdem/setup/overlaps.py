@@ -113,8 +113,8 @@ def check_surfaces(
     """
     if not surfaces:
         return
-    position = vectors.components(particles.position)
-    low = split_low(particles.position_low, len(position))
+    at, at_low = jax.device_get((particles.position, particles.position_low))
+    position, low = vectors.components(at), split_low(at_low, at.shape[1])
     # As one program: operation by operation it takes seconds to compile.
     overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
     depth = np.asarray(overlap) / (2.0 * np.asarray(radius))
