@@ -228,6 +228,9 @@ def test_where_programs_are_kept(tmp_path, monkeypatch):
 
 def test_the_oldest_programs_are_deleted_where_there_are_many(tmp_path, monkeypatch):
     monkeypatch.setattr(program_cache, "LARGEST", 100)
+    others = tmp_path / "letter.txt"
+    others.write_bytes(bytes(1000))
+    os.utime(others, (0.0, 0.0))
     for age in range(12):
         path = tmp_path / "traced" / str(age)
         path.parent.mkdir(exist_ok=True)
@@ -235,3 +238,4 @@ def test_the_oldest_programs_are_deleted_where_there_are_many(tmp_path, monkeypa
         os.utime(path, (1e9 - age, 1e9 - age))
         program_cache._delete_oldest(tmp_path)
     assert sorted(int(path.name) for path in path.parent.iterdir()) == [0, 1, 2, 3, 4, 11]
+    assert others.exists(), "what somebody else put there is left alone"

@@ -61,9 +61,12 @@ def _processor() -> str:
 
 
 def _delete_oldest(folder: Path) -> None:
-    """Files deleted, those not used for longest first, until half of `LARGEST` is left; nothing where it is less."""
+    """Programs deleted, those not used for longest first, until half of `LARGEST` is left; nothing where it is less.
+
+    Only what this module put there: a folder that somebody names may hold other files.
+    """
     files = []
-    for path in folder.rglob("*"):
+    for path in (*folder.glob("traced/*"), *folder.glob("xla-*/*")):
         try:
             if path.is_file():
                 files.append((path.stat().st_atime, path.stat().st_size, path))
