@@ -1,10 +1,11 @@
-"""The same work on several of JAX's platforms: contacts, fluid, coupled scenes and training, on a graphics card and on a core.
+"""The same work on several of JAX's platforms: contacts, fluid, coupled scenes and training, on a graphics card and on
+a core.
 
     python benchmarks/device.py [--platforms cpu cuda] [--cores 1] [--cases "fluid, 300 x 50 cells" ...]
 
-Contacts and cells are those of scaling.py and fluid.py, the injection that of coupled.py, the training that of training.py;
-the dilute jet is `scenes/dilute_jet.toml` for a twentieth of a second. Every case is a process of its own. The platforms
-work at the same time, one case each; on the CPU a process keeps to `--cores` cores.
+Contacts and cells are those of scaling.py and fluid.py, the injection that of coupled.py, the training that of
+training.py; the dilute jet is `scenes/dilute_jet.toml` for a twentieth of a second. Every case is a process of its own.
+The platforms work at the same time, one case each; on the CPU a process keeps to `--cores` cores.
 """
 
 from __future__ import annotations

@@ -162,7 +162,8 @@ snGradSchemes {{ default corrected; }}
     U.water {{ solver smoothSolver; smoother symGaussSeidel; tolerance 1e-05; relTol 0.1; }}
     U.waterFinal {{ solver smoothSolver; smoother symGaussSeidel; tolerance 1e-05; relTol 0; }}
 }}
-PIMPLE {{ nOuterCorrectors 1; nCorrectors 2; momentumPredictor yes; nNonOrthogonalCorrectors 0; pRefCell 0; pRefValue 0; }}
+PIMPLE {{ nOuterCorrectors 1; nCorrectors 2; momentumPredictor yes; nNonOrthogonalCorrectors 0;
+  pRefCell 0; pRefValue 0; }}
 """,
 }
 

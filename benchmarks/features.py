@@ -2,9 +2,9 @@
 
     python benchmarks/features.py [--count 1500] [--repetitions 7] [--only WORD ...]
 
-One small injection scene, and the same scene with one more option. The cost is the time of a coupled step over that of the plain
-scene (both timed in turns, from the same state) and the number of instructions of the compiled program. Where an option
-has a value that turns it off, the program with that value is compared with the plain one, text by text.
+One small injection scene, and the same scene with one more option. The cost is the time of a coupled step over that of
+the plain scene (both timed in turns, from the same state) and the number of instructions of the compiled program. Where
+an option has a value that turns it off, the program with that value is compared with the plain one, text by text.
 """
 
 from __future__ import annotations
@@ -142,7 +142,8 @@ def main() -> None:
     plain = Program({}, arguments.count)
     seconds = statistics.median([plain.seconds() for _ in range(arguments.repetitions)])
     lines = [
-        f"Plain scene: {arguments.count} particles, {1e3 * seconds:.0f} ms a coupled step, {plain.instructions} instructions.",
+        f"Plain scene: {arguments.count} particles, {1e3 * seconds:.0f} ms a coupled step, "
+        f"{plain.instructions} instructions.",
         "",
         "| option | time over plain, median (range) | instructions over plain | off: the plain program |",
         "| --- | --- | --- | --- |",
@@ -154,9 +155,8 @@ def main() -> None:
         figures = result[feature.name] = cost(plain, feature, arguments.count, arguments.repetitions)
         ratio, more = figures["time"], figures["instructions"] - plain.instructions
         off = {None: "left out is off", True: "yes, to the letter", False: "NO"}[figures["off_is_plain"]]
-        lines.append(
-            f"| {feature.name} | {ratio['median']:.2f} ({ratio['lowest']:.2f}-{ratio['highest']:.2f}) | {more:+d} | {off} |"
-        )
+        span = f"{ratio['median']:.2f} ({ratio['lowest']:.2f}-{ratio['highest']:.2f})"
+        lines.append(f"| {feature.name} | {span} | {more:+d} | {off} |")
         print(lines[-1], flush=True)
     harness.write("features", result, "\n".join(lines))
 

@@ -1,11 +1,12 @@
-"""Cost of a gradient through the coupled solver by number of steps, and training by gradients compared with a gradient-free search.
+"""Cost of a gradient through the coupled solver by number of steps, and training by gradients compared with a
+gradient-free search.
 
     python benchmarks/finetune.py [--horizons 5 10 20 40 80 100 160 320] [--repetitions 5] [--updates 12]
 
-The small injection scene on coarse cells with an invariant closure. First table: for every horizon, in a process of its own,
-time of the loss (forward) and of loss and gradient, their ratio (the project aims at 5 or less at 100 intervals), peak memory
-of the process, and the memory that XLA plans for the compiled gradient. Second table: the closure trained to
-follow a fine run, by gradients of all weights, by gradients of the few parameters of the search, and by the search
+The small injection scene on coarse cells with an invariant closure. First table: for every horizon, in a process of its
+own, time of the loss (forward) and of loss and gradient, their ratio (the project aims at 5 or less at 100 intervals),
+peak memory of the process, and the memory that XLA plans for the compiled gradient. Second table: the closure trained
+to follow a fine run, by gradients of all weights, by gradients of the few parameters of the search, and by the search
 (Nelder-Mead), each with about as many forward runs.
 """
 

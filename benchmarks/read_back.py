@@ -1,8 +1,9 @@
-"""Can another program read the files of a run? Four runs are read with the `vtk` package: 2-D, 3-D, without fluid, fluid alone.
+"""Can another program read the files of a run? Four runs are read with the `vtk` package: 2-D, 3-D, without fluid,
+fluid alone.
 
-Checked are the names of all arrays, their components and units, the times against the history, that positions lie in the box,
-radii are the scene's, the void fraction is in (0, 1], speeds are not above the fastest of the run, and that means taken from
-the files are those of history.csv.
+Checked are the names of all arrays, their components and units, the times against the history, that positions lie in
+the box, radii are the scene's, the void fraction is in (0, 1], speeds are not above the fastest of the run, and that
+means taken from the files are those of history.csv.
 
 Run: python -m benchmarks.read_back
 """

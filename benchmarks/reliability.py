@@ -1,6 +1,7 @@
 """Which faults the program survives: kills at any moment, bad scenes, damaged files. Prints counts, not times.
 
-    python benchmarks/reliability.py [--only kills scenes runs files] [--kills 20] [--runs 40] [--files 24] [--bits 400] [--seed 0]
+    python benchmarks/reliability.py [--only kills scenes runs files] [--kills 20] [--runs 40] [--files 24]
+        [--bits 400] [--seed 0]
 
 Prints a table and writes results/reliability.json and .md; sections that are not run keep their rows.
 """

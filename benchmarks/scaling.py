@@ -4,10 +4,11 @@
         [--particle-steps 2e7] [--cell-steps 2e6] [--no-injection]
 
 Particles: the hexagonal column of contact.py with N grains, in a box scaled by the square root of N. It slides at
-2 m/s, so that the neighbour list is rebuilt about as often as in a flowing heap, from the first step and for every N. Cells: the jet of fluid.py on a 2-D mesh. Injection: the first coupled steps of `scenes/injection.toml`.
+2 m/s, so that the neighbour list is rebuilt about as often as in a flowing heap, from the first step and for every N.
+Cells: the jet of fluid.py on a 2-D mesh. Injection: the first coupled steps of `scenes/injection.toml`.
 
-Every size has a process of its own, so the peak memory is that of this size: build, compilation and steps together. On an
-accelerator the peak memory of the device is given too. A size is left out if its memory, extrapolated from the size
+Every size has a process of its own, so the peak memory is that of this size: build, compilation and steps together. On
+an accelerator the peak memory of the device is given too. A size is left out if its memory, extrapolated from the size
 before, is more than the machine has.
 """
 
@@ -217,8 +218,9 @@ def spread_text(values: dict[str, float]) -> str:
 def particle_table(results: dict[int, dict[str, Any]]) -> list[str]:
     """Lines of the table over the number of particles; adds its figures to the results."""
     rows = [
-        "| particles | ns a particle and contact step, median (range) | pairs a particle | contact steps a list build | "
-        "ms a build | share of list builds | peak memory [GB] | of it above the empty process, kB a particle |",
+        "| particles | ns a particle and contact step, median (range) | pairs a particle | "
+        "contact steps a list build | ms a build | "
+        "share of list builds | peak memory [GB] | of it above the empty process, kB a particle |",
         "| --- " * 8 + "|",
     ]
     for count, found in results.items():

@@ -1,7 +1,8 @@
 """Many scenes at once with vmap: two parameters are varied over an ensemble of packs, in one compiled program.
 
 Each member is a bed of grains that settles in water, with its own drag scale, friction and random arrangement. The same
-members are also run one after another, with a program that is compiled once. Results and times of both ways are compared.
+members are also run one after another, with a program that is compiled once. Results and times of both ways are
+compared.
 
 Members of a batch may differ in everything that is traced: the numbers in `Parameters` (material constants, drag scale,
 fluid density and viscosity, gravity, inlet velocities, weights of a closure) and in the state (positions, velocities).

@@ -4,8 +4,8 @@ A column of 48 discs with friction 0.3 collapses; its run-off is measured every 
 friction is found again by Gauss-Newton steps. The derivative of every predicted run-off comes from forward-mode
 differentiation through all contact steps.
 
-This works because each prediction starts from the measured state 20 ms before. Over the whole collapse the derivative is
-exact but useless, because impacts amplify every change: it is the slope of a curve as rough as the dots of the right
+This works because each prediction starts from the measured state 20 ms before. Over the whole collapse the derivative
+is exact but useless, because impacts amplify every change: it is the slope of a curve as rough as the dots of the right
 picture, not the slope of their trend. The script prints both slopes.
 
 Run: python examples/friction_calibration.py [PICTURE]
@@ -45,7 +45,8 @@ packs = [jaxdem.initial_state(jaxdem.load_scene(SCENE, {"seed": n}), simulation,
 
 
 def with_friction(friction: jax.Array):
-    """The parameters with this friction. Walls have the same friction, because the scene gives them none of their own."""
+    """The parameters with this friction. Walls have the same friction, because the scene gives them none of their
+    own."""
     return parameters._replace(contact=parameters.contact._replace(friction=friction))
 
 
@@ -56,7 +57,8 @@ def smooth_runoff(position: jax.Array) -> jax.Array:
 
 @jax.jit
 def predict(friction, state, neighbors):
-    """Run-off a window later [m], its derivative with respect to the friction [m], and the state and list at that time."""
+    """Run-off a window later [m], its derivative with respect to the friction [m], and the state and list at that
+    time."""
 
     def ahead(value):  # forward mode stores no intermediate states
         end = jaxdem.rollout(simulation, with_friction(value), state, neighbors, WINDOW, reversible=False)
@@ -117,7 +119,8 @@ def main() -> None:
     trend = np.polyfit(values, final.mean(axis=1), 2)
     through, fitted = whole_slope(jnp.asarray(TRUE), *states[0]), np.polyval(np.polyder(trend), TRUE)
     print(
-        f"slope of the final run-off at friction {TRUE}: {through:.3g} m through the solver, {fitted:.3g} m from the trend"
+        f"slope of the final run-off at friction {TRUE}: {through:.3g} m through the solver, "
+        f"{fitted:.3g} m from the trend"
     )
 
     scan = np.linspace(0.1, 0.7, 19)

@@ -45,7 +45,8 @@ def main() -> None:
     save(picture(held_out, fit.metadata["r2"][str(FACTOR)], histories), "train_closure")
     for factor, figures in fit.metadata["r2"].items():
         print(
-            f"held-out rows, cells {factor}x as large: R2 of closure {figures['closure']:.3f}, of base law {figures['base']:.3f}"
+            f"held-out rows, cells {factor}x as large: R2 of closure {figures['closure']:.3f}, "
+            f"of base law {figures['base']:.3f}"
         )
 
 

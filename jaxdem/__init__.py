@@ -1,7 +1,7 @@
 """jaxdem: particles in a fluid (unresolved CFD-DEM), differentiable end to end.
 
-Public names are imported when they are first asked for: `import jaxdem` alone does not import JAX, so that the command line
-answers `--help` and refuses wrong input at once.
+Public names are imported when they are first asked for: `import jaxdem` alone does not import JAX, so that the command
+line answers `--help` and refuses wrong input at once.
 """
 
 import importlib

@@ -1,4 +1,5 @@
-"""Strict settings for all tests: float64 unless a test asks for less, no silent rank promotion; programs kept on disk."""
+"""Strict settings for all tests: float64 unless a test asks for less, no silent rank promotion; programs kept on
+disk."""
 
 import gc
 import os
@@ -6,13 +7,13 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-# Most of a test is compiling: with XLA's older emitters it takes half as long, and what it gives is a fifth slower. Programs as users
-# have them: XLA_FLAGS= make test; tests/physics/test_shipped_program.py compares the two.
+# Most of a test is compiling: with XLA's older emitters it takes half as long, and what it gives is a fifth slower.
+# Programs as users have them: XLA_FLAGS= make test; tests/physics/test_shipped_program.py compares the two.
 # jaxlib 0.11 has no older emitters, and ends a process that asks for them.
 if tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11):
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
-# LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it again. A
-# module with longer runs says `pytestmark = pytest.mark.long_runs`.
+# LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it
+# again. A module with longer runs says `pytestmark = pytest.mark.long_runs`.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # What one test has compiled others, other processes and later runs take from here: set
 # before JAX is imported, and in the environment, for the tests that start the command line.
@@ -23,7 +24,8 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 import jax
 import pytest
 
-# Tracing makes objects by the million, nearly all of which are kept: looking through them is a third of the time that it takes.
+# Tracing makes objects by the million, nearly all of which are kept: looking through them is a third of the time that
+# it takes.
 gc.set_threshold(100_000, 50, 50)
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -38,7 +40,8 @@ from tests.cases.worlds import runner  # noqa: E402
 
 @pytest.fixture(autouse=True)
 def figure_names():
-    """Every figure that a test saves is read as drawn. Names of runs and files that look like markup go into this list."""
+    """Every figure that a test saves is read as drawn. Names of runs and files that look like markup go into this
+    list."""
     names = []
     with watched(names) as found:
         yield names

@@ -32,8 +32,8 @@ FLOORS = (
     {"cli"},
     {"jaxdem", "__main__"},
 )
-"""The house, from the ground up: a room imports rooms of lower floors and none of its own or of higher ones, also inside
-functions and for the type checker."""
+"""The house, from the ground up: a room imports rooms of lower floors and none of its own or of higher ones, also
+inside functions and for the type checker."""
 
 WITHOUT_SCENE = {
     "particles",

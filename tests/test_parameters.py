@@ -17,8 +17,8 @@ DRY = {
     "domain": {"size": [1.0, 1.0], "depth": 0.02, "gravity": [0.5, -9.81]},
     "particles": {"radius": 0.01, "density": 2500.0, "position": [[0.3, 0.3], [0.6, 0.6]]},
     "contact": {
-        "speed": 1.0, "time_step": 1e-6, "young_modulus": 1e7, "poisson_ratio": 0.3, "restitution": 0.6, "friction": 0.4,
-        "rolling_friction": 0.1, "rolling_model": "epsd",
+        "speed": 1.0, "time_step": 1e-6, "young_modulus": 1e7, "poisson_ratio": 0.3, "restitution": 0.6,
+        "friction": 0.4, "rolling_friction": 0.1, "rolling_model": "epsd",
     },
     "time": {"end": 0.001, "output_interval": 0.001},
 }  # fmt: skip
@@ -109,7 +109,8 @@ def changed(tables, path, value):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_one_number_of_the_scene_is_one_number_to_differentiate_by(name):
-    """Of the scene as given and as run: with h more in it, one leaf of the parameters is h more and all others are as before.
+    """Of the scene as given and as run: with h more in it, one leaf of the parameters is h more and all others are as
+    before.
 
     In one entry of that leaf, or in those of the particles that have the number: density of a species.
     """

@@ -1,4 +1,5 @@
-"""Every product of matrices keeps all digits on devices that would multiply with fewer: read from the traced programs."""
+"""Every product of matrices keeps all digits on devices that would multiply with fewer: read from the traced
+programs."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,5 @@
-"""Bad scenes, damaged files and checkpoints of other runs: a message, in milliseconds; `benchmarks/reliability.py` in small."""
+"""Bad scenes, damaged files and checkpoints of other runs: a message, in milliseconds; `benchmarks/reliability.py` in
+small."""
 
 from __future__ import annotations
 

@@ -33,7 +33,9 @@ import jax
 from jaxdem.cli.main import app
 names = []
 jax.monitoring.register_event_duration_secs_listener(
-    lambda event, _, **about: names.append(about.get("fun_name")) if event.endswith("backend_compile_duration") else None
+    lambda event, _, **about: (
+        names.append(about.get("fun_name")) if event.endswith("backend_compile_duration") else None
+    )
 )
 try: app(["run", sys.argv[1], "--out", sys.argv[2], "--quiet", *sys.argv[3:]])
 except SystemExit as end: assert not end.code

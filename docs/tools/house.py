@@ -1,4 +1,5 @@
-"""The picture of the rooms, docs/pictures/house.png: `python docs/tools/house.py`. The floors are those of the import test."""
+"""The picture of the rooms, docs/pictures/house.png: `python docs/tools/house.py`. The floors are those of the import
+test."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Your own inlet profile: the 1/7 power law of turbulent channel flow.
 
-A profile is given by its integral, so the flow rate is the same on every mesh. The example compares it with the exact one.
+A profile is given by its integral, so the flow rate is the same on every mesh. The example compares it with the
+exact one.
 
 Run: python examples/extending/inlet_profile.py
 """

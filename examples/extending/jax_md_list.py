@@ -40,7 +40,8 @@ def displacement(a: Array, b: Array, **_: Any) -> Array:
 
 
 def main() -> tuple[np.ndarray, np.ndarray, int]:
-    """Positions (25, 2) at the end with lists of jax-md, and with jaxdem's own [m]; number of own lists beside jax-md's."""
+    """Positions (25, 2) at the end with lists of jax-md, and with jaxdem's own [m]; number of own lists beside
+    jax-md's."""
     scene = jaxdem.load_scene(SCENE)
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)

@@ -18,7 +18,8 @@ from jaxdem.fluid.side_conditions import Wall
 
 @dataclasses.dataclass(frozen=True)
 class NavierSlip(Wall):
-    """No flow passes, as with `Wall`. The velocity profile, extended linearly, is zero at the slip length behind the wall.
+    """No flow passes, as with `Wall`. The velocity profile, extended linearly, is zero at the slip length behind the
+    wall.
 
     Attributes:
         slip_length: b [m].

@@ -18,7 +18,8 @@ LEVEL, AMPLITUDE, WAVELENGTH, RADIUS = 0.1, 0.02, 0.2, 0.01
 def corrugated(x: Array) -> Array:
     """Distance from z = h(x) = level + amplitude cos(2 pi x / wavelength), to first order (z - h) / sqrt(1 + h'^2).
 
-    The sign must be right everywhere, and the gradient of length one at the wall. Elsewhere the value need not be exact.
+    The sign must be right everywhere, and the gradient of length one at the wall. Elsewhere the value need not be
+    exact.
     """
     phase = 2.0 * jnp.pi * x[0] / WAVELENGTH
     height = LEVEL + AMPLITUDE * jnp.cos(phase)

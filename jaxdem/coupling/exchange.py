@@ -155,15 +155,16 @@ class Exchange:
         further: the further forces; static.
         start: the interval's start.
         old_void_fraction: of the cells, of the last interval's positions [-].
-        solids: solid fraction of the cells, of the present positions; a small one would be lost in 1 - void fraction [-].
+        solids: solid fraction of the cells, of the present positions; a small one would be lost in 1 - void fraction
+            [-].
         inputs: of the drag law, to be reported.
         drag: of the interval.
         contributions: of the further forces.
         steady: (N, D) contact force and submerged weight [N].
         substeps: the fluid steps.
         slip_mass: m_s, sum of all slip masses () or (N,); None for none [kg].
-        attenuation: (N,) 1 / (1 + (t c + m_s) / m), share of a slip that is left when the particle yields to its impulse
-            [-].
+        attenuation: (N,) 1 / (1 + (t c + m_s) / m), share of a slip that is left when the particle yields to its
+            impulse [-].
         response: (N,) K_p [kg].
     """
 

@@ -143,7 +143,8 @@ class CentralFourth:
     upstream: float = dataclasses.field(default=0.51, init=False)
 
     def to_surfaces(self, behind: Array, ahead: Array) -> tuple[Array, Array]:
-        """A third of the difference to the neighbour there and a sixth of the other; the mean of both is the cubic's."""
+        """A third of the difference to the neighbour there and a sixth of the other; the mean of both is the
+        cubic's."""
         return behind / 3.0 + ahead / 6.0, ahead / 3.0 + behind / 6.0
 
 

@@ -1,19 +1,20 @@
 """What drives a fluid round a periodic box: a mean pressure gradient, given or such that it holds a bulk velocity.
 
-Along a periodic axis the pressure is G x + p with p periodic. The solver's p is the reduced pressure, of which the weight
-of the fluid is taken out, so what acts beside its gradient is
+Along a periodic axis the pressure is G x + p with p periodic. The solver's p is the reduced pressure, of which the
+weight of the fluid is taken out, so what acts beside its gradient is
 
     G' = G - rho g    [Pa/m],
 
-with G the gradient of the pressure itself that the scene gives, and g the gravity along the axis. Model A divides G' among
-fluid and particles by their volumes, as every pressure gradient.
+with G the gradient of the pressure itself that the scene gives, and g the gravity along the axis. Model A divides G'
+among fluid and particles by their volumes, as every pressure gradient.
 
 A bulk velocity U, the volume flow over the cross-section, is held by a controller. In every fluid step
 
     G'_(n+1) = G'_n + (mean(g u*) - U) / mean(g c),
 
-with g the void fraction, u* the velocity before the projection and c the change of it by a unit gradient. Without particles
-this holds U to rounding. With particles the projection changes the mean, by a part that the next steps take out.
+with g the void fraction, u* the velocity before the projection and c the change of it by a unit gradient. Without
+particles this holds U to rounding. With particles the projection changes the mean, by a part that the next steps take
+out.
 """
 
 from __future__ import annotations

@@ -134,7 +134,8 @@ def face_control_volume(grid: Grid, axis: int) -> Array:
 
 
 def control_width(grid: Grid, axis: int) -> np.ndarray:
-    """Length of the control volume of each face of an axis along it: half a cell on a boundary; size 1 elsewhere [m]."""
+    """Length of the control volume of each face of an axis along it: half a cell on a boundary; size 1 elsewhere
+    [m]."""
     width = np.full(grid.cells[axis] + 1, grid.spacing[axis])
     if not grid.periodic[axis]:
         width[[0, -1]] *= 0.5

@@ -56,8 +56,8 @@ class FluidState(NamedTuple):
         pressure: reduced pressure on the cells, of the step that led to the velocity; among particles the mean over the
             steps of the coupling interval [Pa].
         void_fraction: on the cells, at the time of the velocity; None without particles [-].
-        mean_gradient: (D,) of the reduced pressure along periodic axes, beside that of `pressure`, which is periodic; None
-            where nothing drives the fluid, see `drive` [Pa/m].
+        mean_gradient: (D,) of the reduced pressure along periodic axes, beside that of `pressure`, which is periodic;
+            None where nothing drives the fluid, see `drive` [Pa/m].
     """
 
     face_velocity: FaceField

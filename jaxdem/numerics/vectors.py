@@ -4,8 +4,8 @@ A vector field over pairs or particles is a tuple of D arrays, components apart:
 every component, and no stacking inside the contact kernel. An angular quantity has one component in
 2-D (about the axis normal to the plane, positive from the first axis to the second) and three in 3-D.
 
-These are functions on plain tuples and no class with operators: a tuple passes through every transformation of JAX as it
-is, into checkpoints under the names of its places, and `+` of two tuples puts one behind the other.
+These are functions on plain tuples and no class with operators: a tuple passes through every transformation of JAX as
+it is, into checkpoints under the names of its places, and `+` of two tuples puts one behind the other.
 """
 
 from __future__ import annotations

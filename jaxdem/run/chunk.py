@@ -111,7 +111,8 @@ class ChunkProgram:
 
 
 class ProfiledProgram:
-    """Fluid and particles as programs of their own, timed in every interval as the stages `fluid_part` and `particle_part`."""
+    """Fluid and particles as programs of their own, timed in every interval as the stages `fluid_part` and
+    `particle_part`."""
 
     most = 1
 

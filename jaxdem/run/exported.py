@@ -48,7 +48,8 @@ def compiled(function: Callable[..., Any], static: object, *arguments: Any) -> C
 
 
 def _traced(function: Callable[..., Any], static: object, arguments: tuple[Any, ...]) -> _Traced | None:
-    """From the folder, or made and put there; None where nothing is kept, or it has no fingerprint or cannot be kept."""
+    """From the folder, or made and put there; None where nothing is kept, or it has no fingerprint or cannot be
+    kept."""
     if not _folder:
         return None
     try:

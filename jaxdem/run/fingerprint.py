@@ -1,4 +1,5 @@
-"""What a traced program depends on, as one number: its static description, the kinds of its arguments, code and versions."""
+"""What a traced program depends on, as one number: its static description, the kinds of its arguments, code and
+versions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Numbers of a time loop as arguments of its program and not as constants in it, so that other numbers need no other program."""
+"""Numbers of a time loop as arguments of its program and not as constants in it, so that other numbers need no other
+program."""
 
 from __future__ import annotations
 
@@ -67,7 +68,8 @@ NO_NUMBERS = LoopNumbers(*[None] * len(LoopNumbers._fields))
 def with_numbers(simulation: Simulation, numbers: LoopNumbers) -> Simulation:
     """The simulation with these numbers in place of its own, and without what only the host looks at.
 
-    What is traced with it depends on its own numbers in no way. It must not be hashed or compared while they are traced.
+    What is traced with it depends on its own numbers in no way. It must not be hashed or compared while they are
+    traced.
     """
     steps: dict[str, Any] = {"contact": numbers.contact_step, "speed_limit": numbers.speed_limit}
     of_host = {"intervals_per_output": 0, "outputs": 0, "contacts_per_interval": 0, "fluid_substeps": 0}

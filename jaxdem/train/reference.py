@@ -95,7 +95,8 @@ class CoarseCase:
         return State(particles, fluid, step)
 
     def _mean_gradient(self, index: int) -> Array | None:
-        """Of the reduced pressure at output `index`, as the reference had it [Pa/m]; None where nothing drives the fluid."""
+        """Of the reduced pressure at output `index`, as the reference had it [Pa/m]; None where nothing drives the
+        fluid."""
         drive, flow = self.solver.drive, self.parameters.flow
         if drive is None:
             return None

@@ -192,7 +192,8 @@ def oblique_step(law):
 
 
 def thrown(angle, phase, step, law=None, spin=0.0, **material):
-    """A ball at 1 m/s that meets a floor of its own material, `angle` degrees off the normal, after 2 + `phase` steps."""
+    """A ball at 1 m/s that meets a floor of its own material, `angle` degrees off the normal, after 2 + `phase`
+    steps."""
     velocity = np.array([np.sin(np.radians(angle)), -np.cos(np.radians(angle))])
     return world(
         [[0.5, 0.01 - velocity[1] * step * (2 + phase)]], [velocity], [[spin]], **OBLIQUE, periodic=(True, False),
@@ -209,7 +210,8 @@ def after_impact(scenes, step, steps=80):
 
 @case("friction of a sliding impact", "contact", "impulse of rigid bodies, mu (1 + e) m v")
 def sliding_impact() -> list[Figure]:
-    """At 80 degrees off the normal the ball slides throughout: impulse of friction over mu times that of the normal force.
+    """At 80 degrees off the normal the ball slides throughout: impulse of friction over mu times that of the normal
+    force.
 
     Eight phases of the first step, twenty steps per contact; both laws; nearly plastic to nearly elastic [1 %].
     """

@@ -2,8 +2,8 @@
 
     python -m tests.cases.damage KIND NUMBER BITS SEED
 
-prints how many of NUMBER files, and of BITS files with one bit altered, were refused with a message, how many read as they
-were written and how many read as something else, as JSON; anything else is an error.
+prints how many of NUMBER files, and of BITS files with one bit altered, were refused with a message, how many read as
+they were written and how many read as something else, as JSON; anything else is an error.
 """
 
 from __future__ import annotations

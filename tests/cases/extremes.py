@@ -1,4 +1,5 @@
-"""Stiff and extreme scenes: each must finish sound, or be refused before its first step with limit, value and remedy."""
+"""Stiff and extreme scenes: each must finish sound, or be refused before its first step with limit, value and
+remedy."""
 
 from __future__ import annotations
 
@@ -79,7 +80,8 @@ def base(**overrides: Any) -> dict[str, Any]:
 
 
 def available_energy(scene: Any, simulation: Any, parameters: Any, state: Any) -> float:
-    """All the kinetic energy that particles can get: their own, weight or buoyancy over the box, the fluid's, springs' [J]."""
+    """All the kinetic energy that particles can get: their own, weight or buoyancy over the box, the fluid's, springs'
+    [J]."""
     if state.particles is None or not state.particles.position.shape[0]:
         return 0.0
     mass, volume = (

@@ -76,7 +76,8 @@ class Held(NamedTuple):
 
 
 class Bed:
-    """Spheres in a slab one diameter deep, between smooth and slippery sides, on a floor that the water comes through."""
+    """Spheres in a slab one diameter deep, between smooth and slippery sides, on a floor that the water comes
+    through."""
 
     def __init__(self, columns: int, layers: int, hold: float, factors: Sequence[float]):
         """Builds and compiles the bed.

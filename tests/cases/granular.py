@@ -26,7 +26,8 @@ POURING, COLLAPSE = 3.0, 8.0
 """Durations over sqrt(h_0/g); Lube et al. see the front stop after 3.3, but grains come down the slope for longer."""
 
 AT_REST = 0.98
-"""Part of the grains that must be slower than 0.05 sqrt(g d); until then the collapse goes on, at most to 20 sqrt(h_0/g)."""
+"""Part of the grains that must be slower than 0.05 sqrt(g d); until then the collapse goes on, at most to 20
+sqrt(h_0/g)."""
 
 
 class Deposit(NamedTuple):
@@ -92,8 +93,8 @@ class Columns:
             domain=dict(size=self.box, depth=2.0 * float(self.radius.max())),
             particles=dict(radius=self.radius.tolist(), density=DENSITY, position=start.tolist()),
             contact=dict(
-                young_modulus=modulus, restitution=0.5, friction=friction, rolling_friction=rolling, time_step=step, skin=0.2,
-                speed=float(np.sqrt(2.0 * GRAVITY * loose)),
+                young_modulus=modulus, restitution=0.5, friction=friction, rolling_friction=rolling, time_step=step,
+                skin=0.2, speed=float(np.sqrt(2.0 * GRAVITY * loose)),
             ),
             time=dict(end=1.0, output_interval=0.01),
         )  # fmt: skip

@@ -388,7 +388,8 @@ def outcome(tables: Tables) -> str:
 
 
 def few_steps(tables: Tables, steps: int = 3) -> str:
-    """ "finite", or "refused" or "stopped" with a message, within the first coupling intervals; anything else raises."""
+    """ "finite", or "refused" or "stopped" with a message, within the first coupling intervals; anything else
+    raises."""
     scene = load_scene(tables)
     jax.config.update("jax_enable_x64", scene.precision == "float64")
     try:

@@ -244,7 +244,8 @@ def in_fluid(programs: tuple[str, ...] = ("batch", "slots", "rotation", "layer")
         # Gravities of one half, one and two: the middle one is the scene.
         scale = jnp.asarray([0.5, 1.0, 2.0])
         many = jax.jit(jax.vmap(
-            lambda s: one.march(one.parameters._replace(gravity=s * one.parameters.gravity), one.state, one.neighbors, steps)
+            lambda s: one.march(
+                one.parameters._replace(gravity=s * one.parameters.gravity), one.state, one.neighbors, steps)
         ))(scale)[0]  # fmt: skip
         figures += compared("batch", COUPLED_TOLERANCE, {
             "position": (x, many.particles.position[1]), "velocity": (v, many.particles.velocity[1]),
@@ -271,7 +272,8 @@ def in_fluid(programs: tuple[str, ...] = ("batch", "slots", "rotation", "layer")
         other = coupled(layer=True).run(steps)[0]
         figures += compared("layer of spheres", COUPLED_TOLERANCE, {
             "position": (x, other.particles.position[:, [0, 2]]), "velocity": (v, other.particles.velocity[:, [0, 2]]),
-            "face velocity": (u[1], other.fluid.face_velocity[2][:, 0]), "pressure": (p, other.fluid.pressure[:, 0] / 1000.0),
+            "face velocity": (u[1], other.fluid.face_velocity[2][:, 0]),
+            "pressure": (p, other.fluid.pressure[:, 0] / 1000.0),
             "out of the plane": (other.particles.position[:, 1], 0.02),
         })  # fmt: skip
     return figures

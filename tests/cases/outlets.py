@@ -1,4 +1,5 @@
-"""Outlets: the level of the pressure, what is drawn in, eddies that leave, and the energy of a box with an open side."""
+"""Outlets: the level of the pressure, what is drawn in, eddies that leave, and the energy of a box with an open
+side."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ def coming_to_rest(end: float = 6.0) -> list[Figure]:
 def still_water(steps: int = 10_000) -> list[Figure]:
     """Velocities of 1e-9 m/s, as rounding leaves them: at any step the mean pressure stays that of such a flow.
 
-    The first step makes the velocity solenoidal, by a pressure of the order of rho L u/t; what is left of it after all steps counts.
+    The first step makes the velocity solenoidal, by a pressure of the order of rho L u/t; what is left of it after all
+    steps counts.
     """
     flow, figures = open_box(), []
     start = flow.state(*(1e-9 * u for u in random_faces(flow.grid)))
@@ -117,8 +119,8 @@ def open_tube() -> list[Figure]:
 def piston() -> list[Figure]:
     """A piston of speed U = sin(pi t) pushes water out and draws it in again.
 
-    p = rho (L - x) dU/dt, and less rho U^2/2 while it is drawn in: the pressure that a manometer at the piston shows. The error in
-    time is of the order of (pi dt)^2 = 1e-3.
+    p = rho (L - x) dU/dt, and less rho U^2/2 while it is drawn in: the pressure that a manometer at the piston shows.
+    The error in time is of the order of (pi dt)^2 = 1e-3.
     """
     flow, figures = tube("inlet"), []
     times = np.linspace(0.0, 2.0, 201)
@@ -155,11 +157,15 @@ def pressure_at_end(cells: int, step: float, end: float) -> tuple[float, float]:
     return found[0], found[1]
 
 
-@case("steady flow through a narrow outlet", "outlets", "steady; the same at any step; mesh twice as fine", fast={"cells": 8, "end": 2.0})  # fmt: skip
+@case(
+    "steady flow through a narrow outlet", "outlets", "steady; the same at any step; mesh twice as fine",
+    fast={"cells": 8, "end": 2.0},
+)  # fmt: skip
 def narrow_outlet(cells: int = 16, end: float = 6.0) -> list[Figure]:
     """The mean pressure comes to rest and does not know the step; against a mesh of half the cells [2 %].
 
-    523, 517 and 514 Pa with 16, 32 and 64 cells across. A face of the outlet that stood for a whole cell would have 466, 494 and 511.
+    523, 517 and 514 Pa with 16, 32 and 64 cells across. A face of the outlet that stood for a whole cell would have
+    466, 494 and 511.
     """
     before, level = pressure_at_end(cells, 0.08 / cells, end)
     other = pressure_at_end(cells, 0.04 / cells, end)[1]
@@ -185,7 +191,8 @@ def eddy(flow: Flow, strength: float) -> FluidState:
 
 
 def disturbance(state: FluidState, cells: int) -> tuple[float, float]:
-    """Of the first metre: sum of the squares of what differs from the stream, and its enstrophy's centre along x [m]."""
+    """Of the first metre: sum of the squares of what differs from the stream, and its enstrophy's centre along x
+    [m]."""
     u, w = (np.asarray(f) for f in state.face_velocity)
     square = np.sum((u[:cells] - 1.0) ** 2) + np.sum(w[:cells] ** 2)
     turning = np.diff(w[:cells], axis=0)[:, 1:-1] - np.diff(u[1:cells], axis=1)
@@ -193,12 +200,15 @@ def disturbance(state: FluidState, cells: int) -> tuple[float, float]:
     return float(square), float(enstrophy @ np.arange(1, cells) / enstrophy.sum() / cells)
 
 
-@case("an eddy that leaves through the outlet", "outlets", "the same in a box twice as long", fast={"cells": 16, "strengths": (1.5,)})  # fmt: skip
+@case(
+    "an eddy that leaves through the outlet", "outlets", "the same in a box twice as long",
+    fast={"cells": 16, "strengths": (1.5,)},
+)  # fmt: skip
 def leaving_eddy(cells: int = 24, strengths: tuple[float, ...] = (0.5, 1.5, 3.0)) -> list[Figure]:
     """Half as strong as the stream, stronger, and so strong that a third of the outlet draws water in.
 
-    Its energy never rises above that of the free one by more than a twelfth of the start's, its centre runs with the free one's to
-    half a cell, and nothing is left when it has gone.
+    Its energy never rises above that of the free one by more than a twelfth of the start's, its centre runs with the
+    free one's to half a cell, and nothing is left when it has gone.
     """
     sides, figures = ("inlet", "outlet", "periodic", "periodic"), []
     short, long = (Flow((n * cells, cells), (float(n), 1.0), sides) for n in (1, 2))
@@ -255,7 +265,8 @@ def settling(count: int, flat: bool) -> dict[str, object]:
     cut = (lambda x: [x[0], x[2]]) if flat else list
     return {
         "precision": "float64",
-        "domain": {"size": cut([0.05, 0.05, 0.16]), "gravity": cut([0.0, 0.0, -9.81])} | ({"depth": 0.003} if flat else {}),
+        "domain": {"size": cut([0.05, 0.05, 0.16]), "gravity": cut([0.0, 0.0, -9.81])}
+        | ({"depth": 0.003} if flat else {}),
         "particles": {
             "count": count, "radius": 0.0015, "density": 2500.0,
             "pack": {"kind": "random", "start": cut([0.0, 0.0, 0.02]), "stop": cut([0.05, 0.05, 0.14])},
@@ -268,9 +279,13 @@ def settling(count: int, flat: bool) -> dict[str, object]:
     }  # fmt: skip
 
 
-@case("grains that settle under an open top", "outlets", "weight of the grains over the floor; conservation of energy", fast={"count": 100, "flat": True})  # fmt: skip
+@case(
+    "grains that settle under an open top", "outlets", "weight of the grains over the floor; conservation of energy",
+    fast={"count": 100, "flat": True},
+)  # fmt: skip
 def settling_grains(count: int = 1500, flat: bool = False) -> list[Figure]:
-    """The mean pressure is positive and under what the whole weight would make while grains fall, and goes when they rest.
+    """The mean pressure is positive and under what the whole weight would make while grains fall, and goes when they
+    rest.
 
     The energy, kinetic of both and of the grains in the field of gravity less buoyancy, only falls.
     """

@@ -3,7 +3,8 @@
 Without the correction the drag law sees the slip less the sphere's own wake; with `coupling.self_disturbance` it is to
 meet the undisturbed speed. Two references:
 
-- Low Reynolds number, steady: in a cubic periodic box of side L the images of the sphere hold it back by W 2.8373 / (6 pi
+- Low Reynolds number, steady: in a cubic periodic box of side L the images of the sphere hold it back by W 2.8373 / (6
+pi
   mu L), relative to the mean flow (H. Hasimoto, J. Fluid Mech. 5 (1959) 317-328). That is no error of the coupling and
   is taken off.
 - Finite Reynolds number: the law's terminal speed, in a fluid at rest, before the sphere meets its own wake round the
@@ -56,7 +57,8 @@ def falling(parameters: Any, reynolds: float) -> Any:
 def settling_scene(
     cell_over_diameter: float, reynolds: float, corrected: bool, cells: tuple[int, int, int]
 ) -> dict[str, Any]:
-    """Tables of the scene: lengths in diameters, times in d^2 / nu, the undisturbed speed equal to Re; see `falling`."""
+    """Tables of the scene: lengths in diameters, times in d^2 / nu, the undisturbed speed equal to Re; see
+    `falling`."""
     spacing, law = cell_over_diameter * DIAMETER, drag_law(reynolds)[0]
     interval = min(0.5 * spacing**2 / NU, 0.5 * spacing / reynolds)
     size = [n * spacing for n in cells]

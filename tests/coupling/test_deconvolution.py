@@ -1,4 +1,5 @@
-"""The velocity that coarse cells and kernels smoothed, given back to the drag law: waves, momentum, stability, data, refusals."""
+"""The velocity that coarse cells and kernels smoothed, given back to the drag law: waves, momentum, stability, data,
+refusals."""
 
 import dataclasses
 
@@ -62,7 +63,8 @@ class Box:
         return fluid, forces, report
 
     def shear(self, wave):
-        """u = cos(k z), a crest in the first cell: no component varies along itself, so a particle sees it through the kernel alone."""
+        """u = cos(k z), a crest in the first cell: no component varies along itself, so a particle sees it through the
+        kernel alone."""
         phase = 2 * np.pi * wave * np.arange(CELLS) / CELLS
         u = np.broadcast_to(np.cos(phase)[None], (CELLS + 1, CELLS)).copy()
         zero = np.zeros_like(self.position)
@@ -120,9 +122,11 @@ def test_momentum_is_conserved(box):
 
 @pytest.mark.parametrize("varies", [False, True])
 def test_under_the_limit_nothing_grows_however_strong_the_drag(box, varies):
-    """Drag a million times as strong: no wave grows; where the coefficient is even they do from 1 / (L T^2) on, 0.85 here.
+    """Drag a million times as strong: no wave grows; where the coefficient is even they do from 1 / (L T^2) on, 0.85
+    here.
 
-    The particles stand in the middle of cells, where kernels let most through, and are so heavy that the fluid cannot carry them along.
+    The particles stand in the middle of cells, where kernels let most through, and are so heavy that the fluid cannot
+    carry them along.
     """
     limit = deconvolution_limit(box.coupling.deposition.half_width, box.grid.spacing)
     heavy = box.parameters.bodies._replace(density=box.parameters.bodies.density * 1e9)
@@ -150,8 +154,9 @@ def test_under_the_limit_nothing_grows_however_strong_the_drag(box, varies):
 
 
 def test_limits_by_hand():
-    """Without a kernel a component sees waves across it fully: L = 4 in 2-D, 8 in 3-D, and half of 1/L. A triangle of half a cell's
-    half-width gives all of it to particles in the middle of cells, and over all places, of the shortest wave, 8/15 on average."""
+    """Without a kernel a component sees waves across it fully: L = 4 in 2-D, 8 in 3-D, and half of 1/L. A triangle of
+    half a cell's half-width gives all of it to particles in the middle of cells, and over all places, of the shortest
+    wave, 8/15 on average."""
     assert deconvolution_limit((0.0, 0.0), (0.1, 0.1)) == pytest.approx(0.125, rel=1e-6)
     assert deconvolution_limit((0.0,) * 3, (0.1,) * 3) == pytest.approx(0.0625, rel=1e-6)
     assert deconvolution_limit((0.05, 0.05), (0.1, 0.1)) == pytest.approx(0.5 / (4.0 * 8.0 / 15.0), rel=1e-2)

@@ -132,8 +132,8 @@ def test_smooth_methods_stay_even_when_cells_are_as_small_as_particles(ratio):
 
 
 def test_the_volume_of_a_grain_far_smaller_than_a_cell_is_not_rounded_away():
-    """A grain of 0.2 mm fills 7e-8 of a cell of 4 cm, half of what 1 - void fraction resolves in float32; its volume is that
-    of the sphere to the rounding of a sum."""
+    """A grain of 0.2 mm fills 7e-8 of a cell of 4 cm, half of what 1 - void fraction resolves in float32; its volume is
+    that of the sphere to the rounding of a sum."""
     tables = extremes.base(particles__radius=1e-4, particles__position=[[0.12, 0.12]])
     scene = jaxdem.load_scene(tables)
     simulation, parameters = jaxdem.build(scene)

@@ -90,8 +90,8 @@ def test_more_outflow_is_spread_evenly_over_all_outlets():
 
 @pytest.mark.parametrize("upper", [False, True])
 def test_what_an_outlet_draws_in_brings_half_of_its_momentum(upper):
-    """Out by one half of an outlet and in by the other at 2 m/s, with 3 m/s along the side: what passes a surface of a control
-    volume is the flux times the velocity, and half of that where it comes in by the side."""
+    """Out by one half of an outlet and in by the other at 2 m/s, with 3 m/s along the side: what passes a surface of a
+    control volume is the flux times the velocity, and half of that where it comes in by the side."""
     kinds = ("no_slip", "outlet") if upper else ("outlet", "no_slip")
     grid, boundary, speeds = box((3, 4), (*kinds, "free_slip", "free_slip"))
     out = 2.0 if upper else -2.0
@@ -99,7 +99,8 @@ def test_what_an_outlet_draws_in_brings_half_of_its_momentum(upper):
     along, still = jnp.full((3, 5), 3.0), jnp.zeros((3, 5))
     rate = advection(grid, Sides(boundary, speeds, jnp.asarray(0.0)), Upwind(), (normal, still), (normal, along))
     end = -1 if upper else 0
-    # The face stands for half a cell, 1/6 m; each second 2 * 2 goes on into the box and 2 * 2 / 2 comes in, outwards positive.
+    # The face stands for half a cell, 1/6 m; each second 2 * 2 goes on into the box and 2 * 2 / 2 comes in, outwards
+    # positive.
     missing = (4.0 - 2.0) * 6.0
     np.testing.assert_allclose(rate[0][end], np.array([0.0, 0.0, missing, missing]) * (out / 2.0), atol=1e-12)
     # A tangential velocity has a whole cell, 1/3 m: 2 * 3 goes on and 2 * 3 / 2 comes in.
@@ -229,7 +230,8 @@ def test_limiter_is_zero_at_extrema_exact_on_lines_and_bounded():
 @pytest.mark.parametrize("cells", [(4, 5), (3, 4, 7)], ids=["2-D", "3-D"])
 @pytest.mark.parametrize("upper", [False, True])
 def test_an_inlet_brings_the_momentum_of_its_patch_on_any_mesh(cells, upper):
-    """What comes in by the surfaces next to the inlet is speed^2 times its area, also where the patch ends within faces."""
+    """What comes in by the surfaces next to the inlet is speed^2 times its area, also where the patch ends within
+    faces."""
     others = len(cells) - 1
     grid = Grid(cells, (1.0,) * len(cells), 1.0, (False,) * len(cells))
     inlet = Side(0, upper, "inlet", (0.13,) * others, (0.81,) * others)
@@ -253,7 +255,8 @@ def test_an_inlet_brings_the_momentum_of_its_patch_on_any_mesh(cells, upper):
 
 
 def test_only_inlets_that_end_within_faces_have_more_momentum_than_their_mean():
-    """On faces whole, empty, or off by rounding alone there is none, and no program for it; a profile has no part in it."""
+    """On faces whole, empty, or off by rounding alone there is none, and no program for it; a profile has no part in
+    it."""
     grid = Grid((4, 5), (1.0, 1.0), 1.0, (False, False))
     cut = Side(0, False, "inlet", (0.2,), (0.5,))
     for side in (cut, dataclasses.replace(cut, profile=(Parabola(),))):

@@ -61,7 +61,8 @@ def test_plane_poiseuille_flow():
         return jaxdem.rollout(simulation, changed, state, neighbors, 20).state.fluid.face_velocity[0][0, 8]
 
     value, slope = jax.jit(jax.value_and_grad(middle))(jnp.asarray(-40.0))
-    # At rest before, the flow is a linear function of the gradient: advection is along the streamlines, which are equal.
+    # At rest before, the flow is a linear function of the gradient: advection is along the streamlines, which are
+    # equal.
     assert float(slope) == pytest.approx(float(value) / -40.0, rel=1e-9)
 
 
@@ -74,7 +75,8 @@ def test_film_on_an_incline():
 
 
 def test_bulk_velocity_is_held():
-    """To rounding in every step of a fluid alone; the gradient that it takes is 12 mu U / H^2 between two plates, 1 %."""
+    """To rounding in every step of a fluid alone; the gradient that it takes is 12 mu U / H^2 between two plates, 1
+    %."""
     simulation, parameters, state, neighbors = start_of(channel(bulk_velocity=[0.03, 0.0], velocity=[0.01, 0.0]))
     for steps in (1, 2, 1500):
         state = run(simulation, parameters, state, neighbors, steps)
@@ -155,7 +157,8 @@ def test_free_fall_of_everything():
 
 
 def test_a_held_suspension_carries_its_weight():
-    """With no net flow the gradient carries the weight of grains and fluid: what is driven does not fall all together."""
+    """With no net flow the gradient carries the weight of grains and fluid: what is driven does not fall all
+    together."""
     simulation, parameters, state, neighbors = start_of(
         grains((0.0, -9.0), "koch_hill", 1500.0, bulk_velocity=["free", 0.0])
     )

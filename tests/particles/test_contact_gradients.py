@@ -107,7 +107,8 @@ def test_both_loops_give_the_same_numbers(differentiated):
 
 @pytest.mark.parametrize("spin", [0.0, 1e-300, 1e-163, 1e-20, 1.0])
 def test_slope_of_a_rotation_that_dies_out_is_finite(spin):
-    """Rolling friction that stops a rotation within the step is -I w / dt, whose slope is -I / dt down to the smallest spin."""
+    """Rolling friction that stops a rotation within the step is -I w / dt, whose slope is -I / dt down to the smallest
+    spin."""
     mass, radius, step = 1e-3, 0.01, 1e-4
     one = jnp.ones(1)
     contact = Contact(1e-5 * one, 0.0 * one, (0.0 * one,), (0.0 * one,), radius * one, mass * one, one)

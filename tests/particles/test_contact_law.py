@@ -77,7 +77,8 @@ def test_linear_spring_dashpot(restitution):
 
 
 def pull_over_push(b):
-    """Impulse of the pull at a contact's end over that of the dashpot until then, of x'' + 2 b x' + x = 0, by its closed form."""
+    """Impulse of the pull at a contact's end over that of the dashpot until then, of x'' + 2 b x' + x = 0, by its
+    closed form."""
     s = np.sqrt(1 - b * b)
     vanishes = np.arctan2(-2 * b * s, 1 - 2 * b * b) % np.pi
     speed = -np.exp(-b / s * vanishes) * (np.cos(vanishes) - b / s * np.sin(vanishes))
@@ -96,8 +97,8 @@ def test_share_of_the_pull():
 @pytest.mark.parametrize("restitution", [0.4, 1.0])
 @pytest.mark.parametrize("approach", [0.1, 0.0, -0.02])
 def test_coulomb_limit_cuts_the_spring_back(law, restitution, approach):
-    """Sliding: |F_t| = mu F_n but for the part of a push that a pull will take back; the spring keeps its direction, and
-    alone it gives that force, no more."""
+    """Sliding: |F_t| = mu F_n but for the part of a push that a pull will take back; the spring keeps its direction,
+    and alone it gives that force, no more."""
     slip, xi, mu = (0.05, -0.02), (3e-3, 4e-3), 0.4
     force = law(contact(1e-4, approach, slip, xi), material(restitution, friction=mu))
     size = np.hypot(*(f[0] for f in force.tangential))
@@ -115,7 +116,8 @@ def test_coulomb_limit_cuts_the_spring_back(law, restitution, approach):
 
 @pytest.mark.parametrize("law", [HertzMindlin(), LinearSpringDashpot()])
 def test_a_dashpot_above_the_limit_does_not_turn_the_spring(law):
-    """At e = 0.1 the dashpot alone exceeds the limit: the force is the limit, and the spring, far under it, stays as it is."""
+    """At e = 0.1 the dashpot alone exceeds the limit: the force is the limit, and the spring, far under it, stays as it
+    is."""
     slip, xi = (0.5, 0.0), (1e-7, 0.0)
     force = law(contact(1e-4, 0.0, slip, xi), material(0.1, friction=0.1))
     np.testing.assert_allclose(force.tangential[0][0], -0.1 * force.normal[0], rtol=ROUND)
@@ -158,7 +160,8 @@ def test_gradients_are_finite_and_right(law, overlap, restitution):
 
 
 def test_without_a_tangential_stiffness_the_dashpot_is_left():
-    """contact.tangential_stiffness = 0: F_t = -c_t v_t up to the Coulomb limit, the spring stays zero, gradients are finite."""
+    """contact.tangential_stiffness = 0: F_t = -c_t v_t up to the Coulomb limit, the spring stays zero, gradients are
+    finite."""
     law, d, b = LinearSpringDashpot(), 2e-4, -np.log(0.5) / np.hypot(np.log(0.5), np.pi)
     damping = b * np.sqrt(1e4 * MASS)
     for slip, expected in ((1e-3, -damping * 1e-3), (10.0, -0.5 * 1e4 * d)):

@@ -208,7 +208,8 @@ def test_a_pushed_pack_of_two_sizes_is_even_and_has_no_overlaps():
 
 
 def test_random_pack_gives_up_beyond_jamming(monkeypatch):
-    """Discs at 1.1 of their box, asked of the function itself: it ends, not all have room, and those that have do not overlap."""
+    """Discs at 1.1 of their box, asked of the function itself: it ends, not all have room, and those that have do not
+    overlap."""
     monkeypatch.setattr(packing, "MOST_PUSHES", 100)
     start, stop, radius, _ = dense(200, 1.1, 12, spacing=1.0)
     position, placed = packing.random_pack(start, stop, radius, 1.0, 1)

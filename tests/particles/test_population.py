@@ -29,7 +29,8 @@ BOX = {
         "radius": 0.01,
         "density": 2500.0,
         "inlet": [
-            {"start": [0.2, 0.2, 0.4], "stop": [0.8, 0.8, 0.6], "rate": 730.0, "velocity": [1.0, 2.0, -3.0], "end": 0.105},
+            {"start": [0.2, 0.2, 0.4], "stop": [0.8, 0.8, 0.6], "rate": 730.0,
+             "velocity": [1.0, 2.0, -3.0], "end": 0.105},
             {"side": "top", "mass_flow": 9.0, "velocity": 0.5, "begin": 0.03, "end": 0.1, "species": [
                 {"share": 0.5, "radius": 0.01}, {"share": 0.5, "radius": 0.02}]},
         ],

@@ -82,7 +82,8 @@ def test_rolling_comes_to_rest_without_chatter(rolling):
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_sphere_in_a_corner_comes_to_rest(dimension, friction):
-    """Two or three walls press on it, each with a torque that would stop it; together they must not turn it the other way."""
+    """Two or three walls press on it, each with a torque that would stop it; together they must not turn it the other
+    way."""
     depth = static_overlap(MASS * GRAVITY)
     scene = world(
         [[RADIUS - depth] * dimension], None, [[1e-6] * (1 if dimension == 2 else 3)], radius=RADIUS, density=DENSITY,
@@ -96,7 +97,8 @@ def test_a_sphere_in_a_corner_comes_to_rest(dimension, friction):
 
 
 def test_a_floor_that_moves_takes_a_sphere_along():
-    """It slides under mu g up to 2/7 of the floor's speed, where it rolls: mu g t = U - 7/2 v; with a scene of no fluid."""
+    """It slides under mu g up to 2/7 of the floor's speed, where it rolls: mu g t = U - 7/2 v; with a scene of no
+    fluid."""
     scene = jaxdem.load_scene(
         dict(
             precision="float64",

@@ -24,8 +24,8 @@ def slips(step, phases, steps):
 
 
 def test_slip_does_not_depend_on_the_phase():
-    """At the automatic step 0.65 to 0.02, the same to 0.006 in all phases (it was 0.69 to 0.79), and as near to what steps
-    of a thousandth of a contact give as `check` says."""
+    """At the automatic step 0.65 to 0.02, the same to 0.006 in all phases (it was 0.69 to 0.79), and as near to what
+    steps of a thousandth of a contact give as `check` says."""
     step = oblique_step(None)
     coarse = slips(step, PHASES, 80)
     np.testing.assert_allclose(coarse.mean(), 0.65, atol=0.02)
@@ -51,7 +51,8 @@ def energies(law, step, angles, spins, friction):
 
 @pytest.mark.parametrize("law", [None, LinearSpringDashpot()])
 def test_elastic_impacts_gain_no_energy(law):
-    """e = 1, friction 100 (never slides) and 1, spin 0 and +-200 rad/s, the automatic step; it was 0.09 with Hertz-Mindlin.
+    """e = 1, friction 100 (never slides) and 1, spin 0 and +-200 rad/s, the automatic step; it was 0.09 with
+    Hertz-Mindlin.
 
     A step in which the contact begins or ends has the force of its middle, not the mean over the part that touches: a
     frictionless impact gains up to 3e-4 (Hertz) or 5e-4 (linear) by that. The tangential spring may add as much again.
@@ -70,7 +71,8 @@ def test_whole_slip_of_the_first_step_would_gain_energy(monkeypatch):
 
 
 def test_a_twist_takes_nothing_of_the_rolling_torque():
-    """A sphere that rolls and spins about the floor's normal at 100 rad/s slows down as one that only rolls, and keeps its
+    """A sphere that rolls and spins about the floor's normal at 100 rad/s slows down as one that only rolls, and keeps
+    its
     spin: cdt resists rolling, a = 5/7 mu_r g."""
     modulus, speed, gravity = 1e7 / (1 - 0.3**2), 0.5, 9.81
     weight = 2500.0 * 4 / 3 * np.pi * RADIUS**3 * gravity
@@ -78,8 +80,8 @@ def test_a_twist_takes_nothing_of_the_rolling_torque():
     scenes = [
         world(
             [[0.5, 0.1, RADIUS - depth]], [[speed, 0.0, 0.0]], [[0.0, speed / (RADIUS - 0.5 * depth), twist]],
-            radius=RADIUS, density=2500.0, box=(1.0, 0.2, 0.2), periodic=(True, True, False), gravity=(0.0, 0.0, -gravity),
-            rolling=ConstantDirectionalTorque(),
+            radius=RADIUS, density=2500.0, box=(1.0, 0.2, 0.2), periodic=(True, True, False),
+            gravity=(0.0, 0.0, -gravity), rolling=ConstantDirectionalTorque(),
             material=constants(
                 young_modulus=1e7, restitution=0.5, friction=0.5, rolling_friction=0.05, wall_young_modulus=np.inf,
             ),

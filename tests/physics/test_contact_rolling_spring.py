@@ -107,10 +107,12 @@ def test_rocks_at_the_frequency_of_its_springs():
 
 
 def test_a_ball_set_spinning_loses_more_than_the_constant_torque_takes():
-    """On a floor without sliding friction: w = w0 - mu_r R F t / I, less what the dashpot takes until the spring yields.
+    """On a floor without sliding friction: w = w0 - mu_r R F t / I, less what the dashpot takes until the spring
+    yields.
 
     The spring yields at the angle limit / k_r; the impulse of the dashpot until then is C_r times that,
-    4/3 eta sqrt(7/5 m r^2 F d) whatever w0, 1.5 rad/s here, and the spring's own torque is on average half of its limit.
+    4/3 eta sqrt(7/5 m r^2 F d) whatever w0, 1.5 rad/s here, and the spring's own torque is on average half of its
+    limit.
     """
     start, steps, time_step = 20.0, 2000, 5e-6
     scene = on_slope(0.0, friction=0.0, rolling_damping=0.3)

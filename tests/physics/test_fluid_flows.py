@@ -61,7 +61,8 @@ def test_advection_takes_no_momentum_whatever_the_flux(scheme):
 
 
 def test_central_advection_between_inlet_outlet_and_walls():
-    """A plug flow between slippery walls is kept to round-off; a jet between rough ones stays as fast as its inlet allows."""
+    """A plug flow between slippery walls is kept to round-off; a jet between rough ones stays as fast as its inlet
+    allows."""
     scheme = CentralFourth()
     plug = Flow((12, 8), (1.2, 0.8), ("inlet", "outlet", "free_slip", "free_slip"), scheme=scheme)
     state, _, _ = plug.march(plug.properties(1e-3, {0: [1.0, 0.0]}), plug.state(1.0, 0.0), 40, 0.02)
@@ -161,7 +162,8 @@ def test_flow_rate_of_a_table_is_the_same_on_every_mesh():
 
 @pytest.mark.parametrize("scheme", [VanLeer(), Superbee(), Upwind()], ids=["limited", "superbee", "upwind"])
 def test_a_front_makes_no_new_extrema(scheme):
-    """A step carried once around: stays within its values; superbee's front is the narrowest, and does not spread on."""
+    """A step carried once around: stays within its values; superbee's front is the narrowest, and does not spread
+    on."""
     grid = Grid((40, 1), (1.0, 1.0), 1.0, (True, True))
     boundary = Boundary(tuple(Side(n // 2, bool(n % 2), "periodic") for n in range(4)))
     flux = (jnp.ones((41, 1)), jnp.zeros((40, 2)))
@@ -204,8 +206,9 @@ def energy_of(state):
     ids=["central", "central_4", "limited"],
 )
 def test_eddies_of_few_cells_live_on_without_numerical_viscosity(scheme, low, high):
-    """Taylor-Green eddies six cells wide, no viscosity: a steady flow of constant energy. In some turns van Leer's limiter
-    takes a good part of it, central advection what the time steps lose, and of fourth order a hundredth more."""
+    """Taylor-Green eddies six cells wide, no viscosity: a steady flow of constant energy. In some turns van Leer's
+    limiter takes a good part of it, central advection what the time steps lose, and of fourth order a hundredth
+    more."""
     flow = Flow((12, 12), (1.0, 1.0), PERIODIC, scheme=scheme)
     x, y = (2 * np.pi * flow.faces(0)[:, None], 2 * np.pi * flow.centres(1)[None, :])
     start = flow.state(np.sin(x) * np.cos(y), -(np.sin(x) * np.cos(y)).T)
@@ -226,8 +229,9 @@ def test_waves_of_two_cells_do_not_grow_on_central_advection(scheme):
 
 @pytest.mark.parametrize("scheme", [CentralFourth(), Upwind()], ids=["central_4", "upwind"])
 def test_a_step_is_of_second_order_in_time(scheme):
-    """Eddies that are carried along, on one mesh: halving the step takes the difference from a step 16 times as short to a
-    quarter. The pressure of the step before makes it so, also where three stages carry the momentum to third order."""
+    """Eddies that are carried along, on one mesh: halving the step takes the difference from a step 16 times as short
+    to a quarter. The pressure of the step before makes it so, also where three stages carry the momentum to third
+    order."""
     flow, ends = Flow((12, 12), (1.0, 1.0), PERIODIC, scheme=scheme), {}
     x, y = (2 * np.pi * flow.faces(0)[:, None], 2 * np.pi * flow.centres(1)[None, :])
     start = flow.state(1.0 + np.sin(x) * np.cos(y), 0.5 - (np.sin(x) * np.cos(y)).T)
@@ -375,8 +379,8 @@ def test_an_oblique_stream_leaves_by_two_sides_and_their_corner():
 
 @pytest.mark.parametrize("scheme", [VanLeer(), Central()], ids=["limited", "central"])
 def test_a_step_is_of_second_order_in_time_where_fluid_comes_in_by_an_outlet(scheme):
-    """As in a periodic box, for an eddy that the open side cuts: halving the step takes the difference from a step 16 times
-    as short to a quarter. It needs the flux through the outlet at the time of each stage."""
+    """As in a periodic box, for an eddy that the open side cuts: halving the step takes the difference from a step 16
+    times as short to a quarter. It needs the flux through the outlet at the time of each stage."""
     flow, ends = (
         Flow((12, 12), (1.0, 1.0), ("free_slip", "outlet", "free_slip", "free_slip"), scheme=scheme),
         {},
@@ -395,7 +399,8 @@ def test_a_step_is_of_second_order_in_time_where_fluid_comes_in_by_an_outlet(sch
 
 
 def test_slopes_through_an_outlet_that_draws_fluid_in_are_those_of_differences():
-    """Of the mean pressure and the energy after eight steps of an eddy that the outlet cuts, by its strength and the viscosity."""
+    """Of the mean pressure and the energy after eight steps of an eddy that the outlet cuts, by its strength and the
+    viscosity."""
     flow = Flow((6, 6), (1.0, 1.0), ("no_slip", "outlet", "no_slip", "no_slip"), scheme=Upwind())
     x, z = np.meshgrid(flow.faces(0), flow.faces(1), indexing="ij")
     stream = 0.1 * np.sin(np.pi * x / 0.8) * np.sin(2.0 * np.pi * z)
@@ -464,7 +469,8 @@ def test_an_inlet_follows_its_velocities_in_time():
 
 @pytest.mark.parametrize(("grain", "patch"), [(False, False), (True, False), (True, True)])
 def test_a_jet_that_is_switched_on_counts_for_the_fluid_step(grain, patch):
-    """4 m/s at once, 1 cm cells, intervals of 10 ms: 4 cells, so 8 steps; between grains it is faster, not beside them."""
+    """4 m/s at once, 1 cm cells, intervals of 10 ms: 4 cells, so 8 steps; between grains it is faster, not beside
+    them."""
     tables = dict(
         domain=dict(size=[0.2, 0.1], depth=0.02),
         fluid=dict(cells=[20, 10], viscosity=1e-6, time_step=0.01, courant_limit=0.6, advection="upwind"),

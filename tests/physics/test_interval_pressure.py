@@ -12,7 +12,8 @@ LENGTH, HEIGHT, DEPTH, SPEED, INTERVAL = 1.2, 0.1, 0.05, 0.5, 0.01
 def pack_in_a_duct(substeps):
     """Inlet pressure times the section, and the fluid's force on all grains, both as they are reported [N].
 
-    Heavy grains run through a duct at their own speed, faster than the stream, four fifths of a cell an interval; free-slip sides.
+    Heavy grains run through a duct at their own speed, faster than the stream, four fifths of a cell an interval;
+    free-slip sides.
     """
     x = 0.4 + 0.025 * np.arange(12)
     y = 0.0125 + 0.025 * np.arange(4)

@@ -68,8 +68,8 @@ def fall():
 def test_sphere_settles_at_the_undisturbed_speed(fall, cell_over_diameter):
     """Two-way, Re = 0.01, in a periodic box whose images (Hasimoto) are taken off; what it sees is its wake less.
 
-    The wake in closed form, of a Gaussian with the variance of the triangle and of the cell it is integrated over: 0.5 d
-    / (sqrt(pi) S) of the slip (0.28 d / S), S^2 = w^2/6 + h^2/12.
+    The wake in closed form, of a Gaussian with the variance of the triangle and of the cell it is integrated over: 0.5
+    d / (sqrt(pi) S) of the slip (0.28 d / S), S^2 = w^2/6 + h^2/12.
     """
     speed, seen, images, diameter = fall(cell_over_diameter)
     print(cell_over_diameter, speed + images, seen)
