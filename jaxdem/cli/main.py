@@ -151,7 +151,7 @@ def run(
     description = read_scene(scene, settings, closure, subgrid)
     from jaxdem.io import RunDirectory
 
-    RunDirectory.check(out, description.to_toml(), resume)
+    RunDirectory.check(out, description.to_toml(), resume, description.defaults())
     complete = resume and RunDirectory.is_complete(out)
     if not quiet:
         _warn_of_units(description)

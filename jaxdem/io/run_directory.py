@@ -75,7 +75,13 @@ class RunDirectory:
             return cls(path, scene_toml, lock, sample_attributes)
 
     @classmethod
-    def resume(cls, path: str | Path, scene_toml: str, sample_attributes: Arrays | None = None) -> RunDirectory:
+    def resume(
+        cls,
+        path: str | Path,
+        scene_toml: str,
+        sample_attributes: Arrays | None = None,
+        defaults: Mapping[str, object] | None = None,
+    ) -> RunDirectory:
         """Open the folder of an unfinished run; nothing is cut yet, see `cut_back`.
 
         A run that was killed before its first checkpoint (see `has_checkpoint`) has its scene only, and starts anew.
@@ -84,14 +90,16 @@ class RunDirectory:
             InputError: there is no checkpoint, the stored scene is another one, or the folder is in use.
         """
         path = Path(path)
-        cls.check(path, scene_toml, resume=True)
+        cls.check(path, scene_toml, resume=True, defaults=defaults)
         with _locked_for_a_run(path) as lock:
             remove_leftovers(path)
             remove_leftovers(path / PARTS_FOLDER)
             return cls(path, scene_toml, lock, sample_attributes)
 
     @classmethod
-    def check(cls, path: str | Path, scene_toml: str, resume: bool) -> None:
+    def check(
+        cls, path: str | Path, scene_toml: str, resume: bool, defaults: Mapping[str, object] | None = None
+    ) -> None:
         """Refuse what `create`, or `resume`, would refuse for what is in the folder; nothing is made or changed.
 
         Raises:
@@ -107,7 +115,7 @@ class RunDirectory:
             if not ((path / CHECKPOINT).is_file() or _just_begun(path) or cls.is_complete(path)):
                 limit = f"--resume needs {CHECKPOINT} in it, and there is none"
                 raise InputError(OPTION, str(path), limit, "Start the run without --resume in an empty folder.")
-        cls.require_same_scene(path, scene_toml)
+        cls.require_same_scene(path, scene_toml, defaults)
 
     @property
     def has_checkpoint(self) -> bool:
@@ -124,8 +132,8 @@ class RunDirectory:
         return summary.get("valid") is True and summary.get("complete") is True
 
     @staticmethod
-    def require_same_scene(path: str | Path, scene_toml: str) -> None:
-        """Refuse to go on with another scene than the stored one.
+    def require_same_scene(path: str | Path, scene_toml: str, defaults: Mapping[str, object] | None = None) -> None:
+        """Refuse to go on with another scene than the stored one; see `scene_text.first_difference` for `defaults`.
 
         Raises:
             InputError: naming the first key that differs, or the stored scene cannot be read.
@@ -137,7 +145,7 @@ class RunDirectory:
             limit = f"its {SCENE} cannot be read ({reason_of(error)})"
             raise InputError(OPTION, str(path), limit, "Start the run anew in another folder.") from error
         given = scene_text.parse(scene_toml, "the scene given")
-        difference = scene_text.first_difference(scene_text.parse(stored, str(place)), given)
+        difference = scene_text.first_difference(scene_text.parse(stored, str(place)), given, defaults)
         if difference is not None:
             key, before, after = difference
             limit = f"the run in {path} has {before!r}, and --resume only continues the same scene"

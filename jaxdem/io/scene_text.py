@@ -67,15 +67,25 @@ def without_folders(tables: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def first_difference(stored: dict[str, Any], given: dict[str, Any]) -> tuple[str, object, object] | None:
+def first_difference(
+    stored: dict[str, Any], given: dict[str, Any], defaults: Mapping[str, object] | None = None
+) -> tuple[str, object, object] | None:
     """Dotted key, stored value and given value of the first key that differs; None if the scenes agree.
 
-    Comments, order and layout of the text do not count, nor in which folder a closure's file lies.
+    Comments, order and layout of the text do not count, nor in which folder a closure's file lies, nor a key that the
+    stored scene, of a version before, has not yet, while the given one has its default.
+
+    Args:
+        stored: tables of the one scene.
+        given: of the other.
+        defaults: by dotted key.
     """
     old, new = _flat(without_folders(stored)), _flat(without_folders(given))
     for key in (*old, *(key for key in new if key not in old)):
         before, after = old.get(key, _ABSENT), new.get(key, _ABSENT)
         # 1 == 1.0 == True in Python, yet a changed type may change what is run.
+        if before is _ABSENT and key in (defaults or {}) and after == (defaults or {})[key]:
+            continue
         if type(before) is not type(after) or before != after:
             return key, before, after
     return None

@@ -26,8 +26,6 @@ UNITS = {
     "position": "m",
     "velocity": "m/s",
     "angular_velocity": "rad/s",
-    "drag_force": "N",
-    "contact_force": "N",
     "radius": "m",
     "id": "1",
     "active": "1",
@@ -35,7 +33,7 @@ UNITS = {
     "void_fraction": "1",
     "time": "s",
 }
-"""Stored beside each array as its HDF5 attribute `units`, which VTK passes over."""
+"""Stored beside each array as its HDF5 attribute `units`, which VTK passes over; forces, `*_force`, have N."""
 
 NUMBERS = "biuf"
 """Kinds of arrays that a frame holds: whole numbers and floats."""
@@ -274,8 +272,9 @@ def _dimension(file: h5py.File) -> int:
 
 def _name_unit(dataset: h5py.Dataset, name: str) -> None:
     """Store the unit of an array that has one, once: for others to read, who expect text of variable length."""
-    if name in UNITS and "units" not in dataset.attrs:
-        dataset.attrs["units"] = UNITS[name]
+    unit = "N" if name.endswith("_force") else UNITS.get(name)
+    if unit is not None and "units" not in dataset.attrs:
+        dataset.attrs["units"] = unit
 
 
 def _write_topology(root: h5py.Group, number: int) -> None:

@@ -62,10 +62,13 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             "contact_force": np.asarray(state.particles.contact_force),
             "radius": np.broadcast_to(np.asarray(bodies.radius), count).copy(),
         }
+        further = _further_forces(case, instant, drag)
+        particles |= further
         if state.particles.active is not None:
             particles["active"] = np.asarray(state.particles.active).astype(np.uint8)
-            # Those removed at the end of the interval had a drag within it.
-            particles["drag_force"] = np.where(particles["active"][:, None], particles["drag_force"], 0)
+            # Those removed at the end of the interval had a force within it.
+            for name in ("drag_force", *further):
+                particles[name] = np.where(particles["active"][:, None], particles[name], 0)
     if state.fluid is not None:
         pressure, void_fraction = np.asarray(state.fluid.pressure), state.fluid.void_fraction
         faces = jax.tree.map(np.asarray, state.fluid.face_velocity)  # on the host, where nothing is compiled
@@ -75,6 +78,17 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             "void_fraction": np.ones_like(pressure) if void_fraction is None else np.asarray(void_fraction),
         }
     return Frame(particles, fluid)
+
+
+def _further_forces(case: Case, instant: Instant, like: np.ndarray) -> dict[str, np.ndarray]:
+    """Mean of each further force of the fluid over the last interval [N], zero at the start."""
+    coupling, forces = case.simulation.coupling, instant.forces
+    found = {}
+    for force in () if coupling is None else coupling.forces:
+        if force.acts_on_velocity:
+            given = np.zeros_like(like) if forces is None else np.asarray(forces.further[force.name].given)
+            found[f"{force.name}_force"] = given.astype(case.parameters.gravity.dtype)
+    return found
 
 
 def history_of(case: Case, instant: Instant, frame: Frame, collision: float) -> dict[str, float]:

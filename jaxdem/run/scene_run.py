@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.io import Run, RunDirectory, load_run
@@ -51,7 +51,7 @@ def simulate(
     """
     complete = resume and RunDirectory.is_complete(out)
     if complete:
-        RunDirectory.require_same_scene(out, scene.to_toml())
+        RunDirectory.require_same_scene(out, scene.to_toml(), scene.defaults())
     case = build_case(scene, closure, **extensions)
     if complete:
         require_same_parameters(out, origin(scene.to_toml(), case.parameters))
@@ -59,14 +59,19 @@ def simulate(
     every = samples_every(scene, case.simulation)
     state, neighbors = case.initial_state()
     attributes = sample_attributes(case) if every else None
-    opener = RunDirectory.resume if resume else RunDirectory.create
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
-    with noted_signals() as caught, opener(out, scene.to_toml(), attributes) as directory:
+    with noted_signals() as caught, _opened(scene, out, attributes, resume) as directory:
         loop = TimeLoop(case, directory, state, neighbors, every, profile)
         if directory.has_checkpoint:
             loop.restore()
         loop.run(progress, caught)
     return load_run(out)
+
+
+def _opened(scene: Scene, out: str | Path, attributes: dict[str, Any] | None, resume: bool) -> RunDirectory:
+    if resume:
+        return RunDirectory.resume(out, scene.to_toml(), attributes, scene.defaults())
+    return RunDirectory.create(out, scene.to_toml(), attributes)
 
 
 def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run:

@@ -273,7 +273,7 @@ def _check_folder(out: Path, scenes: Mapping[str, Scene]) -> None:
     except OSError as error:
         raise _unwritable(out, error) from None
     for name in found:
-        RunDirectory.require_same_scene(out / name, scenes[name].to_toml())
+        RunDirectory.require_same_scene(out / name, scenes[name].to_toml(), scenes[name].defaults())
 
 
 def _unwritable(out: Path, error: OSError) -> InputError:

@@ -101,6 +101,17 @@ class Scene(Section):
             tables["coupling"] = {"interval": self.coupling.interval}  # the one key that it takes
         return _without_none(tables)
 
+    def defaults(self) -> dict[str, object]:
+        """Defaults by dotted key, of the tables that the scene has."""
+        found: dict[str, object] = {}
+        tables = {name: getattr(self, name) for name in type(self).model_fields}
+        tables |= {f"boundary.{name}": side for name, side in self.boundary.items()}
+        for table, section in tables.items():
+            if isinstance(section, Section):
+                fields = {field.alias or name: field for name, field in type(section).model_fields.items()}
+                found |= {f"{table}.{name}": field.default for name, field in fields.items() if not field.is_required()}
+        return found
+
     def to_toml(self) -> str:
         """The scene as TOML, every default written out."""
         return tomli_w.dumps(self.tables())

@@ -1,6 +1,9 @@
 """Lift and torque of the fluid against the papers' formulas, written out in plain mathematics."""
 
+import importlib
+import inspect
 import math
+import pkgutil
 
 import jax
 import jax.numpy as jnp
@@ -8,12 +11,14 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.coupling import forces
 from jaxdem.coupling.deposition import Kernel
 from jaxdem.coupling.forces.lift import Magnus, SaffmanMei
 from jaxdem.coupling.forces.rotation import FlowAround, rotational_drag, vorticity
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics import vectors
 from jaxdem.step import step
+from tests.cases.small_scenes import SMALL_INJECTION
 
 D, RHO, MU = 2e-3, 1000.0, 1e-3
 
@@ -216,3 +221,28 @@ def test_without_the_options_there_is_neither(tmp_path, sheared):
     _, new, report = sheared(shear_scene(tmp_path))
     assert report.forces.further == {} and report.forces.torque is None
     assert float(new.particles.angular_velocity[0, 0]) == 3.0
+
+
+def test_every_force_is_listed_and_written(tmp_path):
+    """`FORCES` has every class of the folder; frames have the mean of each, and none of a torque."""
+    for info in pkgutil.iter_modules(forces.__path__):
+        importlib.import_module(f"{forces.__name__}.{info.name}")
+    there, found = [forces.FluidForce], set()
+    while there:
+        kind = there.pop()
+        there += kind.__subclasses__()
+        if kind.__module__.startswith(forces.__name__) and not inspect.isabstract(kind):
+            found.add(kind)
+    assert found == set(forces.FORCES)
+    scene = jaxdem.load_scene(
+        SMALL_INJECTION
+        | {
+            "coupling": {"lift": ["saffman_mei"], "rotational_drag": True, "virtual_mass": 0.5},
+            "time": {"end": 0.02, "output_interval": 0.02},
+        }
+    )
+    run = jaxdem.simulate(scene, tmp_path / "run")
+    first, last = run.particles(0), run.particles(-1)
+    written = {name for name in last if name.endswith("_force")}
+    assert written == {"drag_force", "contact_force", "saffman_mei_force", "virtual_mass_force"}
+    assert not first["virtual_mass_force"].any() and np.abs(last["virtual_mass_force"]).max() > 0.0

@@ -113,11 +113,13 @@ class FluidForce(ABC):
         is_inertia: whether its `slip_mass` is inertia of the body, as the virtual mass is: then the slip changes with
             the fluid's acceleration along its path, and the contact steps move a body that is heavier by
             `added_density`.
+        acts_on_velocity: whether it is a force; False for a torque alone.
     """
 
     name: ClassVar[str]
     label: ClassVar[str]
     is_inertia: ClassVar[bool] = False
+    acts_on_velocity: ClassVar[bool] = True
 
     def __str__(self) -> str:
         """The force and its numbers, as `jaxdem check` shows it."""

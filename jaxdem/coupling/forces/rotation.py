@@ -53,6 +53,7 @@ class RotationalDrag(FluidForce):
     """The torque of the fluid on particles that turn relative to it; see `rotational_drag`."""
 
     name: ClassVar[str] = "rotational_drag"
+    acts_on_velocity: ClassVar[bool] = False
     label: ClassVar[str] = "rotational drag"
 
     def begin(self, start: IntervalStart, memory: None) -> Contribution:
