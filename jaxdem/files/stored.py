@@ -81,10 +81,12 @@ def write_whole(path: Name, content: bytes, key: str) -> None:
     target = Path(path)
     aside = target.with_name(f"{target.name}.{os.getpid()}.part")  # two processes may write one file
     try:
-        with open(aside, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        aside.write_bytes(content)
+        descriptor = os.open(aside, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
         os.replace(aside, target)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import pickle
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,7 @@ from jax import Array
 from jax.export import Exported, deserialize, export
 
 from jaxdem.run.fingerprint import UnknownKind, fingerprint
+from jaxdem.run.tree_text import build, describe
 
 _folder: list[Path] = []
 
@@ -26,10 +26,10 @@ def keep_in(folder: Path | None) -> None:
 
 
 class _Traced(NamedTuple):
-    """A program of flat lists of arrays, and the structure of its result."""
+    """A program of flat lists of arrays, and the structure of its result as text."""
 
     program: Exported
-    structure: jax.tree_util.PyTreeDef
+    structure: str
 
 
 def compiled(function: Callable[..., Any], static: object, *arguments: Any) -> Callable[..., Any]:
@@ -44,7 +44,7 @@ def compiled(function: Callable[..., Any], static: object, *arguments: Any) -> C
     if traced is None:
         return jax.jit(partial(function, static)).lower(*arguments).compile()
     run = jax.jit(traced.program.call).lower(*jax.tree.leaves(arguments)).compile()
-    return lambda *given: jax.tree.unflatten(traced.structure, run(*jax.tree.leaves(given)))
+    return lambda *given: build(traced.structure, iter(run(*jax.tree.leaves(given))))
 
 
 def _traced(function: Callable[..., Any], static: object, arguments: tuple[Any, ...]) -> _Traced | None:
@@ -61,7 +61,7 @@ def _traced(function: Callable[..., Any], static: object, arguments: tuple[Any, 
     if found is None:
         try:
             found = _exported(function, static, arguments)
-        except ValueError:  # jax.export refuses some calls of libraries
+        except (ValueError, TypeError):  # jax.export refuses some calls of libraries, `describe` trees of others
             return None
         _write(path, found)
     return found
@@ -69,12 +69,12 @@ def _traced(function: Callable[..., Any], static: object, arguments: tuple[Any, 
 
 def _exported(function: Callable[..., Any], static: object, arguments: tuple[Any, ...]) -> _Traced:
     leaves, structure = jax.tree.flatten(arguments)
-    structures = []
+    structures: list[str] = []
 
     def flat(*leaves: Array) -> list[Array]:
-        results, of_results = jax.tree.flatten(function(static, *jax.tree.unflatten(structure, leaves)))
-        structures.append(of_results)
-        return results
+        result = function(static, *jax.tree.unflatten(structure, leaves))
+        structures.append(describe(result))
+        return jax.tree.leaves(result)
 
     return _Traced(export(jax.jit(flat))(*leaves), structures[0])
 
@@ -88,13 +88,13 @@ def _read(path: Path) -> _Traced | None:
     digest, body = content[:32], content[32:]
     if hashlib.sha256(body).digest() != digest:
         return None
-    structure, program = pickle.loads(body)
-    return _Traced(deserialize(bytearray(program)), structure)
+    structure, _, program = body.partition(b"\n")
+    return _Traced(deserialize(bytearray(program)), structure.decode())
 
 
 def _write(path: Path, traced: _Traced) -> None:
     """Kept for others, whole or not at all; a disk that is full is no reason to stop a run."""
-    body = pickle.dumps((traced.structure, bytes(traced.program.serialize())))
+    body = traced.structure.encode() + b"\n" + bytes(traced.program.serialize())
     aside = path.with_name(f".{path.name}.{os.getpid()}")
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -93,13 +93,13 @@ def test_substeps_follow_the_courant_number_and_conserve_momentum(suspension, sp
 
 def test_momentum_without_the_pressure_gradient_on_particles_is_not_conserved(suspension, monkeypatch):
     """Negative control: the same scene fails the gate when the particles do not feel the pressure."""
-    right = exchange_module.pressure_gradient
+    right = exchange_module.pressure_slope
 
-    def dropped(grid, boundary, pressure, continued=False):
-        slope = right(grid, boundary, pressure, continued=continued)
+    def dropped(grid, boundary, fluid, continued=False):
+        slope = right(grid, boundary, fluid, continued=continued)
         return tuple(0.0 * s for s in slope) if continued else slope
 
-    monkeypatch.setattr(exchange_module, "pressure_gradient", dropped)
+    monkeypatch.setattr(exchange_module, "pressure_slope", dropped)
     error, *_ = suspension.drift(suspension.given(), suspension.stirred(0.2), 5, suspension.compiled())
     assert error > 1e-6
 
