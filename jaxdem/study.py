@@ -19,10 +19,10 @@ import numpy as np
 
 from jaxdem.closures import load_closure, save_closure
 from jaxdem.errors import InputError, required
+from jaxdem.files.durable import write_bytes
 from jaxdem.files.reading import parse_json, read_arrays, read_text
 from jaxdem.io import Run
 from jaxdem.io.access import locked, reason_of
-from jaxdem.io.durable import write_bytes
 from jaxdem.report import Candidate, Comparison, Page, compare
 from jaxdem.run.scene_run import simulate_once
 from jaxdem.run.sweep import Listener

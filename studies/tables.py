@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from jaxdem.errors import InputError
+from jaxdem.files.durable import write_bytes
 from jaxdem.files.reading import parse_json, read_text
 from jaxdem.io.access import reason_of
-from jaxdem.io.durable import write_bytes
 from jaxdem.report.page import PageSection, PageTable
 
 Cell = str | float | int | None

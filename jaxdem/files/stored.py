@@ -12,6 +12,7 @@ from typing import NamedTuple
 import h5py
 
 from jaxdem.errors import InputError
+from jaxdem.files.durable import write_bytes
 from jaxdem.files.hdf5 import UNREADABLE, attributes_of, open_for_reading
 
 Name = str | os.PathLike[str]
@@ -78,20 +79,9 @@ def write_whole(path: Name, content: bytes, key: str) -> None:
         InputError: the place cannot be written; `key` is what the error names.
         OSError: there is no room on the disk.
     """
-    target = Path(path)
-    aside = target.with_name(f"{target.name}.{os.getpid()}.part")  # two processes may write one file
     try:
-        aside.write_bytes(content)
-        descriptor = os.open(aside, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-        os.replace(aside, target)
+        write_bytes(Path(path), content)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            error.filename = str(path)
             raise
         raise InputError(key, str(path), f"cannot be written ({error})", "Choose a writable place.") from error
-    finally:
-        aside.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from jaxdem.errors import InputError
-from jaxdem.io.durable import remove_leftovers
+from jaxdem.files.durable import remove_leftovers
 
 OPTION = "--out"
 LOCK = ".lock"

@@ -15,9 +15,9 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.files.durable import write_bytes
 from jaxdem.files.hdf5 import UNREADABLE, attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 from jaxdem.files.reading import parse_json
-from jaxdem.io.durable import write_bytes
 from jaxdem.io.frames import Arrays
 
 FORMAT_NAME = "jaxdem checkpoint"

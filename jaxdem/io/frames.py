@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jaxdem.errors import InputError
+from jaxdem.files.durable import DeferredErrorFile, aside, sync_directory, write_bytes
 from jaxdem.files.hdf5 import UNREADABLE, create, image_of, in_memory, open_for_reading, store
 from jaxdem.io.access import reason_of
-from jaxdem.io.durable import DeferredErrorFile, aside, sync_directory, write_bytes
 
 PARTS_FOLDER = ".frames"
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.files.durable import write_bytes
 from jaxdem.files.reading import TABLE_BYTES, read_bytes
-from jaxdem.io.durable import write_bytes
 
 COLUMNS = (
     "time",

@@ -17,10 +17,10 @@ from typing import Self
 import numpy as np
 
 from jaxdem.errors import InputError, RunError
+from jaxdem.files.durable import aside_names, remove_leftovers, sync_directory, write_bytes
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
-from jaxdem.io.durable import aside_names, remove_leftovers, sync_directory, write_bytes
 from jaxdem.io.frames import PARTS_FOLDER, Arrays, FrameSeries
 from jaxdem.io.history import History
 from jaxdem.io.samples import SampleFormat, sample_frame

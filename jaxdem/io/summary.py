@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.files.durable import write_bytes
 from jaxdem.files.reading import parse_json, read_text
-from jaxdem.io.durable import write_bytes
 
 SUMMARY = "summary.json"
 

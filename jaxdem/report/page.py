@@ -11,7 +11,7 @@ from pathlib import Path
 
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped, unused-ignore]
 
-from jaxdem.io.durable import write_bytes
+from jaxdem.files.durable import write_bytes
 from jaxdem.metrics import METRICS
 from jaxdem.report import runs as read
 from jaxdem.report.chart import Panel, to_html

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
-from jaxdem.io.durable import write_bytes
+from jaxdem.files.durable import write_bytes
 
 # Okabe and Ito (2008), without black (the reference) and yellow (too light on white).
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")

@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from jaxdem.io.durable import write_bytes
+from jaxdem.files.durable import write_bytes
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import Comparison, Row
 from jaxdem.report.findings import FRONT_MEANING, error_range, percent

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from jaxdem.errors import InputError, RunError
+from jaxdem.files.durable import write_bytes
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.access import LOCK, locked
-from jaxdem.io.durable import write_bytes
 from jaxdem.io.run_directory import SCENE
 from jaxdem.metrics import METRICS, compile_time, run_time
 from jaxdem.scene import Scene, load_scene, parse_override

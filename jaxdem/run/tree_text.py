@@ -1,4 +1,4 @@
-"""The structure of a tree of arrays as text, and back: what is read from a file can make trees of jaxdem and no more."""
+"""The structure of a tree of arrays as text, and back: a file can make trees of jaxdem's classes, no more."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Tree = Any
 
 
 def describe(tree: Tree) -> str:
-    """The structure as JSON: tuples, lists, dicts, Nones, and the named tuples and dataclasses of jaxdem by their names.
+    """The structure as JSON: tuples, lists, dicts, Nones, and jaxdem's named tuples and dataclasses by name.
 
     Raises:
         TypeError: there is something else in it.

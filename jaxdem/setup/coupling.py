@@ -9,7 +9,8 @@ from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
 from jaxdem.coupling.drag import DragModel
-from jaxdem.coupling.forces import Basset, FluidForce, Magnus, RotationalDrag, SaffmanMei, VirtualMass
+from jaxdem.coupling.forces import FORCES, Basset, FluidForce, RotationalDrag, VirtualMass
+from jaxdem.coupling.forces.lift import Lift
 from jaxdem.coupling.interpolation import KernelWidth, cells_under
 from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
 from jaxdem.errors import InputError
@@ -20,7 +21,7 @@ from jaxdem.fluid.remap import coarsened
 from jaxdem.scene.coupling import Coupling as CouplingTable
 from jaxdem.setup.deconvolution import deconvolution_limit
 
-LIFT_LAWS: dict[str, Callable[[], FluidForce]] = {"saffman_mei": SaffmanMei, "magnus": Magnus}
+LIFT_LAWS: dict[str, Callable[[], FluidForce]] = {kind.name: kind for kind in FORCES if issubclass(kind, Lift)}
 MOST_KERNEL_CELLS = 8000
 """A cube of 20: each takes some operations of the program, which would not be compiled within minutes."""
 

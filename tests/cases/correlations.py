@@ -17,12 +17,14 @@ class Row(NamedTuple):
         force: on one particle from the interstitial slip [m/s] and the solid fraction [N].
         solid_fractions, reynolds: that the exchange is tried at, inside the law's range.
         single_creeping: F of one particle at Re = 0, where it is not 1.
+        smooth_at: solid fractions at which F has slopes; a law that jumps, as published, has other ones.
     """
 
     force: Callable[[float, float], float]
     solid_fractions: tuple[float, ...]
     reynolds: tuple[float, ...]
     single_creeping: float = 1.0
+    smooth_at: tuple[float, float, float, float] = (0.05, 0.15, 0.3, 0.5)
 
     def multiple(self, solid_fraction: float, reynolds: float) -> float:
         """F(s, Re), the multiple of Stokes drag, with Re of the superficial slip."""

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import math
 import pkgutil
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,8 @@ from jaxdem.coupling.forces.lift import Magnus, SaffmanMei
 from jaxdem.coupling.forces.rotation import FlowAround, rotational_drag, vorticity
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics import vectors
+from jaxdem.scene.coupling import Coupling
+from jaxdem.setup.coupling import LIFT_LAWS
 from jaxdem.step import step
 from tests.cases.small_scenes import SMALL_INJECTION
 
@@ -246,3 +249,9 @@ def test_every_force_is_listed_and_written(tmp_path):
     written = {name for name in last if name.endswith("_force")}
     assert written == {"drag_force", "contact_force", "saffman_mei_force", "virtual_mass_force"}
     assert not first["virtual_mass_force"].any() and np.abs(last["virtual_mass_force"]).max() > 0.0
+
+
+def test_every_lift_has_a_name_in_the_scene():
+    """What `coupling.lift` allows are the lifts that there are."""
+    (allowed,) = {names for names in get_args(Coupling.model_fields["lift"].annotation) if names is not ...}
+    assert set(get_args(allowed)) == set(LIFT_LAWS)

@@ -22,7 +22,8 @@ import numpy as np  # noqa: E402
 from made_frames import SCENE_2D, fluid_arrays, particle_arrays, row, sample_arrays, time_of, write_frames  # noqa: E402
 
 from jaxdem.errors import InputError, RunError  # noqa: E402
-from jaxdem.io import RunDirectory, durable, load_run, read_checkpoint  # noqa: E402
+from jaxdem.files import durable  # noqa: E402
+from jaxdem.io import RunDirectory, load_run, read_checkpoint  # noqa: E402
 
 ENDLESS = 10**6
 

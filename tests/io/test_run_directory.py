@@ -25,10 +25,10 @@ from made_frames import (
 
 import jaxdem.io
 from jaxdem.errors import InputError, RunError
+from jaxdem.files.durable import write_bytes
 from jaxdem.files.stored import write_whole
 from jaxdem.io import FluidFormat, FrameSeries, ParticleFormat, RunDirectory, SampleFormat, load_run
 from jaxdem.io.access import acquire_lock
-from jaxdem.io.durable import write_bytes
 
 
 def check_frames(path, number: int, dimension: int = 2, fluid: bool = True) -> None:
