@@ -51,7 +51,7 @@ WITHOUT_SCENE = {
 """Rooms that work on arrays, objects and files, and never see the description of a scene."""
 
 TERMINAL = {"typer", "rich"}
-PUBLIC = {"errors", "io", "metrics"}
+PUBLIC = {"errors", "files", "io", "metrics"}
 """What `report` may use: files, and metrics."""
 
 
