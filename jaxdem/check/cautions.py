@@ -9,6 +9,7 @@ import numpy as np
 from jaxdem.check.engineering import ScreenLoad
 from jaxdem.check.run_cost import RunCost
 from jaxdem.scene import Scene
+from jaxdem.scene.particles import radius_key
 from jaxdem.setup.bodies import Bodies
 
 UNEQUAL = 1.2
@@ -56,8 +57,9 @@ def _cells(spacing: tuple[float, ...] | None, diameter: float) -> Iterator[str]:
 def _sizes(scene: Scene, smallest: float, largest: float, cost: RunCost) -> Iterator[str]:
     ratio = largest / smallest
     if cost.over_equal > DEAR:
+        key = "particles.radius" if scene.particles is None else radius_key(scene.particles)
         yield (
-            f"particles.radius: diameters range from {smallest:.3g} to {largest:.3g} m (1 : {ratio:.3g}). The "
+            f"{key}: diameters range from {smallest:.3g} to {largest:.3g} m (1 : {ratio:.3g}). The "
             f"neighbour list of every grain has the reach of the largest one and up to {cost.slots} entries. A "
             f"contact step costs about {cost.over_equal:.2g} times as much as with equal grains. Use sizes that "
             f"differ less, or a wall in place of the largest grains."

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from jaxdem.scene import Scene
-from jaxdem.scene.particles import radius_range
+from jaxdem.scene.particles import radius_key, radius_range
 from jaxdem.scene.sizes import column
 
 LARGE_GRAIN = 0.25
@@ -70,7 +70,8 @@ def _lengths(scene: Scene) -> Iterator[str]:
     longest = max(scene.domain.size)
     if largest >= LARGE_GRAIN:
         meant = f"in mm, write {largest / 1e3:.6g} (in cm, {largest / 100.0:.6g}), and change the other lengths too"
-        yield _warning("particles.radius", largest, "m", f"this is a grain of {2.0 * largest:.3g} m diameter", meant)
+        why = f"this is a grain of {2.0 * largest:.3g} m diameter"
+        yield _warning(radius_key(scene.particles), largest, "m", why, meant)
     if longest >= LONG_BOX and longest >= MANY_DIAMETERS * 2.0 * smallest:
         why = f"this box is {longest / (2.0 * smallest):.3g} diameters long"
         yield _warning("domain.size", longest, "m", why, f"in mm, write {longest / 1e3:.6g}")

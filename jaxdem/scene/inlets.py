@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from jaxdem.scene.base import Corner, Finite, MaterialName, NonNegative, Positive, Section, Vector, wrong
+from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.materials import Mixture, Species
 
 
@@ -28,6 +29,7 @@ class ParticleInlet(Section):
         end: end of the inlet; no particle is due later. Default: `time.end` [s].
         total: largest number of particles.
         radius: radius of these particles [m].
+        distribution: distribution of the radii of these particles, in place of `radius`.
         density: density of these particles [kg/m3].
         material: name of one of `[[materials]]`.
         species: kinds of particles with their own radius, density or material, drawn according to their shares.
@@ -45,6 +47,7 @@ class ParticleInlet(Section):
     end: Positive | None = None
     total: Annotated[int, Field(ge=1, le=100_000_000, strict=True)] | None = None
     radius: Positive | None = None
+    distribution: Distribution | None = None
     density: Positive | None = None
     material: MaterialName | None = None
     species: Mixture = ()
@@ -56,6 +59,8 @@ class ParticleInlet(Section):
         if self.species and (self.radius or self.density or self.material):
             remedy = "remove radius, density and material of the inlet"
             raise wrong("species", "...", "have their own radius, density and material", remedy)
+        given = {"radius": self.radius} | {f"species.{k}.radius": one.radius for k, one in enumerate(self.species)}
+        check_no_radius(self.distribution, given)
         if (self.side is None) == (self.start is None) or (self.start is None) != (self.stop is None):
             limit = "an inlet needs either a side, or start and stop of a box"
             raise wrong("side", self.side, limit, "give one of the two")
@@ -71,7 +76,7 @@ class ParticleInlet(Section):
     def species_of(self, others: tuple[Species, ...]) -> tuple[Species, ...]:
         """Its species: its own, one of its own numbers, or those of `[particles]`."""
         own = Species.model_construct(share=1.0, radius=self.radius, density=self.density, material=self.material)
-        has_own = (self.radius, self.density, self.material) != (None, None, None)
+        has_own = any(value is not None for value in (self.radius, self.distribution, self.density, self.material))
         return self.species or ((own,) if has_own or not others else others)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tables, wrong
+from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.materials import Mixture, Species
 from jaxdem.scene.sizes import column
@@ -68,6 +69,8 @@ class Particles(Section):
             polygon or lattice is filled.
         radius: radius of all particles, one number per particle, or the name of a file (.npy or text) with one per
             particle [m].
+        distribution: distribution of the radii, in place of `radius`. It also holds for species and inlets that give
+            no radius.
         density: density of all particles, one number per particle, or the name of a file with one per particle [kg/m3].
         material: name of one of `[[materials]]`, or one name per particle. Only in a scene with `[[materials]]`.
         species: kinds of particles with their own radius, density or material, mixed at random with the seed.
@@ -83,6 +86,7 @@ class Particles(Section):
 
     count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
     radius: Positive | PerParticle | str | None = None
+    distribution: Distribution | None = None
     density: Positive | PerParticle | str | None = None
     material: MaterialName | tuple[MaterialName, ...] | None = None
     species: Mixture = ()
@@ -95,8 +99,10 @@ class Particles(Section):
     @model_validator(mode="after")
     def _sizes(self) -> Particles:
         """Files of numbers are read here for the first time."""
+        given = {"radius": self.radius} | {f"species.{k}.radius": one.radius for k, one in enumerate(self.species)}
+        check_no_radius(self.distribution, given)
         for name, value in (("radius", self.radius), ("density", self.density)):
-            if value is None and not self.species:
+            if value is None and not self.species and not (name == "radius" and self.distribution):
                 raise wrong(name, None, "is missing", "add this key to the scene")
             if isinstance(value, str):
                 column(f"particles.{name}", value)
@@ -132,8 +138,10 @@ class Particles(Section):
                 limit = "cannot be given per particle in a scene with [[particles.species]]"
                 remedy = "give one value for all particles or none, or remove [[particles.species]]"
                 raise wrong(name, "one per particle", limit, remedy)
-        for key, one in self._every_species():
+        for key, one, distribution in self._every_species():
             for name in ("radius", "density"):
+                if name == "radius" and distribution is not None:
+                    continue
                 if getattr(one, name) is None and not isinstance(getattr(self, name), float):
                     limit = f"is missing, and particles.{name} is not a single number"
                     remedy = f"give it here, or give particles.{name} for all particles"
@@ -142,23 +150,40 @@ class Particles(Section):
                 raise wrong(f"{key}.material", None, "is missing", f"known: {', '.join(materials)}")
         return self
 
-    def _every_species(self) -> Iterator[tuple[str, Species]]:
-        yield from ((f"species.{k}", one) for k, one in enumerate(self.species))
+    def _every_species(self) -> Iterator[tuple[str, Species, Distribution | None]]:
+        """Key, species, and the distribution of its radius if it has none of its own."""
+        yield from ((f"species.{k}", one, self.distribution) for k, one in enumerate(self.species))
         for k, inlet in enumerate(self.inlet):
             for j, one in enumerate(inlet.species_of(self.species)):
-                yield f"inlet.{k}" + (f".species.{j}" if inlet.species else ""), one
+                key = f"inlet.{k}" + (f".species.{j}" if inlet.species else "")
+                yield key, one, inlet.distribution or self.distribution
+
+
+def radius_key(particles: Particles) -> str:
+    """The key that gives the radii of the particles at the start."""
+    return "particles.distribution" if particles.distribution is not None else "particles.radius"
 
 
 def radius_range(particles: Particles) -> tuple[float, float]:
-    """Smallest and largest radius of the particles [m]."""
+    """Smallest and largest radius of the particles; the cut-offs of a distribution, whatever is drawn [m]."""
+    if particles.distribution is not None:
+        return particles.distribution.bounds
     sizes = [one.radius for one in particles.species if one.radius is not None]
     if not particles.species or len(sizes) < len(particles.species):
         sizes += np.atleast_1d(column("particles.radius", particles.radius)).tolist()
     return min(sizes), max(sizes)
 
 
+def largest_arrival(particles: Particles, inlet: ParticleInlet) -> float:
+    """Largest radius of the particles of an inlet; the cut-off of a distribution, whatever is drawn [m]."""
+    distribution = inlet.distribution or particles.distribution
+    others = particles.radius if isinstance(particles.radius, float) else 0.0
+    others = others if distribution is None else distribution.bounds[1]
+    return max(one.radius or others for one in inlet.species_of(particles.species))
+
+
 def largest_radius(particles: Particles) -> float:
     """Largest radius of all particles that there ever are [m]."""
-    sizes = [radius_range(particles)[1]] if particles.radius is not None or particles.species else []
-    species = [one for inlet in particles.inlet for one in inlet.species_of(particles.species)]
-    return max(sizes + [one.radius for one in species if one.radius is not None])
+    given = (particles.radius, particles.distribution) != (None, None) or particles.species
+    sizes = [radius_range(particles)[1]] if given else []
+    return max(sizes + [largest_arrival(particles, inlet) for inlet in particles.inlet])

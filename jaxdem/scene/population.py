@@ -8,7 +8,7 @@ from jaxdem.errors import InputError
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.domain import Box
 from jaxdem.scene.inlets import ParticleInlet
-from jaxdem.scene.particles import Particles
+from jaxdem.scene.particles import Particles, largest_arrival
 
 Region = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -19,11 +19,10 @@ def completed_inlets(particles: Particles, box: Box, end: float) -> tuple[Partic
     Raises:
         InputError: a key does not fit the box or the time.
     """
-    default = particles.radius if isinstance(particles.radius, float) else 0.0
     result = []
     for k, inlet in enumerate(particles.inlet):
         key = f"particles.inlet.{k}"
-        largest = max(one.radius or default for one in inlet.species_of(particles.species))
+        largest = largest_arrival(particles, inlet)
         region = _region(key, inlet, box, largest)
         velocity = _velocity(key, inlet, box)
         last = end if inlet.end is None else inlet.end

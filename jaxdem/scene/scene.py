@@ -26,7 +26,8 @@ class Scene(Section):
     """A scene. Without `[fluid]` it has contact mechanics only; without `[particles]` it has a fluid only.
 
     Attributes:
-        seed: seed of all random numbers: jitter, random packs, order of species, positions at inlets.
+        seed: seed of all random numbers: jitter, random packs, order of species, sizes by a distribution, positions at
+            inlets.
         precision: floating-point precision of all arrays; float64 is meant for verification.
         domain: the box.
         particles: the particles.

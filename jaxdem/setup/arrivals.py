@@ -10,12 +10,17 @@ import numpy as np
 from jaxdem.errors import InputError
 from jaxdem.scene import Particles, Scene
 from jaxdem.setup.bodies import Bodies, species_bodies
+from jaxdem.setup.distribution import radii
 
 MOST = 10_000_000
 """Particles that an inlet may bring; more is a slip of the rate's unit."""
 
 ROUNDING = 1e-9
 """Of a number of particles or intervals that should be whole."""
+
+
+SIZES = 1000
+"""Radii by which the mean mass of a distribution is estimated."""
 
 
 class Arrivals(NamedTuple):
@@ -31,7 +36,7 @@ class Arrivals(NamedTuple):
 
 
 def arrivals(scene: Scene, particles: Particles) -> tuple[Arrivals, ...]:
-    """The particles of every inlet of a scene, their species drawn with its seed.
+    """The particles of every inlet of a scene, their species and sizes drawn with its seed.
 
     Args:
         scene: the scene.
@@ -45,25 +50,66 @@ def arrivals(scene: Scene, particles: Particles) -> tuple[Arrivals, ...]:
 
 def _arrivals_of(scene: Scene, particles: Particles, number: int) -> Arrivals:
     """The particles of inlet `number`."""
-    inlet, names = particles.inlet[number], tuple(material.name for material in scene.materials)
-    species = inlet.species_of(particles.species)
-    one_each = species_bodies(species, particles, names, np.arange(len(species)))
-    # What a particle of each species takes of the flow: one of a number, its mass of a mass flow.
-    name, flow, part = "rate", inlet.rate or 0.0, np.ones(len(species))
-    if inlet.mass_flow is not None:
-        name, flow, part = "mass_flow", inlet.mass_flow, 4.0 / 3.0 * math.pi * one_each.radius**3 * one_each.density
+    inlet, source = particles.inlet[number], _Source(scene, particles, number)
+    name, flow = ("rate", inlet.rate or 0.0) if inlet.mass_flow is None else ("mass_flow", inlet.mass_flow)
     key, duration = f"particles.inlet.{number}.{name}", min(inlet.end or scene.time.end, scene.time.end) - inlet.begin
-    most = min(flow * duration / part.min(), inlet.total or math.inf)
+    mean, total = source.mean_part(), inlet.total or math.inf
+    most = min(flow * duration / mean, total)
     if most > MOST:
-        limit = f"brings up to {most:.3g} particles, the limit is {MOST}"
+        limit = f"brings about {most:.3g} particles, the limit is {MOST}"
         raise InputError(key, flow, limit, "lower it, or set total of the inlet")
-    count = max(math.floor(most * (1.0 + ROUNDING) + ROUNDING), 0)
-    shares = np.asarray([one.share for one in species])
-    kind = np.random.default_rng([scene.seed, 2, number]).choice(len(species), count, p=shares / shares.sum())
-    time = inlet.begin + np.cumsum(part[kind]) / flow
-    in_time = time <= inlet.begin + duration * (1.0 + ROUNDING)
-    kind, time = kind[in_time], time[in_time]
-    if len(kind) == 0:
+    groups: list[Bodies] = []
+    count, come = 0, 0.0
+    while not groups or (come < flow * duration * (1.0 + ROUNDING) and count < total):
+        groups.append(source.next(max(math.ceil(min((flow * duration - come) / mean, total - count)), 1)))
+        count, come = count + len(groups[-1].radius), come + float(source.parts(groups[-1]).sum())
+    bodies = Bodies(*(np.concatenate(columns) for columns in zip(*groups, strict=True)))
+    time = inlet.begin + np.cumsum(source.parts(bodies)) / flow
+    in_time = (time <= inlet.begin + duration * (1.0 + ROUNDING)) & (np.arange(count) < total)
+    if not in_time.any():
         limit = f"brings no particle between {inlet.begin} and {inlet.begin + max(duration, 0.0)} s"
         raise InputError(key, flow, limit, "raise it, or remove the inlet")
-    return Arrivals(time, species_bodies(species, particles, names, kind))
+    return Arrivals(time[in_time], Bodies(*(column[in_time] for column in bodies)))
+
+
+class _Source:
+    """The particles of an inlet, drawn one group after the other; how they are grouped changes nothing.
+
+    Args:
+        scene: with the seed.
+        particles: its table `[particles]`.
+        number: of the inlet.
+    """
+
+    def __init__(self, scene: Scene, particles: Particles, number: int):
+        self._particles, self._inlet = particles, particles.inlet[number]
+        self._names = tuple(material.name for material in scene.materials)
+        self._species = self._inlet.species_of(particles.species)
+        shares = np.asarray([one.share for one in self._species])
+        self._shares = shares / shares.sum()
+        self._distribution, self._key = particles.distribution, "particles.distribution"
+        if self._inlet.distribution is not None:
+            self._distribution, self._key = self._inlet.distribution, f"particles.inlet.{number}.distribution"
+        self._kinds, self._sizes = (np.random.default_rng([scene.seed, stream, number]) for stream in (2, 4))
+
+    def next(self, count: int) -> Bodies:
+        """The next `count` particles."""
+        kind = self._kinds.choice(len(self._species), count, p=self._shares)
+        return self._bodies(kind, self._sizes.uniform(size=count))
+
+    def parts(self, bodies: Bodies) -> np.ndarray:
+        """What each particle takes of the inlet's flow: one of a number, its mass of a mass flow [kg]."""
+        if self._inlet.mass_flow is None:
+            return np.ones(len(bodies.radius))
+        return 4.0 / 3.0 * math.pi * bodies.radius**3 * bodies.density
+
+    def mean_part(self) -> float:
+        """Mean of what a particle takes of the flow, by `SIZES` radii of each species."""
+        count = len(self._species)
+        kind, u = np.repeat(np.arange(count), SIZES), np.tile((np.arange(SIZES) + 0.5) / SIZES, count)
+        return float(np.average(self.parts(self._bodies(kind, u)), weights=np.repeat(self._shares, SIZES)))
+
+    def _bodies(self, kind: np.ndarray, u: np.ndarray) -> Bodies:
+        """Particles of the species `kind` (N,), whose radii are where the distribution has reached `u` (N,)."""
+        drawn = None if self._distribution is None else radii(self._key, self._distribution, u)
+        return species_bodies(self._species, self._particles, self._names, kind, drawn)

@@ -10,6 +10,7 @@ from jaxdem.errors import InputError
 from jaxdem.scene import Particles
 from jaxdem.scene.materials import Species
 from jaxdem.scene.sizes import column
+from jaxdem.setup.distribution import radii
 
 
 class Bodies(NamedTuple):
@@ -47,16 +48,18 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
         particles: table of the scene.
         names: of the materials.
         count: number of particles.
-        seed: of the scene, for the order of species.
+        seed: of the scene, for the order of species and sizes.
 
     Raises:
-        InputError: a list or a file has another number of entries, or a number in a file is not positive.
+        InputError: a list or a file has another number of entries, or a number in a file is not positive, or
+            a distribution lies outside its cut-offs.
     """
+    drawn = _spread_radii(particles, count, seed)
     if particles.species:
         kind = np.repeat(np.arange(len(particles.species)), shares_of(particles.species, count))
         np.random.default_rng([seed, 1]).shuffle(kind)
         kind = kind if count else np.zeros(1, int)  # no particle at all: the numbers of any species
-        return collapsed(species_bodies(particles.species, particles, names, kind))
+        return collapsed(species_bodies(particles.species, particles, names, kind, drawn))
     material = particles.material
     if isinstance(material, tuple):
         if len(material) != count:
@@ -67,22 +70,44 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
         numbers = np.asarray([names.index(name) for name in material], np.int32)
     else:
         numbers = np.asarray(names.index(material) if names and material else 0, np.int32)
-    radius = column("particles.radius", particles.radius, count)
+    radius = column("particles.radius", particles.radius, count) if drawn is None else drawn
     density = column("particles.density", particles.density, count)
     return Bodies(radius, density, numbers)
 
 
-def species_bodies(
-    species: tuple[Species, ...], particles: Particles, names: tuple[str, ...], kind: np.ndarray
-) -> Bodies:
-    """What particles are whose species are `kind` (N,), with what a species has not from `particles`."""
+def _spread_radii(particles: Particles, count: int, seed: int) -> np.ndarray | None:
+    """(N,) radii by the distribution of `[particles]` in random order [m]; None without one.
 
-    def of(name: str) -> np.ndarray:
-        values = [getattr(particles, name) if getattr(one, name) is None else getattr(one, name) for one in species]
-        return np.asarray(values, float)[kind]
+    One is drawn from each of N parts of the distribution that are equal by number, so that few particles follow it as
+    well as they can. For no particle there is one radius.
+    """
+    if particles.distribution is None:
+        return None
+    generator, some = np.random.default_rng([seed, 3]), max(count, 1)
+    u = (np.arange(some) + generator.uniform(size=some)) / some
+    return radii("particles.distribution", particles.distribution, generator.permutation(u))
+
+
+def species_bodies(
+    species: tuple[Species, ...],
+    particles: Particles,
+    names: tuple[str, ...],
+    kind: np.ndarray,
+    drawn: np.ndarray | None,
+) -> Bodies:
+    """What particles are whose species are `kind` (N,), with what a species has not from `particles`.
+
+    `drawn` (N,) has the radii of those whose species has none [m], if they come from a distribution.
+    """
+
+    def of(name: str, others: object) -> np.ndarray:
+        own = np.asarray([getattr(one, name) or np.nan for one in species], float)[kind]
+        return np.where(np.isnan(own), others if isinstance(others, float | np.ndarray) else np.nan, own)
 
     material = [names.index(one.material or str(particles.material)) for one in species] if names else [0]
-    return Bodies(of("radius"), of("density"), np.resize(np.asarray(material, np.int32), len(species))[kind])
+    number = np.resize(np.asarray(material, np.int32), len(species))[kind]
+    radius = of("radius", particles.radius if drawn is None else drawn)
+    return Bodies(radius, of("density", particles.density), number)
 
 
 def collapsed(bodies: Bodies) -> Bodies:

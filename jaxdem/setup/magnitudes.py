@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.scene import Scene
+from jaxdem.scene.particles import radius_key
 from jaxdem.setup.bodies import Bodies
 
 RANGE = {"float32": (1e-35, 1e35), "float64": (1e-280, 1e280)}
@@ -89,13 +90,14 @@ def _of_particles(scene: Scene, bodies: Bodies) -> Iterator[_Product]:
     if scene.particles is None or contact is None or 0 in (bodies.radius.size, bodies.density.size):
         return
     gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
+    key = radius_key(scene.particles)
     for pick in (np.min, np.max):
         radius, density = float(pick(bodies.radius)), float(pick(bodies.density))
         volume = 4.0 / 3.0 * math.pi * radius**3
-        yield _Product("particles.radius", "a volume", "m3", volume)
+        yield _Product(key, "a volume", "m3", volume)
         mass = volume * density
         yield _Product("particles.density", "a mass", "kg", mass)
-        yield _Product("particles.radius", "a moment of inertia", "kg m2", 0.4 * mass * radius**2)
+        yield _Product(key, "a moment of inertia", "kg m2", 0.4 * mass * radius**2)
         yield _Product("domain.gravity", "a weight", "N", mass * gravity)
         if contact.law == "hertz_mindlin":
             moduli = [m.young_modulus or contact.young_modulus for m in scene.materials] or [contact.young_modulus]
