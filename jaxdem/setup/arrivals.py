@@ -56,7 +56,7 @@ def _arrivals_of(scene: Scene, particles: Particles, number: int) -> Arrivals:
     mean, total = source.mean_part(), inlet.total or math.inf
     most = min(flow * duration / mean, total)
     if most > MOST:
-        limit = f"brings about {most:.3g} particles, the limit is {MOST}"
+        limit = f"brings up to {most:.3g} particles, the limit is {MOST}"
         raise InputError(key, flow, limit, "lower it, or set total of the inlet")
     groups: list[Bodies] = []
     count, come = 0, 0.0
