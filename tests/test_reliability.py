@@ -146,6 +146,15 @@ def test_what_the_machine_cannot_hold_is_refused(tables, key):
     assert caught.value.key == key
 
 
+@pytest.mark.parametrize("tables", [hostile.STREAM, hostile.SIZES])
+def test_a_number_of_many_digits_in_place_of_a_list_is_refused(tables):
+    """Python does not write out more than 4,300 digits; the message must not either."""
+    key = "boundary.left.times" if tables is hostile.STREAM else "particles.distribution.diameters"
+    with pytest.raises(InputError, match="very many digits") as caught:
+        load_scene(hostile.changed(tables, key, 16**9000))
+    assert caught.value.key == key
+
+
 def test_products_that_the_floats_do_not_hold_are_refused():
     scene = load_scene(hostile.ROWS)
     small = Bodies(np.asarray(1e-9), np.asarray(2650.0), np.asarray(0))

@@ -60,7 +60,7 @@ def _remedy(path: Path, reasons: list[str], value: object) -> str:
         return f"write [[{table}]] above the keys of each"
     if reasons == ["must be a table"]:
         return f"write [{table}] above its keys"
-    if reasons == ["must be a list"] and isinstance(value, int | float):
+    if reasons == ["must be a list"] and isinstance(value, int | float) and abs(value) <= 1e20:
         return f"write it in brackets: [{value}]"
     return "correct the value"
 

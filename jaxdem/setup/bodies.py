@@ -85,7 +85,8 @@ def _spread_radii(particles: Particles, count: int, seed: int) -> np.ndarray | N
         return None
     generator, some = np.random.default_rng([seed, 3]), max(count, 1)
     u = (np.arange(some) + generator.uniform(size=some)) / some
-    return radii("particles.distribution", particles.distribution, generator.permutation(u))
+    found = radii("particles.distribution", particles.distribution, generator.permutation(u))
+    return found if count else found.reshape(())
 
 
 def species_bodies(

@@ -184,7 +184,24 @@ ROWS: Tables = {
 }
 """Grains with positions."""
 
-BASES = {"coupled": COUPLED, "grains": GRAINS, "stream": STREAM, "random": RANDOM, "rows": ROWS}
+SIZES: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {
+        "count": 5,
+        "density": 2650.0,
+        "distribution": {"kind": "table", "by": "volume", "diameters": [0.01, 0.015, 0.03],
+                         "cumulative": [0.0, 0.4, 1.0], "lower": 0.006, "upper": 0.014},
+        "pack": {"kind": "lattice", "start": [0.0, 0.0], "stop": [0.2, 0.1]},
+        "inlet": [
+            {"side": "top", "mass_flow": 5.0, "velocity": 0.5, "distribution": {
+                "kind": "weibull", "by": "volume", "scale": 0.01, "shape": 2.0, "lower": 0.005, "upper": 0.012}},
+        ],
+    },
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Grains of sizes by distributions, in a pack and through an inlet."""
+
+BASES = {"coupled": COUPLED, "grains": GRAINS, "stream": STREAM, "random": RANDOM, "rows": ROWS, "sizes": SIZES}
 
 MISSING = object()
 

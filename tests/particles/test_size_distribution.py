@@ -197,6 +197,8 @@ def test_a_crowded_inlet_keeps_the_law():
 def test_inlets_without_sizes_follow_the_particles():
     """A radius of the inlet goes before the distribution of the particles, that before nothing."""
     inlet = {key: value for key, value in INLET.items() if key != "distribution"} | {"rate": 1e4}
+    assert setup(count=None, pack=None, inlet=[inlet]).bodies.radius.shape == (200,)
+    assert setup(count=0).bodies.radius.shape == ()
     both = setup(inlet=[inlet, inlet | {"radius": 2e-3}])
     assert len(np.unique(both.arrivals[0].bodies.radius)) == 200
     np.testing.assert_array_equal(both.arrivals[1].bodies.radius, 2e-3)
