@@ -118,6 +118,18 @@ def test_version_and_help():
     )
 
 
+def test_a_key_of_a_scene_is_explained():
+    text = invoke("scene", "contact.friction").stdout
+    assert "sliding (Coulomb) friction" in text and "number ≥ 0" in text and "[contact]" in text
+    assert "0.5" in text.split("default")[1]
+    assert "m²/s" in invoke("scene", "fluid.viscosity").stdout.replace("m2/s", "m²/s")
+    assert "from" in invoke("scene", "boundary.left").stdout
+    assert all(name in invoke("scene", "coupling").stdout for name in ("drag", "kernel_width", "interval"))
+    assert all(name in invoke("scene").stdout for name in ("[contact]", "[[walls]]", "[time]"))
+    wrong = invoke("scene", "contact.frction")
+    assert wrong.exit_code == 2 and "contact.friction" in wrong.stderr
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -136,6 +136,16 @@ def check(scene: options.SceneFile, settings: options.Settings = None) -> None:
 
 
 @app.command()
+def scene(
+    key: Annotated[str, typer.Argument(help="A key or a table, such as contact.friction; all without.")] = "",
+) -> None:
+    """Explain a key of a scene file, or list the keys of a table, or all tables."""
+    from jaxdem.scene.reference import explain
+
+    terminal.line(explain(key))
+
+
+@app.command()
 def run(
     context: typer.Context,
     scene: options.SceneFile,

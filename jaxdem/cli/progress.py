@@ -14,8 +14,8 @@ from rich.text import Text
 from jaxdem.cli.console import output
 from jaxdem.errors import visible
 
-FIRST_LINE, LONGEST_PAUSE = 30.0, 600.0
-"""The first line comes after so long, the next after as long again, at most after the second [s]."""
+PAUSE = 60.0
+"""Time between two lines of a log [s]."""
 
 
 def pace(done: float, end: float, rate: float, unit: str) -> str:
@@ -82,13 +82,11 @@ class Lines:
         return f"{what}, {pace(self._done, self._end, (self._done - start) / seconds, self._unit)}"
 
     def _write(self) -> None:
-        pause = FIRST_LINE
-        while not self._over.wait(pause):
+        while not self._over.wait(PAUSE):
             try:
                 print(f"jaxdem: {visible(self.text())}", file=sys.stderr, flush=True)
             except (OSError, ValueError):
                 return  # nobody listens
-            pause = min(2.0 * pause, LONGEST_PAUSE)
 
 
 @contextmanager
