@@ -83,6 +83,7 @@ for arguments in (
     ["sweep", scene, "--vary", "fluid.viscosity=1e-3", "--out", long],
     ["sweep", scene, "--vary", many + "," + many, "--out", new],
     ["study", "flying", "--out", new],
+    ["scene", "contact.frction"],
     ["study", "injection", "--out", long],
 ):
     said = io.StringIO()
