@@ -162,6 +162,10 @@ def rows(model: type[BaseModel]) -> Iterator[tuple[str, str, str, str, str]]:
         yield key, words(field.annotation, field.metadata), unit[1] if unit else "", default(field), text
 
 
+WIDTH = 100
+"""Characters of a line in the terminal."""
+
+
 def explain(key: str = "") -> str:
     """What a key or the keys of a table are, as text for a terminal; all tables without a key.
 
@@ -171,13 +175,14 @@ def explain(key: str = "") -> str:
     named = {re.sub(r"[\[\]]", "", heading): (heading, model) for heading, model in tables()}
     if not key:
         width = max(len(heading) for heading, _ in named.values())
-        return "\n".join(f"{heading:{width}}  {summary(model)}" for heading, model in named.values())
+        return "\n".join(_entry(heading, width, summary(model)) for heading, model in named.values())
     key = re.sub(r"^boundary\.(left|right|bottom|top|front|back)\b", "boundary.<side>", key.strip("[]"))
     if key in named:
         heading, model = named[key]
         names = [(name, text) for name, _, _, _, text in rows(model)]
         width = max(len(name) for name, _ in names)
-        return "\n".join([heading, summary(model), "", *(f"{name:{width}}  {text}" for name, text in names)])
+        entries = [(name, width, text) for name, text in names]
+        return "\n".join([heading, textwrap.fill(summary(model), WIDTH), "", *(_entry(*one) for one in entries)])
     top = "At the top"
     keys = {
         row[0] if table == top else f"{table}.{row[0]}": (heading, model, row)
@@ -186,7 +191,7 @@ def explain(key: str = "") -> str:
     }
     if key not in keys:
         near = (
-            difflib.get_close_matches(key, [*keys, *named], n=3)
+            difflib.get_close_matches(key, list(dict.fromkeys([*keys, *named])), n=3)
             or [name for name in keys if name.rpartition(".")[2] == key.rpartition(".")[2]][:3]
         )
         hint = f"Did you mean {' or '.join(near)}? " if near else ""
@@ -194,7 +199,12 @@ def explain(key: str = "") -> str:
         raise InputError(key, None, "a scene has no such key or table", remedy)
     heading, model, (_, kind, unit, preset, text) = keys[key]
     facts = (("type", kind), ("unit", unit), ("default", preset), ("table", f"{heading}  {summary(model)}"))
-    return "\n".join([key, textwrap.fill(text, 100), "", *(f"{n:8} {v.replace('`', '')}" for n, v in facts if v)])
+    return "\n".join([key, textwrap.fill(text, WIDTH), "", *(f"{n:8} {v.replace('`', '')}" for n, v in facts if v)])
+
+
+def _entry(name: str, width: int, text: str) -> str:
+    """A name and what it is, with further lines under the first one."""
+    return textwrap.fill(text, WIDTH, initial_indent=f"{name:{width}}  ", subsequent_indent=" " * (width + 2))
 
 
 def summary(model: type[BaseModel]) -> str:
