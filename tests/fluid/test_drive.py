@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.closures import KochHill
 from jaxdem.errors import InputError
+from jaxdem.train.closures import Closures
 from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
+from jaxdem.train.reference import follow
 
 HEIGHT, LENGTH, DENSITY, VISCOSITY = 0.02, 0.03, 800.0, 1e-4
 SIDES = {"left": {"kind": "periodic"}, "right": {"kind": "periodic"}}
@@ -223,3 +226,9 @@ def test_a_run_writes_what_drives_it(tmp_path):
     rows = read_dataset(tmp_path / "data.h5").groups[1].pressure_gradient
     seen = np.concatenate([run.samples.frame(k)["pressure_gradient"] for k in range(len(run.samples))])
     np.testing.assert_allclose(rows, seen, rtol=1e-6, atol=1e-6)
+    # A training that follows the run starts from its outputs with the gradient that they had.
+    case = follow(scene, run, Closures(KochHill(), None))
+    state, neighbors = case.with_list(case.start(2))
+    assert float(state.fluid.mean_gradient[0]) == pytest.approx(history["pressure_gradient_x"][2], rel=1e-6)
+    assert float(state.fluid.mean_gradient[1]) == 0.0
+    assert int(jaxdem.rollout(case.simulation, case.parameters, state, neighbors, 1, reversible=False).failures) == 0
