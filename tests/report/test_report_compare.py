@@ -346,5 +346,6 @@ def test_imports_no_jax() -> None:
             }, path
             ours = {name for name in names if name.startswith("jaxdem")}
             assert all(
-                name.startswith(("jaxdem.report", "jaxdem.metrics", "jaxdem.errors", "jaxdem.io")) for name in ours
+                name.startswith(("jaxdem.report", "jaxdem.metrics", "jaxdem.errors", "jaxdem.files", "jaxdem.io"))
+                for name in ours
             ), path
