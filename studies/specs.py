@@ -9,6 +9,7 @@ import dataclasses
 import json
 import os
 import time as clock
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -43,7 +44,7 @@ ENDINGS = {"drag": ".closure.h5", "subgrid": ".subgrid.h5"}
 
 
 @dataclasses.dataclass(frozen=True)
-class Spec:
+class Spec(ABC):
     """Something that a study makes; `name` is that of its file or folder, without ending."""
 
     name: str
@@ -54,9 +55,9 @@ class Spec:
         return ()
 
     @property
+    @abstractmethod
     def files(self) -> tuple[str, ...]:
         """Names of its files in the study's folder."""
-        raise NotImplementedError
 
     def is_done(self, folder: Folder) -> bool:
         """Whether it is there; an InputError where something else is."""
@@ -66,9 +67,9 @@ class Spec:
         """Of the work, in the unit of `report`."""
         return 1.0
 
+    @abstractmethod
     def make(self, folder: Folder, report: Report) -> None:
         """Make it; `report` is told how much is done."""
-        raise NotImplementedError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -365,7 +366,7 @@ class Plan:
             raise KeyError(f"{name} is not a run")
         return spec
 
-    def names(self, part: str, kind: type[Spec]) -> list[str]:
+    def names(self, part: str, kind: type) -> list[str]:
         """Names of what a part needs of a kind."""
         return [name for name in self.parts[part].needs if isinstance(self.specs[name], kind)]
 

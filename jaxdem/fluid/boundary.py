@@ -15,6 +15,7 @@ from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.side_conditions import CONDITIONS, Inlet, SideCondition
 from jaxdem.numerics.static import static
+from jaxdem.numerics.tables import at_time
 
 
 @static
@@ -168,10 +169,7 @@ def velocity_at(side: Side, velocity: Array, time: Array) -> Array:
         velocity: (D,), or (T, D) at the side's T times [m/s].
         time: () [s].
     """
-    if side.times is not None:
-        times = jnp.asarray(side.times, velocity.dtype)
-        velocity = jnp.stack([jnp.interp(time, times, column) for column in velocity.T])
-    return ramp(side, time) * velocity
+    return ramp(side, time) * at_time(side.times, velocity, time)
 
 
 class Sides(NamedTuple):

@@ -26,6 +26,7 @@ from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, along
 from jaxdem.numerics.static import static
+from jaxdem.numerics.tables import at_time
 
 
 @static
@@ -55,14 +56,6 @@ class DriveParameters(NamedTuple):
     bulk_velocity: Array | None = None
 
 
-def at_time(drive: Drive, values: Array, time: Array) -> Array:
-    """(D,) values at a time, linear between those of a table and constant before and after it."""
-    if drive.times is None:
-        return values
-    times = jnp.asarray(drive.times, values.dtype)
-    return jnp.stack([jnp.interp(time, times, column) for column in values.T])
-
-
 def given_gradient(drive: Drive, parameters: DriveParameters, weight: Array, time: Array) -> Array:
     """(D,) G' along the driven axes, 0 along the others [Pa/m].
 
@@ -72,7 +65,7 @@ def given_gradient(drive: Drive, parameters: DriveParameters, weight: Array, tim
         weight: (D,) rho g of the fluid [N/m3].
         time: () [s].
     """
-    gradient = at_time(drive, parameters.pressure_gradient, time) - weight
+    gradient = at_time(drive.times, parameters.pressure_gradient, time) - weight
     return jnp.where(jnp.asarray(drive.driven), gradient, 0.0)
 
 

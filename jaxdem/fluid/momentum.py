@@ -25,7 +25,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity, with_outflow
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
-from jaxdem.fluid.drive import Drive, DriveParameters, at_time, given_gradient, held
+from jaxdem.fluid.drive import Drive, DriveParameters, given_gradient, held
 from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
@@ -46,6 +46,7 @@ from jaxdem.fluid.subgrid_stress import (
     subgrid_stress,
 )
 from jaxdem.numerics.static import static
+from jaxdem.numerics.tables import at_time
 
 
 class FluidState(NamedTuple):
@@ -225,7 +226,7 @@ class FluidSolver:
         mean_gradient = state.mean_gradient
         if self.drive is not None and any(self.drive.held):
             numbers = required(properties.drive, "parameters.fluid.drive")
-            target = at_time(self.drive, required(numbers.bulk_velocity, "bulk_velocity of the drive"), end)
+            target = at_time(self.drive.times, required(numbers.bulk_velocity, "bulk_velocity of the drive"), end)
             predicted, change = held(self.drive, target, predicted, new, push)
             mean_gradient = required(mean_gradient, "mean_gradient of the fluid") + change
         velocity, pressure, report, remaining = self._project(state.pressure, predicted, new, push, growth)
@@ -234,11 +235,9 @@ class FluidSolver:
 
     def first_gradient(self, properties: FluidProperties) -> Array | None:
         """(D,) mean gradient of the reduced pressure that the scene gives at its start [Pa/m]; None without a drive."""
-        return (
-            None
-            if self.drive is None
-            else self._given_gradient(self.drive, properties, jnp.zeros_like(properties.density))
-        )
+        if self.drive is None:
+            return None
+        return self._given_gradient(self.drive, properties, jnp.zeros_like(properties.density))
 
     def _given_gradient(self, drive: Drive, properties: FluidProperties, time: Array) -> Array:
         numbers = required(properties.drive, "parameters.fluid.drive")

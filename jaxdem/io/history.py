@@ -31,6 +31,8 @@ COLUMNS = (
 )
 POPULATION_COLUMNS = ("present", "removed")
 """Numbers of particles, in runs in which they change."""
+AXES = {2: "xz", 3: "xyz"}
+"""Names of the axes in columns, by dimension."""
 DRIVE_COLUMNS = ("pressure_gradient", "bulk_velocity")
 """Of the fluid along each periodic axis, `pressure_gradient_x` and so on, in runs in which something drives it."""
 

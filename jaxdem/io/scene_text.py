@@ -10,10 +10,10 @@ from typing import Any
 
 from jaxdem.errors import InputError
 from jaxdem.files.reading import parse_toml, read_text
-from jaxdem.io.history import DRIVE_COLUMNS, POPULATION_COLUMNS
+from jaxdem.io.history import AXES, DRIVE_COLUMNS, POPULATION_COLUMNS
 
-AXES = {2: ("xz", ("left", "bottom")), 3: ("xyz", ("left", "front", "bottom"))}
-"""By dimension the names of the axes, and of the side at the lower end of each."""
+LOWER_SIDES = {2: ("left", "bottom"), 3: ("left", "front", "bottom")}
+"""By dimension the names of the sides at the lower ends of the axes."""
 
 _ABSENT = "(not set)"
 
@@ -118,7 +118,7 @@ def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
 def driven_axes(scene: dict[str, Any]) -> str:
     """Names of the periodic axes of a fluid that something drives along one of them."""
     fluid, gravity = scene.get("fluid"), scene.get("domain", {}).get("gravity", [])
-    names, lower = AXES.get(len(gravity), ("", ()))
+    names, lower = AXES.get(len(gravity), ""), LOWER_SIDES.get(len(gravity), ())
     sides = scene.get("boundary", {})
     wraps = [sides.get(side, {}).get("kind") == "periodic" for side in lower]
     given = isinstance(fluid, dict) and ("pressure_gradient" in fluid or "bulk_velocity" in fluid)

@@ -73,8 +73,7 @@ def contact_interval(
     the acceleration a of the step before; that makes restitution second order too (with v for v' the rebound is
     1 % off at a hundred steps per contact, e = 0.5). The spin in the tangential ones is that at the start of the step:
     one to expect would shorten the stable step of rough packs, by half at e = 0.2. An interval starts from the state's
-    mean contact
-    force: exact at rest and in free flight, and elsewhere one step in many is of first order.
+    mean contact force: exact at rest and in free flight, and elsewhere one step in many is of first order.
 
     Args:
         interval: static description.

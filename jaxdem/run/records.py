@@ -15,6 +15,7 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.drive import bulk_velocity
 from jaxdem.fluid.grid import cell_average, face_average
+from jaxdem.io.history import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.packing import into_period
@@ -127,7 +128,7 @@ def drive_figures(case: Case, state: State) -> dict[str, float]:
     whole = (1.0,) * grid.dimension
     on_faces = whole if fluid.void_fraction is None else face_average(grid, fluid.void_fraction)
     bulk = np.asarray(bulk_velocity(drive, fluid.face_velocity, on_faces))
-    axes = [(axis, name) for axis, name in enumerate("xz" if grid.dimension == 2 else "xyz") if drive.driven[axis]]
+    axes = [(axis, name) for axis, name in enumerate(AXES[grid.dimension]) if drive.driven[axis]]
     found = {f"pressure_gradient_{name}": float(gradient[axis]) for axis, name in axes}
     return found | {f"bulk_velocity_{name}": float(bulk[axis]) for axis, name in axes}
 

@@ -19,6 +19,7 @@ from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.io import Run
+from jaxdem.io.history import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
@@ -100,7 +101,7 @@ class CoarseCase:
         drive, flow = self.solver.drive, self.parameters.flow
         if drive is None:
             return None
-        names = [f"pressure_gradient_{axis}" for axis in ("xz" if self.dimension == 2 else "xyz")]
+        names = [f"pressure_gradient_{axis}" for axis in AXES[self.dimension]]
         found = [self.run.history[name][index] if name in self.run.history else 0.0 for name in names]
         gradient = jnp.asarray(found, self.parameters.gravity.dtype) - flow.density * self.parameters.gravity
         return jnp.where(jnp.asarray(drive.driven), gradient, 0.0)
