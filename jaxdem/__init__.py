@@ -11,14 +11,20 @@ from jaxdem.version import __version__
 
 if TYPE_CHECKING:
     from jaxdem.errors import InputError, RunError
+    from jaxdem.external import ExternalFluid, ExternalStep, FluidFields, FluidSources
     from jaxdem.io import load_run
     from jaxdem.run.differentiable import Rollout, rollout
     from jaxdem.run.scene_run import simulate
     from jaxdem.scene import Scene, load_scene
     from jaxdem.setup.builder import build, initial_state
+    from jaxdem.setup.external import external_fluid
     from jaxdem.simulation import Simulation, neighbors_from_jax_md
 
 __all__ = [
+    "ExternalFluid",
+    "ExternalStep",
+    "FluidFields",
+    "FluidSources",
     "InputError",
     "Rollout",
     "RunError",
@@ -26,6 +32,7 @@ __all__ = [
     "Simulation",
     "__version__",
     "build",
+    "external_fluid",
     "initial_state",
     "load_run",
     "load_scene",
@@ -35,12 +42,17 @@ __all__ = [
 ]
 
 _MODULES = {
+    "ExternalFluid": "external",
+    "ExternalStep": "external",
+    "FluidFields": "external",
+    "FluidSources": "external",
     "InputError": "errors",
     "Rollout": "run.differentiable",
     "RunError": "errors",
     "Scene": "scene",
     "Simulation": "simulation",
     "build": "setup.builder",
+    "external_fluid": "setup.external",
     "initial_state": "setup.builder",
     "load_run": "io",
     "load_scene": "scene",

@@ -24,7 +24,7 @@ FLOORS = (
     {"structure"},
     {"step", "failures"},
     {"simulation"},
-    {"ensemble", "scene"},
+    {"ensemble", "external", "scene"},
     {"setup"},
     {"run"},
     {"check", "train", "report"},
@@ -45,6 +45,7 @@ WITHOUT_SCENE = {
     "step",
     "failures",
     "simulation",
+    "external",
     "io",
     "report",
 }

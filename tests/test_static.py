@@ -14,7 +14,7 @@ import pytest
 import jaxdem
 from tests.cases.small_scenes import SMALL_INJECTION
 
-ROOMS = ("particles", "fluid", "coupling", "closures", "numerics", "state", "structure", "simulation")
+ROOMS = ("particles", "fluid", "coupling", "closures", "numerics", "state", "structure", "simulation", "external")
 
 OF_ONE_TRACE = {"Exchange", "IntervalStart", "IntervalEnd", "_Insertion", "_Loop"}
 """Objects that are made and used up inside of one trace: they hold both."""

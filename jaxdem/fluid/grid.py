@@ -30,12 +30,15 @@ class Grid:
         size: side lengths of the box [m].
         depth: extent of the third direction in 2-D; 1 in 3-D, where it does not count [m].
         periodic: whether each axis is periodic.
+        collocated: the "face" fields stand in the cells, D arrays of the shape `cells`, as in a fluid that a collocated
+            solver of someone else gives; jaxdem's own solver is staggered.
     """
 
     cells: tuple[int, ...]
     size: tuple[float, ...]
     depth: float
     periodic: tuple[bool, ...]
+    collocated: bool = False
 
     @property
     def dimension(self) -> int:
@@ -59,7 +62,7 @@ class Grid:
 
     def face_shape(self, axis: int) -> tuple[int, ...]:
         """Shape of the face array of one axis."""
-        return tuple(n + (a == axis) for a, n in enumerate(self.cells))
+        return tuple(n + (a == axis and not self.collocated) for a, n in enumerate(self.cells))
 
 
 def along(array: Array, axis: int, start: int | None, stop: int | None) -> Array:
@@ -73,7 +76,12 @@ def divergence(grid: Grid, flux: FaceField) -> Array:
 
 
 def cell_average(faces: FaceField) -> FaceField:
-    """Mean of the two faces of every cell, for each component: D arrays of the shape of the cells."""
+    """Mean of the two faces of every cell, for each component: D arrays of the shape of the cells.
+
+    Fields that stand in the cells already have one shape for all components, and stay as they are.
+    """
+    if len({f.shape for f in faces}) == 1:
+        return faces
     return tuple(0.5 * (along(f, a, None, -1) + along(f, a, 1, None)) for a, f in enumerate(faces))
 
 
@@ -95,6 +103,8 @@ def face_average_along(grid: Grid, cell: Array, axis: int) -> Array:
 
 def share_to_faces(grid: Grid, cells: tuple[Array, ...]) -> FaceField:
     """Half of each cell's content given to either face: the adjoint of `cell_average`."""
+    if grid.collocated:
+        return cells
     return tuple(_share_along(grid, cell, axis) for axis, cell in enumerate(cells))
 
 
@@ -144,7 +154,8 @@ def control_width(grid: Grid, axis: int) -> np.ndarray:
 
 def face_total(grid: Grid, faces: FaceField) -> tuple[Array, ...]:
     """Sum over all faces of each component, periodic doubles counted once."""
-    return tuple(jnp.sum(along(f, a, None, -1) if grid.periodic[a] else f) for a, f in enumerate(faces))
+    doubled = [wraps and not grid.collocated for wraps in grid.periodic]
+    return tuple(jnp.sum(along(f, a, None, -1) if doubled[a] else f) for a, f in enumerate(faces))
 
 
 def sum_of(terms):  # type: ignore[no-untyped-def]

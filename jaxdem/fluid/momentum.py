@@ -59,12 +59,15 @@ class FluidState(NamedTuple):
         void_fraction: on the cells, at the time of the velocity; None without particles [-].
         mean_gradient: (D,) of the reduced pressure along periodic axes, beside that of `pressure`, which is periodic;
             None where nothing drives the fluid, see `drive` [Pa/m].
+        pressure_slope: gradient of the reduced pressure, of a fluid that another program solves: it stands for that of
+            `pressure`; None in a fluid of our own [Pa/m].
     """
 
     face_velocity: FaceField
     pressure: Array
     void_fraction: Array | None
     mean_gradient: Array | None = None
+    pressure_slope: FaceField | None = None
 
 
 class FluidProperties(NamedTuple):
@@ -393,6 +396,8 @@ class FluidSolver:
 
 def pressure_slope(grid: Grid, boundary: Boundary, state: FluidState, continued: bool = False) -> FaceField:
     """Gradient of the reduced pressure on the faces, with that which drives the fluid; see `pressure_gradient`."""
+    if state.pressure_slope is not None:
+        return state.pressure_slope
     slope = pressure_gradient(grid, boundary, state.pressure, continued)
     if state.mean_gradient is None:
         return slope
