@@ -25,6 +25,7 @@ HOLDS = {
     "setup": "scene -> Simulation, Parameters, State",
     "scene": "what a user describes",
     "ensemble": "several runs at once",
+    "external": "the fluid of others",
     "simulation": "Simulation",
     "step": "the algorithm",
     "failures": "what can go wrong",
