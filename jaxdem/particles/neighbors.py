@@ -24,8 +24,8 @@ from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
-from jaxdem.particles.packing import into_period
 from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, pairs_of, place_of
+from jaxdem.particles.regions import into_period
 
 EXTRA_CAPACITY = 1.25
 """Slots are allocated for this multiple of the largest number of neighbours found."""

@@ -8,6 +8,9 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
+from jaxdem.particles import regions
+from jaxdem.particles.regions import into_period
+
 
 def hexagonal_rows(start: np.ndarray, stop: np.ndarray, spacing: float) -> np.ndarray:
     """Centres of a hexagonal lattice that fills a rectangle in rows from below, lowest row first.
@@ -31,20 +34,6 @@ def hexagonal_rows(start: np.ndarray, stop: np.ndarray, spacing: float) -> np.nd
     return np.concatenate(points) if points else np.zeros((0, 2))
 
 
-def inside_polygon(points: np.ndarray, vertices: np.ndarray, margin: float) -> np.ndarray:
-    """Which points (M, 2) lie inside a polygon (V, 2) and at least `margin` [m] from its edges."""
-    inside = np.zeros(len(points), bool)
-    distance = np.full(len(points), np.inf)
-    for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        crosses = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
-        rise = b[1] - a[1] if b[1] != a[1] else 1.0
-        inside ^= crosses & (points[:, 0] < (b[0] - a[0]) * (points[:, 1] - a[1]) / rise + a[0])
-        edge = b - a
-        along = np.clip(((points - a) @ edge) / max(edge @ edge, 1e-300), 0.0, 1.0)
-        distance = np.minimum(distance, np.linalg.norm(points - a - along[:, None] * edge, axis=1))
-    return inside & (distance >= margin - 1e-12)
-
-
 def polygon_pack(
     vertices: np.ndarray, box: tuple[float, ...], radius: float, spacing: float, jitter: float
 ) -> np.ndarray:
@@ -64,15 +53,16 @@ def polygon_pack(
     """
     margin = radius + jitter
     start, stop = vertices.min(axis=0) + margin, vertices.max(axis=0) - margin
+    area = regions.polygon(vertices.tolist(), None)
     if len(box) == 2:
         points = hexagonal_rows(start, stop, spacing)
-        return points[inside_polygon(points, vertices, margin)]
+        return points[area.inside(points, margin)]
     layers = int(np.floor((box[1] - 2.0 * margin) / spacing + 1e-9)) + 1
     gap = (box[1] - 2.0 * margin) / max(layers - 1, 1)
     collected = []
     for layer in range(layers):
         points = hexagonal_rows(start, stop, spacing)
-        points = points[inside_polygon(points, vertices, margin)]
+        points = points[area.inside(points, margin)]
         across = margin + layer * gap if layers > 1 else 0.5 * box[1]
         collected.append(np.insert(points, 1, across, axis=1))
     points = np.concatenate(collected) if collected else np.zeros((0, 3))
@@ -300,12 +290,6 @@ def jittered(points: np.ndarray, size: float, seed: int) -> np.ndarray:
         return points
     generator = np.random.default_rng(seed)
     return points + generator.uniform(-size, size, points.shape) / np.sqrt(points.shape[1])
-
-
-def into_period(x: np.ndarray, side: float | np.ndarray) -> np.ndarray:
-    """Coordinates within 0 <= x < side [m]. Just below zero the remainder alone rounds to the side itself."""
-    wrapped = np.mod(x, side)
-    return np.where(wrapped < side, wrapped, 0.0)
 
 
 def deepest_overlap(

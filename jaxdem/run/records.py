@@ -18,7 +18,7 @@ from jaxdem.fluid.grid import cell_average, face_average
 from jaxdem.io.history import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.particles.packing import into_period
+from jaxdem.particles.regions import into_period
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
 from jaxdem.state import State

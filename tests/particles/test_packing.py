@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from jaxdem.particles import packing
+from jaxdem.particles import packing, regions
 
 TRIANGLE = np.array([[0.1, 0.1], [0.9, 0.1], [0.5, 0.7]])
 HOLLOW = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.5, 0.3], [0.0, 1.0]])  # not convex
@@ -58,8 +58,8 @@ def test_inside_polygon_that_is_not_convex():
     middle = np.array([HOLLOW[0], HOLLOW[1], HOLLOW[3]])
     right = np.array([HOLLOW[1], HOLLOW[2], HOLLOW[3]])
     expected = np.max([edge_distance(points, part) for part in (left, middle, right)], axis=0) > 0
-    np.testing.assert_array_equal(packing.inside_polygon(points, HOLLOW, 0.0), expected)
-    deep = packing.inside_polygon(points, HOLLOW, 0.05)
+    np.testing.assert_array_equal(regions.polygon(HOLLOW, None).inside(points), expected)
+    deep = regions.polygon(HOLLOW, None).inside(points, 0.05)
     assert 0.5 * expected.sum() < deep.sum() < expected.sum()
     # Nothing within 0.05 of any edge: sampled.
     share = np.linspace(0, 1, 400)[:, None]
