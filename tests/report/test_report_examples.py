@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+import jaxdem
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -59,3 +62,19 @@ def test_a_trained_closure(example: Any, tmp_path: Path) -> None:
     histories = {name: (times, 0.1 * times) for name in ("fine", "2x coarser", "with the closure")}
     figure = example("train_closure").picture(held_out, {"base": 0.9, "closure": 1.0}, histories)
     figure.savefig(tmp_path / "picture.png")
+
+
+def test_grains_in_the_fluid_of_another_solver(example: Any, tmp_path: Path) -> None:
+    """Pressure and bottom carry the weight of a small fluidised bed, on the mean of its last half."""
+    module = example("external_solver")
+    tables = copy.deepcopy(module.SCENE)
+    tables["domain"]["size"], tables["fluid"]["cells"] = [0.02, 0.06], [5, 15]
+    tables["particles"] |= {"count": 60, "pack": tables["particles"]["pack"] | {"stop": [0.02, 0.04]}}
+    scene = jaxdem.load_scene(tables)
+    seen, particles, water = module.coupled(scene, 0.4)
+    weight = module.submerged_weight(scene)
+    drop, carried, _ = seen[len(seen) // 2 :].mean(axis=0)
+    # The pressure on the bottom comes from a line through two cells, of a bed of four.
+    assert drop * 0.02 * 0.002 / weight + carried / weight == pytest.approx(1.0, abs=0.03)
+    assert carried < 0.1 * weight
+    module.picture(seen[:, :2], seen[:, :2], particles, water).savefig(tmp_path / "picture.png")
