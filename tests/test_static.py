@@ -14,7 +14,19 @@ import pytest
 import jaxdem
 from tests.cases.small_scenes import SMALL_INJECTION
 
-ROOMS = ("particles", "fluid", "coupling", "closures", "numerics", "state", "structure", "simulation", "external")
+ROOMS = (
+    "particles",
+    "fluid",
+    "coupling",
+    "closures",
+    "numerics",
+    "state",
+    "structure",
+    "simulation",
+    "observables",
+    "probes",
+    "external",
+)
 
 OF_ONE_TRACE = {"Exchange", "IntervalStart", "IntervalEnd", "_Insertion", "_Loop"}
 """Objects that are made and used up inside of one trace: they hold both."""

@@ -12,6 +12,7 @@ from jaxdem.errors import InputError
 from jaxdem.io import scene_text
 from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import read_history
+from jaxdem.io.probes import Probes
 from jaxdem.io.run_directory import HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat, Samples
 from jaxdem.io.summary import read_summary
@@ -28,6 +29,7 @@ class Run:
         scene_toml: the text of the scene as run; `scene` the same as nested dicts.
         summary: `summary.json`, empty while there is none (running, or killed).
         history: float64 (T,) by column of `history.csv`; NaN where there is no value.
+        probes: of the probe NAME, `probes["NAME"]`, float64 (L,) by column of its file; see `io.probes.Probes`.
         number_of_frames: T, frames that are committed and readable.
     """
 
@@ -43,6 +45,7 @@ class Run:
             raise InputError("run", str(self.path), limit, _REMEDY) from error
         self.scene: dict[str, Any] = scene_text.parse(self.scene_toml, str(self.path / SCENE))
         self.summary = read_summary(self.path)
+        self.probes = Probes(self.path, scene_text.probe_names(self.scene))
         self._particles = FrameSeries(self.path, ParticleFormat())
         self._fluid = FrameSeries(self.path, FluidFormat())
         history = read_history(self.path / HISTORY)

@@ -9,13 +9,14 @@ from pathlib import Path
 from jaxdem.errors import InputError
 from jaxdem.io.access import LOCK
 from jaxdem.io.frames import PARTS_FOLDER
+from jaxdem.io.probes import PROBES_FILE, PROBES_FOLDER
 from jaxdem.io.run_directory import CHECKPOINT, HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat
 from jaxdem.io.summary import SUMMARY
 from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat
 
 SERIES = (ParticleFormat, FluidFormat, SampleFormat)
-OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK} | {f"{kind.stem}{kind.suffix}" for kind in SERIES}
+OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK, PROBES_FILE} | {f"{kind.stem}{kind.suffix}" for kind in SERIES}
 """Names in a run directory that are the run's."""
 
 
@@ -31,7 +32,8 @@ def refuse_what_is_read(option: str, out: Path, inputs: Iterable[str | Path | No
         InputError: `out` is one of them, is another name of one of them, or is a file of a run.
     """
     place = Path(os.path.realpath(out))
-    if PARTS_FOLDER in place.parts or (place.name in OWN_FILES and (place.parent / SCENE).is_file()):
+    of_probe = place.parent.name == PROBES_FOLDER and (place.parent.parent / SCENE).is_file()
+    if PARTS_FOLDER in place.parts or of_probe or (place.name in OWN_FILES and (place.parent / SCENE).is_file()):
         raise InputError(option, str(out), "is a file of a run, and would be lost", "Name another file.")
     for one in inputs:
         if one is not None and any(_same(found, out) for found in _files(Path(one))):
@@ -54,7 +56,7 @@ def _files(place: Path) -> Iterator[Path]:
     if not place.is_dir():
         yield place
         return
-    for folder in (place, place / PARTS_FOLDER):
+    for folder in (place, place / PARTS_FOLDER, place / PROBES_FOLDER):
         if folder.is_dir():
             yield from folder.iterdir()
 

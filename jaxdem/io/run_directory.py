@@ -2,7 +2,8 @@
 
 Order within one output time: the frames of fluid and particles, each a whole file, then the line of
 `history.csv`. The line commits the frame: what a kill leaves beyond it does not count. A checkpoint
-names the numbers of frames and samples it follows, and is written after them; `cut_back` returns to it.
+names the numbers of frames, samples and lines of probes it follows, and is written after them; `cut_back` returns to
+it.
 """
 
 from __future__ import annotations
@@ -23,11 +24,15 @@ from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
 from jaxdem.io.frames import PARTS_FOLDER, Arrays, FrameSeries
 from jaxdem.io.history import History
+from jaxdem.io.probes import PROBES_FOLDER, Columns, ProbeFiles
 from jaxdem.io.samples import SampleFormat, sample_frame
 from jaxdem.io.summary import SUMMARY, read_summary, write_summary
 from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
 
 SCENE, HISTORY, CHECKPOINT = "scene.toml", "history.csv", "checkpoint.h5"
+
+LINES = "lines of probe "
+"""Attribute of a checkpoint: number of lines of the file of the probe that is named behind it."""
 
 
 class RunDirectory:
@@ -40,7 +45,14 @@ class RunDirectory:
         sample_attributes: constants stored as attributes of `samples.h5`.
     """
 
-    def __init__(self, path: Path, scene_toml: str, lock: int, sample_attributes: Arrays | None):
+    def __init__(
+        self,
+        path: Path,
+        scene_toml: str,
+        lock: int,
+        sample_attributes: Arrays | None,
+        probes: Mapping[str, Columns] | None = None,
+    ):
         self.path = path
         self.sample_attributes = dict(sample_attributes or {})
         self._scene = scene_text.parse(scene_toml, str(path / SCENE))
@@ -50,6 +62,7 @@ class RunDirectory:
         self._fluid = FrameSeries(path, FluidFormat())
         self._samples = FrameSeries(path, SampleFormat())
         self._history = History(path / HISTORY, scene_text.history_columns(self._scene))
+        self._probes = ProbeFiles(path, probes or {})
         self.samples = self._samples.count()
 
     @property
@@ -57,8 +70,14 @@ class RunDirectory:
         return self._history.rows
 
     @classmethod
-    def create(cls, path: str | Path, scene_toml: str, sample_attributes: Arrays | None = None) -> RunDirectory:
-        """Start a run in a new or empty folder and store its scene.
+    def create(
+        cls,
+        path: str | Path,
+        scene_toml: str,
+        sample_attributes: Arrays | None = None,
+        probes: Mapping[str, Columns] | None = None,
+    ) -> RunDirectory:
+        """Start a run in a new or empty folder and store its scene; `probes` are the columns of each probe's file.
 
         Raises:
             InputError: the folder holds something, is in use, or cannot be written.
@@ -72,7 +91,7 @@ class RunDirectory:
             if _entries(path):
                 raise _occupied(path)
             write_bytes(path / SCENE, scene_toml.encode())
-            return cls(path, scene_toml, lock, sample_attributes)
+            return cls(path, scene_toml, lock, sample_attributes, probes)
 
     @classmethod
     def resume(
@@ -81,6 +100,7 @@ class RunDirectory:
         scene_toml: str,
         sample_attributes: Arrays | None = None,
         defaults: Mapping[str, object] | None = None,
+        probes: Mapping[str, Columns] | None = None,
     ) -> RunDirectory:
         """Open the folder of an unfinished run; nothing is cut yet, see `cut_back`.
 
@@ -94,7 +114,8 @@ class RunDirectory:
         with _locked_for_a_run(path) as lock:
             remove_leftovers(path)
             remove_leftovers(path / PARTS_FOLDER)
-            return cls(path, scene_toml, lock, sample_attributes)
+            remove_leftovers(path / PROBES_FOLDER)
+            return cls(path, scene_toml, lock, sample_attributes, probes)
 
     @classmethod
     def check(
@@ -199,8 +220,24 @@ class RunDirectory:
             self._samples.write(index, sample_frame(time, arrays, self.sample_attributes))
         self.samples = index + 1
 
+    def write_probe(self, name: str, time: float, table: np.ndarray) -> None:
+        """Add lines (L, number of columns) to the file of a probe.
+
+        Args:
+            name: of the probe.
+            time: simulated time [s], for messages.
+            table: the lines.
+
+        Raises:
+            RunError: the disk refused; earlier lines are kept.
+        """
+        with self._run_errors(time):
+            self._probes.append(name, table)
+
     def write_checkpoint(self, arrays: Arrays, attributes: Mapping[str, str | int | float]) -> None:
         """Replace the restart state; `attributes` holds the numbers `frames` and `samples` it follows.
+
+        The lines of probes that it follows are those that are written.
 
         Raises:
             RunError: the disk refused; the former checkpoint is kept.
@@ -209,7 +246,8 @@ class RunDirectory:
             if not 0 <= int(attributes[name]) <= written:
                 raise ValueError(f"checkpoint after {attributes[name]} {name}, {written} are written")
         with self._run_errors(self._time):
-            checkpoint_file.write_checkpoint(self.path / CHECKPOINT, arrays, attributes)
+            lines = {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
+            checkpoint_file.write_checkpoint(self.path / CHECKPOINT, arrays, {**attributes, **lines})
 
     def checkpoint(self) -> tuple[dict[str, np.ndarray], checkpoint_file.Attributes]:
         """Arrays and attributes of the newest checkpoint.
@@ -219,20 +257,27 @@ class RunDirectory:
         """
         return checkpoint_file.read_checkpoint(self.path / CHECKPOINT)
 
-    def cut_back(self, frames: int, samples: int) -> None:
+    def cut_back(self, frames: int, samples: int, lines: Mapping[str, int] | None = None) -> None:
         """Drop every frame and sample after the first `frames` and `samples`, and the old summary.
+
+        Args:
+            frames, samples: numbers that a checkpoint follows.
+            lines: by name of the probe, the same of the lines of its file; see `lines_before`.
 
         Raises:
             InputError: the folder holds fewer than that, so the checkpoint cannot be continued.
         """
+        lines = lines or {}
+        wanted = {"frames": frames, "samples": samples} | {f"{LINES}{name}": lines[name] for name in lines}
         held = {"frames": self.frames, "samples": self.samples}
+        held |= {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
         for series in (self._particles, self._fluid):
             # A kind that has no frame at all is one the scene does not have.
             if series.exists():
                 held["frames"] = min(held["frames"], series.count())
-        for name, wanted in (("frames", frames), ("samples", samples)):
-            if held[name] < wanted:
-                limit = f"the checkpoint follows {wanted} {name}, only {held[name]} can be read"
+        for name, number in wanted.items():
+            if held[name] < number:
+                limit = f"the checkpoint follows {number} {name}, only {held[name]} can be read"
                 raise InputError(OPTION, str(self.path), limit, "Start the run anew in another folder.")
         with self._run_errors(self._time):
             (self.path / SUMMARY).unlink(missing_ok=True)
@@ -242,9 +287,14 @@ class RunDirectory:
                 series.cut(frames)
             self._samples.cut(samples)
             self.samples = samples
+            self._probes.cut(lines)
             for folder in (self.path, self.path / PARTS_FOLDER):
                 if folder.is_dir():
                     sync_directory(folder)
+
+    def lines_before(self, attributes: Mapping[str, object]) -> dict[str, int]:
+        """By name of the probe, number of lines of its file that a checkpoint follows, from the attributes of it."""
+        return {name: int(str(attributes[f"{LINES}{name}"])) for name in self._probes.rows}
 
     def finish(self, summary: Mapping[str, object]) -> None:
         """Join the frames and write `summary.json` with `complete` true (unless given otherwise).
@@ -282,6 +332,7 @@ class RunDirectory:
             # Parts go only when all joined files are there.
             for series, _ in kinds:
                 series.drop_parts()
+            self._probes.join()
             parts = self.path / PARTS_FOLDER
             if parts.is_dir() and not any(parts.iterdir()):
                 parts.rmdir()
@@ -328,7 +379,7 @@ def _just_begun(path: Path) -> bool:
     """Whether the folder holds what a run writes before its first checkpoint, and nothing else."""
     if not (path / SCENE).is_file():
         return False
-    begun = {SCENE, HISTORY, *aside_names(path / HISTORY), *aside_names(path / CHECKPOINT)}
+    begun = {SCENE, HISTORY, PROBES_FOLDER, *aside_names(path / HISTORY), *aside_names(path / CHECKPOINT)}
     return _entries(path) <= begun
 
 

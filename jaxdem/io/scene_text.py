@@ -115,6 +115,13 @@ def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
     return (*population, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene)))
 
 
+def probe_names(scene: dict[str, Any]) -> list[str]:
+    """Names of the probes of a scene."""
+    probes = scene.get("probes", [])
+    tables = probes if isinstance(probes, list) else []
+    return [str(table["name"]) for table in tables if isinstance(table, dict) and "name" in table]
+
+
 def driven_axes(scene: dict[str, Any]) -> str:
     """Names of the periodic axes of a fluid that something drives along one of them."""
     fluid, gravity = scene.get("fluid"), scene.get("domain", {}).get("gravity", [])

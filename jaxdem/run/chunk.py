@@ -17,8 +17,10 @@ from jax import Array, lax
 from jaxdem.failures import failures
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.probes.base import Interval
 from jaxdem.run.exported import compiled
 from jaxdem.run.numbers import NO_NUMBERS, LoopNumbers, loop_numbers, with_numbers
+from jaxdem.run.probing import Probed, Watch, nothing_yet, probed
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import advance_fluid, advance_particles
@@ -61,6 +63,7 @@ class Chunk(NamedTuple):
         records: of all intervals; those beyond `done` are zero.
         code: () int32, flags of the last interval, see `jaxdem.failures`; 0 where all went well.
         done: () int32, intervals done, the one that failed included.
+        probed: of the probes; None without probes.
     """
 
     state: State
@@ -69,6 +72,7 @@ class Chunk(NamedTuple):
     records: Records
     code: Array
     done: Array
+    probed: Probed | None = None
 
 
 class Program(Protocol):
@@ -79,8 +83,10 @@ class Program(Protocol):
         """Most intervals that a call may be asked for."""
         ...
 
-    def __call__(self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
-        """Up to `count` intervals; it ends early with one that raises a flag."""
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
+    ) -> Chunk:
+        """Up to `count` intervals, watched by probes if any; it ends early with one that raises a flag."""
         ...
 
 
@@ -88,11 +94,16 @@ class ChunkProgram:
     """The program that runs use; compiled when it is made."""
 
     def __init__(
-        self, simulation: Simulation, parameters: Parameters, state: State, neighbors: Neighbors | None
+        self,
+        simulation: Simulation,
+        parameters: Parameters,
+        state: State,
+        neighbors: Neighbors | None,
+        watch: Watch | None = None,
     ) -> None:
         self._numbers = loop_numbers(simulation, parameters.gravity.dtype)
         structure = with_numbers(simulation, NO_NUMBERS)
-        given = (self._numbers, parameters, state, neighbors, on_device(1, np.int32))
+        given = (self._numbers, parameters, state, neighbors, on_device(1, np.int32), watch)
         self._compiled = compiled(advance, structure, *given)
         self._seconds = math.inf
 
@@ -101,10 +112,12 @@ class ChunkProgram:
         """See `Program`: as many as take about `LONGEST`."""
         return max(1, min(CHUNK, int(LONGEST / self._seconds)))
 
-    def __call__(self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
+    ) -> Chunk:
         """See `Program`."""
         begin = clock.perf_counter()
-        given = (self._numbers, parameters, state, neighbors, on_device(count, np.int32))
+        given = (self._numbers, parameters, state, neighbors, on_device(count, np.int32), watch)
         chunk = jax.block_until_ready(self._compiled(*given))
         self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
         return chunk
@@ -123,6 +136,7 @@ class ProfiledProgram:
         state: State,
         neighbors: Neighbors | None,
         timed: Callable[[str], AbstractContextManager[None]],
+        watch: Watch | None = None,
     ) -> None:
         self._simulation, self._timed = simulation, timed
         fluid = jax.jit(partial(advance_fluid, simulation))
@@ -130,8 +144,11 @@ class ProfiledProgram:
         self._fluid = fluid.lower(parameters, state).compile()
         particles = jax.jit(partial(advance_particles, simulation))
         self._particles = particles.lower(parameters, state, neighbors, forces).compile()
+        self._probe = None if watch is None else jax.jit(partial(probed, simulation))
 
-    def __call__(self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
+    ) -> Chunk:
         """See `Program`."""
         with self._timed("fluid_part"):
             fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
@@ -141,7 +158,11 @@ class ProfiledProgram:
         diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces)
         records = jax.tree.map(lambda value: value[None], _records(diagnostics))
         code = failures(self._simulation, diagnostics)
-        return Chunk(State(particles, fluid, state.step + 1), neighbors, diagnostics, records, code, jnp.int32(1))
+        new, seen = State(particles, fluid, state.step + 1), None
+        if watch is not None and self._probe is not None:
+            interval = Interval(state, new, neighbors, diagnostics)
+            seen = self._probe(parameters, watch.probing, interval, nothing_yet(watch, self.most))
+        return Chunk(new, neighbors, diagnostics, records, code, jnp.int32(1), seen)
 
 
 def advance(
@@ -151,6 +172,7 @@ def advance(
     state: State,
     neighbors: Neighbors | None,
     count: Array,
+    watch: Watch | None = None,
 ) -> Chunk:
     """`count` coupling intervals, up to `CHUNK` of them; it ends early with one that raises a flag.
 
@@ -161,6 +183,7 @@ def advance(
         state: to start from.
         neighbors: its list.
         count: () int32.
+        watch: probes, if any.
     """
     simulation = with_numbers(structure, numbers)
     # Compiled by itself, so that finding the shapes of what it reports does not trace it a second time.
@@ -173,10 +196,14 @@ def advance(
     def interval(chunk: Chunk) -> Chunk:
         state, neighbors, diagnostics = step(parameters, chunk.state, chunk.neighbors)
         records = jax.tree.map(lambda all_, one: all_.at[chunk.done].set(one), chunk.records, _records(diagnostics))
-        code = failures(simulation, diagnostics)
-        return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1)
+        code, seen = failures(simulation, diagnostics), chunk.probed
+        if watch is not None and seen is not None:
+            seen = probed(
+                simulation, parameters, watch.probing, Interval(chunk.state, state, neighbors, diagnostics), seen
+            )
+        return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1, seen)
 
-    start = Chunk(state, neighbors, blank, records, zero, zero)
+    start = Chunk(state, neighbors, blank, records, zero, zero, None if watch is None else nothing_yet(watch, CHUNK))
     return lax.while_loop(lambda chunk: (chunk.done < count) & (chunk.code == 0), interval, start)
 
 

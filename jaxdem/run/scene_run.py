@@ -8,7 +8,9 @@ from typing import Any, Unpack
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io.probes import Columns
 from jaxdem.io.run_directory import SCENE
+from jaxdem.run.observer import columns_of
 from jaxdem.run.restart import origin, require_same_parameters
 from jaxdem.run.samples import sample_attributes, samples_every
 from jaxdem.run.signals import noted_signals
@@ -60,7 +62,8 @@ def simulate(
     state, neighbors = case.initial_state()
     attributes = sample_attributes(case) if every else None
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
-    with noted_signals() as caught, _opened(scene, out, attributes, resume) as directory:
+    columns = columns_of(case.probes)
+    with noted_signals() as caught, _opened(scene, out, attributes, columns, resume) as directory:
         loop = TimeLoop(case, directory, state, neighbors, every, profile)
         if directory.has_checkpoint:
             loop.restore()
@@ -68,10 +71,12 @@ def simulate(
     return load_run(out)
 
 
-def _opened(scene: Scene, out: str | Path, attributes: dict[str, Any] | None, resume: bool) -> RunDirectory:
+def _opened(
+    scene: Scene, out: str | Path, attributes: dict[str, Any] | None, probes: dict[str, Columns], resume: bool
+) -> RunDirectory:
     if resume:
-        return RunDirectory.resume(out, scene.to_toml(), attributes, scene.defaults())
-    return RunDirectory.create(out, scene.to_toml(), attributes)
+        return RunDirectory.resume(out, scene.to_toml(), attributes, scene.defaults(), probes)
+    return RunDirectory.create(out, scene.to_toml(), attributes, probes)
 
 
 def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run:

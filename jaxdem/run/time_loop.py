@@ -18,6 +18,8 @@ from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program
 from jaxdem.run.diagnosis import diagnosis
+from jaxdem.run.observer import Observer
+from jaxdem.run.probing import Probed
 from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
 from jaxdem.run.restart import from_arrays, origin, require_same_origin, to_arrays
 from jaxdem.run.samples import sample_of
@@ -57,6 +59,7 @@ class TimeLoop:
         done: coupling intervals so far.
         caught: signals that came.
         forces: of the fluid in the last interval, None before the first and without fluid or particles.
+        observer: the probes.
     """
 
     case: Case
@@ -69,7 +72,12 @@ class TimeLoop:
     done: int = 0
     caught: Caught = dataclasses.field(default_factory=Caught)
     forces: FluidForces | None = None
+    observer: Observer = dataclasses.field(init=False)
     program: Program = dataclasses.field(init=False)
+
+    def __post_init__(self) -> None:
+        self.observer = Observer(self.case.probes)
+        self._fit_probes()
 
     @property
     def simulation(self) -> Simulation:
@@ -121,6 +129,8 @@ class TimeLoop:
             except Stopped:
                 self._leave()
         except RunError as error:
+            with contextlib.suppress(RunError):
+                self.observer.write(self.directory, self.time)
             # A disk that is full refuses the summary too; what it refused first is what to tell.
             with contextlib.suppress(RunError):
                 self.directory.interrupt(self._summary(False, str(error)))
@@ -133,9 +143,12 @@ class TimeLoop:
         require_same_origin(attributes, self._origin())
         state, neighbors, extra = from_arrays(self.simulation, self.state, arrays)
         self.state, self.neighbors = state, neighbors
+        self._fit_probes()
+        self.observer.load(arrays)
         self.totals.load(extra)
         self.done = int(extra["done"])
-        self.directory.cut_back(int(attributes["frames"]), int(attributes["samples"]))
+        lines = self.directory.lines_before(attributes)
+        self.directory.cut_back(int(attributes["frames"]), int(attributes["samples"]), lines)
 
     def _advance_to_end(self, progress: Progress | None) -> None:
         saved = clock.perf_counter()
@@ -162,7 +175,8 @@ class TimeLoop:
         if self.sample_every:
             sampled = (self.done // self.sample_every + 1) * self.sample_every
             stops.append(sampled if self.done == sampled - 1 else sampled - 1)
-        return min(stops)
+        row = self.observer.next_stop(self.done)
+        return min(stops if row is None else [*stops, row])
 
     def _is_sampled(self, number: int) -> bool:
         return self.sample_every > 0 and number % self.sample_every == 0
@@ -180,16 +194,18 @@ class TimeLoop:
         The intervals before one that failed are done again by themselves: it is judged, and gone on from, alone.
         """
         count = min(count, self.program.most)
+        given = (self.parameters, self.state, self.neighbors)
         with self.totals.timed("step"):
-            chunk = jax.block_until_ready(self.program(self.parameters, self.state, self.neighbors, count))
+            chunk = jax.block_until_ready(self.program(*given, count, self.observer.watch))
             code, done = int(chunk.code), int(chunk.done)
             if code and done > 1:
-                chunk = jax.block_until_ready(self.program(self.parameters, self.state, self.neighbors, done - 1))
+                chunk = jax.block_until_ready(self.program(*given, done - 1, self.observer.watch))
                 code, done = int(chunk.code), int(chunk.done)
         if not code:
             self.state, self.neighbors = chunk.state, chunk.neighbors
             self.forces, self.done = chunk.diagnostics.forces, self.done + done
             self.totals.add(chunk.records, done)
+            self._take_rows(chunk.probed)
         # What else is wrong with particles that missed some of their contacts may come of it.
         elif code & Failure.OVERFLOW and not code & ~OF_PARTICLES and self.neighbors is not None:
             self._enlarge(self.neighbors)
@@ -205,15 +221,29 @@ class TimeLoop:
         """A neighbour list with half as much room again; the contact history moves along."""
         self.state, self.neighbors = self.simulation.with_room(self.state, neighbors, neighbors.room.enlarged())
         self.totals.resizes += 1
+        self._fit_probes()
         self._compile()
 
     def _compile(self) -> None:
         """The step, compiled for the present capacities; given up at a signal."""
         with self.totals.timed("compile"), self.caught.raised():
-            given = (self.simulation, self.parameters, self.state, self.neighbors)
+            given, timed = (self.simulation, self.parameters, self.state, self.neighbors), self.totals.timed
+            watch = self.observer.watch
             self.program = self.caught.wait_for(
-                lambda: ProfiledProgram(*given, self.totals.timed) if self.profile else ChunkProgram(*given)
+                lambda: ProfiledProgram(*given, timed, watch) if self.profile else ChunkProgram(*given, watch)
             )
+
+    def _fit_probes(self) -> None:
+        """What the probes sum up, in the shapes of the present list."""
+        self.observer.fit(self.state, self.neighbors, self.parameters.gravity.dtype)
+
+    def _take_rows(self, probed: Probed | None) -> None:
+        """Rows of probes that became due in a chunk; they are on disk before the frame, or the checkpoint, after
+        them."""
+        if probed is not None:
+            with self.totals.timed("output"):
+                self.observer.take(probed, self._time_after)
+                self.observer.write(self.directory, self.time, always=False)
 
     def _write_sample(self, before: State, forces: FluidForces) -> None:
         """What the drag law saw and gave in the interval that began with `before`."""
@@ -223,6 +253,7 @@ class TimeLoop:
 
     def _write_frame(self) -> None:
         with self.totals.timed("output"):
+            self.observer.write(self.directory, self.time)
             frame = frame_of(self.case, self.instant)
             row = history_of(self.case, self.instant, frame, self.totals.collision_mean())
             if self.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
@@ -232,8 +263,9 @@ class TimeLoop:
 
     def _write_checkpoint(self) -> None:
         with self.totals.timed("output"):
+            self.observer.write(self.directory, self.time)
             extra = self.totals.save() | {"done": self.done}
-            arrays = to_arrays(self.state, self.neighbors, extra)
+            arrays = to_arrays(self.state, self.neighbors, extra) | self.observer.save()
             attributes = {"frames": self.directory.frames, "samples": self.directory.samples} | self._origin()
             self.directory.write_checkpoint(arrays, attributes)
 

@@ -19,6 +19,7 @@ from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.materials import MaterialPairs, Materials
 from jaxdem.scene.particles import Particles, largest_radius
 from jaxdem.scene.population import check_exits, completed_inlets
+from jaxdem.scene.probes import Probe, ProbePlace, completed_probes
 from jaxdem.scene.walls import Wall, check_walls
 
 
@@ -42,6 +43,7 @@ class Scene(Section):
         closure: a learned drag closure.
         time: duration and output.
         output: optional output.
+        probes: what is measured while the scene runs, see the page on probes.
     """
 
     seed: Annotated[int, Field(ge=0, lt=2**32, strict=True)] = 0
@@ -58,6 +60,7 @@ class Scene(Section):
     closure: Closure = Closure()
     time: Time
     output: Output = Output()
+    probes: Tables[Probe] = ()
 
     @property
     def dimension(self) -> int:
@@ -111,6 +114,8 @@ class Scene(Section):
             if isinstance(section, Section):
                 fields = {field.alias or name: field for name, field in type(section).model_fields.items()}
                 found |= {f"{table}.{name}": field.default for name, field in fields.items() if not field.is_required()}
+            elif section == ():
+                found[table] = []
         return found
 
     def to_toml(self) -> str:
@@ -147,6 +152,9 @@ def completed(scene: Scene) -> Scene:
     if found.fluid is not None:
         check_own_gravity(scene.domain.gravity, found.periodic)
         check_drive(found.fluid, found.domain.gravity or (), found.periodic)
+    has = found.particles is not None, found.fluid is not None
+    place = ProbePlace(found.box, found.time.end, found.time.output_interval, *has)
+    found = found.model_copy(update={"probes": completed_probes(found.probes, place)})
     if found.coupling is not None and found.coupling.basset and found.comes_and_goes:
         limit = "its history is kept only for particles that are present from the start to the end"
         remedy = "set it to 0, or use a scene in which no particle enters or leaves"

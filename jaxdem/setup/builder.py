@@ -15,6 +15,7 @@ import numpy as np
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
 from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.probes.base import ScheduledProbe
 from jaxdem.scene import Scene
 from jaxdem.setup.bodies import NO_BODIES, Bodies
 from jaxdem.setup.boundaries import scene_boundary
@@ -27,6 +28,7 @@ from jaxdem.setup.magnitudes import check_magnitudes, check_memory
 from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
+from jaxdem.setup.probes import scene_probes
 from jaxdem.setup.start import first_state
 from jaxdem.setup.time_steps import time_steps
 from jaxdem.simulation import Simulation
@@ -42,12 +44,14 @@ class Case:
         particles: of it, with their positions and sizes; None without.
         simulation: what is compiled.
         parameters: its numbers.
+        probes: what is measured while it runs.
     """
 
     scene: Scene
     particles: ParticleSetup | None
     simulation: Simulation
     parameters: Parameters
+    probes: tuple[ScheduledProbe, ...] = ()
 
     @property
     def bodies(self) -> Bodies:
@@ -128,9 +132,8 @@ def build_case(scene: Scene, closure: DragClosure | None = None, **extensions: U
         coupling=coupling,
         population=population,
     )
-    return Case(
-        scene, particles, simulation, scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
-    )
+    parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
+    return Case(scene, particles, simulation, parameters, scene_probes(scene, steps))
 
 
 def _dtype(scene: Scene) -> np.dtype[np.floating]:
