@@ -202,9 +202,12 @@ class Coupling:
             forces: over the interval.
             load: (N, D) force on the particles alone [N].
         """
+        return self.moved_bodies(mixture), plus(load, *(mean.drive for mean in forces.further.values()))
+
+    def moved_bodies(self, mixture: Mixture) -> ParticleProperties:
+        """The bodies with the fluid that moves with them."""
         added = total(force.added_density(mixture.properties) for force in self.forces)
-        bodies = mixture.bodies if added is None else mixture.bodies._replace(added_density=added)
-        return bodies, plus(load, *(mean.drive for mean in forces.further.values()))
+        return mixture.bodies if added is None else mixture.bodies._replace(added_density=added)
 
 
 def steady_force(mixture: Mixture, particles: ParticleState) -> Array:

@@ -109,6 +109,20 @@ class Sums(NamedTuple):
     torque: Vector
 
 
+class Touching(NamedTuple):
+    """Contacts at a moment, (P,) between particles or (S, N) of N particles with S walls.
+
+    Attributes:
+        overlap: negative for a gap [m].
+        normal: D components, unit vector towards the (first) particle.
+        force: D components, on the (first) particle [N].
+    """
+
+    overlap: Array
+    normal: Vector
+    force: Vector
+
+
 class _ContactPair(NamedTuple):
     """Two bodies that may touch, the one and the other.
 
@@ -189,6 +203,38 @@ def contact_forces(
     return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring)
 
 
+def contacts_now(
+    model: ContactModel,
+    surroundings: Surroundings,
+    properties: ParticleProperties,
+    motion: Motion,
+    neighbors: Neighbors,
+    active: Array | None = None,
+) -> tuple[Touching | None, Touching | None]:
+    """Contacts between the pairs of a list, and with the walls, as they are: no spring grows.
+
+    Args:
+        model, surroundings, properties, motion, neighbors, active: see `contact_forces`.
+
+    Returns:
+        None for the first where the list has no slots, and for the second without walls.
+    """
+    still = jnp.zeros((), motion.position[0].dtype)
+    # Rolling resistance is a torque, and one of its models divides by the time step.
+    alone = dataclasses.replace(model, rolling=None)
+    loop = _Loop(alone, surroundings, properties, motion, motion.velocity, still, active)
+    between = loop.pairs(neighbors) if neighbors.room.slots else None
+    walls = loop.walls() if model.walls else None
+    return _touching(between), _touching(walls)
+
+
+def _touching(found: tuple[_ContactPair, _ContactLoad] | None) -> Touching | None:
+    if found is None:
+        return None
+    pair, load = found
+    return Touching(pair.overlap, pair.normal, _on_bodies(load, pair)[0])
+
+
 @dataclasses.dataclass(frozen=True)
 class _Loop:
     """What all contacts of a step share. All P pairs are one array each, and so are all S walls of N particles."""
@@ -201,8 +247,8 @@ class _Loop:
     time_step: Array
     active: Array | None = None
 
-    def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
-        """Adds the contacts between particles; returns their new springs too."""
+    def pairs(self, neighbors: Neighbors) -> tuple[_ContactPair, _ContactLoad]:
+        """The contacts between particles, and what they do."""
         pairs, radius = neighbors.pairs, self.properties.radius
         one, other = _of(radius, pairs.first), _of(radius, pairs.second)
         # Outside of the stage, for a gather would compute it anew.
@@ -221,12 +267,16 @@ class _Loop:
         material = self.surroundings.pair
         if self.model.materials is not None:
             material = self.model.materials.between_particles(material, pairs)
-        load = self._load(material, pair, self.motion.contact_spring)
+        return pair, self._load(material, pair, self.motion.contact_spring)
+
+    def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
+        """Adds the contacts between particles; returns their new springs too."""
+        pair, load = self.pairs(neighbors)
         force, torque, other_torque = _on_bodies(load, pair)
 
         def added(total: Vector, on_one: Vector, on_other: Vector) -> Vector:
             parts = zip(total, on_one, on_other, strict=True)
-            return tuple(x + sum_over_pairs(a, b, pairs) for x, a, b in parts)
+            return tuple(x + sum_over_pairs(a, b, neighbors.pairs) for x, a, b in parts)
 
         both = added(sums.force, force, vectors.scale(-1.0, force))
         return Sums(both, added(sums.torque, torque, other_torque)), load.spring
@@ -246,8 +296,8 @@ class _Loop:
             at(spin, pairs.second),
         )
 
-    def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
-        """Adds the contacts with the walls, bodies of infinite radius and mass."""
+    def walls(self) -> tuple[_ContactPair, _ContactLoad]:
+        """The contacts with the walls, bodies of infinite radius and mass, and what they do."""
         motion, radius, mass = self.motion, _row(self.properties.radius), _row(self.properties.mass)
         overlap, normal = self._wall_geometry()
         if self.active is not None:  # out of reach by a radius, whatever the speed
@@ -266,7 +316,11 @@ class _Loop:
         material = self.surroundings.wall
         if self.model.materials is not None:
             material = self.model.materials.with_walls(material)
-        load = self._load(material, pair, motion.wall_spring)
+        return pair, self._load(material, pair, motion.wall_spring)
+
+    def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
+        """Adds the contacts with the walls."""
+        pair, load = self.walls()
         force, torque, _ = _on_bodies(load, pair)
         added = vectors.add(sums.force, tuple(_sum_slots(x) for x in force))
         return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque))), load.spring

@@ -1,0 +1,53 @@
+"""Contacts of a state: who touches whom, with which overlap and force."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from jax import Array
+
+from jaxdem.errors import required
+from jaxdem.particles.forces import Touching, contacts_now
+from jaxdem.particles.integrate import Motion
+from jaxdem.particles.materials import surroundings
+from jaxdem.particles.neighbors import Neighbors, with_radius
+from jaxdem.state import Parameters, State
+from jaxdem.structure import Structure
+
+
+class Contacts(NamedTuple):
+    """Contacts of a state. Pairs of the list that do not touch have a negative overlap and no force.
+
+    Attributes:
+        first, second: (P,) int32, the particles of each pair.
+        between: of these pairs, arrays (P,), with the normal and the force on the first; None for a single particle.
+        walls: with the S walls, sides of the box first, arrays (S, N); None without walls.
+    """
+
+    first: Array
+    second: Array
+    between: Touching | None
+    walls: Touching | None
+
+
+def contacts(structure: Structure, parameters: Parameters, state: State, neighbors: Neighbors) -> Contacts:
+    """The contacts of a state, with their law evaluated once and springs as they are.
+
+    The dashpots act on the velocities of the state, which in a step they do on those in the middle of the step.
+
+    Args:
+        structure: or a `Simulation`.
+        parameters: that go with it.
+        state: with particles.
+        neighbors: its list.
+    """
+    model, particles = required(structure.contact, "particles").model, required(state.particles, "particles")
+    bodies = required(parameters.bodies, "parameters.bodies")
+    if structure.coupling is not None:
+        bodies = structure.coupling.moved_bodies(parameters.mixture)
+    materials = surroundings(
+        parameters.materials, structure.wall_velocity(parameters, structure.time(parameters, state))
+    )
+    neighbors = with_radius(neighbors, bodies.radius)
+    found = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active)
+    return Contacts(neighbors.pairs.first, neighbors.pairs.second, *found)
