@@ -126,6 +126,7 @@ def test_a_key_of_a_scene_is_explained():
     assert "from" in invoke("scene", "boundary.left").stdout
     assert all(name in invoke("scene", "coupling").stdout for name in ("drag", "kernel_width", "interval"))
     assert all(name in invoke("scene").stdout for name in ("[contact]", "[[walls]]", "[time]"))
+    assert "Before the first table" in invoke("scene").stdout and "seed" in invoke("scene", "seed").stdout
     wrong = invoke("scene", "contact.frction")
     assert wrong.exit_code == 2 and "contact.friction" in wrong.stderr
 

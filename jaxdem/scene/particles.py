@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tables, wrong
 from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.materials import Mixture, Species
-from jaxdem.scene.sizes import column
 
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
 
@@ -105,7 +103,7 @@ class Particles(Section):
             if value is None and not self.species and not (name == "radius" and self.distribution):
                 raise wrong(name, None, "is missing", "add this key to the scene")
             if isinstance(value, str):
-                column(f"particles.{name}", value)
+                _column(f"particles.{name}", value)
         return self
 
     @model_validator(mode="after")
@@ -170,8 +168,16 @@ def radius_range(particles: Particles) -> tuple[float, float]:
         return particles.distribution.bounds
     sizes = [one.radius for one in particles.species if one.radius is not None]
     if not particles.species or len(sizes) < len(particles.species):
-        sizes += np.atleast_1d(column("particles.radius", particles.radius)).tolist()
+        sizes += _column("particles.radius", particles.radius)
     return min(sizes), max(sizes)
+
+
+def _column(key: str, value: float | tuple[float, ...] | str | None) -> list[float]:
+    """See `sizes.column`. It needs NumPy, which other scenes, and a look at the keys, do without."""
+    from jaxdem.scene.sizes import column
+
+    numbers: list[float] = column(key, value).ravel().tolist()
+    return numbers
 
 
 def largest_arrival(particles: Particles, inlet: ParticleInlet) -> float:

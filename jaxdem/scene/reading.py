@@ -6,7 +6,6 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from jaxdem.errors import InputError
@@ -156,6 +155,6 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _copy(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _copy(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "tolist"):  # an array; NumPy is not imported for those that a scene has not
         return value.tolist()
     return [_copy(v) for v in value] if isinstance(value, list | tuple) else value

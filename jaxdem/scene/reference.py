@@ -29,6 +29,8 @@ LIMITS = {
     annotated_types.Lt: "< ",
     annotated_types.Le: "≤ ",
 }
+TOP = "Before the first table"
+"""Heading of the keys that belong to no table: TOML has them before the first one."""
 KEY, UNIT = re.compile(r"^    (\w+): (.*)"), re.compile(r" ?\[([^\[\]]+)\]\.?$")
 
 
@@ -60,7 +62,7 @@ def tables(model: type[BaseModel] = Scene, path: str = "") -> Iterator[tuple[str
                 below += ".<side>" if form == "dict" else ""
                 yield from visit(inner, f"{below}.", f"[[{below}]]" if form == "list" else f"[{below}]")
 
-    yield from visit(model, path, "At the top")
+    yield from visit(model, path, TOP)
 
 
 def nested(annotation: Any, form: str = "table") -> list[tuple[type[BaseModel], str]]:
@@ -183,9 +185,8 @@ def explain(key: str = "") -> str:
         width = max(len(name) for name, _ in names)
         entries = [(name, width, text) for name, text in names]
         return "\n".join([heading, textwrap.fill(summary(model), WIDTH), "", *(_entry(*one) for one in entries)])
-    top = "At the top"
     keys = {
-        row[0] if table == top else f"{table}.{row[0]}": (heading, model, row)
+        row[0] if table == TOP else f"{table}.{row[0]}": (heading, model, row)
         for table, (heading, model) in named.items()
         for row in rows(model)
     }
