@@ -26,11 +26,13 @@ class Column:
         name: in the files.
         unit: of SI; "-" for a number.
         total: the sum over the measurements between two rows is written, and not their mean.
+        shape: of what is measured in each row, such as (D,) of a vector; what is written has a column for each number.
     """
 
     name: str
     unit: str
     total: bool = False
+    shape: tuple[int, ...] = ()
 
 
 class Interval(NamedTuple):
@@ -81,11 +83,11 @@ class Probe(abc.ABC):
 
     @abc.abstractmethod
     def measure(self, structure: Structure, parameters: Parameters, interval: Interval) -> dict[str, Array]:
-        """`measured` by name, (R,) each; pure. No NaN where it is averaged: a mean over nothing belongs into
+        """`measured` by name, (R, *shape) each; pure. No NaN where it is averaged: a mean over nothing belongs into
         `values`."""
 
     def values(self, means: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """`columns` by name, (R,) each, from the means of `measured`, (R,) float64; on the host. NaN leaves a field
+        """`columns` by name, (R,) each, from the means of `measured`, float64; on the host. NaN leaves a field
         empty."""
         return means
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -38,7 +39,7 @@ class Memory(NamedTuple):
     """What a probe has summed since its last row; part of a checkpoint.
 
     Attributes:
-        sums: (R,) of every measured quantity, leading part.
+        sums: (R, *shape) of every measured quantity, leading part.
         low: trailing parts, see `numerics.compensated`.
         samples: () int32, number of measurements.
     """
@@ -52,7 +53,7 @@ class Rows(NamedTuple):
     """Rows that became due in a chunk.
 
     Attributes:
-        values: (M, R) of every measured quantity.
+        values: (M, R, *shape) of every measured quantity.
         step: (M,) int32, `State.step` at the row.
         number: () int32, of them.
     """
@@ -103,13 +104,14 @@ def rows_held(probe: Probe, rows: int, most: int) -> int:
         rows: R, of one measurement.
         most: intervals.
     """
-    return most if most * rows * len(probe.measured) <= MOST_HELD else 1
+    numbers = rows * sum(math.prod(column.shape) for column in probe.measured)
+    return most if most * numbers <= MOST_HELD else 1
 
 
 def empty_memory(probe: Probe, state: State, neighbors: Neighbors | None, dtype: DTypeLike) -> Memory:
     """The memory of a probe that has measured nothing; made on the host."""
     size = probe.rows(state, neighbors)
-    blank = {column.name: on_device(np.zeros(size), dtype) for column in probe.measured}
+    blank = {column.name: on_device(np.zeros((size, *column.shape)), dtype) for column in probe.measured}
     single = np.dtype(dtype) != np.float64
     low: dict[str, Low] = dict(blank) if single else dict.fromkeys(blank)
     return Memory(blank, low, on_device(0, np.int32))
@@ -124,7 +126,7 @@ def nothing_yet(watch: Watch, most: int) -> Probed:
 def _room(probe: Probe, memory: Memory, most: int) -> Rows:
     size = len(next(iter(memory.sums.values())))
     held = rows_held(probe, size, most)
-    values = {name: jnp.zeros((held, size), value.dtype) for name, value in memory.sums.items()}
+    values = {name: jnp.zeros((held, *value.shape), value.dtype) for name, value in memory.sums.items()}
     return Rows(values, jnp.zeros(held, jnp.int32), jnp.zeros((), jnp.int32))
 
 

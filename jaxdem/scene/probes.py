@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 KEYS = {
     "plane": ("axis", "at", "normal", "point", "from", "to"),
+    "profile": ("axis", "cells", "edges", "from", "to", "regions"),
+    "point": ("points",),
 }
 """Keys of each kind beside those that all have."""
 
@@ -41,15 +44,22 @@ class Probe(Section):
 
     Attributes:
         name: name of the probe and of its file, different for each.
-        kind: "plane": flow of particles and fluid through a plane.
-        axis: "x", "y" or "z". Of a plane: the axis that it is normal to; flows along the axis are positive.
+        kind: "plane": flow of particles and fluid through a plane. "profile": means over slices or boxes. "point": the
+            fluid at points.
+        axis: "x", "y" or "z". Of a plane: the axis that it is normal to; flows along the axis are positive. Of a
+            profile: the axis along which slices follow each other.
         at: of a plane with an axis: its coordinate [m].
         normal: of a plane without an axis: its normal, any length, along which flows are positive. The flow of
             particles alone is measured.
         point: of a plane with a normal: a point of it [m].
-        from_: of a plane with an axis: corner of a rectangle of it, in the other axes (key `from`). Default: the whole
-            plane [m].
+        cells: of a profile with an axis: number of slices of equal thickness.
+        edges: of a profile with an axis, in place of `cells`: coordinates between which the slices lie, increasing [m].
+        from_: of a plane with an axis: corner of a rectangle of it, in the other axes. Of a profile with an axis:
+            corner of the part of the box that is sliced, one number per axis (key `from`). Default: the whole plane,
+            the whole box [m].
         to: opposite corner [m].
+        regions: of a profile without an axis: boxes, each as a list of two opposite corners, lower and upper [m].
+        points: of kind "point": points, each as a list of one number per axis [m].
         interval: time between two rows; a multiple of the coupling interval. Default: `time.output_interval` [s].
         begin: start; nothing before it is measured, and the first row is at begin + interval [s].
         average: whether a row is the mean over the time since the row before, and not the state at its time. Flows
@@ -60,13 +70,17 @@ class Probe(Section):
     """
 
     name: Annotated[str, Field(strict=True), AfterValidator(_file_name)]
-    kind: Literal["plane"]
+    kind: Literal["plane", "profile", "point"]
     axis: Literal["x", "y", "z"] | None = None
     at: Finite | None = None
     normal: Direction | None = None
     point: Vector | None = None
     from_: Corner | None = Field(default=None, alias="from")
     to: Corner | None = None
+    cells: Annotated[int, Field(ge=1, le=100_000, strict=True)] | None = None
+    edges: Annotated[tuple[Finite, ...], Field(min_length=2)] | None = None
+    regions: Annotated[tuple[tuple[Vector, Vector], ...], Field(min_length=1)] | None = None
+    points: Annotated[tuple[Vector, ...], Field(min_length=1)] | None = None
     interval: Positive | None = None
     begin: NonNegative = 0.0
     average: Annotated[bool, Field(strict=True)] | None = None
@@ -101,6 +115,23 @@ class Probe(Section):
             )
         if self.normal is not None and self.from_ is not None:
             raise wrong("from", self.from_, "a rectangle is for a plane with an axis", "remove from and to")
+        return self
+
+    @model_validator(mode="after")
+    def _place_of_a_profile(self) -> Probe:
+        if self.kind == "point" and self.points is None:
+            raise wrong("points", None, "is needed by kind = point: where the fluid is measured", "add this key")
+        if self.kind != "profile":
+            return self
+        if (self.axis is None) == (self.regions is None):
+            limit = "a profile needs either an axis, with cells or edges, or regions"
+            raise wrong("axis", self.axis, limit, "give one of the two")
+        if (self.axis is None) != ((self.cells is None) and (self.edges is None)) or (self.cells and self.edges):
+            raise wrong(
+                "cells", self.cells, "a profile along an axis needs either cells or edges", "give one of the two"
+            )
+        if self.regions is not None and self.from_ is not None:
+            raise wrong("from", self.from_, "is for slices along an axis", "remove from and to")
         return self
 
 
@@ -183,6 +214,33 @@ def _check_plane(key: str, probe: Probe, place: ProbePlace) -> None:
         check_corners(key, probe.from_, probe.to, others)
 
 
+def _check_profile(key: str, probe: Probe, place: ProbePlace) -> None:
+    size = place.box.size
+    for k, (lower, upper) in enumerate(probe.regions or ()):
+        check_corners(f"{key}.regions.{k}", lower, upper, list(size))
+    if probe.axis is None:
+        return
+    axis = _axis(key, probe, place)
+    if probe.from_ is not None and probe.to is not None:
+        check_corners(key, probe.from_, probe.to, list(size))
+    edges = probe.edges or ()
+    if any(b <= a for a, b in itertools.pairwise(edges)):
+        raise InputError(f"{key}.edges", edges, "must increase", "sort them")
+    if edges:
+        low = 0.0 if probe.from_ is None else probe.from_[axis]
+        high = size[axis] if probe.to is None else probe.to[axis]
+        if edges[0] < low or edges[-1] > high:
+            limit = f"must lie between {low:g} and {high:g} m"
+            raise InputError(f"{key}.edges", edges, limit, "move them")
+
+
+def _check_point(key: str, probe: Probe, place: ProbePlace) -> None:
+    if not place.with_fluid:
+        raise InputError(f"{key}.kind", probe.kind, "measures the fluid, and the scene has none", "remove the probe")
+    for k, point in enumerate(probe.points or ()):
+        _check_inside(f"{key}.points.{k}", point, place.box.size)
+
+
 def check_corners(key: str, lower: tuple[float, ...], upper: tuple[float, ...], lengths: list[float]) -> None:
     """Refuses two corners that enclose nothing, or lie outside.
 
@@ -203,5 +261,9 @@ def _check_inside(key: str, point: tuple[float, ...], lengths: tuple[float, ...]
         raise InputError(key, point, f"must lie in the box, which ends at {tuple(lengths)} m", "move it")
 
 
-PLACES: dict[str, Callable[[str, Probe, ProbePlace], None]] = {"plane": _check_plane}
+PLACES: dict[str, Callable[[str, Probe, ProbePlace], None]] = {
+    "plane": _check_plane,
+    "profile": _check_profile,
+    "point": _check_point,
+}
 """Check of each kind: key, probe, place."""

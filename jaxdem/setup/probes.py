@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
+
+import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.probes.base import Probe, Schedule, ScheduledProbe
 from jaxdem.probes.plane import PlaneProbe
+from jaxdem.probes.point import PointProbe
+from jaxdem.probes.profile import ProfileProbe
 from jaxdem.scene import Scene
 from jaxdem.scene import probes as described
 from jaxdem.scene.probes import AXIS_NAMES
@@ -61,5 +66,32 @@ def _plane(scene: Scene, probe: described.Probe) -> PlaneProbe:
     return PlaneProbe(probe.name, axes, axis, normal, probe.at or 0.0, probe.from_, probe.to, *has)
 
 
-BUILDERS: dict[str, Callable[[Scene, described.Probe], Probe]] = {"plane": _plane}
+def _profile(scene: Scene, probe: described.Probe) -> ProfileProbe:
+    axes, size = AXIS_NAMES[scene.dimension], scene.domain.size
+    start, stop = probe.from_ or (0.0,) * len(size), probe.to or size
+    lower, upper = [low for low, _ in probe.regions or ()], [high for _, high in probe.regions or ()]
+    if probe.axis is not None:
+        axis = axes.index(probe.axis)
+        edges = probe.edges or tuple(np.linspace(start[axis], stop[axis], (probe.cells or 1) + 1).tolist())
+        for low, high in itertools.pairwise(edges):
+            lower.append((*start[:axis], low, *start[axis + 1 :]))
+            upper.append((*stop[:axis], high, *stop[axis + 1 :]))
+    cut = tuple(
+        k
+        for k, length in enumerate(size)
+        if any(low[k] > 0.0 or high[k] < length for low, high in zip(lower, upper, strict=True))
+    )
+    has = scene.particles is not None, scene.fluid is not None
+    return ProfileProbe(probe.name, axes, tuple(lower), tuple(upper), cut, scene.domain.depth or 1.0, *has)
+
+
+def _point(scene: Scene, probe: described.Probe) -> PointProbe:
+    return PointProbe(probe.name, AXIS_NAMES[scene.dimension], probe.points or ())
+
+
+BUILDERS: dict[str, Callable[[Scene, described.Probe], Probe]] = {
+    "plane": _plane,
+    "profile": _profile,
+    "point": _point,
+}
 """By kind, what makes the probe of a scene."""
