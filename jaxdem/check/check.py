@@ -122,7 +122,8 @@ def check_scene(scene: Scene) -> CheckReport:
     spacing = fluid.solver.grid.spacing if fluid is not None else None
     diameter = bodies.largest_diameter if scene.particles else None
     count = 0 if state.particles is None else len(state.particles.position)
-    load = screen_load(scene, simulation, parameters, bodies, count)
+    grains = count if scene.particles is None else count * scene.particles.coarse_grain**scene.dimension
+    load = screen_load(scene, simulation, parameters, case.grains, grains)
     cost = run_cost(simulation, neighbors)
     void = None
     if state.fluid is not None and state.fluid.void_fraction is not None:
@@ -145,7 +146,7 @@ def check_scene(scene: Scene) -> CheckReport:
         speed_limit=steps.speed_limit,
         expected_overlap=steps.expected_overlap,
         maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
-        numbers=engineering_numbers(scene, parameters, bodies),
+        numbers=engineering_numbers(scene, parameters, case.grains),
         screen_load=load,
         cost=cost,
         warnings=(*unit_warnings(scene), *cautions(scene, bodies, spacing, load, cost)),
@@ -229,7 +230,8 @@ def _particle_figures(case: Case) -> dict[str, float | None]:
             figures["overlap_resolution"] = FLOAT32_ROUNDING * moved / overlap
     if scene.fluid is not None and scene.fluid.viscosity > 0.0:
         viscosity = scene.fluid.density * scene.fluid.viscosity
-        figures["relaxation_time"] = stability.stokes_relaxation_time(mass, radius, viscosity)
+        ratio = particles.table.coarse_grain
+        figures["relaxation_time"] = stability.stokes_relaxation_time(mass / ratio**3, radius / ratio, viscosity)
     return figures
 
 

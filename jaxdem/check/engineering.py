@@ -195,7 +195,7 @@ def _flow_numbers(scene: Scene, diameter: np.ndarray, density: np.ndarray) -> li
 
 
 def screen_load(
-    scene: Scene, simulation: Simulation, parameters: Parameters, bodies: Bodies, count: int
+    scene: Scene, simulation: Simulation, parameters: Parameters, bodies: Bodies, count: float
 ) -> ScreenLoad | None:
     """The mean load of the grains at an outlet that is a screen to them; None where the stream carries nothing there.
 

@@ -54,7 +54,11 @@ class DragModel:
         return inputs
 
     def law(self, closure: DragClosure, scale: Array, start: IntervalStart) -> Law:
-        """The drag law in the form of the equations, scaled, and of the undisturbed slip if asked for."""
+        """The drag law in the form of the equations, scaled, and of the undisturbed slip if asked for.
+
+        A law is of a grain; a parcel has the force of all its grains.
+        """
+        scale = start.bodies.of_all_grains(scale)
 
         def scaled(inputs: DragInputs) -> Drag:
             drag = closure(inputs)

@@ -57,7 +57,7 @@ def drag_inputs(
         solid_fraction=sampled[:, 3 * d],
         void_fraction_gradient=sampled[:, d : 2 * d],
         pressure_gradient=sampled[:, 2 * d : 3 * d],
-        diameter=2.0 * bodies.radius,
+        diameter=2.0 * bodies.grain_radius,
         filter_size=jnp.asarray(grid.filter_size, sampled.dtype),
         fluid_density=properties.density,
         dynamic_viscosity=properties.density * properties.viscosity,

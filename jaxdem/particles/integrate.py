@@ -98,24 +98,49 @@ def stack_low(low: tuple[Low, ...]) -> Low:
     return None if low[0] is None else jnp.stack(low, axis=1)  # type: ignore[arg-type]
 
 
+class Parcels(NamedTuple):
+    """What one particle stands for, if it is a parcel of l^D grains; both ().
+
+    Attributes:
+        ratio: l, radius of the parcel over that of its grains [-].
+        grains: l^D, number of grains in a parcel [-].
+    """
+
+    ratio: Array
+    grains: Array
+
+
 class ParticleProperties(NamedTuple):
     """Size and density of the particles: () for equal particles, else (N,), so that equal ones cost nothing.
 
     Attributes:
-        radius: [m].
+        radius: of a particle; of the parcel where a particle stands for several grains [m].
         density: [kg/m3].
         added_density: of the fluid that moves along, C rho, in the mass but not in the moment of inertia; None
             for none [kg/m3].
+        parcels: what one particle stands for; None for a grain.
     """
 
     radius: Array
     density: Array
     added_density: Array | None = None
+    parcels: Parcels | None = None
 
     @property
     def volume(self) -> Array:
-        """4/3 pi r^3 of a sphere, in 2-D too [m3]."""
-        return (4.0 / 3.0) * jnp.pi * self.radius**3
+        """4/3 pi r^3 of a sphere, in 2-D too; of a parcel that of its grains [m3]."""
+        if self.parcels is None:
+            return (4.0 / 3.0) * jnp.pi * self.radius**3
+        return self.parcels.grains * ((4.0 / 3.0) * jnp.pi * self.grain_radius**3)
+
+    @property
+    def grain_radius(self) -> Array:
+        """Radius of a grain [m]."""
+        return self.radius if self.parcels is None else self.radius / self.parcels.ratio
+
+    def of_all_grains(self, quantity: Array) -> Array:
+        """What all grains of a particle have together, of what one of them has."""
+        return quantity if self.parcels is None else self.parcels.grains * quantity
 
     @property
     def mass(self) -> Array:

@@ -79,6 +79,9 @@ class Particles(Section):
             rest [m/s].
         angular_velocity: at the start, one number per particle in 2-D, rows of three in 3-D, or the name of a file. In
             2-D also in the form of a run's frames, (0, 0, scalar). Default: no rotation [rad/s].
+        coarse_grain: l: every particle is a parcel of l^D grains in D dimensions, a sphere of l times their radius.
+            `radius`, `distribution` and `density` are those of the grains; `count`, `position`, packs, and `rate` and
+            `total` of inlets are of parcels; see docs/theory.md, "Parcels" [-].
         inlet: inlets through which particles enter during the run.
     """
 
@@ -92,6 +95,7 @@ class Particles(Section):
     position: Rows | str | None = None
     velocity: Rows | str | None = None
     angular_velocity: Rows | tuple[Finite, ...] | str | None = None
+    coarse_grain: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] = 1.0
     inlet: Tables[ParticleInlet] = ()
 
     @model_validator(mode="after")
@@ -163,13 +167,15 @@ def radius_key(particles: Particles) -> str:
 
 
 def radius_range(particles: Particles) -> tuple[float, float]:
-    """Smallest and largest radius of the particles; the cut-offs of a distribution, whatever is drawn [m]."""
+    """Smallest and largest radius of the particles, parcels or grains; the cut-offs of a distribution, whatever is
+    drawn [m]."""
     if particles.distribution is not None:
-        return particles.distribution.bounds
+        bounds = particles.distribution.bounds
+        return particles.coarse_grain * bounds[0], particles.coarse_grain * bounds[1]
     sizes = [one.radius for one in particles.species if one.radius is not None]
     if not particles.species or len(sizes) < len(particles.species):
         sizes += _column("particles.radius", particles.radius)
-    return min(sizes), max(sizes)
+    return particles.coarse_grain * min(sizes), particles.coarse_grain * max(sizes)
 
 
 def _column(key: str, value: float | tuple[float, ...] | str | None) -> list[float]:
@@ -181,15 +187,16 @@ def _column(key: str, value: float | tuple[float, ...] | str | None) -> list[flo
 
 
 def largest_arrival(particles: Particles, inlet: ParticleInlet) -> float:
-    """Largest radius of the particles of an inlet; the cut-off of a distribution, whatever is drawn [m]."""
+    """Largest radius of the particles of an inlet, parcels or grains; the cut-off of a distribution, whatever is drawn
+    [m]."""
     distribution = inlet.distribution or particles.distribution
     others = particles.radius if isinstance(particles.radius, float) else 0.0
     others = others if distribution is None else distribution.bounds[1]
-    return max(one.radius or others for one in inlet.species_of(particles.species))
+    return particles.coarse_grain * max(one.radius or others for one in inlet.species_of(particles.species))
 
 
 def largest_radius(particles: Particles) -> float:
-    """Largest radius of all particles that there ever are [m]."""
+    """Largest radius of all particles that there ever are, parcels or grains [m]."""
     given = (particles.radius, particles.distribution) != (None, None) or particles.species
     sizes = [radius_range(particles)[1]] if given else []
     return max(sizes + [largest_arrival(particles, inlet) for inlet in particles.inlet])

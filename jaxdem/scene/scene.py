@@ -185,7 +185,7 @@ def _completed_domain(scene: Scene) -> Domain:
     if gravity is None:
         gravity = (0.0,) * (scene.dimension - 1) + (-9.81,)
     if scene.dimension == 2 and depth is None:
-        depth = 2.0 * largest_radius(scene.particles) if scene.particles else 1.0
+        depth = 2.0 * largest_radius(scene.particles) / scene.particles.coarse_grain if scene.particles else 1.0
     return scene.domain.model_copy(update={"gravity": gravity, "depth": depth})
 
 

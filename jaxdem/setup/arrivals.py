@@ -83,6 +83,7 @@ class _Source:
 
     def __init__(self, scene: Scene, particles: Particles, number: int):
         self._particles, self._inlet = particles, particles.inlet[number]
+        self._ratio, self._dimension = particles.coarse_grain, scene.dimension
         self._names = tuple(material.name for material in scene.materials)
         self._species = self._inlet.species_of(particles.species)
         shares = np.asarray([one.share for one in self._species])
@@ -101,7 +102,8 @@ class _Source:
         """What each particle takes of the inlet's flow: one of a number, its mass of a mass flow [kg]."""
         if self._inlet.mass_flow is None:
             return np.ones(len(bodies.radius))
-        return 4.0 / 3.0 * math.pi * bodies.radius**3 * bodies.density
+        grain, grains = bodies.radius / self._ratio, self._ratio**self._dimension
+        return grains * (4.0 / 3.0 * math.pi * grain**3) * bodies.density
 
     def mean_part(self) -> float:
         """Mean of what a particle takes of the flow, by `SIZES` radii of each species."""
@@ -112,4 +114,5 @@ class _Source:
     def _bodies(self, kind: np.ndarray, u: np.ndarray) -> Bodies:
         """Particles of the species `kind` (N,), whose radii are where the distribution has reached `u` (N,)."""
         drawn = None if self._distribution is None else radii(self._key, self._distribution, u)
-        return species_bodies(self._species, self._particles, self._names, kind, drawn)
+        grains = species_bodies(self._species, self._particles, self._names, kind, drawn)
+        return grains.scaled(self._particles.coarse_grain)

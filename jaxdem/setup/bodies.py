@@ -17,7 +17,7 @@ class Bodies(NamedTuple):
     """What the particles are; () where all are alike, else (N,).
 
     Attributes:
-        radius: [m].
+        radius: of the particles, parcels or grains [m].
         density: [kg/m3].
         material: number in the table of materials; 0 in a scene without.
     """
@@ -35,6 +35,10 @@ class Bodies(NamedTuple):
     def largest_diameter(self) -> float:
         """Of all particles [m]."""
         return 2.0 * float(np.max(self.radius))
+
+    def scaled(self, factor: float) -> Bodies:
+        """The same with `factor` times the radius."""
+        return self._replace(radius=factor * self.radius)
 
 
 NO_BODIES = Bodies(np.zeros(0), np.zeros(0), np.zeros(0, np.int32))
@@ -59,7 +63,8 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
         kind = np.repeat(np.arange(len(particles.species)), shares_of(particles.species, count))
         np.random.default_rng([seed, 1]).shuffle(kind)
         kind = kind if count else np.zeros(1, int)  # no particle at all: the numbers of any species
-        return collapsed(species_bodies(particles.species, particles, names, kind, drawn))
+        mixed = species_bodies(particles.species, particles, names, kind, drawn)
+        return collapsed(mixed.scaled(particles.coarse_grain))
     material = particles.material
     if isinstance(material, tuple):
         if len(material) != count:
@@ -72,7 +77,7 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
         numbers = np.asarray(names.index(material) if names and material else 0, np.int32)
     radius = column("particles.radius", particles.radius, count) if drawn is None else drawn
     density = column("particles.density", particles.density, count)
-    return Bodies(radius, density, numbers)
+    return Bodies(radius, density, numbers).scaled(particles.coarse_grain)
 
 
 def _spread_radii(particles: Particles, count: int, seed: int) -> np.ndarray | None:
@@ -96,7 +101,7 @@ def species_bodies(
     kind: np.ndarray,
     drawn: np.ndarray | None,
 ) -> Bodies:
-    """What particles are whose species are `kind` (N,), with what a species has not from `particles`.
+    """What grains are whose species are `kind` (N,), with what a species has not from `particles`.
 
     `drawn` (N,) has the radii of those whose species has none [m], if they come from a distribution.
     """

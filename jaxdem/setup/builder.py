@@ -58,6 +58,11 @@ class Case:
         """Size, density and material of all particles that there ever are; no entries in a scene without."""
         return NO_BODIES if self.particles is None else self.particles.bodies
 
+    @property
+    def grains(self) -> Bodies:
+        """The same of the grains that particles stand for; the particles themselves where they are no parcels."""
+        return self.bodies if self.particles is None else self.bodies.scaled(1.0 / self.particles.table.coarse_grain)
+
     def first_state(self) -> tuple[State, Room | None]:
         """See `jaxdem.setup.start.first_state`."""
         return first_state(self.scene, self.particles, self.simulation, self.parameters)

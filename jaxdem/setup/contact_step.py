@@ -124,7 +124,7 @@ def _overlap(particles: ParticleSetup, bodies: Sequence[ContactBody], speed: flo
         soft = min(pair, key=lambda body: body.young_modulus)
         raise InputError(
             "contact.normal_stiffness" if linear else soft.key,
-            contact.normal_stiffness if linear else soft.young_modulus,
+            stiffness / particles.table.coarse_grain if linear else soft.young_modulus,
             f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.3g} % of a diameter, "
             f"the limit is {100 * contact.maximum_overlap:.3g} %",
             "stiffen the contact, lower contact.speed, or raise contact.maximum_overlap",

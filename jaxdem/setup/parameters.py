@@ -12,12 +12,13 @@ from jaxdem.closures.base import DragClosure
 from jaxdem.fluid.momentum import FluidProperties
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.numerics.host import on_device
-from jaxdem.particles.integrate import ParticleProperties
+from jaxdem.particles.integrate import Parcels, ParticleProperties
 from jaxdem.particles.materials import ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.scene import Contact, Scene
 from jaxdem.setup.closures import subgrid_closure
 from jaxdem.setup.drive import drive_parameters
 from jaxdem.setup.materials import MaterialTable
+from jaxdem.setup.parcels import share_of_sphere
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.state import Parameters
 
@@ -50,8 +51,12 @@ def scene_parameters(
     moving = any(side.kind == "moving_wall" for side in sides)
     bodies = contact = fluid = drag_scale = None
     if particles is not None:
-        bodies = ParticleProperties(number(particles.bodies.radius), number(particles.bodies.density))
-        contact = _contact_constants(particles.contact, particles.materials, number)
+        ratio = particles.table.coarse_grain
+        parcels = None if ratio == 1.0 else Parcels(number(ratio), number(ratio**scene.dimension))
+        of_bodies = number(particles.bodies.radius), number(particles.bodies.density)
+        bodies = ParticleProperties(*of_bodies, parcels=parcels)
+        share = share_of_sphere(ratio, scene.dimension)
+        contact = _contact_constants(particles.contact, particles.materials, number, share)
     if scene.fluid is not None:
         table = scene.fluid
         smagorinsky = number(table.smagorinsky) if table.smagorinsky > 0.0 else None
@@ -88,26 +93,34 @@ class _Numbers:
 
 
 def _contact_constants(
-    contact: Contact, table: MaterialTable | None, number: _Numbers
+    contact: Contact, table: MaterialTable | None, number: _Numbers, share: float
 ) -> ContactParameters | SeveralMaterials:
+    """The constants of contacts, with moduli and stiffnesses times `share`, see `share_of_sphere`."""
+
+    def stiff(value: float | str | None) -> float | str | None:
+        return share * value if isinstance(value, float) else value
+
+    normal, tangential = number(stiff(contact.normal_stiffness)), number.optional(stiff(contact.tangential_stiffness))
     if table is None:
         return ContactParameters(
-            young_modulus=number(contact.young_modulus),
+            young_modulus=number(stiff(contact.young_modulus)),
             poisson_ratio=number(contact.poisson_ratio),
             restitution=number(contact.restitution),
             friction=number(contact.friction),
             rolling_friction=number(contact.rolling_friction),
             rolling_damping=number(contact.rolling_damping),
-            wall_young_modulus=number.optional(contact.wall_young_modulus),
+            wall_young_modulus=number.optional(stiff(contact.wall_young_modulus)),
             wall_poisson_ratio=number.optional(contact.wall_poisson_ratio),
             wall_friction=number.optional(contact.wall_friction),
-            normal_stiffness=number(contact.normal_stiffness),
-            tangential_stiffness=number.optional(contact.tangential_stiffness),
+            normal_stiffness=normal,
+            tangential_stiffness=tangential,
         )
+    given = {name: values for name, (values, _) in table.given.items()}
+    given["young_modulus"] = share * given["young_modulus"]
     return SeveralMaterials(
-        **{name: number(values) for name, (values, _) in table.given.items()},
+        **{name: number(values) for name, values in given.items()},
         rolling_damping=number(contact.rolling_damping),
-        normal_stiffness=number(contact.normal_stiffness),
-        tangential_stiffness=number.optional(contact.tangential_stiffness),
+        normal_stiffness=normal,
+        tangential_stiffness=tangential,
         numbers=MaterialNumbers(**{name: mixing for name, (_, mixing) in table.given.items()}),
     )

@@ -12,6 +12,7 @@ from jaxdem.setup.arrivals import Arrivals, arrivals
 from jaxdem.setup.bodies import Bodies, joined, particle_bodies
 from jaxdem.setup.materials import MaterialTable, material_table
 from jaxdem.setup.packs import check_random_pack, positions_of, random_positions
+from jaxdem.setup.parcels import check_parcels, parcel_contact
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,7 +22,7 @@ class ParticleSetup:
     Attributes:
         scene: that they belong to.
         table: its table `[particles]`.
-        contact: its table `[contact]`.
+        contact: its table `[contact]`, as it is between spheres of the size of the particles.
     """
 
     scene: Scene
@@ -87,4 +88,5 @@ def particle_setup(scene: Scene) -> ParticleSetup | None:
     """The particles of a scene; None in a scene without."""
     if scene.particles is None or scene.contact is None:
         return None
-    return ParticleSetup(scene, scene.particles, scene.contact)
+    check_parcels(scene, scene.particles)
+    return ParticleSetup(scene, scene.particles, parcel_contact(scene.contact, scene.particles.coarse_grain))

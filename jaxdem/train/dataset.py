@@ -122,20 +122,21 @@ class CoarseView:
         self.coupling = required(self.simulation.coupling, "coupling")
         self.parameters = parameters
         self.bodies, self.properties = parameters.mixture.bodies, parameters.mixture.properties
+        self.grains = np.asarray(self.bodies.of_all_grains(jnp.ones(())))
         self._observed = jax.jit(self._observe)
 
     def rows(self, sample: dict[str, np.ndarray], time: float) -> dict[str, np.ndarray]:
-        """One row per particle of everything in the dataset."""
+        """One row per particle of everything in the dataset; of a parcel what each of its grains has."""
         inputs, applied, _ = self._on_coarse_mesh(sample, time)
         total = sample["drag_force"] + sample["pressure_gradient_force"] + sample["viscous_force"]
-        count, law = len(sample["position"]), sample["drag_force"]
+        count, law = len(sample["position"]), sample["drag_force"] / self.grains
         if self.of_model_b:
             law = np.asarray(drag_of_model_a(jnp.asarray(law), jnp.asarray(sample["solid_fraction"])))
         return {name: np.asarray(getattr(inputs, name)) for name in COLUMNS} | {
             "time": np.full(count, time),
-            "diameter": np.broadcast_to(2.0 * np.asarray(self.bodies.radius), count).copy(),
+            "diameter": np.broadcast_to(2.0 * np.asarray(self.bodies.grain_radius), count).copy(),
             "drag_force": law,
-            "target_force": total - np.asarray(applied),
+            "target_force": (total - np.asarray(applied)) / self.grains,
         }
 
     def fluid(self, sample: dict[str, np.ndarray], time: float) -> FluidState:

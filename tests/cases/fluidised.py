@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -79,7 +80,7 @@ class Bed:
     """Spheres in a slab one diameter deep, between smooth and slippery sides, on a floor that the water comes
     through."""
 
-    def __init__(self, columns: int, layers: int, hold: float, factors: Sequence[float]):
+    def __init__(self, columns: int, layers: int, hold: float, factors: Sequence[float], ratio: float = 1.0):
         """Builds and compiles the bed.
 
         Args:
@@ -87,15 +88,17 @@ class Bed:
             layers: at the start, loosely over each other.
             hold: duration for which the bed settles, comes to rest at each velocity, and is measured there [s].
             factors: superficial velocities in this order, over U_mf at the solid fraction 0.55.
+            ratio: diameter of the spheres over that of the grains; above 1 they are parcels, on cells as much larger.
         """
-        width = (columns + 1) * DIAMETER
-        cells = (round(width / CELL), round(1.25 * layers * DIAMETER / CELL) + 6)
-        assert abs(cells[0] * CELL - width) < 1e-9 * width
+        diameter, self.cell = ratio * DIAMETER, ratio * CELL
+        width = (columns + 1) * diameter
+        cells = (round(width / self.cell), round(1.25 * layers * diameter / self.cell) + 6)
+        assert abs(cells[0] * self.cell - width) < 1e-9 * width
         x, z = np.meshgrid(np.arange(columns), np.arange(layers), indexing="ij")
-        start = DIAMETER * np.stack((x + 0.75 + 0.5 * (z % 2), 1.02 * z + 0.55), axis=-1).reshape(-1, 2)
-        self.hold, self.taps = hold, (3, max(6, round(0.55 * layers * DIAMETER / CELL)))
+        start = diameter * np.stack((x + 0.75 + 0.5 * (z % 2), 1.02 * z + 0.55), axis=-1).reshape(-1, 2)
+        self.hold, self.taps = hold, (3, max(6, round(0.55 * layers * diameter / self.cell)))
         self.velocities = [factor * minimum_fluidisation(POURED) for factor in factors]
-        self.weight = len(start) * np.pi / 6.0 * DIAMETER**3 * (SOLID - FLUID) * GRAVITY
+        self.weight = len(start) * ratio**2 * np.pi / 6.0 * DIAMETER**3 * (SOLID - FLUID) * GRAVITY
         self.area = width * DIAMETER
         times, table = [0.0, hold], [0.0, 0.0]
         for velocity in self.velocities:
@@ -109,11 +112,13 @@ class Bed:
 
         self.march = March(
             dict(
-                domain=dict(size=[width, cells[1] * CELL], depth=DIAMETER),
-                particles=dict(radius=DIAMETER / 2, density=SOLID, position=start.tolist()),
+                domain=dict(size=[width, cells[1] * self.cell], depth=DIAMETER),
+                particles=dict(
+                    radius=DIAMETER / 2, density=SOLID, position=start.tolist(), coarse_grain=float(ratio)
+                ),
                 contact=dict(
                     young_modulus=1e6, restitution=0.5, friction=0.3, wall_friction=0.0, speed=0.5, skin=0.3,
-                    time_step=6.8e-5,
+                    time_step=ratio * 6.8e-5,
                 ),
                 fluid=dict(cells=list(cells), density=FLUID, viscosity=VISCOSITY, time_step=INTERVAL),
                 boundary=dict(
@@ -143,7 +148,7 @@ class Bed:
                 Held(
                     velocity=velocity,
                     drop=float(drop * self.area / self.weight),
-                    gradient=float((pressure[low] - pressure[high]) / ((high - low) * CELL)),
+                    gradient=float((pressure[low] - pressure[high]) / ((high - low) * self.cell)),
                     solid_fraction=float(inside),
                     floor=float(floor / self.weight),
                 )
@@ -195,12 +200,27 @@ def fluidised_bed(
     extrapolated over half a cell].
     """
     down = (LET_DOWN, *fixed) if fixed else ()
-    held = Bed(columns, layers, hold, (*fluidised, *down)).measure()
+    return _figures(Bed(columns, layers, hold, (*fluidised, *down)).measure(), len(fluidised))
+
+
+@case("fluidised bed of parcels", "exchange", "weight of the bed; Ergun (1952) of the grains", tested=False)
+def fluidised_parcels() -> list[Figure]:
+    """The same bed of grains as parcels of 2 and 3 diameters, on cells as much larger."""
+    factors = (1.6, 1.3, LET_DOWN, 0.7, 0.4)
+    figures = []
+    for ratio in (2.0, 3.0):
+        found = _figures(Bed(17, 36, 0.6 * ratio, factors, ratio).measure(), 2)
+        figures += [dataclasses.replace(figure, what=f"l = {ratio:g}: {figure.what}") for figure in found]
+    return figures
+
+
+def _figures(held: list[Held], fluidised: int) -> list[Figure]:
+    """The figures of a bed that is fluidised at the first velocities, let down at the next, and then fixed."""
     figures = [
         relative(f"pressure drop over weight, U {1e3 * h.velocity:.2f} mm/s", 1.0, h.drop, 0.03)
-        for h in held[: len(fluidised)]
+        for h in held[:fluidised]
     ]
-    resting = held[len(fluidised) + 1 :]
+    resting = held[fluidised + 1 :]
     for h in resting:
         expected = ergun(h.velocity, h.solid_fraction)
         what = f"gradient, fixed at s {h.solid_fraction:.3f}, U {1e3 * h.velocity:.2f} mm/s"

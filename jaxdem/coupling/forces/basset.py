@@ -107,8 +107,8 @@ class Basset(FluidForce):
     def slip_mass(self, start: IntervalStart) -> Array:
         """4/3 C sqrt(T), C = 6 r^2 sqrt(pi rho mu), () or (N,) [kg]."""
         fluid = start.properties
-        coefficient = 6.0 * start.bodies.radius**2 * fluid.density * jnp.sqrt(jnp.pi * fluid.viscosity)
-        return 4.0 / 3.0 * coefficient * jnp.sqrt(start.duration)
+        coefficient = 6.0 * start.bodies.grain_radius**2 * fluid.density * jnp.sqrt(jnp.pi * fluid.viscosity)
+        return start.bodies.of_all_grains(4.0 / 3.0 * coefficient * jnp.sqrt(start.duration))
 
     def _rates(self) -> np.ndarray:
         """T / (2 t_i) of the exponentials; the window's inner end, where the tail may begin, is one unit."""

@@ -23,7 +23,7 @@ class Lift(FluidForce):
 
     def begin(self, start: IntervalStart, memory: None) -> Contribution:
         """See `FluidForce`."""
-        return Contribution(force=vectors.stack(self.force(flow_around(start))))
+        return Contribution(force=start.bodies.of_all_grains(vectors.stack(self.force(flow_around(start)))))
 
 
 @static

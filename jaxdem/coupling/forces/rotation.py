@@ -22,7 +22,7 @@ class FlowAround(NamedTuple):
         slip: fluid velocity less particle velocity [m/s].
         vorticity: curl of the fluid velocity [1/s].
         spin: angular velocity of the particle [rad/s].
-        diameter: () or (N,) [m].
+        diameter: of the grains () or (N,) [m].
         density: of the fluid () [kg/m3].
         viscosity: dynamic () [Pa s].
     """
@@ -42,7 +42,7 @@ def flow_around(start: IntervalStart) -> FlowAround:
         vectors.components(start.slip),
         vorticity(start.grid, start.weights, start.face_velocity),
         vectors.components(start.particles.angular_velocity),
-        2.0 * start.bodies.radius,
+        2.0 * start.bodies.grain_radius,
         density,
         density * start.properties.viscosity,
     )

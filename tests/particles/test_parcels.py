@@ -1,0 +1,139 @@
+"""Parcels: every model scales as the grains that a parcel stands for."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem.closures import DRAG_LAWS
+
+RADIUS = 1e-3
+
+
+def scene_of(tables):
+    return jaxdem.load_scene({"precision": "float64"} | tables)
+
+
+def after(tables, intervals):
+    """State after so many coupling intervals, with what the last one reported."""
+    scene = scene_of(tables)
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    step = jax.jit(simulation.step)
+    for _ in range(intervals):
+        state, neighbors, report = step(parameters, state, neighbors)
+    return state, report, parameters
+
+
+def crowd(dimension, ratio, law):
+    """Spheres with friction that meet on the floor, in a world `ratio` times as large and as slow."""
+    width, generator = 12.0 * RADIUS, np.random.default_rng(3)
+    grid = np.stack(np.meshgrid(*[np.arange(2 if dimension == 3 else 3)] * dimension), axis=-1).reshape(-1, dimension)
+    position = RADIUS * (2.2 + 2.3 * grid + 0.1 * generator.uniform(size=grid.shape))
+    velocity = generator.normal(0.0, 0.5, grid.shape)
+    linear = {"law": "linear_spring_dashpot", "normal_stiffness": 2e3} if law == "linear" else {"young_modulus": 1e7}
+    return {
+        "domain": {"size": [ratio * width] * dimension, "gravity": [0.0] * (dimension - 1) + [-9.81 / ratio]},
+        "particles": {
+            "radius": RADIUS,
+            "density": 2500.0,
+            "position": (ratio * position).tolist(),
+            "velocity": velocity.tolist(),
+            "coarse_grain": ratio,
+        },
+        "contact": linear
+        | {
+            "restitution": 0.7,
+            "friction": 0.4,
+            "rolling_friction": 0.1,
+            "rolling_model": "epsd",
+            "speed": 3.0,
+            "maximum_overlap": 0.2,
+        },
+        "coupling": {"interval": ratio * 5e-3},
+        "time": {"end": ratio * 0.02, "output_interval": ratio * 5e-3},
+    }
+
+
+@pytest.mark.parametrize("dimension, law", [(2, "hertz"), (3, "hertz"), (2, "linear")])
+def test_contacts_are_those_of_the_grains_in_a_larger_world(dimension, law):
+    """Dimensional analysis: with lengths and times l times as large, and velocities, moduli and densities as they are,
+    l x(t) and w(t)/l are the motion; overlap over diameter and restitution with it. Stresses are equal."""
+    grains, _, of_grains = after(crowd(dimension, 1.0, law), 4)
+    parcels, _, of_parcels = after(crowd(dimension, 3.0, law), 4)
+    assert np.abs(np.asarray(grains.particles.contact_force)).max() > 0.0
+    np.testing.assert_allclose(parcels.particles.position / 3.0, grains.particles.position, rtol=1e-9)
+    np.testing.assert_allclose(parcels.particles.velocity, grains.particles.velocity, rtol=1e-7, atol=1e-9)
+    spin = grains.particles.angular_velocity
+    np.testing.assert_allclose(3.0 * parcels.particles.angular_velocity, spin, rtol=1e-7, atol=1e-6)
+    # A force over the area that it acts on: in 2-D the layer is as deep as before.
+    area = 3.0 ** (dimension - 1)
+    force = np.asarray(grains.particles.contact_force)
+    np.testing.assert_allclose(
+        parcels.particles.contact_force / area, force, rtol=1e-6, atol=1e-9 * np.abs(force).max()
+    )
+    np.testing.assert_allclose(of_parcels.bodies.mass, 3.0**dimension * of_grains.bodies.mass, rtol=1e-14)
+
+
+def cloud(ratio, **coupling):
+    """A uniform cloud in a uniform shear, as grains or as parcels: the kernels add up to a uniform solid fraction."""
+    cells, cell = 4, 8e-3
+    number = 2 * cells if ratio == 1.0 else cells
+    places = (np.arange(number) + 0.5) * (cells * cell / number)
+    position = np.stack(np.meshgrid(places, places, places, indexing="ij"), axis=-1).reshape(-1, 3)
+    return {
+        "domain": {"size": [cells * cell] * 3, "gravity": [0.0, 0.0, 0.0]},
+        "particles": {
+            "radius": RADIUS,
+            "density": 2500.0,
+            "position": position.tolist(),
+            "velocity": [[0.1, 0.0, -0.2]] * len(position),
+            "coarse_grain": ratio,
+        },
+        "contact": {"young_modulus": 1e6, "speed": 1.0},
+        "boundary": {name: {"kind": "periodic"} for name in ("left", "right", "front", "back", "bottom", "top")},
+        "fluid": {"cells": [cells] * 3, "density": 1000.0, "viscosity": 1e-6, "velocity": [0.3, 0.0, 0.0]},
+        "coupling": {"interval": 1e-3, "kernel_width": {"diameters": 0.0, "cells": 1.0}} | coupling,
+        "time": {"end": 2e-3, "output_interval": 1e-3},
+    }
+
+
+@pytest.fixture(scope="module")
+def clouds():
+    more = {"virtual_mass": 0.5, "basset": 3}
+    return after(cloud(1.0, **more), 2), after(cloud(2.0, **more), 2)
+
+
+def test_the_cloud_of_parcels_is_the_cloud_of_grains(clouds):
+    """Volume, void fraction, drag, virtual mass and Basset force per volume, and the motion under them."""
+    (grains, of_grains, _), (parcels, of_parcels, numbers) = clouds
+    assert float(numbers.bodies.parcels.grains) == 8.0
+    assert 8 * len(parcels.particles.position) == len(grains.particles.position)
+    np.testing.assert_allclose(parcels.fluid.void_fraction, grains.fluid.void_fraction, rtol=1e-13)
+    np.testing.assert_allclose(8.0 * of_grains.forces.drag[0], of_parcels.forces.drag[0], rtol=1e-9, atol=1e-20)
+    for name in ("virtual_mass", "basset"):
+        one, all_ = (np.asarray(x.forces.further[name].given)[0] for x in (of_grains, of_parcels))
+        assert np.abs(one).max() > 0.0
+        np.testing.assert_allclose(8.0 * one, all_, rtol=1e-8, atol=1e-20)
+    np.testing.assert_allclose(parcels.particles.velocity[0], grains.particles.velocity[0], rtol=1e-10, atol=1e-15)
+    for a, b in zip(parcels.fluid.face_velocity, grains.fluid.face_velocity, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-15)
+
+
+def test_drag_is_the_law_of_the_grain_times_the_grains(clouds):
+    """Koch and Hill's law of the grain's diameter, by hand."""
+    _, (state, report, _) = clouds
+    inputs = report.forces.inputs
+    slip = np.asarray(inputs.slip_velocity)[0]
+    solids = float(inputs.solid_fraction[0])
+    speed, diameter = np.linalg.norm(slip), 2.0 * RADIUS
+    reynolds = (1.0 - solids) * speed * diameter / 1e-6
+    multiple = float(DRAG_LAWS["koch_hill"]().stokes_multiple(np.float64(solids), np.float64(reynolds)))
+    expected = 8.0 * 3.0 * np.pi * 1e-3 * diameter * multiple * slip
+    np.testing.assert_allclose(report.forces.law[0], expected, rtol=1e-12, atol=1e-20)
+
+
+@pytest.mark.parametrize("key, value", [("lift", ["magnus"]), ("rotational_drag", True), ("self_disturbance", True)])
+def test_models_without_a_rule_are_refused(key, value):
+    with pytest.raises(jaxdem.InputError, match=key):
+        jaxdem.build(scene_of(cloud(2.0, **{key: value})))
