@@ -40,6 +40,7 @@ class CheckReport:
         size: of the box.
         periodic: whether each axis is periodic.
         particles: number of particles.
+        grains_per_parcel: grains that one particle stands for; None where that is one.
         cells: of the mesh, per axis.
         spacing: size of a cell.
         cells_per_diameter: smallest and largest cell side over the largest diameter [-].
@@ -70,6 +71,7 @@ class CheckReport:
     size: tuple[float, ...]
     periodic: tuple[bool, ...]
     particles: int | None
+    grains_per_parcel: float | None
     cells: tuple[int, ...] | None
     spacing: tuple[float, ...] | None
     cells_per_diameter: tuple[float, float] | None
@@ -122,8 +124,8 @@ def check_scene(scene: Scene) -> CheckReport:
     spacing = fluid.solver.grid.spacing if fluid is not None else None
     diameter = bodies.largest_diameter if scene.particles else None
     count = 0 if state.particles is None else len(state.particles.position)
-    grains = count if scene.particles is None else count * scene.particles.coarse_grain**scene.dimension
-    load = screen_load(scene, simulation, parameters, case.grains, grains)
+    grains = 1.0 if scene.particles is None else scene.particles.coarse_grain**scene.dimension
+    load = screen_load(scene, simulation, parameters, case.grains, count * grains)
     cost = run_cost(simulation, neighbors)
     void = None
     if state.fluid is not None and state.fluid.void_fraction is not None:
@@ -134,6 +136,7 @@ def check_scene(scene: Scene) -> CheckReport:
         size=scene.domain.size,
         periodic=scene.periodic,
         particles=None if state.particles is None else state.particles.position.shape[0],
+        grains_per_parcel=grains if grains > 1.0 else None,
         cells=None if scene.fluid is None else scene.fluid.cells,
         spacing=spacing,
         cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter) if spacing and diameter else None,

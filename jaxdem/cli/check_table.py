@@ -70,7 +70,8 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
     yield "box", f"{_times(report.size)} m"
     yield "precision", report.precision
     if report.particles is not None:
-        yield "particles" if not report.population else "particles, all rows", str(report.particles)
+        stands_for = f", parcels of {report.grains_per_parcel:.6g} grains each" if report.grains_per_parcel else ""
+        yield "particles" if not report.population else "particles, all rows", f"{report.particles}{stands_for}"
     yield from report.population
     if report.cells is not None and report.spacing is not None:
         yield "mesh", f"{_times(report.cells)} cells of {_times(report.spacing)} m"

@@ -36,6 +36,8 @@ def run_summary(
         reason: why not.
         split_stages: False where nothing may be compiled to tell the stages of a part apart.
     """
+    parcels = None if case.parameters.bodies is None else case.parameters.bodies.parcels
+    grains = 1.0 if parcels is None else float(parcels.grains)
     scene, simulation, state, neighbors = case.scene, case.simulation, instant.state, instant.neighbors
     count = 0 if state.particles is None else state.particles.position.shape[0]
     elapsed, compiled, steps = totals.elapsed(), totals.compile_seconds(), simulation.steps
@@ -64,6 +66,7 @@ def run_summary(
         },
         "counts": {
             "particles": count,
+            "grains_per_particle": grains,
             "cells": int(np.prod(scene.fluid.cells)) if scene.fluid else 0,
             "coupling_intervals": totals.intervals,
             "contact_steps": totals.intervals * steps.contacts_per_interval,

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.check.check import check_scene
 from jaxdem.closures import DRAG_LAWS
 
 RADIUS = 1e-3
+OPEN = {"boundary": {"top": {"kind": "outlet"}}}
 
 
 def scene_of(tables):
@@ -137,3 +139,16 @@ def test_drag_is_the_law_of_the_grain_times_the_grains(clouds):
 def test_models_without_a_rule_are_refused(key, value):
     with pytest.raises(jaxdem.InputError, match=key):
         jaxdem.build(scene_of(cloud(2.0, **{key: value})))
+
+
+def test_check_tells_of_the_grain():
+    """Terminal speed and relaxation time are of a grain, not of the sphere that stands for it."""
+    of_grains, of_parcels = (
+        check_scene(scene_of(cloud(ratio) | {"domain": {"size": [32e-3] * 3, "gravity": [0.0, 0.0, -9.81]}} | OPEN))
+        for ratio in (1.0, 2.0)
+    )
+    assert (of_grains.grains_per_parcel, of_parcels.grains_per_parcel) == (None, 8.0)
+    assert of_parcels.relaxation_time == pytest.approx(of_grains.relaxation_time, rel=1e-12)
+    for one, other in zip(of_grains.numbers, of_parcels.numbers, strict=True):
+        assert (one.name, one.low) == (other.name, pytest.approx(other.low, rel=1e-9))
+    assert "terminal velocity" in [number.name for number in of_parcels.numbers]
