@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from jaxdem.particles import regions
-from jaxdem.particles.regions import into_period
+from jaxdem.particles.regions import Region, ball_size, into_period
+
+Seed = int | list[int]
+"""Of random numbers: one number, or several."""
 
 
 def hexagonal_rows(start: np.ndarray, stop: np.ndarray, spacing: float) -> np.ndarray:
@@ -69,15 +71,16 @@ def polygon_pack(
     return points[np.argsort(points[:, 2], kind="stable")]
 
 
-def lattice_pack(start: np.ndarray, stop: np.ndarray, radius: float, spacing: float, jitter: float) -> np.ndarray:
-    """Centres of a square or cubic lattice in the box start ... stop (D,), lowest first; (M, D)."""
+def lattice_pack(region: Region, radius: float, spacing: float, jitter: float) -> np.ndarray:
+    """Centres of a square or cubic lattice that fills a region, from the corner of its bounds, lowest first; (M, D)."""
     margin = radius + jitter
     axes = []
-    for low, high in zip(start, stop, strict=True):
+    for low, high in zip(*region.bounds, strict=True):
         count = int(np.floor((high - low - 2.0 * margin) / spacing + 1e-9)) + 1
         axes.append(low + margin + spacing * np.arange(max(count, 0)))
     grid = np.meshgrid(*axes, indexing="ij")
     points = np.stack([g.ravel() for g in grid], axis=1)
+    points = points[region.inside(points, margin)]
     return points[np.argsort(points[:, -1], kind="stable")]
 
 
@@ -114,24 +117,21 @@ TRIES_PER_ROUND = 8_192
 """Points tried at once, at least."""
 
 
-def random_solid_fraction(start: np.ndarray, stop: np.ndarray, radius: np.ndarray, spacing: float) -> float:
-    """Area or volume of the discs or spheres, each enlarged by `spacing`, over that of the box [-].
+def random_solid_fraction(region: Region, radius: np.ndarray, spacing: float) -> float:
+    """Area or volume of the discs or spheres, each enlarged by `spacing`, over that of the region [-].
 
     Args:
-        start: (D,) lower corner of the box [m].
-        stop: (D,) upper corner [m].
+        region: that holds them.
         radius: (N,) [m].
         spacing: least distance of two centres over the sum of their radii [-].
     """
-    dimension = len(start)
-    unit = math.pi if dimension == 2 else 4.0 / 3.0 * math.pi
-    return float(unit * np.sum((spacing * radius) ** dimension) / np.prod(stop - start))
+    return float(ball_size(region.dimension) * np.sum((spacing * radius) ** region.dimension) / region.volume)
 
 
 def random_pack(
-    start: np.ndarray, stop: np.ndarray, radius: np.ndarray, spacing: float, seed: int
+    region: Region, radius: np.ndarray, spacing: float, seed: int | list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of particles put one after the other anywhere in a box where there is room, the largest first.
+    """Centres of particles put one after the other anywhere in a region where there is room, the largest first.
 
     Random sequential addition: a point is drawn, and kept if it is not too near to an earlier one. The particles
     are taken in bins of a factor of two in size, each with cells of its own, so that a point looks into 3^D
@@ -139,8 +139,7 @@ def random_pack(
     anywhere, and all that overlap are pushed apart.
 
     Args:
-        start: (D,) lower corner of the box that holds the particles [m].
-        stop: (D,) upper corner [m].
+        region: that holds the particles with their whole radius.
         radius: (N,) [m].
         spacing: least distance of two centres over the sum of their radii [-].
         seed: of the points.
@@ -150,10 +149,12 @@ def random_pack(
         `MOST_PUSHES`.
     """
     generator = np.random.default_rng(seed)
-    reach = spacing * radius
+    reach, (start, stop) = spacing * radius, (np.asarray(corner) for corner in region.bounds)
     position, placed = np.zeros((len(radius), len(start))), np.zeros(len(radius), bool)
-    crowded = random_solid_fraction(start, stop, radius, spacing) > ADDED[len(start)]
+    crowded = random_solid_fraction(region, radius, spacing) > ADDED[len(start)]
     tries, grids = (TRIES_WHEN_CROWDED if crowded else TRIES_PER_PARTICLE) * len(radius), []
+    # Points are drawn from the box around the region.
+    tries = int(tries * round(float(np.prod(stop - start)) / region.volume, 6))
     bins = np.floor(np.log2(reach.max(initial=1.0) / reach) + 1e-9)
     for number in np.unique(bins):
         members = np.flatnonzero(bins == number)
@@ -165,6 +166,7 @@ def random_pack(
             low, high = start + radius[drawn, None], stop - radius[drawn, None]
             points = generator.uniform(low, np.maximum(low, high))
             room = (high >= low).all(axis=1)
+            room[room] = region.inside(points[room], radius[drawn[room]])
             for grid in grids:
                 room[room] = grid.free(points[room], reach[drawn[room]], position, reach)
             kept, first = np.unique(drawn[room], return_index=True)
@@ -177,12 +179,12 @@ def random_pack(
     if placed.all() or (low > high).any():
         return position, placed
     left = np.flatnonzero(~placed)
-    position[left] = generator.uniform(low[left], high[left])
-    return _pushed_apart(position, reach, low, high)
+    position[left] = region.kept(generator.uniform(low[left], high[left]), radius[left])
+    return _pushed_apart(position, reach, radius, region)
 
 
 def _pushed_apart(
-    position: np.ndarray, reach: np.ndarray, low: np.ndarray, high: np.ndarray
+    position: np.ndarray, reach: np.ndarray, radius: np.ndarray, region: Region
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centres moved until none is nearer to another than both reach, and which are free of others by then.
 
@@ -193,8 +195,8 @@ def _pushed_apart(
     Args:
         position: (N, D) [m].
         reach: (N,) [m].
-        low: (N, D) lowest place of each centre [m].
-        high: (N, D) highest place [m].
+        radius: (N,) that stays inside the region [m].
+        region: that holds the particles.
     """
     wanted, skin = reach * (1.0 + PUSH_MARGIN), 0.2 * float(reach.min())
     none, move, listed, pairs = (
@@ -205,11 +207,11 @@ def _pushed_apart(
     )
     for _ in range(MOST_PUSHES):
         if listed is None or np.abs(position - listed).max() > 0.5 * skin / np.sqrt(len(none)):
-            listed, pairs = position.copy(), _near(position, reach + 0.5 * skin, none)
+            listed, pairs = position.copy(), near_pairs(position, reach + 0.5 * skin, none)
         first, second = pairs.T
         apart = position[first] - position[second]
         distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9 * reach[first])
-        if (distance >= reach[first] + reach[second]).all():
+        if (distance >= reach[first] + reach[second]).all() and region.inside(position, radius).all():
             return position, np.ones(len(position), bool)
         lacking = np.maximum(wanted[first] + wanted[second] - distance, 0.0)
         push = (0.5 * lacking / distance)[:, None] * apart
@@ -217,8 +219,8 @@ def _pushed_apart(
         for axis in range(len(none)):
             move[:, axis] += np.bincount(first, push[:, axis], len(position))
             move[:, axis] -= np.bincount(second, push[:, axis], len(position))
-        position = np.clip(position + move, low, high)
-    clear = np.ones(len(position), bool)
+        position = region.kept(position + move, radius)
+    clear = region.inside(position, radius)
     clear[pairs[distance < reach[first] + reach[second]].ravel()] = False
     return position, clear
 
@@ -284,7 +286,7 @@ def _clear_in_turn(points: np.ndarray, reach: np.ndarray) -> np.ndarray:
     return clear
 
 
-def jittered(points: np.ndarray, size: float, seed: int) -> np.ndarray:
+def jittered(points: np.ndarray, size: float, seed: Seed) -> np.ndarray:
     """Points displaced at random by at most `size` [m] in any direction."""
     if size == 0.0:
         return points
@@ -310,7 +312,7 @@ def deepest_overlap(
         if wraps:
             shifted[:, axis] = into_period(shifted[:, axis], box[axis])
             size[axis] = box[axis]
-    pairs = _near(shifted, radius, size)
+    pairs = near_pairs(shifted, radius, size)
     if len(pairs) == 0:
         return 0.0, -1, -1
     separation = shifted[pairs[:, 0]] - shifted[pairs[:, 1]]
@@ -325,7 +327,7 @@ def deepest_overlap(
     return float(overlap[worst]), int(pairs[worst, 0]), int(pairs[worst, 1])
 
 
-def _near(position: np.ndarray, radius: np.ndarray, box: np.ndarray) -> np.ndarray:
+def near_pairs(position: np.ndarray, radius: np.ndarray, box: np.ndarray) -> np.ndarray:
     """(P, 2) all pairs that may overlap; spheres within a factor of two in size are looked for together.
 
     With one reach for all, a few large spheres would put every small one beside hundreds of others.

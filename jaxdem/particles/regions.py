@@ -17,10 +17,14 @@ from typing import Protocol
 import numpy as np
 
 BELONGS = 1e-12
-"""A point this far beyond the boundary is inside: rounding, not a place [m]."""
+"""Part of the region's size by which a point may lie beyond the boundary and is inside: rounding, not a place."""
 
-ROUNDS = 100
-"""Moves by which a point is brought into a polygon; near a narrow corner it meets one edge after the other."""
+ROUNDS = 8
+"""Moves by which a point is brought into a polygon. In a narrow corner it meets one edge after the other, and some of the
+way is left for the next time."""
+
+SAMPLES = 20_000
+"""Points that tell whether two regions overlap."""
 
 FURTHER = 1e-6
 """Part of a margin by which such a move goes further than it must: the last part of the way would take for ever."""
@@ -190,10 +194,11 @@ class Region:
 
     def inside(self, points: np.ndarray, margin: float | np.ndarray = 0.0) -> np.ndarray:
         """(N,) which of the points (N, D) lie at least `margin` () or (N,) inside [m]; a radius: the whole particle."""
-        return self.signed_distance(points) <= BELONGS - margin
+        size = float(np.abs(self.bounds).max())
+        return self.signed_distance(points) <= BELONGS * size - margin
 
     def kept(self, points: np.ndarray, margin: float | np.ndarray) -> np.ndarray:
-        """(N, D) the points moved to the place near them that is `margin` () or (N,) inside [m]."""
+        """(N, D) the points moved to the place near them that is `margin` () or (N,) inside [m]; see `ROUNDS`."""
         margin, turned = np.broadcast_to(margin, len(points)), self._turned(points)
         moved = turned.copy()
         for axes, shape in self.parts:
@@ -253,6 +258,16 @@ def cylinder(base: Sequence[float], axis: Sequence[float], radius: float, length
     frame = np.stack([first, np.cross(along, first), along])
     parts = (((0, 1), Ball((0.0, 0.0), radius)), ((2,), Interval(0.0, length)))
     return Region(parts, bounds, tuple(start.tolist()), tuple(map(tuple, frame.tolist())))
+
+
+def meet(first: Region, second: Region, seed: int) -> bool:
+    """Whether one of `SAMPLES` points, where the boxes around the two regions overlap, lies in both."""
+    low, high = (f([first.bounds[k], second.bounds[k]], axis=0) for k, f in ((0, np.max), (1, np.min)))
+    if (high <= low).any():
+        return False
+    points = np.random.default_rng(seed).uniform(low, high, (SAMPLES, first.dimension))
+    apart = 1e-6 * float((high - low).max())
+    return bool((first.inside(points, apart) & second.inside(points, apart)).any())
 
 
 def ball_size(dimension: int) -> float:

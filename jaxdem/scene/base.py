@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, TypeVar
 
@@ -49,6 +50,12 @@ def per_axis(value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...
     return value
 
 
+def _no_zero(value: tuple[float, ...]) -> tuple[float, ...]:
+    if math.hypot(*value) == 0.0:
+        raise wrong("", value, "a direction must not be zero", "give a vector that is not zero")
+    return value
+
+
 def _known_material(name: str, info: ValidationInfo, more: tuple[str, ...] = ()) -> str:
     known = (*(info.context or {}).get("materials", (name,)), *more)
     if name not in known:
@@ -79,6 +86,8 @@ Poisson = Annotated[float, Field(gt=-1.0, le=0.5, strict=True)]
 Rows = tuple[tuple[Finite, ...], ...]
 Vector = Annotated[tuple[Finite, ...], AfterValidator(per_axis)]
 """As many numbers as the box has axes."""
+Direction = Annotated[Vector, AfterValidator(_no_zero)]
+"""A vector of any length but zero."""
 Corner = Annotated[tuple[Finite, ...], BeforeValidator(_one_number)]
 """A place on a side, in the other axes; in 2-D a number is enough."""
 Abscissae = Annotated[tuple[NonNegative, ...], Field(min_length=2)]

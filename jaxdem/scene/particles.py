@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, ValidationInfo, model_validator
 
@@ -11,60 +11,17 @@ from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tab
 from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.materials import Mixture, Species
+from jaxdem.scene.packs import Pack, Packs
 
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
-
-CORNERS: dict[str, tuple[str, ...]] = {
-    "polygon": ("vertices",),
-    "lattice": ("start", "stop"),
-    "random": ("start", "stop"),
-}
-"""Keys that say where a pack of each kind lies."""
-
-
-class Pack(Section):
-    """The arrangement of the particles at the start.
-
-    Attributes:
-        kind: "polygon" fills a polygon in the plane of the first and the vertical axis with rows, from below. "lattice"
-            fills a box. "random" puts particles at random positions in a box; where there is no more room, it pushes
-            overlapping particles apart.
-        vertices: corners (x, vertical) of the polygon. In 3-D the polygon extends over the whole second axis [m].
-        start: lower corner of the box of a lattice or random pack [m].
-        stop: upper corner of this box [m].
-        spacing: distance of neighbouring centres over the (largest) diameter. In a random pack: smallest distance of
-            two centres over the sum of their radii [-].
-        jitter: largest random displacement over the (smallest) radius. Default: 0.005. A random pack has no jitter [-].
-    """
-
-    kind: Literal["polygon", "lattice", "random"]
-    vertices: Rows | None = None
-    start: tuple[Finite, ...] | None = None
-    stop: tuple[Finite, ...] | None = None
-    spacing: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] = 1.01
-    jitter: Annotated[float, Field(ge=0.0, le=0.5, strict=True)] | None = None
-
-    @model_validator(mode="after")
-    def _keys_of_its_kind(self) -> Pack:
-        needed = CORNERS[self.kind]
-        for name in ("vertices", "start", "stop"):
-            if (getattr(self, name) is None) == (name in needed):
-                limit = f"a {self.kind} pack needs {' and '.join(needed)}"
-                remedy = "give only these of the keys vertices, start and stop"
-                raise wrong(name, getattr(self, name), limit, remedy)
-        if self.kind == "random" and self.jitter is not None:
-            raise wrong("jitter", self.jitter, "a random pack has no jitter", "remove this key")
-        if self.kind != "random" and self.jitter is None:
-            return self.model_copy(update={"jitter": 0.005})
-        return self
 
 
 class Particles(Section):
     """The particles: spheres; in 2-D discs with the mass and inertia of a sphere.
 
     Attributes:
-        count: number of particles at the start. With `position` it must equal the number of positions. Default: a
-            polygon or lattice is filled.
+        count: number of particles at the start. With `position` it must equal the number of positions. Not with several
+            packs, which have their own. Default: a polygon or lattice is filled.
         radius: radius of all particles, one number per particle, or the name of a file (.npy or text) with one per
             particle [m].
         distribution: distribution of the radii, in place of `radius`. It also holds for species and inlets that give
@@ -72,7 +29,7 @@ class Particles(Section):
         density: density of all particles, one number per particle, or the name of a file with one per particle [kg/m3].
         material: name of one of `[[materials]]`, or one name per particle. Only in a scene with `[[materials]]`.
         species: kinds of particles with their own radius, density or material, mixed at random with the seed.
-        pack: arrangement at the start. Give either this or `position`.
+        pack: arrangement at the start, one table or several. Give either this or `position`.
         position: centres of the particles, as rows or as the name of a file (.npy or text) of rows. The first row of a
             text file may name the columns. In 2-D also in the form of a run's frames, (x, z, 0) [m].
         velocity: velocities at the start, as rows or as the name of a file of rows, in the same forms. Default: at
@@ -91,12 +48,33 @@ class Particles(Section):
     density: Positive | PerParticle | str | None = None
     material: MaterialName | tuple[MaterialName, ...] | None = None
     species: Mixture = ()
-    pack: Pack | None = None
+    pack: Packs | None = None
     position: Rows | str | None = None
     velocity: Rows | str | None = None
     angular_velocity: Rows | tuple[Finite, ...] | str | None = None
     coarse_grain: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] = 1.0
     inlet: Tables[ParticleInlet] = ()
+
+    @property
+    def packs(self) -> tuple[Pack, ...]:
+        """The packs; () without."""
+        return self.pack if isinstance(self.pack, tuple) else () if self.pack is None else (self.pack,)
+
+    def pack_key(self, number: int) -> str:
+        """The key of a pack in the scene."""
+        return f"particles.pack.{number}" if isinstance(self.pack, tuple) else "particles.pack"
+
+    def of_pack(self, pack: Pack) -> Particles:
+        """What the particles of a pack are: this table with the keys that the pack gives in place of its own."""
+        found: dict[str, object] = {"pack": pack, "inlet": ()}
+        if pack.count is not None or isinstance(self.pack, tuple):
+            found["count"] = pack.count
+        if pack.has_own:
+            found["species"] = pack.species or ()
+        if pack.radius is not None or pack.distribution is not None:
+            found |= {"radius": pack.radius, "distribution": pack.distribution}
+        found |= {name: getattr(pack, name) for name in ("density", "material") if getattr(pack, name) is not None}
+        return self.model_copy(update=found)
 
     @model_validator(mode="after")
     def _sizes(self) -> Particles:
@@ -104,11 +82,19 @@ class Particles(Section):
         given = {"radius": self.radius} | {f"species.{k}.radius": one.radius for k, one in enumerate(self.species)}
         check_no_radius(self.distribution, given)
         for name, value in (("radius", self.radius), ("density", self.density)):
-            if value is None and not self.species and not (name == "radius" and self.distribution):
+            if value is None and not self.species and not self._packs_give(name) and not self._is_drawn(name):
                 raise wrong(name, None, "is missing", "add this key to the scene")
             if isinstance(value, str):
                 _column(f"particles.{name}", value)
         return self
+
+    def _is_drawn(self, name: str) -> bool:
+        return name == "radius" and self.distribution is not None
+
+    def _packs_give(self, name: str) -> bool:
+        """Whether every pack says by itself what its particles are in this."""
+        own = [bool(one.species) or getattr(one, name) or (name == "radius" and one.distribution) for one in self.packs]
+        return bool(own) and all(own)
 
     @model_validator(mode="after")
     def _one_start(self) -> Particles:
@@ -122,15 +108,43 @@ class Particles(Section):
         if len(ways) != 1 and self.count != 0 and (ways or not self.inlet):
             remedy = "give one of particles.pack and particles.position"
             raise wrong("pack", ways, "the start needs either a pack or positions", remedy)
-        if self.pack is not None and self.pack.kind == "random" and self.count is None:
-            raise wrong("count", None, "is needed by a random pack", "give the number of particles")
         return self
+
+    @model_validator(mode="after")
+    def _packs(self) -> Particles:
+        """The number of particles of every pack, and what packs cannot be given with."""
+        several = isinstance(self.pack, tuple)
+        if several and not self.packs:
+            raise wrong("pack", [], "is an empty list", "give a pack, or remove this key")
+        for k, one in enumerate(self.packs):
+            key, given = self.pack_key(k).removeprefix("particles."), (one.count, one.solid_fraction) != (None, None)
+            if self.count is not None and (several or given):
+                limit = "cannot be given with several packs, or with count or solid_fraction of a pack"
+                remedy = f"remove it, and give the number of particles of every pack: particles.{key}.count"
+                raise wrong("count", self.count, limit, remedy)
+            if one.is_counted and not given and self.count is None:
+                limit = f"is needed by a {one.kind} pack"
+                remedy = f"give the number of particles, or particles.{key}.solid_fraction"
+                raise wrong(f"{key}.count" if several else "count", None, limit, remedy)
+            if several or one.solid_fraction is not None:
+                self._check_no_lists("several packs" if several else "particles.pack.solid_fraction")
+            for name in ("velocity", "angular_velocity"):
+                if one.kind == "settled" and getattr(self, name) is not None:
+                    limit = "cannot be given with a settled pack, whose particles come to rest"
+                    raise wrong(name, "...", limit, "remove this key")
+        return self
+
+    def _check_no_lists(self, beside: str) -> None:
+        for name in ("radius", "density", "material"):
+            if isinstance(getattr(self, name), tuple) or (name != "material" and isinstance(getattr(self, name), str)):
+                limit = f"cannot be given per particle with {beside}"
+                raise wrong(name, "one per particle", limit, "give one value, or one in every pack")
 
     @model_validator(mode="after")
     def _species_are_whole(self, info: ValidationInfo) -> Particles:
         """Every species has a radius, a density and, where there are materials, one of them."""
         materials = (info.context or {}).get("materials", ())
-        starts = self.pack is not None or self.position is not None
+        starts = (self.packs and not self._packs_give("material")) or self.position is not None
         if materials and not self.species and not self.material and starts:
             raise wrong(
                 "material", None, "is missing, but the scene has [[materials]]", f"known: {', '.join(materials)}"
@@ -155,6 +169,14 @@ class Particles(Section):
     def _every_species(self) -> Iterator[tuple[str, Species, Distribution | None]]:
         """Key, species, and the distribution of its radius if it has none of its own."""
         yield from ((f"species.{k}", one, self.distribution) for k, one in enumerate(self.species))
+        for k, pack in enumerate(self.packs):
+            key = self.pack_key(k).removeprefix("particles.")
+            distribution = pack.distribution or (self.distribution if pack.radius is None else None)
+            own = Species.model_construct(share=1.0, radius=pack.radius, density=pack.density, material=pack.material)
+            if pack.species:
+                yield from ((f"{key}.species.{j}", one, distribution) for j, one in enumerate(pack.species))
+            elif pack.has_own:
+                yield key, own, distribution
         for k, inlet in enumerate(self.inlet):
             for j, one in enumerate(inlet.species_of(self.species)):
                 key = f"inlet.{k}" + (f".species.{j}" if inlet.species else "")
@@ -163,19 +185,28 @@ class Particles(Section):
 
 def radius_key(particles: Particles) -> str:
     """The key that gives the radii of the particles at the start."""
+    own = [k for k, pack in enumerate(particles.packs) if pack.radius is not None or pack.distribution is not None]
+    if own and particles.radius is None and particles.distribution is None:
+        pack = particles.packs[own[0]]
+        return f"{particles.pack_key(own[0])}.{'radius' if pack.distribution is None else 'distribution'}"
     return "particles.distribution" if particles.distribution is not None else "particles.radius"
 
 
 def radius_range(particles: Particles) -> tuple[float, float]:
     """Smallest and largest radius of the particles, parcels or grains; the cut-offs of a distribution, whatever is
     drawn [m]."""
-    if particles.distribution is not None:
-        bounds = particles.distribution.bounds
-        return particles.coarse_grain * bounds[0], particles.coarse_grain * bounds[1]
+    tables = [particles.of_pack(pack) for pack in particles.packs] or [particles]
+    ends = [_radii_of(table) for table in tables]
+    return particles.coarse_grain * min(low for low, _ in ends), particles.coarse_grain * max(high for _, high in ends)
+
+
+def _radii_of(particles: Particles) -> tuple[float, float]:
+    """The same of the grains of one table, whatever its packs give."""
     sizes = [one.radius for one in particles.species if one.radius is not None]
-    if not particles.species or len(sizes) < len(particles.species):
-        sizes += _column("particles.radius", particles.radius)
-    return particles.coarse_grain * min(sizes), particles.coarse_grain * max(sizes)
+    if len(sizes) < len(particles.species) or not sizes:
+        drawn = particles.distribution
+        sizes += _column("particles.radius", particles.radius) if drawn is None else list(drawn.bounds)
+    return min(sizes), max(sizes)
 
 
 def _column(key: str, value: float | tuple[float, ...] | str | None) -> list[float]:
@@ -197,6 +228,6 @@ def largest_arrival(particles: Particles, inlet: ParticleInlet) -> float:
 
 def largest_radius(particles: Particles) -> float:
     """Largest radius of all particles that there ever are, parcels or grains [m]."""
-    given = (particles.radius, particles.distribution) != (None, None) or particles.species
+    given = (particles.radius, particles.distribution) != (None, None) or particles.species or particles.packs
     sizes = [radius_range(particles)[1]] if given else []
     return max(sizes + [largest_arrival(particles, inlet) for inlet in particles.inlet])

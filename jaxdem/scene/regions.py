@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from jaxdem.scene.base import Finite, Positive, Rows, Section, Vector, wrong
+from jaxdem.scene.base import Direction, Finite, Positive, Rows, Section, Vector, wrong
 
 NEEDED: dict[str, tuple[str, ...]] = {
     "box": ("start", "stop"),
@@ -16,12 +15,6 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "sphere": ("center", "radius"),
 }
 """Keys that each shape must have; a polygon may have from and to."""
-
-
-def _no_zero(value: tuple[float, ...]) -> tuple[float, ...]:
-    if math.hypot(*value) == 0.0:
-        raise wrong("", value, "a direction must not be zero", "give a vector that is not zero")
-    return value
 
 
 class Region(Section):
@@ -46,7 +39,7 @@ class Region(Section):
     start: Vector | None = None
     stop: Vector | None = None
     base: Vector | None = None
-    axis: Annotated[Vector, AfterValidator(_no_zero)] | None = None
+    axis: Direction | None = None
     center: Vector | None = None
     radius: Positive | None = None
     length: Positive | None = None

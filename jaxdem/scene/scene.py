@@ -17,6 +17,7 @@ from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
 from jaxdem.scene.drive import check_drive, check_own_gravity
 from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.materials import MaterialPairs, Materials
+from jaxdem.scene.packs import check_settling
 from jaxdem.scene.particles import Particles, largest_radius
 from jaxdem.scene.population import check_exits, completed_inlets
 from jaxdem.scene.probes import Probe, ProbePlace, completed_probes
@@ -148,6 +149,8 @@ def completed(scene: Scene) -> Scene:
         if side.kind == "inlet" and scene.fluid is None:
             limit = "is an inlet of fluid, and the scene has no fluid"
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
+    if found.particles is not None:
+        check_settling(found.particles.packs, found.domain.gravity or ())
     check_exits(found.boundary, found.particles is not None, found.fluid is not None)
     if found.fluid is not None:
         check_own_gravity(scene.domain.gravity, found.periodic)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import Positive, Section, Vector, WallMaterialName, wrong
+from jaxdem.scene.base import Direction, Positive, Section, Vector, WallMaterialName, wrong
 from jaxdem.scene.domain import Box
 
 STRAIGHT = 1e-6
@@ -26,15 +26,6 @@ NEEDED = {
 
 OPTIONAL = {"plane": ("material",), "cylinder": ("axis", "inside", "material"), "wedge": ("material",)}
 """Keys that it may have."""
-
-
-def _no_zero(value: tuple[float, ...]) -> tuple[float, ...]:
-    if math.hypot(*value) == 0.0:
-        raise wrong("", value, "a direction must not be zero", "give a vector that is not zero")
-    return value
-
-
-Direction = Annotated[Vector, AfterValidator(_no_zero)]
 
 
 class Wall(Section):

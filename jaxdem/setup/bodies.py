@@ -45,14 +45,14 @@ NO_BODIES = Bodies(np.zeros(0), np.zeros(0), np.zeros(0, np.int32))
 """Those of a scene without particles."""
 
 
-def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, seed: int) -> Bodies:
+def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, seed: int | list[int]) -> Bodies:
     """Size, density and material of the `count` particles that a scene starts with.
 
     Args:
         particles: table of the scene.
         names: of the materials.
         count: number of particles.
-        seed: of the scene, for the order of species and sizes.
+        seed: of the scene, or numbers that begin with it, for the order of species and sizes.
 
     Raises:
         InputError: a list or a file has another number of entries, or a number in a file is not positive, or
@@ -61,7 +61,7 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
     drawn = _spread_radii(particles, count, seed)
     if particles.species:
         kind = np.repeat(np.arange(len(particles.species)), shares_of(particles.species, count))
-        np.random.default_rng([seed, 1]).shuffle(kind)
+        np.random.default_rng([*np.atleast_1d(seed), 1]).shuffle(kind)
         kind = kind if count else np.zeros(1, int)  # no particle at all: the numbers of any species
         mixed = species_bodies(particles.species, particles, names, kind, drawn)
         return collapsed(mixed.scaled(particles.coarse_grain))
@@ -80,7 +80,7 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
     return Bodies(radius, density, numbers).scaled(particles.coarse_grain)
 
 
-def _spread_radii(particles: Particles, count: int, seed: int) -> np.ndarray | None:
+def _spread_radii(particles: Particles, count: int, seed: int | list[int]) -> np.ndarray | None:
     """(N,) radii by the distribution of `[particles]` in random order [m]; None without one.
 
     One is drawn from each of N parts of the distribution that are equal by number, so that few particles follow it as
@@ -88,7 +88,7 @@ def _spread_radii(particles: Particles, count: int, seed: int) -> np.ndarray | N
     """
     if particles.distribution is None:
         return None
-    generator, some = np.random.default_rng([seed, 3]), max(count, 1)
+    generator, some = np.random.default_rng([*np.atleast_1d(seed), 3]), max(count, 1)
     u = (np.arange(some) + generator.uniform(size=some)) / some
     found = radii("particles.distribution", particles.distribution, generator.permutation(u))
     return found if count else found.reshape(())

@@ -76,9 +76,11 @@ def check_memory(scene: Scene) -> None:
         # Velocities, pressure and void fraction; as many again while a step is computed.
         cells = math.prod(scene.fluid.cells)
         demands.append(("fluid.cells", scene.fluid.cells, 2 * cells * (scene.dimension + 2) * width))
-    if scene.particles is not None and scene.particles.count is not None:
-        count = scene.particles.count
-        demands.append(("particles.count", count, count * LEAST_BYTES_PER_PARTICLE * width // 4))
+    if scene.particles is not None:
+        packs = enumerate(scene.particles.packs)
+        counts = {f"{scene.particles.pack_key(k)}.count": pack.count for k, pack in packs}
+        for key, count in ({"particles.count": scene.particles.count} | counts).items():
+            demands.append((key, count, (count or 0) * LEAST_BYTES_PER_PARTICLE * width // 4))
     for key, value, needed in demands:
         if needed > memory:
             limit = f"needs at least {needed / 1e9:.3g} GB; this machine has {memory / 1e9:.3g} GB"

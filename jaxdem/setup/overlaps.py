@@ -86,6 +86,15 @@ def check_initial_positions(particles: ParticleSetup, allowed: Overlap = LEAST_O
         )
     worst, first, second = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic)
     if worst > allowed.part:
+        owners = np.repeat(np.arange(len(particles.packs)), [pack.count for pack in particles.packs])
+        if len(owners) and owners[first] != owners[second]:
+            one, other = sorted((int(owners[first]), int(owners[second])))
+            raise InputError(
+                particles.packs[other].key,
+                f"particles at {_point(position[first])} and {_point(position[second])} m",
+                f"one is of {particles.packs[one].key}; they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
+                "move the packs apart, or make one smaller",
+            )
         raise InputError(
             allowed.key,
             f"particles {first} and {second} at {_point(position[first])} and {_point(position[second])} m",

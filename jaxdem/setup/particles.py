@@ -7,11 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxdem.scene import Contact, Pack, Particles, Scene
+from jaxdem.errors import InputError
+from jaxdem.scene import Contact, Particles, Scene
+from jaxdem.scene.rows import rows_of
 from jaxdem.setup.arrivals import Arrivals, arrivals
 from jaxdem.setup.bodies import Bodies, joined, particle_bodies
 from jaxdem.setup.materials import MaterialTable, material_table
-from jaxdem.setup.packs import check_random_pack, positions_of, random_positions
+from jaxdem.setup.packs import PackSetup, packs_of
 from jaxdem.setup.parcels import check_parcels, parcel_contact
 
 
@@ -29,10 +31,15 @@ class ParticleSetup:
     table: Particles
     contact: Contact
 
+    @cached_property
+    def packs(self) -> tuple[PackSetup, ...]:
+        """The packs that the particles of the start lie in; () where positions are given."""
+        return packs_of(self.scene, self.table)
+
     @property
     def count(self) -> int:
-        """Number of particles at the start; a random pack, which takes seconds, is not laid out for it."""
-        return len(self.position) if self._random_pack is None else self.table.count or 0
+        """Number of particles at the start; a pack of a given number, which takes seconds, is not laid out for it."""
+        return sum(pack.count for pack in self.packs) if self.packs else len(self.position)
 
     @property
     def total(self) -> int:
@@ -46,18 +53,31 @@ class ParticleSetup:
         Raises:
             InputError: the pack cannot hold the particles, or the rows are wrong in shape or number.
         """
-        if self._random_pack is None:
-            return positions_of(self.scene, self.table)
-        return random_positions(self.scene, self._random_pack, np.broadcast_to(self.present.radius, self.count))
+        if self.packs:
+            return np.concatenate([pack.position for pack in self.packs])
+        count, dimension = self.table.count, self.scene.dimension
+        position = rows_of("particles.position", self.table.position, dimension, of_frame=True)
+        if position is None:
+            return np.zeros((0, dimension))  # all come through inlets
+        if count is not None and len(position) != count:
+            limit = f"there are {len(position)} positions"
+            raise InputError("particles.count", count, limit, "give as many positions as particles")
+        return position
 
     @cached_property
     def present(self) -> Bodies:
-        """Size, density and material of the particles at the start; those of a random pack have room in it."""
+        """Size, density and material of the particles at the start; those of a counted pack have room in it."""
+        if len(self.packs) > 1:
+            return joined([_each(pack.bodies, pack.count) for pack in self.packs])
+        if self.packs:
+            return self.packs[0].bodies
         names = tuple(material.name for material in self.scene.materials)
-        bodies = particle_bodies(self.table, names, self.count, self.scene.seed)
-        if self._random_pack is not None:
-            check_random_pack(self.scene, self._random_pack, np.broadcast_to(bodies.radius, self.count))
-        return bodies
+        return particle_bodies(self.table, names, self.count, self.scene.seed)
+
+    @property
+    def settles(self) -> bool:
+        """Whether the particles come to rest before the run begins."""
+        return any(pack.pack.kind == "settled" for pack in self.packs) and self.count > 0
 
     @cached_property
     def arrivals(self) -> tuple[Arrivals, ...]:
@@ -69,19 +89,17 @@ class ParticleSetup:
         """Size, density and material of all particles that there ever are."""
         if not self.arrivals:
             return self.present
-        present = Bodies(*(np.broadcast_to(column, self.count) for column in self.present))
-        return joined([present, *(coming.bodies for coming in self.arrivals)])
+        return joined([_each(self.present, self.count), *(coming.bodies for coming in self.arrivals)])
 
     @cached_property
     def materials(self) -> MaterialTable | None:
         """Constants of the materials; None where there is one only."""
         return material_table(self.scene)
 
-    @property
-    def _random_pack(self) -> Pack | None:
-        """The pack, if it is random and holds particles."""
-        pack = self.table.pack
-        return pack if pack is not None and pack.kind == "random" and self.table.count else None
+
+def _each(bodies: Bodies, count: int) -> Bodies:
+    """The same with numbers for every one of `count` particles."""
+    return Bodies(*(np.broadcast_to(column, count) for column in bodies))
 
 
 def particle_setup(scene: Scene) -> ParticleSetup | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jaxdem.errors import InputError
@@ -70,8 +72,7 @@ def _polygon(key: str, region: Region, box: Box) -> regions.Region:
 
 def _other(region: Region, box: Box) -> regions.Region:
     if region.start is not None and region.stop is not None:
-        ends = zip(region.start, region.stop, strict=True)
-        return regions.box(region.start, region.stop, [_goes_round(box, k, *sides) for k, sides in enumerate(ends)])
+        return box_space(region.start, region.stop, box)
     if region.center is not None:
         return regions.ball(region.center, region.radius or 0.0)
     base, axis, length = region.base or (), region.axis or (), region.length or 0.0
@@ -79,6 +80,12 @@ def _other(region: Region, box: Box) -> regions.Region:
     first = base[turned[0]] - (length if axis[turned[0]] < 0.0 else 0.0)
     wraps = len(turned) == 1 and _goes_round(box, turned[0], first, first + length)
     return regions.cylinder(base, axis, region.radius or 0.0, length, wraps)
+
+
+def box_space(start: Sequence[float], stop: Sequence[float], box: Box) -> regions.Region:
+    """The box start ... stop [m]; it goes round along periodic axes that it spans."""
+    ends = zip(start, stop, strict=True)
+    return regions.box(start, stop, [_goes_round(box, k, *sides) for k, sides in enumerate(ends)])
 
 
 def _goes_round(box: Box, axis: int, first: float, last: float) -> bool:

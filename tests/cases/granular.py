@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from jaxdem.particles.packing import random_pack
+from jaxdem.particles.regions import box
 from tests.cases.march import March
 from tests.cases.registry import Figure, absolute, at_least, case, relative
 
@@ -103,7 +104,7 @@ class Columns:
     def _poured(self, width: float, seed: int) -> tuple[np.ndarray, float]:
         """Centres of a loose random pack of this width [m], and its height [m]."""
         tall = self.area / LOOSE / width
-        position, placed = random_pack(np.zeros(2), np.array([width, tall]), self.radius, 1.0, seed)
+        position, placed = random_pack(box((0.0, 0.0), (width, tall)), self.radius, 1.0, seed)
         assert placed.all()
         return position, tall
 

@@ -82,7 +82,7 @@ def test_lattice_pack(stop, counts):
     """floor((L - 2 r) / spacing) + 1 a side, on a grid, inside the box, lowest first."""
     spacing = 2 * RADIUS * 1.02
     assert counts == tuple(int((length - 2 * RADIUS) / spacing) + 1 for length in stop)
-    points = packing.lattice_pack(np.zeros(len(stop)), np.array(stop), RADIUS, spacing, 0.0)
+    points = packing.lattice_pack(regions.box(np.zeros(len(stop)), stop), RADIUS, spacing, 0.0)
     assert len(points) == np.prod(counts)
     np.testing.assert_allclose(nearest(points), spacing, rtol=1e-12)
     assert points.min() >= RADIUS and (points <= np.array(stop) - RADIUS + 1e-12).all()
@@ -92,7 +92,7 @@ def test_lattice_pack(stop, counts):
 def test_packs_that_hold_nothing_are_empty():
     """A polygon or box too small for one particle."""
     assert packing.polygon_pack(0.04 * TRIANGLE, (1.0, 1.0), RADIUS, 0.041, 0.0).shape == (0, 2)
-    assert packing.lattice_pack(np.zeros(2), np.array([0.03, 1.0]), RADIUS, 0.041, 0.0).shape == (0, 2)
+    assert packing.lattice_pack(regions.box((0.0, 0.0), (0.03, 1.0)), RADIUS, 0.041, 0.0).shape == (0, 2)
 
 
 @pytest.mark.parametrize("periodic", [(False, False), (True, False), (True, True)])
@@ -141,23 +141,25 @@ def test_random_pack_has_no_overlaps(dimension, sizes):
     side = (unit * ((spacing * radius) ** dimension).sum() / (0.45, 0.25)[dimension - 2]) ** (1 / dimension)
     stop = start + side * np.array([1.25, 0.8, 1.0])[:dimension]
     np.testing.assert_allclose(
-        packing.random_solid_fraction(start, stop, radius, spacing), (0.45, 0.25)[dimension - 2], rtol=1e-12
+        packing.random_solid_fraction(regions.box(start, stop), radius, spacing),
+        (0.45, 0.25)[dimension - 2],
+        rtol=1e-12,
     )
-    position, placed = packing.random_pack(start, stop, radius, spacing, 3)
+    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 3)
     assert position.shape == (count, dimension)
     assert placed.all()
     assert closest(position, radius) >= spacing
     assert (position - radius[:, None] >= start).all() and (position + radius[:, None] <= stop).all()
-    again, _ = packing.random_pack(start, stop, radius, spacing, 3)
+    again, _ = packing.random_pack(regions.box(start, stop), radius, spacing, 3)
     np.testing.assert_array_equal(again, position)
-    other, _ = packing.random_pack(start, stop, radius, spacing, 4)
+    other, _ = packing.random_pack(regions.box(start, stop), radius, spacing, 4)
     assert np.abs(other - position).max() > RADIUS
 
 
 def test_random_pack_fills_the_box_evenly():
     """16 equal parts of the box hold the same share of 4,000 discs: within 4 of at most sqrt(250) each."""
     side = np.sqrt(4000 * np.pi * RADIUS**2 / 0.3)
-    position, _ = packing.random_pack(np.zeros(2), np.full(2, side), np.full(4000, RADIUS), 1.0, 7)
+    position, _ = packing.random_pack(regions.box(np.zeros(2), np.full(2, side)), np.full(4000, RADIUS), 1.0, 7)
     counts, _, _ = np.histogram2d(*position.T, bins=4, range=[[0, side]] * 2)
     assert np.abs(counts - 250).max() < 4 * np.sqrt(250)
 
@@ -182,17 +184,17 @@ def test_what_the_limit_promises_fits_into_boxes_of_few_diameters(width, fractio
     if width == 3 and fraction > 0.33:
         pytest.skip("narrower than five diameters")
     start, stop, radius, spacing = dense(count, fraction, width, width)
-    position, placed = packing.random_pack(start, stop, radius, spacing, 0)
+    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 0)
     assert placed.all()
     assert nearest_by_tree(position) >= 2 * RADIUS * spacing * (1 - 1e-12)
     assert (position - RADIUS >= start - 1e-15).all() and (position + RADIUS <= stop + 1e-15).all()
-    np.testing.assert_array_equal(packing.random_pack(start, stop, radius, spacing, 0)[0], position)
+    np.testing.assert_array_equal(packing.random_pack(regions.box(start, stop), radius, spacing, 0)[0], position)
 
 
 @pytest.mark.parametrize("width", [5, 13])
 def test_discs_reach_their_limit(width):
     start, stop, radius, spacing = dense(400, packing.REACHABLE[2], width)
-    position, placed = packing.random_pack(start, stop, radius, spacing, 0)
+    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 0)
     assert placed.all() and nearest_by_tree(position) >= 2 * RADIUS * spacing * (1 - 1e-12)
 
 
@@ -201,7 +203,7 @@ def test_a_pushed_pack_of_two_sizes_is_even_and_has_no_overlaps():
     start, stop, _, spacing = dense(1000, 0.5, 10, 10)
     radius = np.where(np.arange(1000) % 2, RADIUS, RADIUS / 3)
     stop[2] *= (radius**3).sum() / (1000 * RADIUS**3)
-    position, placed = packing.random_pack(start, stop, radius, spacing, 5)
+    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 5)
     assert placed.all() and closest(position, radius) >= spacing * (1 - 1e-12)
     parts, _ = np.histogramdd(position, bins=2, range=np.stack([start, stop], 1), weights=radius**3)
     np.testing.assert_allclose(parts / parts.mean(), 1.0, atol=0.1)
@@ -212,8 +214,8 @@ def test_random_pack_gives_up_beyond_jamming(monkeypatch):
     overlap."""
     monkeypatch.setattr(packing, "MOST_PUSHES", 100)
     start, stop, radius, _ = dense(200, 1.1, 12, spacing=1.0)
-    position, placed = packing.random_pack(start, stop, radius, 1.0, 1)
+    position, placed = packing.random_pack(regions.box(start, stop), radius, 1.0, 1)
     assert placed.sum() < 200
     assert placed.sum() < 2 or closest(position[placed], radius[placed]) >= 1.0
     # A particle larger than the box finds no room either.
-    assert not packing.random_pack(np.zeros(2), np.full(2, 0.01), radius[:1], 1.0, 1)[1].any()
+    assert not packing.random_pack(regions.box(np.zeros(2), np.full(2, 0.01)), radius[:1], 1.0, 1)[1].any()

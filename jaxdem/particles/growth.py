@@ -1,0 +1,135 @@
+"""Dense disordered packs: particles begin small at random places and grow, and push each other apart. Host, numpy.
+
+As in the compression of B. D. Lubachevsky, F. H. Stillinger, J. Stat. Phys. 60 (1990) 561, the radii grow from small
+ones; in place of collisions the overlaps are removed by minimising the sum of their squares, as in C. S. O'Hern, L. E.
+Silbert, A. J. Liu, S. R. Nagel, Phys. Rev. E 68 (2003) 011306, who find that equal spheres jam at 0.639 +- 0.003 and
+discs of two sizes at 0.842. The minimiser is FIRE: E. Bitzek et al., Phys. Rev. Lett. 97 (2006) 170201.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jaxdem.particles.packing import Seed, near_pairs
+from jaxdem.particles.regions import Region, into_period
+
+DISORDERED = {2: 0.84, 3: 0.64}
+"""Solid fraction above which equal discs or spheres have no disordered pack without overlaps."""
+
+STAGES, STEPS_OF_A_STAGE = 10, 100
+"""Of the growth to the full radii, evenly in solid fraction, and the most steps of the minimiser in each."""
+
+MOST_STEPS = 10_000
+"""Of the minimiser at the full radii, before a pack is given up."""
+
+MARGIN = 1e-5
+"""Part of a radius by which particles are pushed further than they must."""
+
+FIRST_STEP, LONGEST_STEP = 0.1, 0.4
+"""Of the minimiser, in units of mass and stiffness of a contact; twelve contacts are stable up to 0.57."""
+
+
+def grown_pack(region: Region, radius: np.ndarray, spacing: float, seed: Seed) -> tuple[np.ndarray, float]:
+    """Centres of particles that fill a region densely, and the part of their reach at which they do not overlap.
+
+    Args:
+        region: that holds the particles with their whole radius; along axes that it spans they are periodic.
+        radius: (N,) [m].
+        spacing: least distance of two centres over the sum of their radii [-].
+        seed: of the first positions.
+
+    Returns:
+        (N, D) centres; and the factor on all radii at which none overlaps: 1 where the pack was made.
+    """
+    generator = np.random.default_rng(seed)
+    position = _anywhere(region, len(radius), generator)
+    for stage in range(1, STAGES):
+        part = (stage / STAGES) ** (1.0 / region.dimension)
+        position, _ = _relaxed(region, position, part * radius, spacing, STEPS_OF_A_STAGE)
+    return _relaxed(region, position, radius, spacing, MOST_STEPS)
+
+
+def _anywhere(region: Region, count: int, generator: np.random.Generator) -> np.ndarray:
+    """(N, D) points that lie anywhere in a region."""
+    low, high = (np.asarray(corner) for corner in region.bounds)
+    found, missing = [np.zeros((0, region.dimension))], count
+    while missing > 0:
+        points = generator.uniform(low, high, (2 * missing, region.dimension))
+        found.append(points[region.inside(points)][:missing])
+        missing -= len(found[-1])
+    return np.concatenate(found)
+
+
+def _relaxed(
+    region: Region, position: np.ndarray, radius: np.ndarray, spacing: float, most: int
+) -> tuple[np.ndarray, float]:
+    """Centres after `most` steps of the minimiser, or as soon as nothing overlaps; and the part that has room."""
+    given, radius = radius, radius * (1.0 + MARGIN)
+    reach, skin = spacing * radius, 0.3 * spacing * float(radius.min())
+    unit = float(radius.mean())
+    velocity, step, mixing, downhill = np.zeros_like(position), FIRST_STEP, 0.1, 0
+    listed, pairs, part = None, np.zeros((0, 2), int), 0.0
+    for _ in range(most):
+        if listed is None or np.linalg.norm(position - listed, axis=1).max() > 0.5 * skin:
+            position = _into_periods(region, position)
+            listed, pairs = position.copy(), near_pairs(position, reach + 0.5 * skin, _periods(region))
+        force, part = _pushes(region, position, radius, reach, pairs)
+        if part >= 1.0 / (1.0 + MARGIN):
+            break
+        power = float(np.sum(force * velocity))
+        if power > 0.0:
+            downhill += 1
+            ahead = np.linalg.norm(velocity) / max(float(np.linalg.norm(force)), 1e-300 * unit)
+            velocity = (1.0 - mixing) * velocity + mixing * ahead * force
+            if downhill > 5:
+                step, mixing = min(1.1 * step, LONGEST_STEP), 0.99 * mixing
+        else:
+            velocity, step, mixing, downhill = np.zeros_like(position), 0.5 * step, 0.1, 0
+        velocity += step * force
+        position = position + step * velocity
+    position = _into_periods(region, position)
+    inside = bool(region.inside(position, given).all())
+    return position, min(part * (1.0 + MARGIN), 1.0) if inside else min(part, 1.0 - 1e-6)
+
+
+def _pushes(
+    region: Region, position: np.ndarray, radius: np.ndarray, reach: np.ndarray, pairs: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """(N, D) by how much each particle is pushed by its neighbours and by the boundary [m]; and the part that has room.
+
+    The part is the least distance of two centres over their reach, or of a centre from the boundary over its radius.
+    """
+    first, second = pairs.T
+    apart = position[first] - position[second]
+    periods = _periods(region)
+    wraps = periods > 0.0
+    apart[:, wraps] -= periods[wraps] * np.round(apart[:, wraps] / periods[wraps])
+    distance, wanted = np.sqrt(np.einsum("pd,pd->p", apart, apart)), reach[first] + reach[second]
+    part = float((distance / wanted).min(initial=1.0))
+    touching = distance < wanted
+    first, second, apart = first[touching], second[touching], apart[touching]
+    distance, wanted = distance[touching], wanted[touching]
+    push = ((wanted - distance) / np.maximum(distance, 1e-9 * wanted))[:, None] * apart
+    force = np.zeros_like(position)
+    for axis in range(region.dimension):
+        force[:, axis] += np.bincount(first, push[:, axis], len(position))
+        force[:, axis] -= np.bincount(second, push[:, axis], len(position))
+    depth = -region.signed_distance(position)
+    near = depth < radius
+    force[near] += region.kept(position[near], radius[near]) - position[near]
+    return force, min(part, float((depth[near] / radius[near]).min(initial=1.0)))
+
+
+def _periods(region: Region) -> np.ndarray:
+    """(D,) length of the region along axes that it spans, zero along the others [m]."""
+    low, high = (np.asarray(corner) for corner in region.bounds)
+    return np.where(region.wraps, high - low, 0.0)
+
+
+def _into_periods(region: Region, position: np.ndarray) -> np.ndarray:
+    """The same places within one period."""
+    if not any(region.wraps):
+        return position
+    low, periods = np.asarray(region.bounds[0]), _periods(region)
+    wrapped = low + into_period(position - low, np.where(periods > 0.0, periods, 1.0))
+    return np.where(periods > 0.0, wrapped, position)
