@@ -20,8 +20,8 @@ BELONGS = 1e-12
 """Part of the region's size by which a point may lie beyond the boundary and is inside: rounding, not a place."""
 
 ROUNDS = 8
-"""Moves by which a point is brought into a polygon. In a narrow corner it meets one edge after the other, and some of the
-way is left for the next time."""
+"""Moves by which a point is brought into a polygon. In a narrow corner it meets one edge after the other, and some of
+the way is left for the next time."""
 
 SAMPLES = 20_000
 """Points that tell whether two regions overlap."""
