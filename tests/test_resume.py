@@ -48,6 +48,12 @@ SCENE = {
     "coupling": {"drag": "koch_hill"},
     "time": {"end": 0.2, "output_interval": 0.02},
     "output": {"samples": 0.02, "checkpoint_interval": 0.0},
+    "probes": [
+        {"name": "in", "kind": "plane", "axis": "x", "at": 0.0, "interval": 0.01},
+        {"name": "out", "kind": "plane", "axis": "x", "at": 0.2, "interval": 0.05, "begin": 0.01},
+        {"name": "layers", "kind": "profile", "axis": "z", "cells": 3, "average": True, "interval": 0.05},
+        {"name": "jet", "kind": "point", "points": [[0.1, 0.04], [0.19, 0.1]], "average": True, "window": 0.01},
+    ],
 }
 INTERVALS, STOPPED_AT = 20, 9
 """The stop lies between two outputs, so that the sums since the last output must be in the checkpoint."""
@@ -152,6 +158,29 @@ def test_samples_agree_bit_for_bit(whole, resumed):
             assert np.asarray(ours[name]).tobytes() == np.asarray(theirs[name]).tobytes(), name
 
 
+def test_the_rows_of_probes_agree_bit_for_bit(whole, resumed):
+    """The stop lies within the time over which three of them average."""
+    assert list(whole.probes) == ["in", "out", "layers", "jet"]
+    for name in whole.probes:
+        file = f"probes/{name}.csv"
+        assert len(file_bytes(whole, file).splitlines()) == {"in": 21, "out": 4, "layers": 13, "jet": 21}[name]
+        assert file_bytes(whole, file) == file_bytes(resumed, file)
+
+
+def test_the_fluid_that_comes_in_goes_out(whole):
+    """The volume of the grains in the box is constant, and so is that of the fluid: 0.2 m/s through 0.08 m x 0.04 m."""
+    np.testing.assert_allclose(whole.probes["in"]["fluid_volume_flow"], 0.2 * 0.08 * 0.04, rtol=1e-5)
+    np.testing.assert_allclose(whole.probes["out"]["fluid_volume_flow"], 0.2 * 0.08 * 0.04, rtol=1e-4)
+    np.testing.assert_allclose(whole.probes["out"]["time"], [0.06, 0.11, 0.16])
+
+
+def test_slices_hold_all_grains(whole):
+    table = whole.probes["layers"]
+    grains, last = whole.particles(-1), table["time"] == 0.2
+    np.testing.assert_allclose(table["particles"][last].sum(), len(grains["radius"]), rtol=1e-3)
+    assert table["solid_fraction"][last][0] > table["solid_fraction"][last][2]
+
+
 def test_counts_go_on_over_the_stop(whole, resumed):
     assert resumed.summary["counts"] == whole.summary["counts"]
     assert resumed.summary["residuals"] == whole.summary["residuals"]
@@ -178,6 +207,8 @@ def test_an_exception_leaves_what_a_resume_needs(scene, whole, tmp_path, monkeyp
     assert load_run(out).number_of_frames == 7
     again = simulate(scene, out, resume=True)
     assert file_bytes(whole, "history.csv") == file_bytes(again, "history.csv")
+    for name in whole.probes:
+        assert file_bytes(whole, f"probes/{name}.csv") == file_bytes(again, f"probes/{name}.csv")
     assert_same_frames(whole, again)
 
 

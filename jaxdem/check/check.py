@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
+from jaxdem.check.probe_rows import probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.check.run_cost import RunCost, run_cost
 from jaxdem.check.unit_warnings import unit_warnings
@@ -63,6 +64,7 @@ class CheckReport:
         warnings: sentences on what looks like another unit, or seldom does what was meant.
         memory: estimates by name.
         population: what is known beforehand of particles that come and go, as (name, text).
+        probes: of each probe its name, and what it costs and writes.
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
     """
@@ -94,6 +96,7 @@ class CheckReport:
     warnings: tuple[str, ...]
     memory: dict[str, int]
     population: tuple[tuple[str, str], ...]
+    probes: tuple[tuple[str, str], ...]
     compiled_in: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -155,6 +158,7 @@ def check_scene(scene: Scene) -> CheckReport:
         warnings=(*unit_warnings(scene), *cautions(scene, bodies, spacing, load, cost)),
         memory=_memory(simulation, state, neighbors),
         population=population_rows(scene, simulation, state),
+        probes=probe_rows(case, state, neighbors),
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(case),

@@ -32,6 +32,7 @@ def render(report: CheckReport) -> Group:
         "Scene": _scene(report),
         "Time steps": _steps(report),
         "Resolution": _resolution(report),
+        "Probes": report.probes,
         "Engineering numbers": [(n.name, _number(n)) for n in report.numbers],
         "Wall time (estimate)": _wall_time(report),
         "Memory (estimate)": [(name, _size(number)) for name, number in report.memory.items()],

@@ -36,7 +36,12 @@ class Plane:
 
     @classmethod
     def across(
-        cls, axis: int, at: float, dimension: int, lower: tuple[float, ...] | None, upper: tuple[float, ...] | None
+        cls,
+        axis: int,
+        at: float,
+        dimension: int,
+        lower: tuple[float, ...] | None = None,
+        upper: tuple[float, ...] | None = None,
     ) -> Plane:
         """The plane normal to an axis at a coordinate [m]; the axis's direction is positive."""
         return cls(tuple(float(k == axis) for k in range(dimension)), at, axis, lower, upper)

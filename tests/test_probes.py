@@ -1,0 +1,168 @@
+"""Probes of a scene: their files, what a run with an inlet and an exit counts, wrong input, and their programs."""
+
+from __future__ import annotations
+
+import csv
+from functools import partial
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem.check.check import check_scene
+from jaxdem.errors import InputError
+from jaxdem.io.outputs import refuse_what_is_read
+from jaxdem.run import chunk
+from jaxdem.run.numbers import NO_NUMBERS, loop_numbers, with_numbers
+from jaxdem.run.observer import Observer
+from jaxdem.setup.builder import build_case
+
+SHEET = {
+    "seed": 2,
+    "precision": "float64",
+    "domain": {"size": [0.4, 0.3], "gravity": [0.0, 0.0]},
+    "particles": {
+        "radius": 0.01, "density": 2500.0, "position": [[0.35, 0.1]], "velocity": [[1.0, 0.0]],
+        "inlet": [{"start": [0.0, 0.0], "stop": [0.1, 0.3], "rate": 100.0, "total": 20, "velocity": [1.0, 0.1]}],
+    },
+    "contact": {"young_modulus": 1e6, "speed": 1.0},
+    "boundary": {"right": {"particles": "remove"}, "bottom": {"kind": "periodic"}},
+    "coupling": {"interval": 0.01},
+    "time": {"end": 0.5, "output_interval": 0.1},
+    "probes": [
+        {"name": "middle", "kind": "plane", "axis": "x", "at": 0.2},
+        {"name": "end", "kind": "plane", "axis": "x", "at": 0.4, "interval": 0.02, "begin": 0.04},
+        {"name": "seam", "kind": "plane", "axis": "z", "at": 0.0, "interval": 0.5},
+    ],
+}  # fmt: skip
+PLANE = SHEET["probes"][0]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return jaxdem.simulate(jaxdem.load_scene(SHEET), tmp_path_factory.mktemp("probes") / "run")
+
+
+def test_what_crossed_is_what_has_left_and_what_is_beyond(run):
+    """Grains come in before the plane and leave behind it: crossed = removed + beyond - beyond at the start."""
+    middle, end = run.probes["middle"], run.probes["end"]
+    for k, time in enumerate(middle["time"], start=1):
+        frame, removed = run.particles(k), run.history["removed"][k]
+        beyond = (frame["active"].astype(bool) & (frame["position"][:, 0] > 0.2)).sum()
+        assert time == run.times[k] and middle["number"][:k].sum() == removed + beyond - 1
+        assert end["number"][end["time"] <= time + 1e-9].sum() == removed
+    assert removed > 2 and middle["number"][-1] != 0
+    mass = 2500.0 * 4.0 / 3.0 * np.pi * 0.01**3
+    np.testing.assert_allclose(middle["mass_flow"], mass * middle["number"] / 0.1, rtol=1e-12)
+    np.testing.assert_allclose(middle["number_flow"], middle["number"] / 0.1, rtol=1e-12)
+    # They move at 1 m/s: the momentum that they carry is that of their mass.
+    np.testing.assert_allclose(middle["momentum_flow_x"], middle["mass_flow"], rtol=1e-9)
+    assert run.probes["seam"]["time"].tolist() == [0.5] and run.probes["seam"]["number"][0] > 0
+
+
+def test_files_are_read_in_one_line(run):
+    """By the csv module and by h5py as pandas reads them; both hold the same table, with units."""
+    for name in run.probes:
+        with open(run.path / "probes" / f"{name}.csv", newline="") as file:
+            rows = list(csv.DictReader(file))
+        table = h5py.File(run.path / "probes.h5")[name][:]
+        assert table.dtype.names == tuple(rows[0]) == tuple(run.probes[name])
+        for column in table.dtype.names:
+            np.testing.assert_array_equal(table[column], [float(row[column]) for row in rows])
+            np.testing.assert_array_equal(table[column], run.probes[name][column])
+    assert run.probes.units("middle") == {
+        "time": "s", "number": "-", "number_forward": "-", "number_flow": "1/s", "mass_flow": "kg/s",
+        "volume_flow": "m3/s", "momentum_flow_x": "N", "momentum_flow_z": "N",
+    }  # fmt: skip
+    assert "middle" in run.probes and len(run.probes) == 3
+    with pytest.raises(KeyError, match="the probes of this run are middle, end, seam"):
+        run.probes["inner"]
+
+
+def test_no_command_writes_over_them(run):
+    for name in ("probes/middle.csv", "probes.h5"):
+        with pytest.raises(InputError, match="is a file of a run"):
+            refuse_what_is_read("--out", run.path / name, [])
+
+
+def text_of(overrides):
+    """The program of a chunk, before it is compiled."""
+    case = build_case(jaxdem.load_scene({**SHEET, **overrides}))
+    state, neighbors = case.initial_state()
+    dtype = case.parameters.gravity.dtype
+    observer = Observer(case.probes)
+    observer.fit(state, neighbors, dtype)
+    program = jax.jit(partial(chunk.advance, with_numbers(case.simulation, NO_NUMBERS)))
+    given = (loop_numbers(case.simulation, dtype), case.parameters, state, neighbors, jnp.int32(1))
+    return program.lower(*given, observer.watch).as_text(), program.lower(*given).as_text()
+
+
+def test_probes_are_in_the_program_of_a_scene_that_has_some():
+    """Other places and times of theirs are no other program; without them the program is that of a scene without."""
+    with_one, without = text_of({"probes": [PLANE]})
+    assert len(with_one) > len(without)
+    assert with_one == text_of({"probes": [PLANE | {"at": 0.1, "interval": 0.2, "begin": 0.1, "window": 0.05}]})[0]
+    alone = text_of({"probes": []})
+    assert alone[0] == alone[1] == without
+
+
+def test_check_lists_probes():
+    report = check_scene(jaxdem.load_scene(SHEET))
+    assert dict(report.probes)["end"].startswith("plane, 23 rows")
+
+
+WRONG = {
+    "name": ({"name": "../a"}, "is the name of a file"),
+    "hidden": ({"name": ".a"}, "is the name of a file"),
+    "kind": ({"kind": "plan"}, "must be 'plane', 'profile' or 'point'"),
+    "no axis": ({"axis": "y"}, r"probes\.0\.axis = 'y': the box has no such axis"),
+    "outside": ({"at": 0.7}, "the plane must lie in the box, between 0 and 0.4 m"),
+    "nothing": ({"at": None, "axis": None}, "either axis and at, or normal and point"),
+    "both": ({"normal": [1.0, 0.0], "point": [0.1, 0.1]}, "either axis and at, or normal and point"),
+    "seam": ({"axis": None, "at": None, "normal": [0.0, 1.0], "point": [0.1, 0.1]}, "the same all along a periodic"),
+    "half": ({"from": 0.1}, "needs both from and to"),
+    "corners": ({"from": [0.1, 0.2], "to": [0.2, 0.3]}, "needs 1 numbers, got 2"),
+    "order": ({"from": 0.2, "to": 0.1}, "must be above from"),
+    "interval": ({"interval": 0.025}, r"interval = 0\.025: must be a multiple of the coupling interval, 0\.01 s"),
+    "short": ({"interval": 0.001}, r"Use, for example, 0\.01"),
+    "late": ({"begin": 0.45}, "the first row would be at begin"),
+    "window": ({"window": 0.2}, "is more than the interval of 0.1 s"),
+    "average": ({"average": False}, "flows through a plane are means over time"),
+    "keys": ({"points": [[0.1, 0.1]]}, "the keys of a probe of kind plane are"),
+    "unknown": ({"plane": 1.0}, "unknown key"),
+}
+
+
+@pytest.mark.parametrize("change", WRONG)
+def test_wrong_planes_are_refused(change):
+    given, match = WRONG[change]
+    probe = {key: value for key, value in (PLANE | given).items() if value is not None}
+    with pytest.raises(InputError, match=match) as caught:
+        build_case(jaxdem.load_scene({**SHEET, "probes": [probe]}))
+    assert caught.value.exit_code == 2 and str(caught.value).startswith("probes")
+
+
+PROFILE = {"name": "a", "kind": "profile"}
+
+
+@pytest.mark.parametrize(
+    ("probe", "match"),
+    [
+        (PROFILE, "needs either an axis, with cells or edges, or regions"),
+        (PROFILE | {"axis": "x"}, "needs either cells or edges"),
+        (PROFILE | {"axis": "x", "cells": 2, "edges": [0.0, 0.1]}, "needs either cells or edges"),
+        (PROFILE | {"axis": "x", "edges": [0.0, 0.2, 0.1]}, "must increase"),
+        (PROFILE | {"axis": "x", "edges": [0.0, 0.7]}, "must lie between 0 and 0.4 m"),
+        (PROFILE | {"regions": [[[0.0, 0.0], [0.7, 0.1]]]}, "must lie in the box"),
+        (PROFILE | {"axis": "x", "cells": 2, "window": 0.1}, "is for averages"),
+        ({"name": "a", "kind": "point"}, "is needed by kind = point"),
+        ({"name": "a", "kind": "point", "points": [[0.1, 0.1]]}, "the scene has none"),
+        ({"name": "MIDDLE", "kind": "plane", "axis": "x", "at": 0.1}, "is the name of another probe"),
+    ],
+)
+def test_wrong_probes_are_refused(probe, match):
+    with pytest.raises(InputError, match=match):
+        build_case(jaxdem.load_scene({**SHEET, "probes": [PLANE, probe]}))
