@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
+from jaxdem.check.packs import pack_rows
 from jaxdem.check.probe_rows import probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.check.run_cost import RunCost, run_cost
@@ -65,6 +66,7 @@ class CheckReport:
         memory: estimates by name.
         population: what is known beforehand of particles that come and go, as (name, text).
         probes: of each probe its name, and what it costs and writes.
+        packs: of the start, as (name, text).
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
     """
@@ -97,6 +99,7 @@ class CheckReport:
     memory: dict[str, int]
     population: tuple[tuple[str, str], ...]
     probes: tuple[tuple[str, str], ...]
+    packs: tuple[tuple[str, str], ...]
     compiled_in: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -159,6 +162,7 @@ def check_scene(scene: Scene) -> CheckReport:
         memory=_memory(simulation, state, neighbors),
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
+        packs=pack_rows(case.particles),
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(case),

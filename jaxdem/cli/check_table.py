@@ -73,6 +73,7 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
     if report.particles is not None:
         stands_for = f", parcels of {report.grains_per_parcel:.6g} grains each" if report.grains_per_parcel else ""
         yield "particles" if not report.population else "particles, all rows", f"{report.particles}{stands_for}"
+    yield from report.packs
     yield from report.population
     if report.cells is not None and report.spacing is not None:
         yield "mesh", f"{_times(report.cells)} cells of {_times(report.spacing)} m"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -173,7 +174,8 @@ def run(
     beside = _units_beside_a_refusal(description) if quiet else nullcontext()
     try:
         with beside, progress.simulated_time(quiet) as report:
-            result = simulate(description, out, resume=resume, progress=report, profile=profile)
+            settling = partial(report, note=" at most: particles settle before the run begins")
+            result = simulate(description, out, resume=resume, progress=report, profile=profile, settling=settling)
     except Interrupted as stop:
         hint = f"A checkpoint is in {out}. Continue with: {this_command(context, resume=True)}"
         terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)

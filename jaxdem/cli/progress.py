@@ -107,10 +107,10 @@ def _bar(unit: str, pattern: str, waiting: str, quiet: bool) -> Iterator[Callabl
 
 
 @contextmanager
-def simulated_time(quiet: bool = False) -> Iterator[Callable[[float, float], None]]:
-    """Progress of a run: a function of the simulated time and the end [s]."""
+def simulated_time(quiet: bool = False) -> Iterator[Callable[..., None]]:
+    """Progress of a run: a function of the simulated time, the end [s], and a note."""
     with _bar("s", "t = {:.4g} of {:g} s", "preparing and compiling", quiet) as report:
-        yield lambda time, end: report(time, end, "")
+        yield lambda time, end, note="": report(time, end, note)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 from jaxdem.closures.base import DragClosure
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.probes import Columns
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io.run_directory import CHECKPOINT, SCENE
 from jaxdem.run.observer import columns_of
 from jaxdem.run.restart import origin, require_same_parameters
 from jaxdem.run.samples import sample_attributes, samples_every
@@ -28,6 +28,7 @@ def simulate(
     resume: bool = False,
     progress: Progress | None = None,
     profile: bool = False,
+    settling: Progress | None = None,
     **extensions: Unpack[Extensions],
 ) -> Run:
     """Runs a scene to its end and writes the run directory.
@@ -41,6 +42,8 @@ def simulate(
         progress: called now and then, at every output at least.
         profile: compile fluid and particles apart and measure both in every interval, for `stages_s` of the summary;
             slower.
+        settling: called now and then while particles of a settled pack come to rest, with the time since they began to
+            fall and the longest that they may take [s].
         extensions: further parts in place of the scene's, see `jaxdem.build`.
 
     Returns:
@@ -59,7 +62,8 @@ def simulate(
         require_same_parameters(out, origin(scene.to_toml(), case.parameters))
         return load_run(out)
     every = samples_every(scene, case.simulation)
-    state, neighbors = case.initial_state()
+    begun = resume and (Path(out) / CHECKPOINT).is_file()
+    state, neighbors = case.unsettled_state() if begun else case.initial_state(settling)
     attributes = sample_attributes(case) if every else None
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
     columns = columns_of(case.probes)

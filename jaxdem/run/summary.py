@@ -78,6 +78,7 @@ def run_summary(
             "solver_iterations_max": totals.iterations,
         }
         | particle_counts(simulation, state),
+        **_pack_figures(case),
         **_inlet_figures(simulation, state, totals),
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
@@ -102,6 +103,13 @@ def _law_name(scene: Scene, parameters: Parameters) -> str | None:
     if isinstance(law, FixedClosure):
         return getattr(law.function, "__name__", type(law.function).__name__)
     return name if of_scene else type(law).__name__
+
+
+def _pack_figures(case: Case) -> dict[str, Any]:
+    """Number and solid fraction of every pack, before it settled; {} without."""
+    packs = () if case.particles is None else case.particles.packs
+    found = [{"kind": pack.pack.kind, "particles": pack.count, "solid_fraction": pack.solid_fraction} for pack in packs]
+    return {"packs": found} if found else {}
 
 
 def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class Pack(Section):
             1.01; of a grown pack 1 [-].
         jitter: largest random displacement over the (smallest) radius, of a polygon or lattice. Default: 0.005 [-].
         settling_time: longest time that a settled pack may take to come to rest. Default: the time of ten falls through
-            the box, and of 2,000 falls through a diameter [s].
+            the box, and of 200 falls through a diameter [s].
         radius: radius of the particles of this pack [m].
         distribution: distribution of their radii, in place of `radius`.
         density: density of the particles of this pack [kg/m3].
@@ -142,13 +142,18 @@ Packs = Annotated[
 """One table, or several."""
 
 
-def check_settling(packs: tuple[Pack, ...], gravity: tuple[float, ...]) -> None:
-    """Refuses a pack that should settle where nothing falls.
+def check_settling(packs: tuple[Pack, ...], gravity: tuple[float, ...], periodic: tuple[bool, ...]) -> None:
+    """Refuses a pack that should settle where nothing falls, or falls without end.
 
     Raises:
-        InputError: there is no gravity.
+        InputError: there is no gravity, or it has a component along a periodic axis.
     """
-    if any(pack.kind == "settled" for pack in packs) and not any(gravity):
+    if not any(pack.kind == "settled" for pack in packs):
+        return
+    remedy = 'or use kind = "random" or "grown"'
+    if not any(gravity):
         limit = "is zero, and the particles of a settled pack fall by it"
-        remedy = 'give a gravity, or use kind = "random" or "grown"'
-        raise InputError("domain.gravity", gravity, limit, remedy)
+        raise InputError("domain.gravity", gravity, limit, f"give a gravity, {remedy}")
+    if any(wraps and part != 0.0 for wraps, part in zip(periodic, gravity, strict=True)):
+        limit = "has a component along a periodic axis, along which the particles of a settled pack fall without end"
+        raise InputError("domain.gravity", gravity, limit, f"make that side a wall, {remedy}")

@@ -29,7 +29,8 @@ from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
 from jaxdem.setup.probes import scene_probes
-from jaxdem.setup.start import first_state
+from jaxdem.setup.settling import Progress, settled
+from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.time_steps import time_steps
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -64,11 +65,24 @@ class Case:
         return self.bodies if self.particles is None else self.bodies.scaled(1.0 / self.particles.table.coarse_grain)
 
     def first_state(self) -> tuple[State, Room | None]:
-        """See `jaxdem.setup.start.first_state`."""
+        """See `jaxdem.setup.start.first_state`; particles of a settled pack have not fallen yet."""
         return first_state(self.scene, self.particles, self.simulation, self.parameters)
 
-    def initial_state(self) -> tuple[State, Neighbors | None]:
-        """See `jaxdem.initial_state`."""
+    def initial_state(self, settling: Progress | None = None) -> tuple[State, Neighbors | None]:
+        """See `jaxdem.initial_state`; `settling` is called now and then while particles come to rest."""
+        state, neighbors = self.unsettled_state()
+        if neighbors is None or self.particles is None or not self.particles.settles:
+            return state, neighbors
+        settle = settled(self.particles, self.simulation, self.parameters, settling)
+        state, neighbors = settle(state, neighbors)
+        coupling, fluid = self.simulation.coupling, state.fluid
+        if coupling is not None and fluid is not None and state.particles is not None:
+            void_fraction = initial_void_fraction(coupling, self.parameters.mixture.bodies, state.particles)
+            state = state._replace(fluid=fluid._replace(void_fraction=void_fraction))
+        return state, neighbors
+
+    def unsettled_state(self) -> tuple[State, Neighbors | None]:
+        """The same before particles of a settled pack have fallen: all shapes are those of a state."""
         state, room = self.first_state()
         if room is None or state.particles is None:
             return state, None
@@ -96,14 +110,15 @@ def build(
 
 
 def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[State, Neighbors | None]:
-    """The state that a scene starts from, and its neighbour list.
+    """The state that a scene starts from, and its neighbour list. Particles of a settled pack come to rest in it.
 
     Args:
         scene: from `jaxdem.load_scene`.
         simulation, parameters: from `jaxdem.build`.
 
     Raises:
-        InputError: particles overlap each other or a wall, lie outside the box, or do not fit into their pack.
+        InputError: particles overlap each other or a wall, lie outside the box, do not fit into their pack, or do not
+            come to rest.
     """
     return Case(scene, particle_setup(scene), simulation, parameters).initial_state()
 

@@ -53,7 +53,7 @@ def first_state(
     if simulation.fluid is not None:
         solver, void_fraction = simulation.fluid.solver, None
         if simulation.coupling is not None and state is not None:
-            void_fraction = _void_fraction(simulation.coupling, parameters.mixture.bodies, state)
+            void_fraction = initial_void_fraction(simulation.coupling, parameters.mixture.bodies, state)
         velocity = fluid_velocity(scene)
         faces = tuple(_full(solver.grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
         gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
@@ -115,7 +115,7 @@ def _with_memory(
     )
 
 
-def _void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:
+def initial_void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:
     """Void fraction of the cells, on the host.
 
     Raises:
