@@ -155,6 +155,8 @@ def test_one_large_grain_among_small_ones_is_dear_and_said_so():
     dear, one_law = cautions(scene, particle_setup(scene).bodies, None, None, cost)
     assert "particles.radius" in dear and "893" in dear
     assert "coupling.drag = 'wen_yu'" in one_law and "1 : 50" in one_law
+    dry = scene.model_copy(update={"fluid": None})
+    assert list(cautions(dry, particle_setup(scene).bodies, None, None, cost)) == [dear]
 
 
 def test_cells_under_a_diameter_are_said():

@@ -64,7 +64,7 @@ def _sizes(scene: Scene, smallest: float, largest: float, cost: RunCost) -> Iter
             f"contact step costs about {cost.over_equal:.2g} times as much as with equal grains. Use sizes that "
             f"differ less, or a wall in place of the largest grains."
         )
-    if scene.coupling is not None and ratio > UNEQUAL:
+    if scene.fluid is not None and scene.coupling is not None and ratio > UNEQUAL:
         law = "the closure" if scene.closure.file is not None else f"coupling.drag = {scene.coupling.drag!r}"
         yield (
             f"{law}: this is a drag law for equal grains, but the diameters are 1 : {ratio:.3g}. In a dense mixture "
