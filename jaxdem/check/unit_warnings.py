@@ -86,6 +86,10 @@ def _densities(scene: Scene) -> Iterator[str]:
     found: list[tuple[str, float]] = []
     if scene.particles is not None:
         given = [(f"particles.species.{k}.density", s.density) for k, s in enumerate(scene.particles.species)]
+        for k, pack in enumerate(scene.particles.packs):
+            key = scene.particles.pack_key(k)
+            given.append((f"{key}.density", pack.density))
+            given += [(f"{key}.species.{j}.density", s.density) for j, s in enumerate(pack.species or ())]
         if scene.particles.density is not None:
             densities = column("particles.density", scene.particles.density)
             given += [
