@@ -29,9 +29,11 @@ def drawn(axes, case, position, title):
         position = np.column_stack([np.mod(position[:, 0], width), position[:, 1]])
     for k in range(len(counts)):
         rows = owner == k
-        size = 2.0 * MM * radius[rows]
+        shift = (-width, 0.0, width) if case.scene.periodic[0] else (0.0,)  # discs that cross a periodic side
+        places = np.concatenate([position[rows] + (along, 0.0) for along in shift])
+        size = np.tile(2.0 * MM * radius[rows], len(shift))
         discs = EllipseCollection(
-            size, size, np.zeros(len(size)), units="xy", offsets=MM * position[rows], transOffset=axes.transData,
+            size, size, np.zeros(len(size)), units="xy", offsets=MM * places, transOffset=axes.transData,
             facecolors=COLORS[k], edgecolors="white", linewidths=0.2,
         )  # fmt: skip
         axes.add_collection(discs)
@@ -57,7 +59,7 @@ def main() -> None:
     rested = build_case(jaxdem.load_scene(tables))
     state, _ = rested.initial_state()
     drawn(right, rested, np.asarray(state.particles.position), "a settled pack at time 0")
-    figure.savefig(ROOT / "docs" / "pictures" / "packs.png", dpi=110)
+    figure.savefig(ROOT / "docs" / "pictures" / "packs.png", dpi=90)
 
 
 if __name__ == "__main__":
