@@ -19,7 +19,7 @@ FLOORS = (
     {"errors", "version", "numerics"},
     {"files", "metrics"},
     {"particles", "fluid", "closures", "io"},
-    {"coupling"},
+    {"coupling", "particle_files"},
     {"state"},
     {"structure"},
     {"step", "failures", "observables"},

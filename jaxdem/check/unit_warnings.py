@@ -90,8 +90,8 @@ def _densities(scene: Scene) -> Iterator[str]:
             key = scene.particles.pack_key(k)
             given.append((f"{key}.density", pack.density))
             given += [(f"{key}.species.{j}.density", s.density) for j, s in enumerate(pack.species or ())]
-        if scene.particles.density is not None:
-            densities = column("particles.density", scene.particles.density)
+        if scene.particles.own("density") is not None:
+            densities = column("particles.density", scene.particles.own("density"))
             given += [
                 ("particles.density", float(densities.min())),
                 ("particles.density", float(densities.max())),

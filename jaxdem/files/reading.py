@@ -154,10 +154,19 @@ def read_arrays(path: Name) -> dict[str, np.ndarray]:
 
     Raises:
         OSError: as `read_bytes`.
+        ValueError: as `parse_arrays`.
+    """
+    return parse_arrays(read_bytes(path, TABLE_BYTES))
+
+
+def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
+    """The arrays of the content of an .npz file by name.
+
+    Raises:
         ValueError: it is not such a file, or unpacks to more than `TABLE_BYTES`.
     """
     try:
-        with zipfile.ZipFile(io.BytesIO(read_bytes(path, TABLE_BYTES))) as archive:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
             total = sum(entry.file_size for entry in archive.infolist())
             if total > TABLE_BYTES:
                 raise ValueError(f"it unpacks to {total} bytes, the limit is {TABLE_BYTES}")

@@ -29,10 +29,7 @@ Tree = TypeVar("Tree")
 COLUMN_MARGIN = 8
 """A column of the search's table has room for all particles at most when it is made; it grows with the list."""
 
-OTHER_INPUTS = (
-    "another closure, of drag or of the subgrid stress, or other sizes or densities of particles, than their files "
-    "hold now"
-)
+OTHER_INPUTS = "another closure, of drag or of the subgrid stress, or other particles, than their files hold now"
 
 
 def to_arrays(state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> dict[str, np.ndarray]:
@@ -84,15 +81,16 @@ def from_arrays(
     return state, neighbors, extra
 
 
-def origin(scene_toml: str, parameters: Parameters) -> dict[str, str]:
+def origin(scene_toml: str, parameters: Parameters, content: str = "") -> dict[str, str]:
     """What a checkpoint belongs to, as attributes of it.
 
     Args:
         scene_toml: the scene, as it writes itself; in which folders its closures lie does not count.
         parameters: that go with it; they hold what the scene only names, the weights of a closure and the sizes
             in a file.
+        content: fingerprint of the files of the first state, `Scene.content`.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(content.encode())
     for name, array in sorted(_named("parameters", parameters).items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
     scene = json.dumps(scene_text.without_folders(tomllib.loads(scene_toml)), sort_keys=True)

@@ -59,7 +59,7 @@ def simulate(
         RunDirectory.require_same_scene(out, scene.to_toml(), scene.defaults())
     case = build_case(scene, closure, **extensions)
     if complete:
-        require_same_parameters(out, origin(scene.to_toml(), case.parameters))
+        require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))
         return load_run(out)
     every = samples_every(scene, case.simulation)
     begun = resume and (Path(out) / CHECKPOINT).is_file()
@@ -95,6 +95,6 @@ def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run
         InputError, RunError, Interrupted: see `simulate`.
     """
     if RunDirectory.is_complete(out):
-        require_same_parameters(out, origin(scene.to_toml(), build(scene)[1]))
+        require_same_parameters(out, origin(scene.to_toml(), build(scene)[1], scene.content))
         return load_run(out)
     return simulate(scene, out, resume=(out / SCENE).is_file(), progress=begin())

@@ -270,7 +270,7 @@ class TimeLoop:
             self.directory.write_checkpoint(arrays, attributes)
 
     def _origin(self) -> dict[str, str]:
-        return origin(self.case.scene.to_toml(), self.parameters)
+        return origin(self.case.scene.to_toml(), self.parameters, self.case.scene.content)
 
     def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
         return run_summary(self.case, self.instant, self.totals, valid, reason, split_stages)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tables, wrong
+from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Tables, wrong
 from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.materials import Mixture, Species
 from jaxdem.scene.packs import Pack, Packs
+from jaxdem.scene.particle_file import StartOfFile
+
+if TYPE_CHECKING:
+    import numpy as np
 
 PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
 
 
-class Particles(Section):
+class Particles(StartOfFile):
     """The particles: spheres; in 2-D discs with the mass and inertia of a sphere.
 
     Attributes:
@@ -29,7 +33,9 @@ class Particles(Section):
         density: density of all particles, one number per particle, or the name of a file with one per particle [kg/m3].
         material: name of one of `[[materials]]`, or one name per particle. Only in a scene with `[[materials]]`.
         species: kinds of particles with their own radius, density or material, mixed at random with the seed.
-        pack: arrangement at the start, one table or several. Give either this or `position`.
+        file: name of a file with named columns for the particles at the start, or a table with more keys. What the file
+            has a column for cannot be given by another key too.
+        pack: arrangement at the start, one table or several. Give one of this, `position` and `file`.
         position: centres of the particles, as rows or as the name of a file (.npy or text) of rows. The first row of a
             text file may name the columns. In 2-D also in the form of a run's frames, (x, z, 0) [m].
         velocity: velocities at the start, as rows or as the name of a file of rows, in the same forms. Default: at
@@ -82,6 +88,8 @@ class Particles(Section):
         given = {"radius": self.radius} | {f"species.{k}.radius": one.radius for k, one in enumerate(self.species)}
         check_no_radius(self.distribution, given)
         for name, value in (("radius", self.radius), ("density", self.density)):
+            if self.has_column(name):
+                continue
             if value is None and not self.species and not self._packs_give(name) and not self._is_drawn(name):
                 raise wrong(name, None, "is missing", "add this key to the scene")
             if isinstance(value, str):
@@ -98,16 +106,14 @@ class Particles(Section):
 
     @model_validator(mode="after")
     def _one_start(self) -> Particles:
-        ways = [name for name in ("pack", "position") if getattr(self, name) is not None]
+        ways = [name for name in ("pack", "position", "file") if getattr(self, name) is not None]
         if self.count and not ways and self.inlet:
-            limit = (
-                "is the number of particles at the start, but neither particles.pack nor particles.position is given"
-            )
+            limit = "is the number of particles at the start, but none of particles.pack, .position and .file is given"
             remedy = "add one of these, or remove particles.count, which does not count the particles of inlets"
             raise wrong("count", self.count, limit, remedy)
         if len(ways) != 1 and self.count != 0 and (ways or not self.inlet):
-            remedy = "give one of particles.pack and particles.position"
-            raise wrong("pack", ways, "the start needs either a pack or positions", remedy)
+            remedy = "give one of particles.pack, particles.position and particles.file"
+            raise wrong("pack", ways, "the start needs either a pack, positions or a file", remedy)
         return self
 
     @model_validator(mode="after")
@@ -144,8 +150,8 @@ class Particles(Section):
     def _species_are_whole(self, info: ValidationInfo) -> Particles:
         """Every species has a radius, a density and, where there are materials, one of them."""
         materials = (info.context or {}).get("materials", ())
-        starts = (self.packs and not self._packs_give("material")) or self.position is not None
-        if materials and not self.species and not self.material and starts:
+        starts = (self.packs and not self._packs_give("material")) or (self.position, self.file) != (None, None)
+        if materials and not self.species and not self.own_materials(materials) and starts:
             raise wrong(
                 "material", None, "is missing, but the scene has [[materials]]", f"known: {', '.join(materials)}"
             )
@@ -205,11 +211,11 @@ def _radii_of(particles: Particles) -> tuple[float, float]:
     sizes = [one.radius for one in particles.species if one.radius is not None]
     if len(sizes) < len(particles.species) or not sizes:
         drawn = particles.distribution
-        sizes += _column("particles.radius", particles.radius) if drawn is None else list(drawn.bounds)
+        sizes += _column("particles.radius", particles.own("radius")) if drawn is None else list(drawn.bounds)
     return min(sizes), max(sizes)
 
 
-def _column(key: str, value: float | tuple[float, ...] | str | None) -> list[float]:
+def _column(key: str, value: float | tuple[float, ...] | str | np.ndarray | None) -> list[float]:
     """See `sizes.column`. It needs NumPy, which other scenes, and a look at the keys, do without."""
     from jaxdem.scene.sizes import column
 
@@ -228,6 +234,6 @@ def largest_arrival(particles: Particles, inlet: ParticleInlet) -> float:
 
 def largest_radius(particles: Particles) -> float:
     """Largest radius of all particles that there ever are, parcels or grains [m]."""
-    given = (particles.radius, particles.distribution) != (None, None) or particles.species or particles.packs
+    given = particles.own("radius") is not None or particles.distribution or particles.species or particles.packs
     sizes = [radius_range(particles)[1]] if given else []
     return max(sizes + [largest_arrival(particles, inlet) for inlet in particles.inlet])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ FILE_KEYS = (
     ("particles", "position"),
     ("particles", "velocity"),
     ("particles", "angular_velocity"),
+    ("particles", "file"),
     ("closure", "file"),
     ("fluid", "subgrid"),
 )
@@ -68,8 +70,18 @@ def _context(tables: dict[str, Any]) -> dict[str, Any]:
 
 def named_files(tables: dict[str, Any]) -> list[str]:
     """Files that the tables of a scene name."""
-    values = [tables[table].get(key) for table, key in FILE_KEYS if tables.get(table)]
+    values = [holder.get(key) for holder, key, _ in _file_keys(tables)]
     return [value for value in values if isinstance(value, str)]
+
+
+def _file_keys(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str]]:
+    """Table, key and dotted key of everything that may name a file; where a table may stand for it, its key `name`."""
+    for table, key in FILE_KEYS:
+        holder = tables.get(table)
+        if isinstance(holder, dict) and isinstance(holder.get(key), dict):
+            yield holder[key], "name", f"{table}.{key}.name"
+        elif isinstance(holder, dict):
+            yield holder, key, f"{table}.{key}"
 
 
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
@@ -141,14 +153,13 @@ def _set(tables: dict[str, Any], key: str, value: Any) -> None:
 def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
     """File names in a scene are relative to it; the scene as run holds absolute ones."""
     tables = _copy(tables)
-    for table, key in FILE_KEYS:
-        holder = tables.get(table)
-        if isinstance(holder, dict) and isinstance(holder.get(key), str):
+    for holder, key, dotted in _file_keys(tables):
+        if isinstance(holder.get(key), str):
             try:
                 holder[key] = str((folder / holder[key]).resolve())
             except (OSError, ValueError, RuntimeError) as error:
                 limit = f"cannot be the name of a file ({error})"
-                raise InputError(f"{table}.{key}", holder[key], limit, "correct the name") from None
+                raise InputError(dotted, holder[key], limit, "correct the name") from None
     return tables
 
 

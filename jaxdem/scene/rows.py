@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxdem.errors import InputError, cut
 from jaxdem.files.reading import TABLE_BYTES, parse_array, read_bytes, read_text
+from jaxdem.files.text_table import fields_of, lines_of, number_of
 
 AXES = {2: "xz", 3: "xyz"}
 UNITS = {"position": "m", "velocity": "m/s", "angular_velocity": "rad/s", "radius": "m", "density": "kg/m3"}
@@ -94,13 +95,9 @@ def _read_rows(key: str, name: str, width: int, of_frame: bool) -> np.ndarray:
 
 def _parsed(key: str, name: str, text: str, width: int, of_frame: bool) -> np.ndarray:
     """Rows of a text: comments begin with #, blank lines do not count, a row of names may come first."""
-    lines = [
-        (number, line)
-        for number, whole in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1)
-        if (line := whole.partition("#")[0].strip())
-    ]
-    if lines and (_is_header(lines[0][1]) or all(_number(field) is not None for field in _fields(lines[0][1]))):
-        width = _columns(len(_fields(lines[0][1])), width, of_frame)
+    lines = lines_of(text, "#")
+    if lines and (_is_header(lines[0][1]) or all(number_of(field) is not None for field in fields_of(lines[0][1]))):
+        width = _columns(len(fields_of(lines[0][1])), width, of_frame)
     order: Sequence[int] = range(width)
     if lines and _is_header(lines[0][1]):
         number, line = lines.pop(0)
@@ -111,18 +108,14 @@ def _parsed(key: str, name: str, text: str, width: int, of_frame: bool) -> np.nd
     return _checked(key, numbers, width, lambda row: f"line {lines[row][0]} of {name}", name)[:, order]
 
 
-def _fields(line: str) -> list[str]:
-    return [field.strip() for field in line.split(",")] if "," in line else line.split()
-
-
 def _is_header(line: str) -> bool:
     """Whether a line is a row of names; one with a number, or with what begins as one, is not."""
-    return not any(_number(field) is not None or field.startswith(tuple(BEGINS_NUMBER)) for field in _fields(line))
+    return not any(number_of(field) is not None or field.startswith(tuple(BEGINS_NUMBER)) for field in fields_of(line))
 
 
 def _order(key: str, place: str, line: str, width: int) -> list[int]:
     """In which column each number of a row stands, from the names of the columns."""
-    found = [_plain_name(field, UNITS[_last(key)]) for field in _fields(line)]
+    found = [_plain_name(field, UNITS[_last(key)]) for field in fields_of(line)]
     order = []
     for names in _names(key, width):
         columns = [column for column, name in enumerate(found) if name in names]
@@ -137,8 +130,8 @@ def _order(key: str, place: str, line: str, width: int) -> list[int]:
 
 
 def _numbers(key: str, place: str, line: str, width: int) -> list[float]:
-    fields = _fields(line)
-    values = [_number(field) for field in fields]
+    fields = fields_of(line)
+    values = [number_of(field) for field in fields]
     shown = cut(repr(line), 100)
     if None in values:
         column = values.index(None)
@@ -150,16 +143,6 @@ def _numbers(key: str, place: str, line: str, width: int) -> list[float]:
         limit = f"{shown} has {len(values)} column(s), a row needs {_expected(key, width)}"
         raise InputError(key, place, limit, "keep the columns that are needed, in this order")
     return values  # type: ignore[return-value]
-
-
-def _number(text: str) -> float | None:
-    """The number that a text is; Python would take 1_000 and the digits of other scripts too."""
-    if "_" in text or not text.isascii():
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 def _last(key: str) -> str:

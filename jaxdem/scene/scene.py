@@ -90,6 +90,11 @@ class Scene(Section):
             return False
         return bool(self.particles.inlet) or any(side.particles == "remove" for side in self.boundary.values())
 
+    @property
+    def content(self) -> str:
+        """A fingerprint of the files that the first state is read from and that are not in the parameters."""
+        return "" if self.particles is None or self.particles.file is None else self.particles.file.digest()
+
     @field_validator("boundary", mode="before")
     @classmethod
     def _known_sides(cls, sides: object, info: ValidationInfo) -> object:

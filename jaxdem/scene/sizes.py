@@ -10,7 +10,7 @@ from jaxdem.errors import InputError
 from jaxdem.scene.rows import given_rows
 
 
-def column(key: str, value: float | Sequence[float] | str | None, count: int | None = None) -> np.ndarray:
+def column(key: str, value: float | Sequence[float] | np.ndarray | str | None, count: int | None = None) -> np.ndarray:
     """() for one number, else one per particle, from a list or a file.
 
     Args:
@@ -24,6 +24,6 @@ def column(key: str, value: float | Sequence[float] | str | None, count: int | N
             row = int(np.argmin(rows > 0.0))
             raise InputError(key, float(rows[row]), f"row {row} of {value} must be positive", "correct the number")
         value = tuple(rows.tolist())
-    if count is not None and isinstance(value, tuple) and len(value) != count:
+    if count is not None and isinstance(value, tuple | np.ndarray) and len(value) != count:
         raise InputError(key, f"{len(value)} numbers", f"there are {count} particles", f"give one number or {count}")
     return np.asarray(value, float)

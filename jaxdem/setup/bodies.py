@@ -65,7 +65,7 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
         kind = kind if count else np.zeros(1, int)  # no particle at all: the numbers of any species
         mixed = species_bodies(particles.species, particles, names, kind, drawn)
         return collapsed(mixed.scaled(particles.coarse_grain))
-    material = particles.material
+    material = particles.own_materials(names)
     if isinstance(material, tuple):
         if len(material) != count:
             raise InputError(
@@ -75,8 +75,8 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
         numbers = np.asarray([names.index(name) for name in material], np.int32)
     else:
         numbers = np.asarray(names.index(material) if names and material else 0, np.int32)
-    radius = column("particles.radius", particles.radius, count) if drawn is None else drawn
-    density = column("particles.density", particles.density, count)
+    radius = column("particles.radius", particles.own("radius"), count) if drawn is None else drawn
+    density = column("particles.density", particles.own("density"), count)
     return Bodies(radius, density, numbers).scaled(particles.coarse_grain)
 
 

@@ -45,7 +45,7 @@ class Overlap(NamedTuple):
 
     def remedy(self, move: str) -> str:
         """What to do about a deeper one."""
-        return f"{move}, {DEEPER}" if self.key == "particles.position" else "change the pack"
+        return f"{move}, {DEEPER}" if self.key != "particles.pack" else "change the pack"
 
     def __str__(self) -> str:
         return f"the limit is {100 * self.part:.3g} %{self.reason}"
@@ -57,12 +57,13 @@ LEAST_OVERLAP = Overlap()
 
 def allowed_overlap(particles: ParticleSetup, steps: TimeSteps) -> Overlap:
     """The overlap that is accepted at the start: that of an impact at the expected speed where positions are given."""
-    if particles.table.position is None:
+    if particles.table.position is None and particles.table.file is None:
         return Overlap(key="particles.pack")
+    key = "particles.position" if particles.table.file is None else "particles.file"
     speed, overlap = steps.expected_speed, steps.expected_overlap
     if speed is None or overlap is None or overlap <= INSERTION_OVERLAP:
-        return LEAST_OVERLAP
-    return Overlap(overlap, f", the overlap expected at contact.speed = {speed:.3g} m/s")
+        return LEAST_OVERLAP._replace(key=key)
+    return Overlap(overlap, f", the overlap expected at contact.speed = {speed:.3g} m/s", key)
 
 
 def check_initial_positions(particles: ParticleSetup, allowed: Overlap = LEAST_OVERLAP) -> None:

@@ -56,12 +56,15 @@ class ParticleSetup:
         if self.packs:
             return np.concatenate([pack.position for pack in self.packs])
         count, dimension = self.table.count, self.scene.dimension
-        position = rows_of("particles.position", self.table.position, dimension, of_frame=True)
+        position = rows_of("particles.position", self.table.rows("position", dimension), dimension, of_frame=True)
         if position is None:
             return np.zeros((0, dimension))  # all come through inlets
         if count is not None and len(position) != count:
             limit = f"there are {len(position)} positions"
             raise InputError("particles.count", count, limit, "give as many positions as particles")
+        if self.table.file is not None:  # programs let particles stand outside along periodic axes
+            size = np.asarray(self.scene.domain.size)
+            position = np.where(self.scene.periodic, position - size * np.floor(position / size), position)
         return position
 
     @cached_property

@@ -86,8 +86,8 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
     return ParticleState(
         position=on_device(leading, dtype),
         position_low=on_device(position - leading, dtype) if single else None,
-        velocity=rows("velocity", table.velocity, dimension),
-        angular_velocity=rows("angular_velocity", table.angular_velocity, turning),
+        velocity=rows("velocity", table.rows("velocity", dimension), dimension),
+        angular_velocity=rows("angular_velocity", table.rows("angular_velocity", dimension), turning),
         contact_spring=(),
         wall_spring=(),
         contact_force=_full((count, dimension), 0.0, dtype),

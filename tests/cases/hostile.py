@@ -10,6 +10,7 @@ import copy
 import datetime
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
 import jax
@@ -184,6 +185,18 @@ ROWS: Tables = {
 }
 """Grains with positions."""
 
+COLUMNS: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {
+        "density": 2650.0,
+        "file": {"name": str(Path(__file__).parents[1] / "data" / "grains.csv"), "translate": [0.0, 0.01],
+                 "types": {"1": "hard", "2": "soft"}, "ignore": ["id"]},
+    },
+    "materials": [{"name": "hard"}, {"name": "soft", "young_modulus": 1e6}],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Grains from a file with named columns."""
+
 SIZES: Tables = {
     "domain": {"size": [0.2, 0.2]},
     "particles": {
@@ -201,7 +214,15 @@ SIZES: Tables = {
 }  # fmt: skip
 """Grains of sizes by distributions, in a pack and through an inlet."""
 
-BASES = {"coupled": COUPLED, "grains": GRAINS, "stream": STREAM, "random": RANDOM, "rows": ROWS, "sizes": SIZES}
+BASES = {
+    "coupled": COUPLED,
+    "grains": GRAINS,
+    "stream": STREAM,
+    "random": RANDOM,
+    "rows": ROWS,
+    "columns": COLUMNS,
+    "sizes": SIZES,
+}
 
 MISSING = object()
 
