@@ -8,13 +8,14 @@ the distances to the shapes that do not hold the point add up as the sides of a 
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+
+from jaxdem.numerics.static import static
 
 BELONGS = 1e-12
 """Part of the region's size by which a point may lie beyond the boundary and is inside: rounding, not a place."""
@@ -47,7 +48,7 @@ class Shape(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Interval:
     """A part of a line, low ... high [m]. One that `wraps` is a whole period: it has no ends."""
 
@@ -74,7 +75,7 @@ class Interval:
         return np.clip(points, self.low + margin, self.high - margin)
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Ball:
     """A disc, or in 3-D a ball: its center (d,) and radius [m]."""
 
@@ -97,7 +98,7 @@ class Ball:
         return self.center + np.minimum(reach, 1.0)[:, None] * away
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Polygon:
     """A polygon whose edges do not cross: its corners in order [m]; either sense."""
 
@@ -151,7 +152,7 @@ def _crosses(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return spans & (points[:, 0] < (b[0] - a[0]) * (points[:, 1] - a[1]) / rise + a[0])
 
 
-@dataclasses.dataclass(frozen=True)
+@static
 class Region:
     """A part of the plane or of space.
 
