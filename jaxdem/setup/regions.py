@@ -59,6 +59,9 @@ def _polygon(key: str, region: Region, box: Box) -> regions.Region:
         a, b = (f"that from {vertices[k]} to {vertices[(k + 1) % len(vertices)]}" for k in crossing)
         remedy = "give the corners in their order along the boundary"
         raise InputError(f"{key}.vertices", vertices, f"two edges meet, {a} and {b}", remedy)
+    size = np.ptp(np.asarray(vertices), axis=0)
+    if regions.polygon(vertices, None).volume <= WHOLE * float(size @ size):
+        raise InputError(f"{key}.vertices", vertices, "the corners lie on one line", "give corners around an area")
     if len(box.size) == 2:
         for name, value in (("from", region.from_), ("to", region.to)):
             if value is not None:

@@ -84,6 +84,10 @@ def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
     """Refuses a pack that certainly cannot hold particles of these radii, (N,) [m]."""
     table, space = pack.pack, pack.space
     fraction = packing.random_solid_fraction(space, radius, table.gap)
+    sides = np.where(space.wraps, np.inf, np.subtract(*space.bounds[::-1]))
+    if 2.0 * float(radius.max()) > sides.min():
+        limit = f"a particle of radius {radius.max():.4g} m does not fit into the region, {sides.min():.4g} m wide"
+        raise InputError(pack.count_key, table.solid_fraction or len(radius), limit, "enlarge the region")
     if table.kind == "grown":
         equal = float(radius.max() / radius.min()) <= ALIKE
         largest = (growth.DISORDERED if equal else DENSEST)[space.dimension]

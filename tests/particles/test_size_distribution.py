@@ -126,7 +126,7 @@ def volume_below(radius, sizes):
     return np.asarray([(radius[radius <= size] ** 3).sum() for size in sizes]) / (radius**3).sum()
 
 
-@pytest.mark.parametrize("kind", ["lattice", "random"])
+@pytest.mark.parametrize("kind", ["lattice", "random", "grown"])
 def test_a_pack_keeps_its_sieve_curve(kind):
     """By volume within 1 %, in 2-D too, where the particles are spheres; and none overlaps."""
     particles = setup(pack={"kind": kind, "start": [0.0, 0.0], "stop": [0.1, 0.1]})
