@@ -27,7 +27,7 @@ FLOORS = (
     {"ensemble", "external", "scene"},
     {"setup"},
     {"run"},
-    {"check", "train", "report"},
+    {"check", "foreign", "train", "report"},
     {"study"},
     {"cli"},
     {"jaxdem", "__main__"},

@@ -146,6 +146,21 @@ def scene(
     terminal.line(explain(key))
 
 
+@app.command("import")
+def import_command(
+    deck: options.DeckFile,
+    out: Annotated[Path, options.file_out("Scene file to write (TOML).")],
+) -> None:
+    """Make a scene of a LIGGGHTS input script, and say line by line what was taken of it."""
+    prepare_file(out, deck)
+    from jaxdem.foreign import import_deck
+
+    made = import_deck(deck, out)
+    out.write_text(made.toml, encoding="utf-8")
+    terminal.show_import(made.notes)
+    terminal.line(f"Wrote {out}")
+
+
 @app.command()
 def run(
     context: typer.Context,

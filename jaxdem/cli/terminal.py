@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from jaxdem.foreign.notes import Note
     from jaxdem.io import Run
     from jaxdem.report import Comparison
     from jaxdem.run.sweep import Sweep
@@ -84,6 +85,15 @@ def fit_table(metadata: dict[str, Any]) -> Table:
         values = [f"{row[name]:.4f}" for name in names]
         table.add_row(str(coarsening), *values, f"{100 * row['out_of_range']:.2g} %", str(row["samples"]))
     return table
+
+
+def show_import(notes: list[Note]) -> None:
+    """What became of every line of a deck."""
+    for note in notes:
+        line(f"{note.kind:<10}{note.place}: {note.text}")
+        line(f"{'':<10}{note.reason}")
+    kinds = dict.fromkeys(note.kind for note in notes)
+    line(", ".join(f"{kind}: {sum(note.kind == kind for note in notes)}" for kind in kinds))
 
 
 def print_comparison(comparison: Comparison) -> None:
