@@ -42,7 +42,7 @@ def probes(size: tuple[float, ...]) -> dict[str, dict[str, Any]]:
         "ten points": {"kind": "point", "average": True, "points": [[middle, 0.1 * k * size[1]] for k in range(10)]},
         "a profile of 10 slices": profile | {"cells": 10},
         "a profile of 50 slices": profile | {"cells": 50},
-        "a profile of 50 slices every 10 intervals": profile | {"cells": 50, "sample": 10},
+        "a profile of 50 slices every 5 intervals": profile | {"cells": 50, "sample": 5},
     }
 
 

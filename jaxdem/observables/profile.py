@@ -177,7 +177,12 @@ def particle_sums(
     found = contacts(structure, parameters, state, neighbors)
     parts = Parts(structure.box, structure.periodic, boxes.cut)
     touching = _touching(found, neighbors, centres)
-    lines = _lines(found, centres, bodies.radius)
+    dimension = centres.shape[1]
+    # The moments f l once, for all boxes.
+    lines = [
+        ((start, branch), (force[:, :, None] * branch[:, None, :]).reshape(-1, dimension**2))
+        for start, branch, force in _lines(found, centres, bodies.radius)
+    ]
     mass, volume = (jnp.broadcast_to(quantity, centres.shape[:1]) for quantity in (bodies.mass, bodies.volume))
 
     def in_box(box: Box) -> ParticleSums:
@@ -189,10 +194,7 @@ def particle_sums(
         total = jnp.sum(share)
         mean = momentum / jnp.where(total > 0, total, 1.0)
         own = particles.velocity - mean[None]
-        moments = [
-            jnp.einsum("p,pa,pb->ab", parts.of_branches(box, start, branch), force, branch, precision=PRECISION)
-            for start, branch, force in lines
-        ]
+        shares = (jnp.matmul(parts.of_branches(box, *line), moment, precision=PRECISION) for line, moment in lines)
         return ParticleSums(
             box=jnp.prod(box.upper - box.lower) * jnp.asarray(boxes.depth, dtype),
             number=jnp.sum(part),
@@ -201,7 +203,7 @@ def particle_sums(
             momentum=momentum,
             fluctuation=jnp.einsum("p,pa,pb->ab", share, own, own, precision=PRECISION),
             touching=jnp.sum(part * touching),
-            contact=sum(moments, jnp.zeros((centres.shape[1],) * 2, dtype)),
+            contact=sum(shares, jnp.zeros(dimension**2, dtype)).reshape(dimension, dimension),
         )
 
     return lax.map(in_box, Box(jnp.asarray(boxes.lower, dtype), jnp.asarray(boxes.upper, dtype)))
