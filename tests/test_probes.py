@@ -167,3 +167,11 @@ PROFILE = {"name": "a", "kind": "profile"}
 def test_wrong_probes_are_refused(probe, match):
     with pytest.raises(InputError, match=match):
         build_case(jaxdem.load_scene({**SHEET, "probes": [PLANE, probe]}))
+
+
+def test_a_profiled_run_has_the_same_rows(run, tmp_path):
+    """Its programs are others: fluid and particles apart, and the probes by themselves."""
+    profiled = jaxdem.simulate(jaxdem.load_scene(SHEET), tmp_path / "run", profile=True)
+    for name in run.probes:
+        for column, values in run.probes[name].items():
+            np.testing.assert_allclose(profiled.probes[name][column], values, rtol=1e-9, atol=1e-15)
