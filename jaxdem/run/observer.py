@@ -14,7 +14,7 @@ from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.probes.base import ScheduledProbe
 from jaxdem.run.chunk import CHUNK
-from jaxdem.run.probing import Memory, Probed, Watch, empty_memory, probing_of, rows_held
+from jaxdem.run.probing import Memory, Probed, Watch, empty_memory, probing_of, rows_held, unpacked
 from jaxdem.state import State
 
 PENDING = 200_000
@@ -54,8 +54,7 @@ class Observer:
         all."""
         stops = []
         for one, memory in zip(self.scheduled, () if self.watch is None else self.watch.memory, strict=False):
-            size = len(next(iter(memory.sums.values())))
-            if rows_held(one.probe, size, CHUNK) < CHUNK:
+            if rows_held(memory, CHUNK) < CHUNK:
                 plan = one.schedule
                 stops.append(plan.first + (max(step - plan.first, 0) // plan.every + 1) * plan.every)
         return min(stops, default=None)
@@ -74,9 +73,9 @@ class Observer:
             count = int(rows.number)
             if not count:
                 continue
-            step, values = jax.device_get((rows.step[:count], {name: v[:count] for name, v in rows.values.items()}))
+            step, values = jax.device_get((rows.step, rows.values))
             for k in range(count):
-                means = {name: np.asarray(value[k], np.float64) for name, value in values.items()}
+                means = unpacked(one.probe, np.asarray(values[k], np.float64))
                 self._pending[one.probe.name].append(_table(one, time(int(step[k])), means))
 
     def write(self, directory: RunDirectory, time: float, always: bool = True) -> None:

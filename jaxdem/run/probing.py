@@ -38,14 +38,16 @@ class Timing(NamedTuple):
 class Memory(NamedTuple):
     """What a probe has summed since its last row; part of a checkpoint.
 
+    All numbers of a measurement stand one behind the other, K of them: one operation for all, see `packed`.
+
     Attributes:
-        sums: (R, *shape) of every measured quantity, leading part.
-        low: trailing parts, see `numerics.compensated`.
+        sums: (K,) leading part.
+        low: (K,) trailing part, see `numerics.compensated`; None in float64.
         samples: () int32, number of measurements.
     """
 
-    sums: dict[str, Array]
-    low: dict[str, Low]
+    sums: Array
+    low: Low
     samples: Array
 
 
@@ -53,12 +55,12 @@ class Rows(NamedTuple):
     """Rows that became due in a chunk.
 
     Attributes:
-        values: (M, R, *shape) of every measured quantity.
+        values: (M, K), see `Memory`.
         step: (M,) int32, `State.step` at the row.
         number: () int32, of them.
     """
 
-    values: dict[str, Array]
+    values: Array
     step: Array
     number: Array
 
@@ -96,37 +98,39 @@ def probing_of(scheduled: tuple[ScheduledProbe, ...], dtype: DTypeLike) -> Probi
     return Probing(blank, tuple(one.probe.numbers(dtype) for one in scheduled), tuple(timing))
 
 
-def rows_held(probe: Probe, rows: int, most: int) -> int:
-    """Number M of rows of the file that a chunk of up to `most` intervals keeps.
-
-    Args:
-        probe: the probe.
-        rows: R, of one measurement.
-        most: intervals.
-    """
-    numbers = rows * sum(math.prod(column.shape) for column in probe.measured)
-    return most if most * numbers <= MOST_HELD else 1
+def rows_held(memory: Memory, most: int) -> int:
+    """Number M of rows of the file that a chunk of up to `most` intervals keeps of a probe."""
+    return most if most * memory.sums.shape[0] <= MOST_HELD else 1
 
 
 def empty_memory(probe: Probe, state: State, neighbors: Neighbors | None, dtype: DTypeLike) -> Memory:
     """The memory of a probe that has measured nothing; made on the host."""
-    size = probe.rows(state, neighbors)
-    blank = {column.name: on_device(np.zeros((size, *column.shape)), dtype) for column in probe.measured}
-    single = np.dtype(dtype) != np.float64
-    low: dict[str, Low] = dict(blank) if single else dict.fromkeys(blank)
-    return Memory(blank, low, on_device(0, np.int32))
+    numbers = probe.rows(state, neighbors) * sum(math.prod(column.shape) for column in probe.measured)
+    blank = on_device(np.zeros(numbers), dtype)
+    return Memory(blank, None if np.dtype(dtype) == np.float64 else blank, on_device(0, np.int32))
+
+
+def packed(probe: Probe, measured: dict[str, Array]) -> Array:
+    """(K,) the numbers of a measurement."""
+    return jnp.concatenate([measured[column.name].reshape(-1) for column in probe.measured])
+
+
+def unpacked(probe: Probe, numbers: np.ndarray) -> dict[str, np.ndarray]:
+    """The inverse of `packed`, on the host."""
+    sizes = [math.prod(column.shape) for column in probe.measured]
+    rows = len(numbers) // sum(sizes)
+    parts = np.split(numbers, np.cumsum([rows * size for size in sizes])[:-1])
+    return {column.name: part.reshape(rows, *column.shape) for column, part in zip(probe.measured, parts, strict=True)}
 
 
 def nothing_yet(watch: Watch, most: int) -> Probed:
     """What there is at the start of a chunk of up to `most` intervals."""
-    rows = tuple(_room(probe, memory, most) for probe, memory in zip(watch.probing.probes, watch.memory, strict=True))
-    return Probed(watch.memory, rows)
+    return Probed(watch.memory, tuple(_room(memory, most) for memory in watch.memory))
 
 
-def _room(probe: Probe, memory: Memory, most: int) -> Rows:
-    size = len(next(iter(memory.sums.values())))
-    held = rows_held(probe, size, most)
-    values = {name: jnp.zeros((held, *value.shape), value.dtype) for name, value in memory.sums.items()}
+def _room(memory: Memory, most: int) -> Rows:
+    held = rows_held(memory, most)
+    values = jnp.zeros((held, *memory.sums.shape), memory.sums.dtype)
     return Rows(values, jnp.zeros(held, jnp.int32), jnp.zeros((), jnp.int32))
 
 
@@ -135,15 +139,14 @@ def probed(structure: Structure, parameters: Parameters, probing: Probing, inter
     memories, rows = [], []
     for probe, numbers, timing, memory, held in zip(*probing, *found, strict=True):
         measure = partial(probe.with_numbers(numbers).measure, structure, parameters, interval)
-        totals = {column.name for column in probe.measured if column.total}
-        memory, held = _after(measure, totals, timing, interval.after.step, memory, held)
+        memory, held = _after(probe, measure, timing, interval.after.step, memory, held)
         memories.append(memory)
         rows.append(held)
     return Probed(tuple(memories), tuple(rows))
 
 
 def _after(
-    measure: Callable[[], dict[str, Array]], totals: set[str], timing: Timing, step: Array, memory: Memory, rows: Rows
+    probe: Probe, measure: Callable[[], dict[str, Array]], timing: Timing, step: Array, memory: Memory, rows: Rows
 ) -> tuple[Memory, Rows]:
     """Memory and rows of one probe after `step` intervals."""
     passed = step - timing.first
@@ -152,15 +155,16 @@ def _after(
     measures = (passed > 0) & (left < timing.window) & (left % timing.sample == 0)
 
     def added(memory: Memory) -> Memory:
-        value = measure()
-        both = {name: compensated.advance(memory.sums[name], memory.low[name], value[name]) for name in memory.sums}
-        sums = {name: high for name, (high, _) in both.items()}
-        return Memory(sums, {name: low for name, (_, low) in both.items()}, memory.samples + 1)
+        sums, low = compensated.advance(memory.sums, memory.low, packed(probe, measure()))
+        return Memory(sums, low, memory.samples + 1)
 
     memory = lax.cond(measures, added, lambda memory: memory, memory)
-    samples = jnp.maximum(memory.samples, 1)
-    row = {name: sums if name in totals else sums / samples for name, sums in memory.sums.items()}
-    values = {name: rows.values[name].at[rows.number].set(row[name]) for name in row}
-    steps = rows.step.at[rows.number].set(step)
+    samples = jnp.maximum(memory.samples, 1).astype(memory.sums.dtype)
+    # Numbers of rows are the same for all columns, so that each column is a stretch.
+    sizes = [math.prod(column.shape) for column in probe.measured]
+    count = memory.sums.shape[0] // sum(sizes)
+    totals = np.repeat([column.total for column in probe.measured], [count * size for size in sizes])
+    row = jnp.where(jnp.asarray(totals), memory.sums, memory.sums / samples)
+    values, steps = rows.values.at[rows.number].set(row), rows.step.at[rows.number].set(step)
     memory = jax.tree.map(lambda a: jnp.where(due, jnp.zeros_like(a), a), memory)
     return memory, Rows(values, steps, rows.number + due.astype(jnp.int32))
