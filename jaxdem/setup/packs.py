@@ -162,7 +162,7 @@ class PackSetup:
             fraction = packing.random_solid_fraction(self.space, radius, self.pack.gap)
             limit = (
                 f"only {int(placed.sum())} of them have room in the region of the {self.pack.kind} pack, which they "
-                f"would fill to {100 * fraction:.3g} % with their spacing; a narrow region holds less"
+                f"would fill to {100 * fraction:.4g} % with their spacing; a narrow region holds less"
             )
             remedy = f'use a lattice ({self.key}.kind = "lattice"), or enlarge the box'
             raise InputError(self.count_key, self.pack.solid_fraction or self.count, limit, remedy)
