@@ -26,9 +26,14 @@ class Failure(enum.IntFlag):
     SOLVER = 64
     VOID_FRACTION = 128
     TOO_FAST = 256
+    WALL_COMES = 512
 
 
 MEANING = {
+    Failure.WALL_COMES: (
+        "a wall comes where particles are: it overlaps them by more than contact.maximum_overlap",
+        "change begin of the wall, or place it where no particle is at that time",
+    ),
     Failure.COURANT: (
         "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",
         "lower fluid.time_step or coupling.interval, or use larger cells",
@@ -71,7 +76,7 @@ MEANING = {
 """Reason and remedy of every flag, causes before their consequences."""
 
 OF_PARTICLES = Failure.OVERFLOW | Failure.PARTICLES_NOT_FINITE | Failure.PARTICLE_LOST | Failure.TOO_FAST
-"""Flags of the particles' part of a step."""
+"""Flags of the motion of the particles, which may come of contacts that a full neighbour list has left out."""
 
 MINIMUM_VOID_FRACTION = 0.05
 """Below this void fraction the volume-averaged equations mean nothing."""
@@ -87,6 +92,8 @@ def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
         found.append((Failure.PARTICLE_LOST, particles.lost > 0))
         limit = 0.0 if simulation.steps.speed_limit is None else simulation.steps.speed_limit
         found.append((Failure.TOO_FAST, particles.fastest > limit))
+        if particles.buried is not None:
+            found.append((Failure.WALL_COMES, particles.buried > 0))
     if fluid is not None and simulation.fluid is not None:
         found.append((Failure.FLUID_NOT_FINITE, ~fluid.finite))
         # The limits are written so that NaN does not pass them.

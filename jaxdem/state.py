@@ -90,6 +90,7 @@ class ParticleDiagnostics(NamedTuple):
         lost: () int32, number of particles whose centre left the box through a wall.
         fastest: () largest particle speed [m/s].
         waiting: () int32, particles that are due at an inlet and have not found room; None without inlets.
+        buried: () int32, particles within a wall that came in this interval; None where all walls always are there.
     """
 
     collision_force: Array
@@ -99,6 +100,7 @@ class ParticleDiagnostics(NamedTuple):
     lost: Array
     fastest: Array
     waiting: Array | None = None
+    buried: Array | None = None
 
 
 class Diagnostics(NamedTuple):

@@ -13,6 +13,7 @@ from jaxdem.particles.integrate import ParticleState, as_column
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.walls_present import with_walls_present
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
 from jaxdem.structure import Structure
 
@@ -60,14 +61,17 @@ def advance_particles(
         force = forces.total + parameters.mixture.buoyancy
         before, load = before._replace(fluid_force=force), load + force
         bodies, load = simulation.coupling.with_moving_fluid(parameters.mixture, forces, load)
-    walls = simulation.wall_velocity(parameters, simulation.time(parameters, state))
-    particles, neighbors, collision = contact_interval(
-        simulation.contact, surroundings(parameters.materials, walls), bodies, before, neighbors, load,
-        simulation.contact_time_step(load.dtype), None if forces is None else forces.torque,
+    step, torque = simulation.contact_time_step(load.dtype), None if forces is None else forces.torque
+    middle, listed = simulation.middle(parameters, state.step), neighbors
+    walls = surroundings(parameters.materials, simulation.wall_velocity(parameters, middle))
+    particles, neighbors, collision = with_walls_present(
+        simulation.contact, walls, before, middle,
+        lambda contact, walls, start: contact_interval(contact, walls, bodies, start, listed, load, step, torque),
     )  # fmt: skip
     if simulation.coupling is not None and forces is not None:
         particles = simulation.coupling.remember(parameters.mixture, forces, before, particles)
     if simulation.population is not None:
         particles, neighbors = simulation.renewed(parameters, particles, neighbors, state.step + 1)
-    report = simulation.particle_report(particles, neighbors, collision, state.step + 1)
+    buried = simulation.buried(parameters, before, state.step)
+    report = simulation.particle_report(particles, neighbors, collision, state.step + 1, buried)
     return particles, neighbors, report

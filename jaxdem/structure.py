@@ -11,13 +11,14 @@ from jax.typing import DTypeLike
 
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.errors import required
-from jaxdem.fluid.boundary import Boundary, ramp
+from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch
 from jaxdem.particles.population import Population, renewed
+from jaxdem.particles.walls_present import buried
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 
 
@@ -78,7 +79,14 @@ class Structure:
 
     def time(self, parameters: Parameters, state: State) -> Array:
         """() simulated time of a state [s]."""
-        return state.step * jnp.asarray(self.interval, parameters.gravity.dtype)
+        return self._start(parameters, state.step)
+
+    def middle(self, parameters: Parameters, step: Array) -> Array:
+        """() time in the middle of the interval that begins after `step` intervals [s]."""
+        return self._start(parameters, step) + 0.5 * jnp.asarray(self.interval, parameters.gravity.dtype)
+
+    def _start(self, parameters: Parameters, step: Array) -> Array:
+        return step * jnp.asarray(self.interval, parameters.gravity.dtype)
 
     def contact_time_step(self, dtype: DTypeLike) -> Array:
         """() contact step [s]."""
@@ -95,20 +103,36 @@ class Structure:
         for wall in model.sides:
             number = 2 * wall.axis + (wall.inward < 0)
             side = self.boundary.sides[number]
-            velocities.append(ramp(side, time) * given[number] if side.kind == "moving_wall" else still)
+            velocities.append(velocity_at(side, given[number], time) if side.kind == "moving_wall" else still)
         return (*velocities, *(still,) * len(model.surfaces))
+
+    def buried(self, parameters: Parameters, particles: ParticleState, step: Array) -> Array | None:
+        """(N,) bool, particles within a wall that comes after `step` intervals; None where all walls always are."""
+        model = required(self.contact, "particles").model
+        if model.wall_times is None:
+            return None
+        middle, interval = self.middle(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
+        radius = required(parameters.bodies, "parameters.bodies").radius
+        return buried(model, particles, radius, middle, interval)
 
     def renewed(
         self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
     ) -> tuple[ParticleState, Neighbors]:
         """Particles and list after those that leave and come at the end of interval number `step`."""
         population, contact = required(self.population, "population"), required(self.contact, "particles")
-        return renewed(population, contact, parameters.inlet_velocity, particles, neighbors, step)
+        times = contact.model.wall_times
+        present = None if times is None else times.present(self.middle(parameters, step))
+        return renewed(population, contact, parameters.inlet_velocity, particles, neighbors, step, present)
 
     def particle_report(
-        self, particles: ParticleState, neighbors: Neighbors, collision: Array, step: Array
+        self,
+        particles: ParticleState,
+        neighbors: Neighbors,
+        collision: Array,
+        step: Array,
+        buried: Array | None = None,
     ) -> ParticleDiagnostics:
-        """Flags and figures of the particles after `step` intervals."""
+        """Flags and figures of the particles after `step` intervals; `buried` (N,) bool are those within a wall."""
         position, velocity = particles.position, particles.velocity
         box = jnp.asarray(self.box, position.dtype)
         outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
@@ -128,6 +152,7 @@ class Structure:
             jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
             jnp.sqrt(jnp.max(squared, initial=0.0)),
             waiting,
+            None if buried is None else jnp.sum(buried.astype(jnp.int32)),
         )
 
     @property

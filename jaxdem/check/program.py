@@ -8,6 +8,7 @@ import numpy as np
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.forces import FORCES
 from jaxdem.scene import Scene
+from jaxdem.scene.walls import Wall
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -109,5 +110,12 @@ def _materials(scene: Scene) -> str:
 def _walls_beside_the_box(scene: Scene) -> str:
     if not scene.walls:
         return "additional walls"
-    kinds = f"additional walls: {', '.join(wall.kind for wall in scene.walls)}"
+    kinds = f"additional walls: {', '.join(wall.kind + _times_of(wall) for wall in scene.walls)}"
     return f"{kinds} (for particles only; they do not affect the fluid)" if scene.fluid is not None else kinds
+
+
+def _times_of(wall: Wall) -> str:
+    """When a wall is there, in words; empty where it always is."""
+    begin = "" if wall.begin is None else f" from {wall.begin:g}"
+    end = "" if wall.end is None else f" until {wall.end:g}"
+    return f"{begin}{end} s" if begin or end else ""

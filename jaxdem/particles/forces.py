@@ -20,6 +20,7 @@ from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.rolling import RollingFriction
 from jaxdem.particles.stages import stage
 from jaxdem.particles.surfaces import Surface, surface_contacts
+from jaxdem.particles.wall_times import WallTimes
 
 
 @static
@@ -69,6 +70,7 @@ class ContactModel:
         sides: walls of the box.
         surfaces: further walls; none: then no such term is compiled.
         materials: None where all particles, and all walls, are of one material: then nothing is looked up.
+        wall_times: when the surfaces are there; None where all always are.
     """
 
     law: ContactLaw
@@ -76,11 +78,20 @@ class ContactModel:
     sides: tuple[walls.BoxSide, ...]
     surfaces: tuple[Surface, ...] = ()
     materials: MaterialIndex | None = None
+    wall_times: WallTimes | None = None
 
     @property
     def walls(self) -> int:
         """Number of walls: the sides first, then the surfaces."""
         return len(self.sides) + len(self.surfaces)
+
+    def with_walls(self, kept: tuple[int, ...]) -> ContactModel:
+        """The model with these of its walls, the sides among them, at all times."""
+        surfaces = tuple(self.surfaces[k - len(self.sides)] for k in kept[len(self.sides) :])
+        materials = self.materials
+        if materials is not None:
+            materials = dataclasses.replace(materials, wall=tuple(materials.wall[k] for k in kept))
+        return dataclasses.replace(self, surfaces=surfaces, materials=materials, wall_times=None)
 
     def history_size(self, dimension: int) -> int:
         """Number of components that a contact keeps: the tangential spring, then the rolling spring if any."""

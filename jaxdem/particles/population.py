@@ -100,6 +100,7 @@ def renewed(
     particles: ParticleState,
     neighbors: Neighbors,
     step: Array,
+    present: Array | None = None,
 ) -> tuple[ParticleState, Neighbors]:
     """Particles and list at the end of an interval, after those who leave and those who come.
 
@@ -110,11 +111,12 @@ def renewed(
         particles: after the contact steps.
         neighbors: their list.
         step: () int32, number of intervals done with this one.
+        present: (W,) bool, which of these walls there are from now on; None for all.
     """
     before = particles.active
     particles = _without_those_outside(population, particles)
     for number in range(len(population.inlets)):
-        insertion = _Insertion(population, number, contact.model.surfaces, neighbors.radius)
+        insertion = _Insertion(population, number, contact.model.surfaces, neighbors.radius, present)
         particles = insertion.with_those_due(inlet_velocity[number], particles, step)
     search = contact.search
     if neighbors.room.slots == 0 or search is None:
@@ -164,12 +166,14 @@ class _Insertion:
         number: of the inlet.
         surfaces: walls beside the box; static.
         radius: () or (N,) of all particles [m].
+        present: (W,) bool, which of these walls are there; None for all.
     """
 
     population: Population
     number: int
     surfaces: tuple[Surface, ...]
     radius: Array
+    present: Array | None = None
 
     @property
     def inlet(self) -> Inlet:
@@ -233,7 +237,8 @@ class _Insertion:
         if self.surfaces:
             x = vectors.components(places)
             overlap, _ = surface_contacts(self.surfaces, x, (None,) * len(x), own)
-            free = free & jnp.all(overlap <= -MARGIN * own, axis=0)
+            clear = overlap <= -MARGIN * own
+            free = free & jnp.all(clear if self.present is None else clear | ~self.present[:, None], axis=0)
         return free
 
 

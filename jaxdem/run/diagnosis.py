@@ -14,7 +14,7 @@ from jaxdem.state import Parameters, State
 SIDES = ("left", "right", "front", "back", "bottom", "top")
 """Sides in 3-D, axis by axis, lower before upper; in 2-D without the middle pair."""
 
-OF_ONE_PARTICLE = (Failure.PARTICLES_NOT_FINITE, Failure.PARTICLE_LOST, Failure.TOO_FAST)
+OF_ONE_PARTICLE = (Failure.PARTICLES_NOT_FINITE, Failure.PARTICLE_LOST, Failure.TOO_FAST, Failure.WALL_COMES)
 """Flags that one particle raises."""
 
 STEADY = 1.0
@@ -43,7 +43,10 @@ def diagnosis(
     particles = reached.particles
     if before.particles is None or particles is None or flag not in OF_ONE_PARTICLE:
         return reason, _cell(simulation, flag, reached), remedy
-    index = _particle(simulation, flag, particles)
+    if flag == Failure.WALL_COMES:
+        index = int(np.argmax(np.asarray(simulation.buried(parameters, before.particles, before.step))))
+    else:
+        index = _particle(simulation, flag, particles)
     point = ", ".join(f"{x:.5g}" for x in np.asarray(before.particles.position[index]))
     where = f"particle {index}, last at ({point}) m"
     speed = float(np.linalg.norm(np.asarray(particles.velocity[index], float)))

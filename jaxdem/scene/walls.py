@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import Direction, Positive, Section, Vector, WallMaterialName, wrong
+from jaxdem.scene.base import Direction, NonNegative, Positive, Section, Vector, WallMaterialName, wrong
 from jaxdem.scene.domain import Box
 
 STRAIGHT = 1e-6
@@ -24,7 +24,8 @@ NEEDED = {
 }
 """Keys that each kind of wall must have, and what they are."""
 
-OPTIONAL = {"plane": ("material",), "cylinder": ("axis", "inside", "material"), "wedge": ("material",)}
+OF_ALL = ("material", "begin", "end")
+OPTIONAL = {"plane": OF_ALL, "cylinder": ("axis", "inside", *OF_ALL), "wedge": OF_ALL}
 """Keys that it may have."""
 
 
@@ -44,6 +45,11 @@ class Wall(Section):
         directions: two directions, one in each plane of the wedge, at right angles to the edge and away from it; any
             length.
         material: name of one of `[[materials]]`. Default: `contact.wall_material`.
+        begin: time from which the wall is there; before it grains pass. It comes with the coupling interval that begins
+            nearest to this time, and must not overlap a grain then by more than `contact.maximum_overlap`. Default:
+            from the start [s].
+        end: time at which the wall vanishes, to the nearest coupling interval: a gate that is opened. Default: never
+            [s].
     """
 
     kind: Literal["plane", "cylinder", "wedge"]
@@ -56,6 +62,8 @@ class Wall(Section):
     apex: Vector | None = None
     directions: tuple[Direction, ...] | None = None
     material: WallMaterialName | None = None
+    begin: NonNegative | None = None
+    end: Positive | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Wall:
@@ -69,6 +77,12 @@ class Wall(Section):
                 raise wrong(name, value, limit, "remove this key")
         if self.kind == "cylinder" and self.inside is None:
             return self.model_copy(update={"inside": True})
+        return self
+
+    @model_validator(mode="after")
+    def _begins_before_it_ends(self) -> Wall:
+        if self.end is not None and self.end <= (self.begin or 0.0):
+            raise wrong("end", self.end, f"must be after begin = {self.begin or 0.0} s", "raise end, or lower begin")
         return self
 
     @model_validator(mode="after")

@@ -135,7 +135,7 @@ def build_case(scene: Scene, closure: DragClosure | None = None, **extensions: U
     population = contact = interval = coupling = None
     if particles is not None:
         population = population_of(particles, steps.interval)
-        contact = contact_interval(particles, steps.contacts_per_interval, population, extensions, dtype)
+        contact = contact_interval(particles, steps, population, extensions, dtype)
     if fluid is not None:
         interval = fluid_interval(fluid, boundary, steps)
     if interval is not None and particles is not None and scene.coupling is not None:

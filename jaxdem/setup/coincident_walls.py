@@ -10,7 +10,9 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.numerics.host import on_device
+from jaxdem.numerics.tables import Window
 from jaxdem.particles.surfaces import Surface
+from jaxdem.particles.wall_times import WallTimes
 from jaxdem.particles.walls import BoxSide
 from jaxdem.scene import Scene
 from jaxdem.setup.walls import wall_keys
@@ -22,7 +24,9 @@ NEAR = 0.01
 """Two walls count as one where they are nearer to each other than this part of a diameter, in all of the box [-]."""
 
 
-def check_coincident(scene: Scene, sides: Sequence[BoxSide], surfaces: Sequence[Surface], diameter: float) -> None:
+def check_coincident(
+    scene: Scene, sides: Sequence[BoxSide], surfaces: Sequence[Surface], times: WallTimes | None, diameter: float
+) -> None:
     """Refuses a surface with the distance of a side of the box, or of another surface, everywhere in the box.
 
     A particle that touches both has two contacts where one is meant: twice the stiffness and twice the dashpot (a
@@ -32,6 +36,7 @@ def check_coincident(scene: Scene, sides: Sequence[BoxSide], surfaces: Sequence[
         scene: that the walls belong to.
         sides: walls of the box.
         surfaces: walls beside it, those given as functions last.
+        times: when each of these is there; None where all always are. Walls that are not there together may coincide.
         diameter: of the smallest particle [m].
 
     Raises:
@@ -50,13 +55,15 @@ def check_coincident(scene: Scene, sides: Sequence[BoxSide], surfaces: Sequence[
         return [-jax.vmap(surface.overlap, in_axes=(0, None))(places, radius) for surface in surfaces]
 
     earlier = []
+    windows = [Window()] * len(surfaces) if times is None else times.windows
     for side in sides:
         name = f"the {scene.sides[2 * side.axis + (side.inward < 0)]} side of the box"
-        earlier.append((name, side.inward * (points[:, side.axis] - side.coordinate)))
-    for name, surface, distance in zip(names, surfaces, np.asarray(distances(), float), strict=True):
-        for other, known in earlier:
+        earlier.append((name, side.inward * (points[:, side.axis] - side.coordinate), Window()))
+    found = np.asarray(distances(), float)
+    for name, surface, distance, window in zip(names, surfaces, found, windows, strict=True):
+        for other, known, present in earlier:
             apart = float(np.max(np.abs(distance - known)))
-            if apart < NEAR * diameter:
+            if apart < NEAR * diameter and window.meets(present):
                 raise InputError(
                     name,
                     surface,
@@ -64,4 +71,4 @@ def check_coincident(scene: Scene, sides: Sequence[BoxSide], surfaces: Sequence[
                     f"from one wall of twice the stiffness and damping",
                     "remove one of them, or move them apart",
                 )
-        earlier.append((name, distance))
+        earlier.append((name, distance, window))

@@ -17,7 +17,8 @@ from jaxdem.particles.walls import BoxSide, box_sides
 from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.walls import scene_surfaces
+from jaxdem.setup.walls import scene_surfaces, wall_times
+from jaxdem.structure import TimeSteps
 
 CONTACT_LAWS: dict[str, Callable[[], ContactLaw]] = {
     "hertz_mindlin": HertzMindlin,
@@ -31,7 +32,7 @@ ROLLING_MODELS: dict[str, Callable[[], RollingFriction]] = {
 
 def contact_interval(
     particles: ParticleSetup,
-    steps: int,
+    steps: TimeSteps,
     population: Population | None,
     extensions: Extensions,
     dtype: np.dtype[np.floating],
@@ -40,7 +41,7 @@ def contact_interval(
 
     Args:
         particles: of the scene.
-        steps: number of contact steps.
+        steps: of the scene.
         population: how their number changes.
         extensions: walls and contact law of the user.
         dtype: of the positions.
@@ -52,13 +53,14 @@ def contact_interval(
     search = NeighborSearch(neighbor_geometry(particles), _typical_radius(particles))
     sides = _box_walls(particles, population)
     surfaces = scene_surfaces(particles.scene, extensions.get("walls", ()), dtype)
-    check_coincident(particles.scene, sides, surfaces, 2.0 * bodies.smallest_radius)
+    times = wall_times(particles, extensions.get("walls", ()), steps.interval)
+    check_coincident(particles.scene, sides, surfaces, times, 2.0 * bodies.smallest_radius)
     table, index = particles.materials, None
     if table is not None:
         index = MaterialIndex.of(bodies.material, table.of_walls(len(sides), len(surfaces)), table.pair)
     law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
-    model = ContactModel(law, _rolling(particles), sides, surfaces, index)
-    return ContactInterval(model, search, steps, reversible=False)
+    model = ContactModel(law, _rolling(particles), sides, surfaces, index, times)
+    return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:

@@ -107,13 +107,19 @@ def check_initial_positions(particles: ParticleSetup, allowed: Overlap = LEAST_O
 
 
 def check_surfaces(
-    scene: Scene, surfaces: tuple[Surface, ...], particles: ParticleState, radius: Array, allowed: Overlap
+    scene: Scene,
+    surfaces: tuple[Surface, ...],
+    present: np.ndarray | None,
+    particles: ParticleState,
+    radius: Array,
+    allowed: Overlap,
 ) -> None:
     """Refuses particles that overlap a wall beside the sides of the box, or lie behind it.
 
     Args:
         scene: that the walls belong to.
         surfaces: the walls, those given as functions last.
+        present: (W,) bool, which of them are there at the start; None for all.
         particles: at the start; those still to come are checked when they come.
         radius: () or (N,) [m].
         allowed: overlap at the start.
@@ -129,6 +135,8 @@ def check_surfaces(
     overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
     depth = np.asarray(overlap) / (2.0 * np.asarray(radius))
     inside = ~(depth <= allowed.part)  # an overlap that is not a number too
+    if present is not None:
+        inside &= present[:, None]
     if particles.active is not None:
         inside &= np.asarray(particles.active)
     if inside.any():

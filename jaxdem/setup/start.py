@@ -46,7 +46,11 @@ def first_state(
         allowed = allowed_overlap(particles, simulation.steps)
         check_initial_positions(particles, allowed)
         state = _particles(particles, simulation.population, dtype)
-        check_surfaces(scene, simulation.contact.model.surfaces, state, parameters.bodies.radius, allowed)
+        model = simulation.contact.model
+        times = model.wall_times
+        middle = 0.5 * simulation.interval
+        present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
+        check_surfaces(scene, model.surfaces, present, state, parameters.bodies.radius, allowed)
         room = simulation.room(state)
         state = _with_memory(scene, simulation.contact, simulation.coupling, state, room)
     fluid = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import jax
@@ -9,9 +10,12 @@ import numpy as np
 from jax import Array
 
 from jaxdem.errors import InputError
+from jaxdem.numerics.tables import Window
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, Surface, wedge
+from jaxdem.particles.wall_times import WallInTime, WallTimes
 from jaxdem.scene import Scene
 from jaxdem.scene.walls import Wall
+from jaxdem.setup.particles import ParticleSetup
 
 
 def surfaces_of(wall: Wall) -> tuple[Surface, ...]:
@@ -44,6 +48,35 @@ def scene_surfaces(
             raise InputError("walls", function, limit, "return a scalar")
         surfaces.append(DistanceFunction(function))
     return tuple(surfaces)
+
+
+def wall_times(
+    particles: ParticleSetup, functions: Sequence[Callable[[Array], Array]], interval: float
+) -> WallTimes | None:
+    """When each of the `scene_surfaces` is there; None where all always are.
+
+    Args:
+        particles: of the scene.
+        functions: signed distances; those of `WallInTime` have their times.
+        interval: coupling interval [s].
+
+    Raises:
+        InputError: a wall is there for less than an interval.
+    """
+    walls = particles.scene.walls
+    given = [(f"walls.{k}", wall.begin or 0.0, wall.end or math.inf) for k, wall in enumerate(walls)]
+    count = [len(surfaces_of(wall)) for wall in walls] + [1] * len(functions)
+    for function in functions:
+        timed = function if isinstance(function, WallInTime) else WallInTime(function)
+        given.append(("walls", timed.begin, timed.end))
+    for key, begin, end in given:
+        if begin < 0.0 or end - begin < interval * (1.0 - 1e-9):
+            limit = f"a wall must be there for at least a coupling interval of {interval:.4g} s, from 0 s on"
+            raise InputError(f"{key}.begin", f"{begin:g} s to {end:g} s", limit, "lower begin, or raise end")
+    windows = [Window(begin, end) for (_, begin, end), n in zip(given, count, strict=True) for _ in range(n)]
+    if all(window.is_always for window in windows):
+        return None
+    return WallTimes(tuple(windows), particles.contact.maximum_overlap)
 
 
 def wall_keys(scene: Scene) -> list[tuple[str, str]]:

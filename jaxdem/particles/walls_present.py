@@ -1,0 +1,93 @@
+"""A coupling interval with the walls that are there in it.
+
+Every set of walls has a contact loop of its own, which is that of a scene with these walls and no others: so a run
+whose wall vanishes is, bit for bit, the run in which it is taken away by hand. Walls come and go between two coupling
+intervals. What a grain kept of a contact with a wall is gone with the wall.
+
+Where a wall comes grains must not be: a contact with an overlap that no impact has made would throw them away, so that
+is a failure of the run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxdem.numerics import vectors
+from jaxdem.particles.forces import ContactModel, Surroundings
+from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.surfaces import surface_contacts
+
+Result = tuple[ParticleState, Neighbors, Array]
+Advance = Callable[[ContactInterval, Surroundings, ParticleState], Result]
+
+
+def with_walls_present(
+    interval: ContactInterval, surroundings: Surroundings, state: ParticleState, middle: Array, advance: Advance
+) -> Result:
+    """What `advance` gives with the walls that are there.
+
+    Args:
+        interval: with all walls; static.
+        surroundings: of all walls.
+        state: with the springs of all walls.
+        middle: () of the interval [s].
+        advance: from the interval, the surroundings and the state of the walls that are there to the state with their
+            springs, the neighbour list, and the mean collision force.
+    """
+    model = interval.model
+    times = model.wall_times
+    if times is None:
+        return advance(interval, surroundings, state)
+
+    def advanced_with(surfaces: tuple[int, ...]) -> Result:
+        kept = (*range(len(model.sides)), *(len(model.sides) + k for k in surfaces))
+        around = surroundings._replace(wall_velocity=tuple(surroundings.wall_velocity[k] for k in kept))
+        springs = tuple(spring[np.asarray(kept, int)] for spring in state.wall_spring)
+        there = dataclasses.replace(interval, model=model.with_walls(kept))
+        after, neighbors, collision = advance(there, around, state._replace(wall_spring=springs))
+        springs = tuple(_of_all_walls(model, kept, spring) for spring in after.wall_spring)
+        return after._replace(wall_spring=springs), neighbors, collision
+
+    sets = tuple(dict.fromkeys(times.phases))
+    number = jnp.asarray([sets.index(phase) for phase in times.phases])[times.phase(middle)]
+    return lax.switch(number, [lambda one=one: advanced_with(one) for one in sets])  # type: ignore[no-any-return]
+
+
+def _of_all_walls(model: ContactModel, kept: tuple[int, ...], spring: Array) -> Array:
+    """(S, N) springs of all walls, zero at those that are not there."""
+    nothing = jnp.zeros_like(spring, shape=(1, *spring.shape[1:]))
+    place = np.full(model.walls, len(kept))
+    place[list(kept)] = np.arange(len(kept))
+    return jnp.concatenate([spring, nothing])[place]
+
+
+def buried(model: ContactModel, particles: ParticleState, radius: Array, middle: Array, interval: Array) -> Array:
+    """(N,) bool, particles that a wall overlaps by more than the maximum in the interval in which it comes.
+
+    Args:
+        model: with walls that are there for a part of the time; static.
+        particles: at the start of the interval.
+        radius: () or (N,) [m].
+        middle: () of the interval [s].
+        interval: () its length [s].
+    """
+    found, times = jnp.zeros(particles.position.shape[0], bool), model.wall_times
+    late = [] if times is None else [k for k, window in enumerate(times.windows) if window.begin > 0.0]
+    if times is None or not late:
+        return found
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+    overlap, _ = surface_contacts(tuple(model.surfaces[k] for k in late), position, low, radius)
+    for k, depth in zip(late, overlap, strict=True):
+        begin = times.windows[k].begin
+        comes = (begin <= middle) & (begin > middle - interval)
+        # Not "deeper": an overlap that is not a number counts too.
+        found = found | (comes & ~(depth <= 2.0 * times.maximum_overlap * radius))
+    return found if particles.active is None else found & particles.active
