@@ -100,8 +100,9 @@ def take(run: Run, index: int) -> Picture:
     """Frame `index` as a picture."""
     particles, speed = _project(run.particles(index) or {}, run.dimension), _speed(run.fluid(index), run.dimension)
     box = domain_size(run)
-    borders = (solid(run.scene, box), openings(run.scene, box)) if box else ()
-    return Picture(float(run.times[index]), *particles, speed, *borders)
+    time = float(run.times[index])
+    borders = (solid(run.scene, box, time), openings(run.scene, box)) if box else ()
+    return Picture(time, *particles, speed, *borders)
 
 
 def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array, Array, dict[str, Array]]:

@@ -18,9 +18,8 @@
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
 
-  async function wallsOf(run) {
-    if (!run.walls) return null;
-    const [nx, nz] = run.walls.points, share = await unpacked(run.walls.share), image = new ImageData(nx, nz);
+  async function pictureOf(solid) {
+    const [nx, nz] = solid.points, share = await unpacked(solid.share), image = new ImageData(nx, nz);
     for (let j = 0; j < nz; j++)
       for (let i = 0; i < nx; i++) {
         const at = 4 * ((nz - 1 - j) * nx + i);
@@ -31,7 +30,8 @@
     canvas.getContext("2d").putImageData(image, 0, 0);
     return canvas;
   }
-  const walls = Promise.all(data.runs.map(wallsOf));
+  // Of each run the sets of walls that it has in turn.
+  const walls = Promise.all(data.runs.map((run) => Promise.all(run.walls.map(pictureOf))));
 
   async function frame(run, number) {
     const text = data.runs[run].frames[number];
@@ -94,7 +94,8 @@
       figures[i].querySelector("small").textContent = f ? "" : " no output at this time";
       if (f && f.nx * f.nz) drawFluid(pen, f, canvas.width, canvas.height);
       pen.imageSmoothingEnabled = true;
-      if (f && solid[i]) pen.drawImage(solid[i], 0, 0, canvas.width, canvas.height);
+      const walls = solid[i][run.wall[number]];
+      if (f && walls) pen.drawImage(walls, 0, 0, canvas.width, canvas.height);
       if (f) drawGrains(pen, f, i, canvas.width, canvas.height);
       if (f) drawOpenings(pen, run, canvas.width, canvas.height);
     });

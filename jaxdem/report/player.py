@@ -23,6 +23,7 @@ from jaxdem.report import runs as read
 from jaxdem.report.comparison import Row
 from jaxdem.report.pictures import FLUID, QUANTITIES, Picture, Tops
 from jaxdem.report.runs import Array
+from jaxdem.report.walls import Solid
 
 MAX_BYTES = 16_000_000
 """Most that all animations may add to a page; outputs are left out evenly until they fit."""
@@ -37,13 +38,15 @@ SCRIPT = Path(__file__).with_name("player.js")
 
 
 class _Clip(NamedTuple):
-    """A run in the page: sides of the box and largest radius [m], first picture, its frames at the common times."""
+    """A run in the page: sides of the box and largest radius [m], first picture, frames at the common times, and the
+    walls in each of them."""
 
     row: Row
     box: tuple[float, float]
     radius: float
     first: Picture | None
     frames: list[str | None]
+    walls: list[Solid | None]
 
 
 def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> str | None:
@@ -69,7 +72,7 @@ def player(rows: Sequence[Row], max_bytes: int = MAX_BYTES) -> str | None:
     every = next((n for n in range(1, len(times)) if sizes[::n].sum() <= max_bytes), None)
     if every is None or not sizes.any():
         return None
-    clips = [clip._replace(frames=clip.frames[::every]) for clip in clips]
+    clips = [clip._replace(frames=clip.frames[::every], walls=clip.walls[::every]) for clip in clips]
     shown = times[::every]
     return _html(clips, shown, tops) + f'<p class="caption">{_caption(clips, len(shown), len(outputs))}</p>'
 
@@ -83,9 +86,13 @@ def _clip(row: Row, times: Array, tops: Tops) -> _Clip:
     size, begun = read.domain_size(row.run) or (), row.run.number_of_frames > 0
     box, particles = (size[0], size[-1]), (row.run.particles(0) if begun else None) or {}
     radius = float(np.max(particles.get("radius", 0.0), initial=0.0))
-    shots = (pictures.take_nearest(row.run, float(time), float(times[-1])) for time in times)
-    frames = [None if shot is None else _packed(_planes(shot, box, radius, tops)) for shot in shots]
-    return _Clip(row, box, radius, pictures.take(row.run, 0) if begun else None, frames)
+    frames: list[str | None] = []
+    walls: list[Solid | None] = []
+    for time in times:
+        shot = pictures.take_nearest(row.run, float(time), float(times[-1]))
+        frames.append(None if shot is None else _packed(_planes(shot, box, radius, tops)))
+        walls.append(None if shot is None else shot.walls)
+    return _Clip(row, box, radius, pictures.take(row.run, 0) if begun else None, frames, walls)
 
 
 def _planes(shot: Picture, box: tuple[float, float], radius: float, tops: Tops) -> bytes:
@@ -119,14 +126,21 @@ def _packed(data: bytes) -> str:
 
 
 def _data(clip: _Clip) -> dict[str, object]:
-    """Of a run: its frames, and its walls, which stand still: points along x and up, and how solid each is."""
-    walls = clip.first.walls if clip.first else None
-    share = None if walls is None else _packed(_bytes(walls.share.T.ravel(), 1.0).tobytes())
+    """Of a run: its frames, and its walls: points along x and up, and how solid each is.
+
+    Walls that come or vanish make another set of walls; each frame has the number of its set, -1 for none.
+    """
+    sets = {id(walls): walls for walls in clip.walls if walls is not None}
+    numbers = {one: number for number, one in enumerate(sets)}
     openings = clip.first.openings if clip.first else ()
     return {
         "box": clip.box,
         "radius": clip.radius,
-        "walls": walls and {"points": walls.share.shape, "share": share},
+        "walls": [
+            {"points": walls.share.shape, "share": _packed(_bytes(walls.share.T.ravel(), 1.0).tobytes())}
+            for walls in sets.values()
+        ],
+        "wall": [-1 if walls is None else numbers[id(walls)] for walls in clip.walls],
         "openings": [{"color": pictures.OPENINGS[o.kind], "corners": [*o.start, *o.stop]} for o in openings],
         "frames": clip.frames,
     }  # fmt: skip

@@ -51,20 +51,23 @@ class Opening(NamedTuple):
     stop: tuple[float, float]
 
 
-def solid(scene: Mapping[str, Any], box: Sequence[float]) -> Solid | None:
-    """The walls of a scene; None where it has none.
+def solid(scene: Mapping[str, Any], box: Sequence[float], time: float = 0.0) -> Solid | None:
+    """The walls of a scene that are there at a time; None where there are none.
 
     Args:
         scene: tables of scene.toml.
         box: side lengths (D,) [m].
+        time: of the frame [s].
     """
-    walls = scene.get("walls")
+    # A wall that vanishes at the time of a frame has gone in it, whatever rounding the frame's time has.
+    now = time * (1.0 + 1e-9)
+    walls = [wall for wall in scene.get("walls", ()) if wall.get("begin", 0.0) <= now < wall.get("end", math.inf)]
     return _solid(json.dumps(walls), tuple(box)) if walls else None
 
 
 @lru_cache(maxsize=8)
 def _solid(tables: str, box: tuple[float, ...]) -> Solid:
-    """See `solid`; kept, for walls stand still and are the same in all frames of a run."""
+    """See `solid`; kept, for walls stand still and are the same in many frames of a run."""
     walls = json.loads(tables)
     spacing = max(box[0], box[-1]) / RESOLUTION[len(box)]
     counts = [max(2, round(box[0] / spacing)), *([SLICES] * (len(box) - 2)), max(2, round(box[-1] / spacing))]

@@ -176,7 +176,27 @@ def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypa
     page = player(result.rows)
     assert page is not None and "pink lines are outlets" in page
     data = json.loads(re.search(r'id="player-data">(.*?)</script>', page)[1])["runs"][1]
-    nx, nz = data["walls"]["points"]
-    share = np.frombuffer(zlib.decompress(base64.b64decode(data["walls"]["share"])), np.uint8).reshape(nz, nx)
+    (solid,) = data["walls"]
+    nx, nz = solid["points"]
+    share = np.frombuffer(zlib.decompress(base64.b64decode(solid["share"])), np.uint8).reshape(nz, nx)
+    assert data["wall"] == [0, 0, 0]
     assert share[round(0.5 / 0.8 * nz), round(0.6 * nx)] == 255 and share[round(0.9 * nz), round(0.5 * nx)] == 0
     assert data["openings"] == [{"color": pictures.OPENINGS["outlet"], "corners": [0.0, 0.0, 1.0, 0.0]}]
+
+
+def test_a_wall_is_drawn_in_the_frames_in_which_it_is_there(make: Any) -> None:
+    """A disc that vanishes at the second of three outputs, beside one that comes at the third; in the page as well."""
+    other = WALLS[2][1] | {"center": [0.2, 0.4]}
+    run = walled(make, 2, WALLS[2][1], other)
+    times = [float(time) for time in run.times]
+    run.scene["walls"][0]["end"], run.scene["walls"][1]["begin"] = times[1], times[2]
+    for index, centre in ((0, 0.6), (1, None), (2, 0.2)):
+        axis = drawn(run, index)
+        if centre is None:
+            assert not axis.images and pictures.take(run, index).walls is None
+        else:
+            assert outline(axis)[:, 0].mean() == pytest.approx(centre, abs=0.02)
+    page = player(build(Candidate(run, "a"), [Candidate(run, "b")]).rows)
+    assert page is not None
+    data = json.loads(re.search(r'id="player-data">(.*?)</script>', page)[1])["runs"][0]
+    assert data["wall"] == [0, -1, 1] and len(data["walls"]) == 2
