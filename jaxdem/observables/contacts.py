@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
-from jaxdem.particles.forces import Touching, contacts_now
+from jaxdem.particles.forces import ContactModel, Touching, contacts_now
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.neighbors import Neighbors, with_radius
@@ -49,5 +50,16 @@ def contacts(structure: Structure, parameters: Parameters, state: State, neighbo
         parameters.materials, structure.wall_velocity(parameters, structure.time(parameters, state))
     )
     neighbors = with_radius(neighbors, bodies.radius)
-    found = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active)
-    return Contacts(neighbors.pairs.first, neighbors.pairs.second, *found)
+    between, walls = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active)
+    if walls is not None and model.wall_times is not None:
+        walls = _of_present(model, walls, bodies.radius, structure.middle(parameters, state.step))
+    return Contacts(neighbors.pairs.first, neighbors.pairs.second, between, walls)
+
+
+def _of_present(model: ContactModel, walls: Touching, radius: Array, middle: Array) -> Touching:
+    """The contacts with walls, out of reach of those that are not there."""
+    of_surfaces = required(model.wall_times, "wall_times").present(middle)
+    there = jnp.concatenate([jnp.ones(len(model.sides), bool), of_surfaces])[:, None]
+    away = -jnp.ones_like(walls.overlap) * (radius if radius.ndim == 0 else radius[None])
+    force = tuple(jnp.where(there, component, 0.0) for component in walls.force)
+    return walls._replace(overlap=jnp.where(there, walls.overlap, away), force=force)

@@ -46,6 +46,11 @@ class WallTimes:
         table = [[k in phase for k in range(len(self.windows))] for phase in self.phases]
         return jnp.asarray(np.asarray(table))[self.phase(middle)]
 
+    def held(self, time: float) -> WallTimes:
+        """The same with the walls of one time [s] at all times."""
+        windows = tuple(Window() if window.holds(time) else Window(begin=Window().end) for window in self.windows)
+        return WallTimes(windows, self.maximum_overlap)
+
 
 @static
 class WallInTime:

@@ -40,9 +40,9 @@ def settled(
 ) -> Callable[[State, Neighbors], tuple[State, Neighbors]]:
     """A function that lets the particles of a state fall and come to rest; the fluid and the time stay as they are.
 
-    They move as in the scene without its fluid, under its gravity at time 0. All sides of the box are walls, also
-    those at which particles leave during the run, and stand still. They are at rest when the mean kinetic energy is
-    below `REST_ENERGY` m g d and contact forces and weight balance but for `REST_FORCE`.
+    They move as in the scene without its fluid, under its gravity and among its walls at time 0. All sides of the box
+    are walls, also those at which particles leave during the run, and stand still. They are at rest when the mean
+    kinetic energy is below `REST_ENERGY` m g d and contact forces and weight balance but for `REST_FORCE`.
 
     Args:
         particles: of the scene.
@@ -90,7 +90,9 @@ def _without_fluid(particles: ParticleSetup, simulation: Simulation) -> Simulati
     if table is not None:
         walls = table.of_walls(len(sides), len(model.surfaces))
         index = MaterialIndex.of(particles.bodies.material, walls, table.pair)
-    contact = dataclasses.replace(contact, model=dataclasses.replace(model, sides=sides, materials=index))
+    times = None if model.wall_times is None else model.wall_times.held(0.5 * simulation.interval)
+    model = dataclasses.replace(model, sides=sides, materials=index, wall_times=times)
+    contact = dataclasses.replace(contact, model=model)
     return Simulation(**parts | {"contact": contact, "fluid": None, "coupling": None, "population": None})
 
 

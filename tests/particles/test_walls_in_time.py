@@ -20,7 +20,8 @@ from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import failures
 from jaxdem.numerics.tables import Window
-from jaxdem.particles.wall_times import WallInTime
+from jaxdem.observables import contacts
+from jaxdem.particles.wall_times import WallInTime, WallTimes
 from tests.physics.test_shipped_program import COMPILER
 
 INTERVAL, OPENED, AFTER = 0.005, 0.03, 24
@@ -217,3 +218,20 @@ def test_walls_without_times_ask_nothing():
     assert simulation.contact.model.wall_times is None
     report = jax.eval_shape(simulation.step, parameters, state, neighbors)[2]
     assert report.particles.buried is None
+
+
+def test_the_walls_of_one_time_are_held():
+    """For packs that settle before the run: those that are there at its start, whatever time passes meanwhile."""
+    times = WallTimes((Window(), Window(end=0.3), Window(begin=0.2)), 0.1)
+    assert times.changes == (0.2, 0.3) and times.phases == ((0, 1), (0, 1, 2), (0, 2))
+    assert times.held(0.1).phases == ((0, 1),) and times.held(0.5).phases == ((0, 2),)
+    assert times.held(0.1).present(jnp.asarray(0.9)).tolist() == [True, True, False]
+
+
+def test_an_absent_wall_is_no_contact():
+    """`observables.contacts` of grains that stand where a gate has been: out of reach, and no force."""
+    simulation, parameters, state, neighbors = start_of(tables(GATE | {"point": [0.107, 0.0], "end": 0.01}))
+    found = jax.jit(lambda step: contacts(simulation, parameters, state._replace(step=step), neighbors).walls)
+    there, gone = found(jnp.int32(1)), found(jnp.int32(2))
+    assert float(there.overlap[4].max()) > 0.0 and np.asarray(there.force[0][4]).any()
+    assert float(gone.overlap[4].max()) < 0.0 and not any(np.asarray(part[4]).any() for part in gone.force)
