@@ -230,7 +230,7 @@ def test_the_walls_of_one_time_are_held():
 
 def test_an_absent_wall_is_no_contact():
     """`observables.contacts` of grains that stand where a gate has been: out of reach, and no force."""
-    simulation, parameters, state, neighbors = start_of(tables(GATE | {"point": [0.107, 0.0], "end": 0.01}))
+    simulation, parameters, state, neighbors = start_of(tables(GATE | {"point": [0.1193, 0.0], "end": 0.01}))
     found = jax.jit(lambda step: contacts(simulation, parameters, state._replace(step=step), neighbors).walls)
     there, gone = found(jnp.int32(1)), found(jnp.int32(2))
     assert float(there.overlap[4].max()) > 0.0 and np.asarray(there.force[0][4]).any()
