@@ -1,9 +1,10 @@
 """Bed load over the Shields number: loose grains under a driven stream, beside two laws of flume experiments.
 
-    python benchmarks/river_bed.py [--speeds 0.5,0.7,...] [--packs 0,1] [--runs DIR] [--picture FILE]
+    python benchmarks/river_bed.py [--speeds 0.5,0.7,...] [--packs 0,1] [--runs DIR] [--picture FILE] [--also RUN ...]
 
 `scenes/river_bed.toml` at several bulk velocities, each with several packs. With --runs the runs are kept in DIR, and
-those that are complete are used again. A run of the scene takes some four minutes on a core.
+those that are complete are used again. A run of the scene takes some three minutes on a core. --also measures further
+runs of the scene with other keys, which the result and the picture tell apart.
 
 The volume of grains that passes a width and a time is q_s = sum(V v_x) / (length x width of the bed), from the frames.
 The bed's surface is where the solid fraction, averaged along the bed and in time, falls to half of that within the bed.
@@ -31,7 +32,7 @@ SCENE = Path(__file__).parents[1] / "scenes" / "river_bed.toml"
 SPEEDS = (0.5, 0.7, 0.85, 1.0, 1.2)
 """Bulk velocities [m/s]."""
 BEGIN = 0.6
-"""Part of the time of a run that passes before the flow and the bed are taken as steady."""
+"""Part of `time.end` that passes before the flow and the bed are taken as steady."""
 BLOCKS = 5
 """Parts of the rest, each a sample."""
 SLICES_PER_DIAMETER = 8
@@ -125,7 +126,7 @@ def standard_error(values: np.ndarray) -> float:
 
 def measure(run: Run) -> dict[str, Any]:
     """Shields number and flux of a run, with their standard errors in time, and its profiles."""
-    first = int(np.searchsorted(run.times, BEGIN * run.times[-1] - 1e-9))
+    first = int(np.searchsorted(run.times, BEGIN * run.scene["time"]["end"] - 1e-9))
     frames = range(first, run.number_of_frames)
     fluid, gravity = run.scene["fluid"], -run.scene["domain"]["gravity"][2]
     radius = run.particles(0)["radius"].astype(float)
@@ -163,6 +164,16 @@ def run_of(speed: float, seed: int, folder: Path, changes: dict[str, Any]) -> di
     return found | {"wall_s": wall, "end": float(run.times[-1])}
 
 
+def other_settings(path: Path) -> dict[str, Any]:
+    """A run with other keys, as far as it has come, measured; and the keys that are likely to differ."""
+    run = jaxdem.load_run(path)
+    fluid, coupling = run.scene["fluid"], run.scene["coupling"]
+    names = ("cells", "smagorinsky", "advection", "bulk_velocity", "drive_times")
+    keys = {name: fluid[name] for name in names} | {name: coupling[name] for name in ("kernel_width", "lift")}
+    keys |= {"young_modulus": run.scene["contact"]["young_modulus"]}
+    return {"name": path.name, "keys": keys, "end": float(run.times[-1])} | measure(run)
+
+
 def table_of(rows: list[dict[str, Any]]) -> str:
     """One line a run."""
     lines = [
@@ -180,7 +191,7 @@ def table_of(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
+def draw(rows: list[dict[str, Any]], others: list[dict[str, Any]], path: Path) -> None:
     """The flux over the Shields number, and profiles of three of the runs."""
     from jaxdem.report import style
 
@@ -197,9 +208,15 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
                 xerr=[row["shields_error"] for row in some], yerr=[row["flux_error"] for row in some],
                 fmt="os^D"[seed % 4], color=style.COLOURS[seed % len(style.COLOURS)], capsize=2, label=f"pack {seed}",
             )  # fmt: skip
+        if others:
+            there = [row for row in others if row["flux"] > 0.0]
+            left.plot(
+                [row["shields"] for row in there], [row["flux"] for row in there], "x", color=style.NOISE,
+                label="other settings",
+            )  # fmt: skip
         left.set(xscale="log", yscale="log", xlim=(0.05, 1.0), ylim=(1e-3, 10.0))
         left.set(xlabel="Shields number [-]", ylabel="bed load q* [-]")
-        left.legend(loc="lower right")
+        left.legend(loc="upper left")
         some = sorted((row for row in rows if row["seed"] == 0), key=lambda row: row["shields"])
         for number, row in enumerate(some[:: max(1, (len(some) - 1) // 2)]):
             profile, diameter, colour = row["profiles"], row["diameter_m"], style.COLOURS[number]
@@ -223,7 +240,9 @@ def main() -> None:
     parser.add_argument("--packs", default="0,1", help="seeds of the packs")
     parser.add_argument("--runs", type=Path, help="folder in which the runs are kept")
     parser.add_argument("--picture", type=Path, help="PNG of the flux over the Shields number")
+    parser.add_argument("--also", type=Path, nargs="*", default=[], help="run directories of other settings")
     arguments = parser.parse_args()
+    others = [other_settings(path) for path in arguments.also]
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.runs or Path(temporary)
@@ -231,10 +250,14 @@ def main() -> None:
             for seed in map(int, arguments.packs.split(",")):
                 rows.append(run_of(speed, seed, folder / f"{speed:g}_{seed}", {}))
                 print(table_of(rows[-1:]).splitlines()[-1], flush=True)
-                harness.save("river_bed", {"begin": BEGIN, "blocks": BLOCKS, "rows": rows}, table_of(rows))
+                harness.save(
+                    "river_bed",
+                    {"begin": BEGIN, "blocks": BLOCKS, "rows": rows, "other_settings": others},
+                    table_of(rows),
+                )
     print(table_of(rows))
     if arguments.picture:
-        draw(rows, arguments.picture)
+        draw(rows, others, arguments.picture)
 
 
 if __name__ == "__main__":
