@@ -162,6 +162,24 @@ def import_command(
 
 
 @app.command()
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="bed, hopper, chute, stream or settling.")],
+    out: Annotated[Path | None, options.file_out("Scene file to write; it must be new. [NAME.toml]")] = None,
+) -> None:
+    """Write a commented scene to begin with: bed, hopper, chute, stream or settling."""
+    from jaxdem.scene.commented import beginning
+
+    text, place = beginning(name), out or Path(f"{name}.toml")
+    prepare_folder(place.parent)
+    try:
+        with place.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError("--out", str(place), "exists already", "Name another file.") from None
+    terminal.line(f"Wrote {place}. Next: jaxdem check {place}")
+
+
+@app.command()
 def run(
     context: typer.Context,
     scene: options.SceneFile,
