@@ -209,3 +209,69 @@ def test_formulas():
     for text in ("bound(all,x)", "__import__('os')", "9^9^9^9^9", "1/0", "v_none", "(" * 500, "x.y"):
         with pytest.raises(Unknown):
             evaluate(text, {})
+
+
+CASE = {
+    "CFD/constant/couplingProperties": """/* a comment */ FoamFile { version 2.0; }
+modelType "A"; // A or B
+couplingInterval 10;
+voidFractionModel divided;//centre;
+forceModels ( gradPForce viscForce DiFeliceDrag fancyForce );
+twoWayMPIProps { liggghtsPath "../DEM/in.run"; }
+""",
+    "CFD/constant/transportProperties": "transportModel Newtonian; nu nu [0 2 -1 0 0 0 0] 1.5e-05;",
+    "CFD/0/rho": "dimensions [1 -3 0 0 0 0 0]; internalField uniform 1.2; boundaryField {}",
+    "CFD/0/U": """internalField uniform (0 0 0);
+boundaryField { inlet { type uniformFixedValue; uniformValue table ( (0 (0 0 0.1)) (0.5 (0 0 0.2)) ); }
+ outlet { type zeroGradient; } sides { type slip; } }""",
+    "CFD/0/p": "boundaryField { inlet { type zeroGradient; } outlet { type fixedValue; value $internalField; } }",
+    "CFD/system/controlDict": "deltaT 1e-4; endTime 0.01; writeControl timeStep; writeInterval 50;",
+    "CFD/system/blockMeshDict": """convertToMeters 0.01;
+vertices ( (0 0 0) (20 0 0) (20 5 0) (0 5 0) (0 0 8) (20 0 8) (20 5 8) (0 5 8) );
+blocks ( hex (0 1 2 3 4 5 6 7) (20 5 8) simpleGrading (1 1 1) );
+edges ();
+boundary ( inlet { type patch; faces ((0 1 2 3)); } outlet { type patch; faces ((4 5 6 7)); }
+ sides { type wall; faces ((0 3 7 4) (1 2 6 5) (0 1 5 4) (3 2 6 7)); } );""",
+    "DEM/in.run": PILE.replace("boundary p", "boundary f").replace("chute 30", "vector 0 0 -1")
+    + "fix cfd all couple/cfd couple_every 10 mpi\n",
+    "DEM/grains.data": DATA.replace("-10 10", "0 20").replace("-3 1 2", "9 1 2"),
+}
+
+
+def case_of(tmp_path, **changes):
+    for name, text in (CASE | changes).items():
+        path = tmp_path / "case" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return import_deck(tmp_path / "case", tmp_path / "scene.toml")
+
+
+def test_the_fluid_of_a_case(tmp_path):
+    made = case_of(tmp_path)
+    tables = tomllib.loads(made.toml)
+    assert tables["domain"]["size"] == [0.2, 0.05, 0.08]
+    assert tables["fluid"] == {
+        "cells": [20, 5, 8],
+        "density": 1.2,
+        "viscosity": 1.5e-5,
+        "time_step": 1e-4,
+        "model": "A",
+    }
+    assert tables["coupling"] == {"interval": 1e-4, "void_fraction": "divided", "drag": "di_felice"}
+    assert tables["boundary"]["bottom"] == {"kind": "inlet", "times": [0.0, 0.5],
+                                            "velocities": [[0.0, 0.0, 0.1], [0.0, 0.0, 0.2]]}  # fmt: skip
+    assert tables["boundary"]["top"] == {"kind": "outlet"}
+    assert {tables["boundary"][side]["kind"] for side in ("left", "right", "front", "back")} == {"free_slip"}
+    assert tables["time"] == {"end": 0.01, "output_interval": 0.005}
+    assert next(note for note in made.notes if note.text == "fancyForce").kind == LEFT
+
+
+def test_a_case_whose_mesh_is_no_box(tmp_path):
+    mesh = CASE["CFD/system/blockMeshDict"]
+    for change, words in (
+        (mesh.replace("edges ()", "edges (arc 4 5 (0 1 2))"), "not one block with straight edges"),
+        (mesh.replace("edges ();", "edges ("), "do not match"),
+        (mesh.replace("vertices", "corners"), "has not the form"),
+    ):
+        with pytest.raises(InputError, match=words):
+            case_of(tmp_path, **{"CFD/system/blockMeshDict": change})

@@ -151,7 +151,7 @@ def import_command(
     deck: options.DeckFile,
     out: Annotated[Path, options.file_out("Scene file to write (TOML).")],
 ) -> None:
-    """Make a scene of a LIGGGHTS input script, and say line by line what was taken of it."""
+    """Make a scene of a LIGGGHTS input script or a CFDEM case, and say line by line what was taken of it."""
     prepare_file(out, deck)
     from jaxdem.foreign import import_deck
 

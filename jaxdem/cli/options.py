@@ -65,7 +65,7 @@ def folder_out(content: str) -> object:
 
 # What is read.
 SceneFile = Annotated[Path, Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
-DeckFile = Annotated[Path, Argument(metavar="DECK", help="Input script of LIGGGHTS.", show_default=False)]
+DeckFile = Annotated[Path, Argument(metavar="DECK", help="LIGGGHTS script or CFDEM case.", show_default=False)]
 RunFolder = Annotated[Path, Argument(metavar="RUN", help="Run directory.", show_default=False)]
 SampledRun = Annotated[Path, Argument(metavar="RUN", help="Run directory with samples.h5.")]
 ReferenceRun = Annotated[Path, Argument(metavar="REFERENCE", help="Run directory of the reference.")]

@@ -10,6 +10,7 @@ import tomli_w
 
 from jaxdem.errors import InputError, visible
 from jaxdem.files.reading import TABLE_BYTES, read_text
+from jaxdem.foreign.case import Say, coupling_file, fluid_tables, script_of
 from jaxdem.foreign.commands import apply
 from jaxdem.foreign.fixes import fix
 from jaxdem.foreign.model import Deck
@@ -34,26 +35,58 @@ class Imported(NamedTuple):
 
 
 def import_deck(deck: Path, out: Path) -> Imported:
-    """The scene of a deck, valid as far as `load_scene` tells; files are named relative to `out`, where it will stand.
+    """The scene of a script, or of a CFDEM case in a folder, valid as far as `load_scene` tells.
+
+    Args:
+        deck: the script or the folder.
+        out: where the scene will stand; files are named relative to it.
 
     Raises:
         InputError: the deck cannot be read, or has not enough for a scene: a box, particles, a time step and a run.
     """
     found, notes = Deck(), list[Note]()
+
+    def say(what: str, kind: str, reason: str) -> None:
+        notes.append(Note("scene", what, kind, reason))
+
+    fluid: dict[str, Any] = {}
+    properties = coupling_file(deck) if deck.is_dir() else None
+    if deck.is_dir() and properties is None:
+        remedy = "give a LIGGGHTS script, or the folder of a CFDEM case"
+        raise unreadable(str(deck), "is a folder without constant/couplingProperties", remedy)
+    if properties is not None:
+        deck = script_of(properties)
     for command in commands(deck, {}, notes):
         kind, reason = (LEFT, command.problem) if command.problem else apply(found, command.words, fix)
         notes.append(Note(command.place, command.text, kind, reason))
         if command.words[:1] == ["read_data"] and kind == TAKEN:
             _box_of_data_file(found, deck.parent / found.data_file)
+    if properties is not None:
+        fluid, found.lower, found.upper = _fluid(properties.parents[1], found, say)
     _require_enough(found, deck, notes)
     data_name = os.path.relpath(deck.parent / found.data_file, out.parent) if found.data_file else ""
-
-    def say(what: str, kind: str, reason: str) -> None:
-        notes.append(Note("scene", what, kind, reason))
-
     tables = scene_tables(found, data_name, say)
+    tables |= fluid
     _check(tables, out.parent, deck)
     return Imported(_with_notes(deck, tables, notes), notes)
+
+
+def _fluid(root: Path, found: Deck, say: Say) -> tuple[dict[str, Any], list[float], list[float]]:
+    """The tables of the fluid; the box is that of the mesh, and the sides are those of the fluid."""
+    try:
+        tables, lower, upper = fluid_tables(root, found.time_step, say)
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        limit = f"has not the form that is expected ({type(error).__name__}: {error})"
+        raise unreadable(str(root), limit, "correct the dictionaries") from None
+    found.planes = [[(c, t) for c, t in planes if low < c < high]
+                    for planes, low, high in zip(found.planes, lower, upper, strict=True)]  # fmt: skip
+    if any(found.planes):
+        say("wall/gran", LEFT, "plane walls within the mesh of the fluid; write them as [[walls]]")
+        found.planes = [[], [], []]
+    found.lost = "error"  # sides of a fluid hold the grains back
+    found.steps = max(found.steps, round(tables["time"]["end"] / found.time_step)) if found.time_step else 0
+    found.output_steps = found.steps  # the tables have the time of the fluid
+    return tables, lower, upper
 
 
 def _box_of_data_file(deck: Deck, path: Path) -> None:
