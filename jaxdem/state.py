@@ -12,6 +12,7 @@ from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.fluid.momentum import FluidProperties, FluidState
+from jaxdem.particles.forces import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 
@@ -91,6 +92,7 @@ class ParticleDiagnostics(NamedTuple):
         fastest: () largest particle speed [m/s].
         waiting: () int32, particles that are due at an inlet and have not found room; None without inlets.
         buried: () int32, particles within a wall that came in this interval; None where all walls always are there.
+        walls: mean force and torque on every wall, sides of the box first; None where nothing asks for it.
     """
 
     collision_force: Array
@@ -101,6 +103,7 @@ class ParticleDiagnostics(NamedTuple):
     fastest: Array
     waiting: Array | None = None
     buried: Array | None = None
+    walls: WallLoads | None = None
 
 
 class Diagnostics(NamedTuple):

@@ -64,7 +64,7 @@ def advance_particles(
     step, torque = simulation.contact_time_step(load.dtype), None if forces is None else forces.torque
     middle, listed = simulation.middle(parameters, state.step), neighbors
     walls = surroundings(parameters.materials, simulation.wall_velocity(parameters, middle))
-    particles, neighbors, collision = with_walls_present(
+    particles, neighbors, means = with_walls_present(
         simulation.contact, walls, before, middle,
         lambda contact, walls, start: contact_interval(contact, walls, bodies, start, listed, load, step, torque),
     )  # fmt: skip
@@ -73,5 +73,5 @@ def advance_particles(
     if simulation.population is not None:
         particles, neighbors = simulation.renewed(parameters, particles, neighbors, state.step + 1)
     buried = simulation.buried(parameters, before, state.step)
-    report = simulation.particle_report(particles, neighbors, collision, state.step + 1, buried)
+    report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried)
     return particles, neighbors, report

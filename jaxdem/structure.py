@@ -15,7 +15,7 @@ from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch
 from jaxdem.particles.population import Population, renewed
 from jaxdem.particles.walls_present import buried
@@ -128,7 +128,7 @@ class Structure:
         self,
         particles: ParticleState,
         neighbors: Neighbors,
-        collision: Array,
+        means: ContactMeans,
         step: Array,
         buried: Array | None = None,
     ) -> ParticleDiagnostics:
@@ -143,7 +143,7 @@ class Structure:
             waiting = self.population.waiting(required(particles.inserted, "inserted of the particles"), step)
         squared = jnp.sum(velocity**2, axis=1)
         return ParticleDiagnostics(
-            collision,
+            means.collision_force,
             neighbors.builds,
             neighbors.overflow,
             jnp.all(jnp.isfinite(position))
@@ -153,6 +153,7 @@ class Structure:
             jnp.sqrt(jnp.max(squared, initial=0.0)),
             waiting,
             None if buried is None else jnp.sum(buried.astype(jnp.int32)),
+            means.walls,
         )
 
     @property

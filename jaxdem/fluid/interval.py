@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -43,6 +43,8 @@ class FluidDiagnostics(NamedTuple):
         divergence: largest after projection, in units of U/h.
         converged: bool, every pressure solve reached its tolerance.
         finite: bool, no velocity and no pressure is NaN or infinite.
+        side_force: (2 D, D) mean force on every side of the box, lower before upper, axis by axis; None where nothing
+            asks for it [N].
     """
 
     substeps: Array
@@ -52,6 +54,7 @@ class FluidDiagnostics(NamedTuple):
     divergence: Array
     converged: Array
     finite: Array
+    side_force: Array | None = None
 
 
 class Substeps(NamedTuple):
@@ -101,12 +104,18 @@ class FluidInterval:
         """A fluid without particles after the interval that begins at `time` [s]."""
         substeps = self.choose(properties, state, time)
 
-        def step(state: FluidState, k: Array) -> tuple[FluidState, SolverRecord]:
+        def step(carry: tuple[FluidState, Array | None], k: Array) -> tuple[Any, SolverRecord]:
+            state, force = carry
             result = self.solver.step(properties, state, None, time + k * substeps.step, substeps.step)
-            return result.state, solver_record(result)
+            return (result.state, added_side_force(force, result)), solver_record(result)
 
-        state, record = self.loop(substeps.number, step, state)
-        return state, diagnostics(substeps, record, state)
+        (state, force), record = self.loop(substeps.number, step, (state, self.no_side_force(state)))
+        return state, diagnostics(substeps, record, state, force)
+
+    def no_side_force(self, state: FluidState) -> Array | None:
+        """(2 D, D) zeros to add up forces on the sides of the box; None where they are not measured [N]."""
+        dimension = self.solver.grid.dimension
+        return jnp.zeros((2 * dimension, dimension), state.pressure.dtype) if self.solver.measures_sides else None
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:
         """The fluid steps that Courant and viscosity number ask for, at least `substeps` of them."""
@@ -175,7 +184,16 @@ def solver_record(result: FluidStep) -> SolverRecord:
     return SolverRecord(result.solver.iterations, result.divergence, result.solver.converged)
 
 
-def diagnostics(substeps: Substeps, record: SolverRecord, state: FluidState) -> FluidDiagnostics:
-    """Figures of an interval that ends with `state`."""
+def added_side_force(total: Array | None, result: FluidStep) -> Array | None:
+    """The sum of the forces on the sides with that of one fluid step more; None where they are not measured [N]."""
+    return None if total is None or result.side_force is None else total + result.side_force
+
+
+def diagnostics(
+    substeps: Substeps, record: SolverRecord, state: FluidState, side_force: Array | None
+) -> FluidDiagnostics:
+    """Figures of an interval that ends with `state`; `side_force` is the sum over its fluid steps."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
-    return FluidDiagnostics(substeps.number, substeps.courant, substeps.viscous, *record, jnp.all(jnp.asarray(finite)))
+    mean = None if side_force is None else side_force / substeps.number
+    sound = jnp.all(jnp.asarray(finite))
+    return FluidDiagnostics(substeps.number, substeps.courant, substeps.viscous, *record, sound, mean)

@@ -36,6 +36,7 @@ from jaxdem.fluid.grid import (
     sum_of,
 )
 from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
+from jaxdem.fluid.side_forces import gained_at_sides, pressure_on_sides, stress_on_sides, viscous_stresses
 from jaxdem.fluid.subgrid import eddy_viscosity
 from jaxdem.fluid.subgrid_stress import (
     SubgridFlow,
@@ -113,12 +114,15 @@ class FluidStep(NamedTuple):
         viscous_acceleration: div(tau)/rho that acted during the step, on the faces [m/s2].
         solver: how the pressure solve went.
         divergence: () largest |d(g)/dt + div(g u)| after the projection, times h/U [-].
+        side_force: (2 D, D) mean force on every side of the box, see `side_forces`; None unless the solver measures it
+            [N].
     """
 
     state: FluidState
     viscous_acceleration: FaceField
     solver: SolverReport
     divergence: Array
+    side_force: Array | None = None
 
 
 class _Rates(NamedTuple):
@@ -127,10 +131,12 @@ class _Rates(NamedTuple):
     Attributes:
         total: rate of change of g u by advection and stress.
         stress: divergence of the stress over density.
+        on_sides: (2 D, D) force of stress and advection on the sides over density [m4/s2]; None unless measured.
     """
 
     total: FaceField
     stress: FaceField
+    on_sides: Array | None = None
 
 
 @static
@@ -144,6 +150,7 @@ class FluidSolver:
         viscous: whether there is a viscosity, molecular or subgrid; an inviscid scene compiles no stress.
         model: of the equations, "A" or "B".
         drive: of periodic axes; None compiles none.
+        measures_sides: whether the force on the sides of the box is found; else no such term is compiled.
 
     Source of the models: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II
     and III.
@@ -155,6 +162,7 @@ class FluidSolver:
     viscous: bool
     model: Literal["A", "B"] = "A"
     drive: Drive | None = None
+    measures_sides: bool = False
 
     @property
     def shares_stress(self) -> bool:
@@ -234,7 +242,33 @@ class FluidSolver:
             mean_gradient = required(mean_gradient, "mean_gradient of the fluid") + change
         velocity, pressure, report, remaining = self._project(state.pressure, predicted, new, push, growth)
         fluid = FluidState(velocity, pressure, void_fraction, mean_gradient)
-        return FluidStep(fluid, mean.stress, report, remaining)
+        on_sides = None
+        if mean.on_sides is not None:
+            on_sides = properties.density * mean.on_sides + pressure_on_sides(grid, pressure)
+            if exchange is not None:
+                on_sides = on_sides + self._handed_to_sides(properties, fluid, mean.stress, weight, exchange, time_step)
+        return FluidStep(fluid, mean.stress, report, remaining, on_sides)
+
+    def _handed_to_sides(
+        self,
+        properties: FluidProperties,
+        fluid: FluidState,
+        stress: FaceField,
+        weight: tuple[CellOrOne, ...],
+        exchange: FaceExchange,
+        time_step: Array,
+    ) -> Array:
+        """(2 D, D) force on the sides of what particles hand to the boundary faces: what these lose, and the part of
+        pressure gradient and stress that the particles take there [N]."""
+        grid, force = self.grid, []
+        for axis, u in enumerate(fluid.face_velocity):
+            volume = face_control_volume(grid, axis).astype(u.dtype)
+            given = (exchange.forcing[axis] - exchange.resistance[axis] * u) / (time_step * volume)
+            if self.shares_stress:
+                slope = pressure_slope(grid, self.boundary, fluid, continued=True)[axis]
+                given = given + (1.0 - weight[axis]) * (slope - properties.density * stress[axis])
+            force.append(given)
+        return gained_at_sides(grid, tuple(force))
 
     def first_gradient(self, properties: FluidProperties) -> Array | None:
         """(D,) mean gradient of the reduced pressure that the scene gives at its start [Pa/m]; None without a drive."""
@@ -328,15 +362,22 @@ class FluidSolver:
         """
         grid, sides = self.grid, self._sides(properties, time)
         rates = advection(grid, sides, self.advection, flux, velocity)
+        on_sides = gained_at_sides(grid, rates) if self.measures_sides else None
         flow = self._subgrid_flow(properties, velocity, void_fraction, time)
         if flow is not None:
-            moved = subgrid_acceleration(grid, self.boundary, subgrid_stress(grid, flow, void_fraction))
+            within = subgrid_stress(grid, flow, void_fraction)
+            moved = subgrid_acceleration(grid, self.boundary, within)
             rates = tuple(r + m for r, m in zip(rates, moved, strict=True))
+            if on_sides is not None:
+                on_sides = on_sides + stress_on_sides(grid, self.boundary, within)
         if not self.viscous:
-            return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity))
+            return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity), on_sides)
+        if on_sides is not None:
+            found = viscous_stresses(grid, sides, velocity, properties.viscosity, properties.smagorinsky)
+            on_sides = on_sides + stress_on_sides(grid, self.boundary, found)
         stress = stress_divergence(grid, sides, velocity, properties.viscosity, properties.smagorinsky)
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
-        return _Rates(total, stress)
+        return _Rates(total, stress, on_sides)
 
     def _corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
         """The flux changed so that div(F) = -d(g)/dt: on outlets by the speed that balances the box, within by a

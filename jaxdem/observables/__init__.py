@@ -5,6 +5,7 @@ from jaxdem.observables.contacts import Contacts, contacts
 from jaxdem.observables.flow import FluidFlow, ParticleFlow, Plane, fluid_flow, particle_flow
 from jaxdem.observables.point import FluidAt, fluid_at
 from jaxdem.observables.profile import FluidProfile, ParticleProfile, fluid_profile, particle_profile
+from jaxdem.observables.walls import WallLoad, fluid_force, measuring_walls, side_walls, surface_walls, wall_load
 
 __all__ = [
     "Boxes",
@@ -15,11 +16,17 @@ __all__ = [
     "ParticleFlow",
     "ParticleProfile",
     "Plane",
+    "WallLoad",
     "contacts",
     "fluid_at",
     "fluid_flow",
+    "fluid_force",
     "fluid_profile",
+    "measuring_walls",
     "particle_flow",
     "particle_profile",
+    "side_walls",
     "slices",
+    "surface_walls",
+    "wall_load",
 ]

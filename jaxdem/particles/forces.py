@@ -71,6 +71,7 @@ class ContactModel:
         surfaces: further walls; none: then no such term is compiled.
         materials: None where all particles, and all walls, are of one material: then nothing is looked up.
         wall_times: when the surfaces are there; None where all always are.
+        measures_walls: whether the loads on the walls are summed; else no such term is compiled.
     """
 
     law: ContactLaw
@@ -79,6 +80,7 @@ class ContactModel:
     surfaces: tuple[Surface, ...] = ()
     materials: MaterialIndex | None = None
     wall_times: WallTimes | None = None
+    measures_walls: bool = False
 
     @property
     def walls(self) -> int:
@@ -113,11 +115,31 @@ class Surroundings(NamedTuple):
     wall_velocity: tuple[Array, ...]
 
 
-class Sums(NamedTuple):
-    """Force and torque on every particle, summed over its contacts: D and A arrays (N,) [N, N m]."""
+class WallLoads(NamedTuple):
+    """What particles do to each of the S walls.
+
+    Attributes:
+        force: D arrays (S,), minus the sum of the forces on the particles [N].
+        torque: A arrays (S,), about the origin: minus the sum of x cross F + T, with x the centre of a particle, F the
+            force of the wall on it and T the torque about its centre [N m].
+    """
 
     force: Vector
     torque: Vector
+
+
+class Sums(NamedTuple):
+    """Sums over contacts.
+
+    Attributes:
+        force: D arrays (N,), on every particle [N].
+        torque: A arrays (N,), the same [N m].
+        walls: on every wall; None unless the model measures it.
+    """
+
+    force: Vector
+    torque: Vector
+    walls: WallLoads | None = None
 
 
 class Touching(NamedTuple):
@@ -333,8 +355,12 @@ class _Loop:
         """Adds the contacts with the walls."""
         pair, load = self.walls()
         force, torque, _ = _on_bodies(load, pair)
+        loads = None
+        if self.model.measures_walls:
+            turning = vectors.add(vectors.moment(_rows(self.motion.position), force), torque)
+            loads = WallLoads(*(tuple(-jnp.sum(x, axis=1) for x in vector) for vector in (force, turning)))
         added = vectors.add(sums.force, tuple(_sum_slots(x) for x in force))
-        return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque))), load.spring
+        return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque)), loads), load.spring
 
     def _wall_geometry(self) -> tuple[Array, Vector]:
         """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""

@@ -8,12 +8,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.typing import DTypeLike
 
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.forces import ContactModel, Surroundings, contact_forces
+from jaxdem.particles.forces import ContactModel, Surroundings, WallLoads, contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.neighbors import (
     Neighbors,
@@ -51,6 +52,19 @@ class _Carry(NamedTuple):
     contact_impulse: Vector
     collision: Array
     step: Array
+    walls: WallLoads | None
+
+
+class ContactMeans(NamedTuple):
+    """Means over the contact steps of an interval.
+
+    Attributes:
+        collision_force: () over particles present and steps, of |sum of contact forces| [N].
+        walls: force and torque on every wall; None unless the model measures them.
+    """
+
+    collision_force: Array
+    walls: WallLoads | None
 
 
 _Step = Callable[[_Carry, Neighbors], _Carry]
@@ -65,7 +79,7 @@ def contact_interval(
     body_force: Array,
     time_step: Array,
     body_torque: Array | None = None,
-) -> tuple[ParticleState, Neighbors, Array]:
+) -> tuple[ParticleState, Neighbors, ContactMeans]:
     """Particles moved through `interval.steps` contact steps of position Verlet.
 
     x += v dt/2;  F(x, v');  v += F dt/m;  x += v dt/2. Symplectic and of second order for forces without
@@ -86,8 +100,7 @@ def contact_interval(
         body_torque: (N, A) constant over the interval, None for none [N m].
 
     Returns:
-        state at the end, with `contact_force` the mean over the interval; the list; and the mean over
-        particles present and steps of |sum of contact forces| () [N].
+        state at the end, with `contact_force` the mean over the interval; the list; and other means.
     """
     active, count = state.active, max(state.position.shape[0], 1)
     if active is not None:
@@ -108,7 +121,8 @@ def contact_interval(
         motion = kick(motion, total, torque, properties, time_step)
         impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)
         collision = carry.collision + jnp.sum(vectors.length(sums.force))
-        return _Carry(drift(motion, 0.5 * time_step), sums.force, impulse, collision, carry.step + 1)
+        walls = jax.tree.map(jnp.add, carry.walls, sums.walls)
+        return _Carry(drift(motion, 0.5 * time_step), sums.force, impulse, collision, carry.step + 1, walls)
 
     zero = jnp.zeros_like(force[0])
     carry = _Carry(
@@ -117,15 +131,22 @@ def contact_interval(
         (zero,) * len(force),
         jnp.zeros((), zero.dtype),
         jnp.zeros((), jnp.int32),
+        _no_loads(interval.model, zero.dtype, len(force)) if interval.model.measures_walls else None,
     )
     loop = _reversible_loop if interval.reversible else _fast_loop
     neighbors = with_radius(neighbors, properties.radius)
     carry, neighbors = loop(interval, step, time_step, carry, neighbors, active)
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
-    if active is not None:
-        return state, neighbors, carry.collision / (interval.steps * jnp.maximum(jnp.sum(active), 1))
-    return state, neighbors, carry.collision / (interval.steps * count)
+    present = count if active is None else jnp.maximum(jnp.sum(active), 1)
+    walls = jax.tree.map(lambda total: total / interval.steps, carry.walls)
+    return state, neighbors, ContactMeans(carry.collision / (interval.steps * present), walls)
+
+
+def _no_loads(model: ContactModel, dtype: DTypeLike, dimension: int) -> WallLoads:
+    """Of all walls, none of which anything touches."""
+    blank = jnp.zeros(model.walls, dtype)
+    return WallLoads((blank,) * dimension, (blank,) * vectors.angular_size(dimension))
 
 
 def _reversible_loop(

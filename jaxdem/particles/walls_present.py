@@ -18,13 +18,13 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.numerics import vectors
-from jaxdem.particles.forces import ContactModel, Surroundings
+from jaxdem.particles.forces import ContactModel, Surroundings, WallLoads
 from jaxdem.particles.integrate import ParticleState, split_low
-from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.surfaces import surface_contacts
 
-Result = tuple[ParticleState, Neighbors, Array]
+Result = tuple[ParticleState, Neighbors, ContactMeans]
 Advance = Callable[[ContactInterval, Surroundings, ParticleState], Result]
 
 
@@ -39,7 +39,7 @@ def with_walls_present(
         state: with the springs of all walls.
         middle: () of the interval [s].
         advance: from the interval, the surroundings and the state of the walls that are there to the state with their
-            springs, the neighbour list, and the mean collision force.
+            springs, the neighbour list, and the means of the interval.
     """
     model = interval.model
     times = model.wall_times
@@ -51,21 +51,24 @@ def with_walls_present(
         around = surroundings._replace(wall_velocity=tuple(surroundings.wall_velocity[k] for k in kept))
         springs = tuple(spring[np.asarray(kept, int)] for spring in state.wall_spring)
         there = dataclasses.replace(interval, model=model.with_walls(kept))
-        after, neighbors, collision = advance(there, around, state._replace(wall_spring=springs))
+        after, neighbors, means = advance(there, around, state._replace(wall_spring=springs))
         springs = tuple(_of_all_walls(model, kept, spring) for spring in after.wall_spring)
-        return after._replace(wall_spring=springs), neighbors, collision
+        if means.walls is not None:
+            loads = WallLoads(*(tuple(_of_all_walls(model, kept, x) for x in vector) for vector in means.walls))
+            means = means._replace(walls=loads)
+        return after._replace(wall_spring=springs), neighbors, means
 
     sets = tuple(dict.fromkeys(times.phases))
     number = jnp.asarray([sets.index(phase) for phase in times.phases])[times.phase(middle)]
     return lax.switch(number, [lambda one=one: advanced_with(one) for one in sets])  # type: ignore[no-any-return]
 
 
-def _of_all_walls(model: ContactModel, kept: tuple[int, ...], spring: Array) -> Array:
-    """(S, N) springs of all walls, zero at those that are not there."""
-    nothing = jnp.zeros_like(spring, shape=(1, *spring.shape[1:]))
+def _of_all_walls(model: ContactModel, kept: tuple[int, ...], own: Array) -> Array:
+    """(S, ...) springs or loads of all walls, zero at those that are not there."""
+    nothing = jnp.zeros_like(own, shape=(1, *own.shape[1:]))
     place = np.full(model.walls, len(kept))
     place[list(kept)] = np.arange(len(kept))
-    return jnp.concatenate([spring, nothing])[place]
+    return jnp.concatenate([own, nothing])[place]
 
 
 def buried(model: ContactModel, particles: ParticleState, radius: Array, middle: Array, interval: Array) -> Array:

@@ -20,7 +20,8 @@ from jaxdem.scene.materials import MaterialPairs, Materials
 from jaxdem.scene.packs import check_settling
 from jaxdem.scene.particles import Particles, largest_radius
 from jaxdem.scene.population import check_exits, completed_inlets
-from jaxdem.scene.probes import Probe, ProbePlace, completed_probes
+from jaxdem.scene.probe_places import ProbePlace, completed_probes
+from jaxdem.scene.probes import Probe
 from jaxdem.scene.walls import Wall, check_walls
 
 
@@ -161,7 +162,8 @@ def completed(scene: Scene) -> Scene:
         check_own_gravity(scene.domain.gravity, found.periodic)
         check_drive(found.fluid, found.domain.gravity or (), found.periodic)
     has = found.particles is not None, found.fluid is not None
-    place = ProbePlace(found.box, found.time.end, found.time.output_interval, *has)
+    time = found.time
+    place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary)
     found = found.model_copy(update={"probes": completed_probes(found.probes, place)})
     if found.coupling is not None and found.coupling.basset and found.comes_and_goes:
         limit = "its history is kept only for particles that are present from the start to the end"

@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
+from jaxdem.observables.walls import measuring_walls
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import ScheduledProbe
 from jaxdem.scene import Scene
@@ -28,7 +29,7 @@ from jaxdem.setup.magnitudes import check_magnitudes, check_memory
 from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
-from jaxdem.setup.probes import scene_probes
+from jaxdem.setup.probes import measures_walls, scene_probes
 from jaxdem.setup.settling import Progress, settled
 from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.time_steps import time_steps
@@ -152,6 +153,8 @@ def build_case(scene: Scene, closure: DragClosure | None = None, **extensions: U
         coupling=coupling,
         population=population,
     )
+    if measures_walls(scene):
+        simulation = measuring_walls(simulation)
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
     return Case(scene, particles, simulation, parameters, scene_probes(scene, steps))
 

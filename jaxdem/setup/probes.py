@@ -13,9 +13,12 @@ from jaxdem.probes.base import Probe, Schedule, ScheduledProbe
 from jaxdem.probes.plane import PlaneProbe
 from jaxdem.probes.point import PointProbe
 from jaxdem.probes.profile import ProfileProbe
+from jaxdem.probes.wall import WallProbe
 from jaxdem.scene import Scene
 from jaxdem.scene import probes as described
+from jaxdem.scene.probe_places import measured_at, torque_axes
 from jaxdem.scene.probes import AXIS_NAMES
+from jaxdem.setup.walls import surfaces_of
 from jaxdem.structure import TimeSteps
 
 
@@ -89,9 +92,32 @@ def _point(scene: Scene, probe: described.Probe) -> PointProbe:
     return PointProbe(probe.name, AXIS_NAMES[scene.dimension], probe.points or ())
 
 
+def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
+    axes, turning = AXIS_NAMES[scene.dimension], torque_axes(scene.periodic)
+    has = scene.particles is not None, scene.fluid is not None
+    if probe.wall is not None:
+        before = [surface for wall in scene.walls[: probe.wall] for surface in surfaces_of(wall)]
+        wall = scene.walls[probe.wall]
+        own = tuple(range(len(before), len(before) + len(surfaces_of(wall))))
+        about = probe.about or wall.point or wall.center or wall.apex or ()
+        return WallProbe(probe.name, axes, None, own, about, turning, has[0], False)
+    name = probe.side or ""
+    axis, upper = scene.box.normal_of(name)
+    middle = [0.5 * length for length in scene.domain.size]
+    middle[axis] = scene.domain.size[axis] if upper else 0.0
+    about, has = probe.about or tuple(middle), measured_at(scene.boundary[name], *has)
+    return WallProbe(probe.name, axes, (axis, upper), (), about, turning, *has)
+
+
+def measures_walls(scene: Scene) -> bool:
+    """Whether a probe needs the loads on the walls."""
+    return any(probe.kind == "wall" for probe in scene.probes)
+
+
 BUILDERS: dict[str, Callable[[Scene, described.Probe], Probe]] = {
     "plane": _plane,
     "profile": _profile,
     "point": _point,
+    "wall": _wall,
 }
 """By kind, what makes the probe of a scene."""

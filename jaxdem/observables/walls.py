@@ -1,0 +1,91 @@
+"""What particles and fluid do to the walls, as a step has measured it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple, TypeVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.errors import required
+from jaxdem.numerics import vectors
+from jaxdem.state import Diagnostics
+from jaxdem.structure import Structure
+
+AnyStructure = TypeVar("AnyStructure", bound=Structure)
+
+
+class WallLoad(NamedTuple):
+    """Means over an interval.
+
+    Attributes:
+        force: (D,) of the particles on a wall [N].
+        torque: (A,) of the same about a point [N m].
+    """
+
+    force: Array
+    torque: Array
+
+
+def measuring_walls(simulation: AnyStructure) -> AnyStructure:
+    """The simulation with steps that measure the loads on all walls; `Diagnostics` has them."""
+    contact, fluid, coupling = simulation.contact, simulation.fluid, simulation.coupling
+    if contact is not None:
+        contact = dataclasses.replace(contact, model=dataclasses.replace(contact.model, measures_walls=True))
+    if fluid is not None:
+        fluid = dataclasses.replace(fluid, solver=dataclasses.replace(fluid.solver, measures_sides=True))
+        coupling = None if coupling is None else dataclasses.replace(coupling, interval=fluid)
+    return dataclasses.replace(simulation, contact=contact, fluid=fluid, coupling=coupling)
+
+
+def side_walls(structure: Structure, axis: int, upper: bool) -> tuple[int, ...]:
+    """Number of the wall that a side of the box is to the particles; none where they leave."""
+    sides = required(structure.contact, "particles").model.sides
+    return tuple(k for k, side in enumerate(sides) if (side.axis, side.inward < 0) == (axis, upper))
+
+
+def surface_walls(structure: Structure, surfaces: tuple[int, ...]) -> tuple[int, ...]:
+    """Numbers of the walls that these surfaces are."""
+    first = len(required(structure.contact, "particles").model.sides)
+    return tuple(first + k for k in surfaces)
+
+
+def wall_load(diagnostics: Diagnostics, walls: tuple[int, ...], about: Array) -> WallLoad:
+    """Mean force of the particles on some walls over an interval, and its torque about a point:
+
+        F = -sum f,    T = -sum [ (x - a) cross f + t ],
+
+    over all contacts and contact steps, with f the force and t the torque about its centre that a wall puts on a
+    particle at x, and a the point. So the change of the particles' momentum, and of their angular momentum about a, is
+    minus this, to rounding, beside what gravity and fluid do. In 2-D the torque turns from the first axis to the
+    second.
+
+    Along a periodic axis positions go on, so components of the torque with such an arm have no meaning: about an axis
+    all others must not be periodic.
+
+    Args:
+        diagnostics: of a step of a simulation from `measuring_walls`.
+        walls: numbers, from `side_walls` or `surface_walls`.
+        about: (D,) the point a [m].
+    """
+    loads = required(required(diagnostics.particles, "particles").walls, "walls of the diagnostics")
+    chosen = list(walls)
+    force, about_origin = (tuple(jnp.sum(x[jnp.asarray(chosen, int)]) for x in vector) for vector in loads)
+    arm = tuple(about[k] for k in range(about.shape[0]))
+    torque = vectors.subtract(about_origin, vectors.moment(arm, force))
+    return WallLoad(jnp.stack(force), jnp.stack(torque))
+
+
+def fluid_force(diagnostics: Diagnostics, axis: int, upper: bool) -> Array:
+    """(D,) mean force of the fluid on a side of the box over an interval: pressure and viscous stress [N].
+
+    The pressure is the reduced one. See `fluid.side_forces` for the balance that it closes.
+
+    Args:
+        diagnostics: of a step of a simulation from `measuring_walls`.
+        axis: that the side is normal to.
+        upper: whether it is the upper one.
+    """
+    forces = required(required(diagnostics.fluid, "fluid").side_force, "side_force of the diagnostics")
+    return forces[2 * axis + upper]

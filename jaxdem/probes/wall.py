@@ -1,0 +1,66 @@
+"""Force and torque on a wall."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.numerics.static import static
+from jaxdem.observables.walls import fluid_force, side_walls, surface_walls, wall_load
+from jaxdem.probes.base import Column, Interval, Probe
+from jaxdem.state import Parameters
+from jaxdem.structure import Structure
+
+
+@static
+class WallProbe(Probe):
+    """What particles and fluid do to a wall; static.
+
+    Attributes:
+        name: of the probe.
+        axes: names of the axes.
+        side: axis and whether upper, of a side of the box; None for a wall of the scene.
+        surfaces: numbers of the surfaces of that wall.
+        about: point of the torque [m].
+        turning: components of the torque that have a meaning.
+        with_particles, with_fluid: what it measures.
+    """
+
+    name: str
+    axes: str
+    side: tuple[int, bool] | None
+    surfaces: tuple[int, ...]
+    about: tuple[float, ...]
+    turning: tuple[int, ...]
+    with_particles: bool
+    with_fluid: bool
+    NUMBERS: ClassVar[tuple[str, ...]] = ("about",)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """See `Probe`."""
+        found: list[Column] = []
+        if self.with_particles:
+            found += [Column(f"force_{axis}", "N") for axis in self.axes]
+            found += [Column(self._torque(k), "N m") for k in self.turning]
+        if self.with_fluid:
+            found += [Column(f"fluid_force_{axis}", "N") for axis in self.axes]
+        return tuple(found)
+
+    def measure(self, structure: Structure, parameters: Parameters, interval: Interval) -> dict[str, Array]:
+        """See `Probe`."""
+        found: dict[str, Array] = {}
+        if self.with_particles:
+            walls = surface_walls(structure, self.surfaces) if self.side is None else side_walls(structure, *self.side)
+            load = wall_load(interval.diagnostics, walls, jnp.asarray(self.about))
+            found |= {f"force_{axis}": load.force[k] for k, axis in enumerate(self.axes)}
+            found |= {self._torque(k): load.torque[k] for k in self.turning}
+        if self.with_fluid and self.side is not None:
+            force = fluid_force(interval.diagnostics, *self.side)
+            found |= {f"fluid_force_{axis}": force[k] for k, axis in enumerate(self.axes)}
+        return {name: value[None] for name, value in found.items()}
+
+    def _torque(self, component: int) -> str:
+        return "torque" if len(self.axes) == 2 else f"torque_{self.axes[component]}"

@@ -1,0 +1,204 @@
+"""Forces and torques on walls: the third law, balances of momentum, and closed forms of flows."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem.fluid.grid import along, face_average, face_control_volume
+from jaxdem.observables import fluid_force, measuring_walls, side_walls, surface_walls, wall_load
+
+MASS = 2500.0 * 4.0 / 3.0 * np.pi * 0.01**3
+
+GRAINS = {
+    "precision": "float64",
+    "domain": {"size": [0.12, 0.1, 0.11], "gravity": [0.3, 0.0, -9.81]},
+    "particles": {
+        "radius": 0.01,
+        "density": 2500.0,
+        "position": [[0.02, 0.03, 0.025], [0.09, 0.08, 0.03], [0.06, 0.05, 0.08], [0.03, 0.07, 0.09], [0.05, 0.05, 0.03]],
+        "velocity": [[-1.0, 0.4, -0.5], [1.2, 0.8, -0.3], [0.2, -0.4, 1.5], [-0.8, 1.0, 0.7], [0.5, 0.1, -1.0]],
+    },
+    "contact": {
+        "law": "linear_spring_dashpot", "normal_stiffness": 2e4, "restitution": 0.7, "friction": 0.4, "speed": 2.0,
+        "rolling_friction": 0.1,
+    },
+    "walls": [{"kind": "plane", "point": [0.0, 0.0, 0.02], "normal": [0.3, 0.1, 1.0]}],
+    "time": {"end": 0.005, "output_interval": 0.005},
+}  # fmt: skip
+
+
+def steps_of(tables, number):
+    """Simulation, parameters, and states and reports of a number of intervals."""
+    scene = jaxdem.load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    simulation = measuring_walls(simulation)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    step = jax.jit(simulation.step)
+    states, reports = [state], []
+    for _ in range(number):
+        state, neighbors, report = step(parameters, state, neighbors)
+        states.append(state)
+        reports.append(report)
+    return simulation, parameters, states, reports
+
+
+def angular_momentum(state):
+    particles = state.particles
+    inertia = 0.4 * MASS * 0.01**2
+    return np.cross(particles.position, MASS * particles.velocity) + inertia * np.asarray(particles.angular_velocity)
+
+
+@pytest.fixture(scope="module")
+def bouncing():
+    return steps_of({**GRAINS, "domain": {**GRAINS["domain"], "gravity": [0.0, 0.0, 0.0]}}, 12)
+
+
+def test_momentum_lost_is_what_the_walls_have_got(bouncing):
+    """Of grains that bounce, slide and roll: linear and angular, in every interval, over all walls."""
+    simulation, _, states, reports = bouncing
+    walls = tuple(range(simulation.contact.model.walls))
+    touched = set()
+    for before, after, report in zip(states, states[1:], reports, strict=True):
+        load = wall_load(report, walls, jnp.zeros(3))
+        impulse = MASS * np.sum(after.particles.velocity - before.particles.velocity, axis=0)
+        scale = MASS * 2.0
+        np.testing.assert_allclose(impulse, -simulation.interval * np.asarray(load.force), atol=1e-13 * scale)
+        turned = (angular_momentum(after) - angular_momentum(before)).sum(axis=0)
+        np.testing.assert_allclose(turned, -simulation.interval * np.asarray(load.torque), atol=1e-13 * 0.1 * scale)
+        touched |= {k for k, force in enumerate(zip(*report.particles.walls.force, strict=True)) if any(force)}
+    assert len(touched) >= 5
+
+
+def test_torque_about_another_point(bouncing):
+    simulation, _, _, reports = bouncing
+    walls = (*side_walls(simulation, 2, True), *surface_walls(simulation, (0,)))
+    about = np.array([0.03, -0.2, 0.1])
+    for report in reports:
+        own, other = wall_load(report, walls, jnp.zeros(3)), wall_load(report, walls, jnp.asarray(about))
+        np.testing.assert_allclose(own.torque - np.cross(about, own.force), other.torque, rtol=1e-12, atol=1e-18)
+
+
+def test_a_column_at_rest_weighs_on_the_bottom():
+    """Three grains on each other in 2-D, under their weight; slow enough that nothing else is felt."""
+    mass = 2500.0 * 0.02 * np.pi * 0.01**2
+    overlap = mass * 9.81 * np.array([3.0, 2.0, 1.0]) / 2e4
+    heights = np.cumsum([0.01, 0.02, 0.02] - overlap)
+    tables = {
+        **GRAINS,
+        "domain": {"size": [0.1, 0.1], "depth": 0.02},
+        "particles": {"radius": 0.01, "density": 2500.0, "position": [[0.03, z] for z in heights]},
+    }
+    del tables["walls"]
+    simulation, parameters, _, reports = steps_of(tables, 1)
+    weight = float(3.0 * parameters.bodies.mass) * 9.81
+    bottom = wall_load(reports[0], side_walls(simulation, 1, False), jnp.zeros(2))
+    np.testing.assert_allclose(bottom.force, [0.0, -weight], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(bottom.torque, [-0.03 * weight], rtol=1e-9)
+    for wall in (side_walls(simulation, 1, True), side_walls(simulation, 0, False)):
+        assert not np.any(wall_load(reports[0], wall, jnp.zeros(2)).force)
+
+
+LIQUID = {
+    "precision": "float64",
+    "domain": {"size": [0.3, 0.2], "depth": 0.1},
+    "fluid": {"cells": [6, 5], "density": 1000.0, "viscosity": 1e-3, "time_step": 0.01},
+    "boundary": {"top": {"kind": "moving_wall", "velocity": [0.5, 0.0]}, "right": {"kind": "free_slip"}},
+    "time": {"end": 0.1, "output_interval": 0.1},
+}
+
+
+def fluid_momentum(simulation, fluid, density):
+    """Of the faces whose velocity is solved for."""
+    grid, found = simulation.fluid.solver.grid, []
+    void = face_average(grid, 1.0 if fluid.void_fraction is None else fluid.void_fraction)
+    for axis, (g, u) in enumerate(zip(void, fluid.face_velocity, strict=True)):
+        carried = g * u * face_control_volume(grid, axis)
+        ends = (0, -1) if grid.periodic[axis] else (1, -1)
+        found.append(density * float(jnp.sum(along(carried, axis, *ends))))
+    return np.array(found)
+
+
+def on_all_sides(simulation, report):
+    sides = [(axis, upper) for axis in range(len(simulation.box)) for upper in (False, True)]
+    return sum(np.asarray(fluid_force(report, *side)) for side in sides)
+
+
+def test_a_cavity_gains_what_its_sides_give():
+    """A lid that has just begun to move, walls and a free-slip side: in every interval, to rounding."""
+    simulation, parameters, states, reports = steps_of(LIQUID, 6)
+    for before, after, report in zip(states, states[1:], reports, strict=True):
+        change = fluid_momentum(simulation, after.fluid, 1000.0) - fluid_momentum(simulation, before.fluid, 1000.0)
+        lid = abs(float(fluid_force(report, 1, True)[0]))
+        assert lid > 0.0
+        expected = -simulation.interval * on_all_sides(simulation, report)
+        np.testing.assert_allclose(change, expected, atol=1e-10 * lid * simulation.interval)
+    assert float(fluid_force(reports[-1], 0, True)[1]) == 0.0  # the free-slip side drags nothing
+
+
+def test_momentum_of_grains_and_fluid_in_a_closed_box():
+    """Grains that fall through water on a wall and along a side: fluid, grains, sides and weight balance."""
+    tables = {
+        **{key: GRAINS[key] for key in ("precision", "contact", "time")},
+        "domain": {"size": [0.2, 0.2], "depth": 0.02, "gravity": [0.0, -9.81]},
+        "particles": {
+            "radius": 0.01, "density": 2500.0, "position": [[0.0105, 0.012], [0.05, 0.1], [0.1895, 0.05]],
+            "velocity": [[-0.3, -0.5], [0.2, -0.1], [0.5, 0.3]],
+        },
+        "fluid": {"cells": [5, 5], "density": 1000.0, "viscosity": 1e-4, "time_step": 0.0025},
+    }  # fmt: skip
+    simulation, parameters, states, reports = steps_of(tables, 4)
+    mass, volume = float(parameters.bodies.mass), float(parameters.bodies.volume)
+    weight = 3.0 * (mass - 1000.0 * volume) * np.array([0.0, -9.81])
+    walls = tuple(range(simulation.contact.model.walls))
+    for before, after, report in zip(states, states[1:], reports, strict=True):
+        change = fluid_momentum(simulation, after.fluid, 1000.0) - fluid_momentum(simulation, before.fluid, 1000.0)
+        change = change + mass * np.sum(after.particles.velocity - before.particles.velocity, axis=0)
+        forces = weight - on_all_sides(simulation, report) - np.asarray(wall_load(report, walls, jnp.zeros(2)).force)
+        np.testing.assert_allclose(change, simulation.interval * forces, atol=1e-9 * mass)
+
+
+def channel(height, top, pressure_gradient):
+    """Force on the bottom and the top per area once the flow is steady."""
+    tables = {
+        **LIQUID,
+        "domain": {"size": [0.1, 0.1, height]},
+        "fluid": {
+            "cells": [2, 2, 8], "density": 2.0, "viscosity": 0.5, "time_step": 1e-4,
+            "pressure_gradient": [pressure_gradient, 0.0, 0.0],
+        },
+        "boundary": {
+            "left": {"kind": "periodic"}, "front": {"kind": "periodic"},
+            "top": {"kind": "moving_wall", "velocity": [top, 0.0, 0.0]},
+        },
+        "time": {"end": 0.04, "output_interval": 0.04},
+    }  # fmt: skip
+    simulation, parameters, state, report = after_some_time(tables, 400)
+    return [np.asarray(fluid_force(report, 2, upper)) / 0.01 for upper in (False, True)]
+
+
+def after_some_time(tables, number):
+    scene = jaxdem.load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    simulation = measuring_walls(simulation)
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+
+    @jax.jit
+    def some(state):
+        return jax.lax.scan(lambda s, _: simulation.step(parameters, s, None)[::2], state, None, length=number)
+
+    state, reports = some(state)
+    return simulation, parameters, state, jax.tree.map(lambda a: a[-1], reports)
+
+
+def test_couette_and_poiseuille_flow():
+    """Shear of a moving top, mu U / h, and half of the pressure drop at either wall, G h / 2; together in one flow."""
+    viscosity, height, top, gradient = 2.0 * 0.5, 0.1, 0.3, -5.0
+    bottom, upper = channel(height, top, gradient)
+    shear, drop = viscosity * top / height, -gradient * height / 2.0
+    np.testing.assert_allclose(bottom[0], shear + drop, rtol=1e-6)
+    np.testing.assert_allclose(upper[0], drop - shear, rtol=1e-6)
+    np.testing.assert_allclose([bottom[1], upper[1]], 0.0, atol=1e-12)
