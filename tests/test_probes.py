@@ -118,7 +118,7 @@ def test_check_lists_probes():
 WRONG = {
     "name": ({"name": "../a"}, "is the name of a file"),
     "hidden": ({"name": ".a"}, "is the name of a file"),
-    "kind": ({"kind": "plan"}, "must be 'plane', 'profile' or 'point'"),
+    "kind": ({"kind": "plan"}, "must be 'plane', 'profile', 'point', 'wall' or 'contacts'"),
     "no axis": ({"axis": "y"}, r"probes\.0\.axis = 'y': the box has no such axis"),
     "outside": ({"at": 0.7}, "the plane must lie in the box, between 0 and 0.4 m"),
     "nothing": ({"at": None, "axis": None}, "either axis and at, or normal and point"),

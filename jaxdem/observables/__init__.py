@@ -1,6 +1,7 @@
 """Quantities of a state, pure and differentiable: flows through planes, profiles over boxes, values at points."""
 
 from jaxdem.observables.boxes import Boxes, slices
+from jaxdem.observables.contact_table import ContactTable, contact_rows, contact_table
 from jaxdem.observables.contacts import Contacts, contacts
 from jaxdem.observables.flow import FluidFlow, ParticleFlow, Plane, fluid_flow, particle_flow
 from jaxdem.observables.point import FluidAt, fluid_at
@@ -9,6 +10,7 @@ from jaxdem.observables.walls import WallLoad, fluid_force, measuring_walls, sid
 
 __all__ = [
     "Boxes",
+    "ContactTable",
     "Contacts",
     "FluidAt",
     "FluidFlow",
@@ -17,6 +19,8 @@ __all__ = [
     "ParticleProfile",
     "Plane",
     "WallLoad",
+    "contact_rows",
+    "contact_table",
     "contacts",
     "fluid_at",
     "fluid_flow",

@@ -15,7 +15,6 @@ from jaxdem.numerics.host import namespace
 from jaxdem.numerics.products import PRECISION
 from jaxdem.observables.boxes import Box, Boxes, Parts
 from jaxdem.observables.contacts import Contacts, contacts
-from jaxdem.particles.forces import Touching
 from jaxdem.particles.integrate import centres_in_box
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.pairs import sum_over_pairs
@@ -228,11 +227,12 @@ def _lines(found: Contacts, centres: Array, radius: Array) -> list[tuple[Array, 
     if found.walls is not None:
         length = radii[None] - found.walls.overlap
         normal = tuple(jnp.broadcast_to(x, length.shape) for x in found.walls.normal)
-        flat = [tuple(x.reshape(-1) for x in vector) for vector in (normal, found.walls.force)]
-        walls = Touching(found.walls.overlap.reshape(-1), *flat)
+        directions, forces = (
+            vectors.stack(tuple(x.reshape(-1) for x in vector)) for vector in (normal, found.walls.force)
+        )
         ends = jnp.tile(centres, (length.shape[0], 1))
-        branch = length.reshape(-1)[:, None] * vectors.stack(walls.normal)
-        lines.append((ends - branch, branch, vectors.stack(walls.force)))
+        branch = length.reshape(-1)[:, None] * directions
+        lines.append((ends - branch, branch, forces))
     return lines
 
 

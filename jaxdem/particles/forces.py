@@ -149,11 +149,13 @@ class Touching(NamedTuple):
         overlap: negative for a gap [m].
         normal: D components, unit vector towards the (first) particle.
         force: D components, on the (first) particle [N].
+        friction: () or such that it goes with the contacts, Coulomb's coefficient [-].
     """
 
     overlap: Array
     normal: Vector
     force: Vector
+    friction: Array
 
 
 class _ContactPair(NamedTuple):
@@ -256,16 +258,13 @@ def contacts_now(
     # Rolling resistance is a torque, and one of its models divides by the time step.
     alone = dataclasses.replace(model, rolling=None)
     loop = _Loop(alone, surroundings, properties, motion, motion.velocity, still, active)
-    between = loop.pairs(neighbors) if neighbors.room.slots else None
-    walls = loop.walls() if model.walls else None
-    return _touching(between), _touching(walls)
+    between = _touching(*loop.pairs(neighbors), loop.pair_material(neighbors)) if neighbors.room.slots else None
+    walls = _touching(*loop.walls(), loop.wall_material()) if model.walls else None
+    return between, walls
 
 
-def _touching(found: tuple[_ContactPair, _ContactLoad] | None) -> Touching | None:
-    if found is None:
-        return None
-    pair, load = found
-    return Touching(pair.overlap, pair.normal, _on_bodies(load, pair)[0])
+def _touching(pair: _ContactPair, load: _ContactLoad, material: ContactMaterial) -> Touching:
+    return Touching(pair.overlap, pair.normal, _on_bodies(load, pair)[0], material.friction)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -297,10 +296,12 @@ class _Loop:
             effective_mass=_harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
             rolling_inertia=1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
         )  # fmt: skip
-        material = self.surroundings.pair
-        if self.model.materials is not None:
-            material = self.model.materials.between_particles(material, pairs)
-        return pair, self._load(material, pair, self.motion.contact_spring)
+        return pair, self._load(self.pair_material(neighbors), pair, self.motion.contact_spring)
+
+    def pair_material(self, neighbors: Neighbors) -> ContactMaterial:
+        """Numbers of the contacts between particles."""
+        material, index = self.surroundings.pair, self.model.materials
+        return material if index is None else index.between_particles(material, neighbors.pairs)
 
     def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts between particles; returns their new springs too."""
@@ -346,10 +347,12 @@ class _Loop:
             radius=radius, other_radius=jnp.zeros((), overlap.dtype),
             effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
         )  # fmt: skip
-        material = self.surroundings.wall
-        if self.model.materials is not None:
-            material = self.model.materials.with_walls(material)
-        return pair, self._load(material, pair, motion.wall_spring)
+        return pair, self._load(self.wall_material(), pair, motion.wall_spring)
+
+    def wall_material(self) -> ContactMaterial:
+        """Numbers of the contacts with the walls."""
+        material, index = self.surroundings.wall, self.model.materials
+        return material if index is None else index.with_walls(material)
 
     def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts with the walls."""

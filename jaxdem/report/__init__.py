@@ -15,6 +15,7 @@ from jaxdem.report import chart, figures, findings, snapshots
 from jaxdem.report.comparison import Candidate, Comparison, Row, build
 from jaxdem.report.page import Page, write_page
 from jaxdem.report.parity import check_parity, parity_figure
+from jaxdem.report.probes import probe_panels
 from jaxdem.report.table import terminal_table, write_csv
 
 __all__ = ["Candidate", "Comparison", "Page", "Row", "compare", "terminal_table"]
@@ -64,10 +65,13 @@ def _write(result: Comparison, page: Page, out: Path) -> None:
     files["csv"] = out / "comparison.csv"
     write_csv(result, files["csv"])
     files["metrics"] = chart.write_png(metrics, out / "metrics.png")
+    probes = probe_panels(result.every)
+    if probes:
+        files["probes"] = chart.write_png(probes, out / "probes.png")
     files["error_vs_time"] = chart.write_png([error], out / "error_vs_time.png")
     if shot := snapshots.snapshots_figure(result, out / "snapshots.png"):
         files["snapshots"] = shot
     if page.parity:
         files["parity"] = parity_figure(page.parity, out / "parity.png")
     files["html"] = out / "report.html"
-    write_page(page, result, error, metrics, files["html"])
+    write_page(page, result, error, metrics, probes, files["html"])

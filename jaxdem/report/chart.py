@@ -87,11 +87,13 @@ def log_limits(values: Sequence[float]) -> tuple[float, float]:
 
 
 def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
-    """Draw onto a figure of matplotlib's, in up to three columns with one x axis; without a legend."""
+    """Draw onto a figure of matplotlib's, in up to three columns, with one x axis where all have the same; without a
+    legend."""
     columns = min(COLUMNS, len(panels))
     axes: list[Axes] = []
+    shares = _one_axis(panels)
     for number, panel in enumerate(panels):
-        shared = axes[0] if axes else None
+        shared = axes[0] if axes and shares else None
         axis = figure.add_subplot(math.ceil(len(panels) / columns), columns, number + 1, sharex=shared)
         for one in panel.series:
             axis.plot(
@@ -100,7 +102,7 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
                 markerfacecolor="white" if one.hollow else one.color, markeredgewidth=one.width if one.hollow else 0.8,
                 markeredgecolor=one.color if one.hollow else "white", drawstyle="steps-post" if one.steps else None,
             )  # fmt: skip
-        lowest = number + columns >= len(panels)
+        lowest = number + columns >= len(panels) or not shares
         axis.set(xlabel=panel.x_label if lowest else "", ylabel=panel.y_label)
         axis.tick_params(labelbottom=lowest)
         if not panel.series:
@@ -158,12 +160,16 @@ def to_html(panels: Sequence[Panel], identity: str) -> str:
     """A fragment of a page that has plotly's script already."""
     columns = min(COLUMNS, len(panels))
     lines = math.ceil(len(panels) / columns)
-    figure = make_subplots(lines, columns, horizontal_spacing=0.08, vertical_spacing=0.15 / lines, shared_xaxes="all")
+    shares = _one_axis(panels)
+    gap = (0.15 if shares else 0.3) / lines
+    figure = make_subplots(
+        lines, columns, horizontal_spacing=0.08, vertical_spacing=gap, shared_xaxes="all" if shares else False
+    )
     listed: set[str] = set()
     for number, panel in enumerate(panels):
         at = {"row": number // columns + 1, "col": number % columns + 1}
         look = AXIS | (LOG_AXIS if panel.logarithmic else {})
-        lowest = number + columns >= len(panels)
+        lowest = number + columns >= len(panels) or not shares
         label = panel.x_label if lowest else ""
         figure.update_xaxes(title_text=label, showticklabels=lowest, range=_range(panel, panel.x_limits), **look, **at)
         figure.update_yaxes(title_text=panel.y_label, range=_range(panel, panel.y_limits), **look, **at)
@@ -186,6 +192,11 @@ def to_html(panels: Sequence[Panel], identity: str) -> str:
     )  # fmt: skip
     buttons = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["select2d", "lasso2d"]}
     return str(figure.to_html(full_html=False, include_plotlyjs=False, div_id=identity, config=buttons))
+
+
+def _one_axis(panels: Sequence[Panel]) -> bool:
+    """Whether all panels have the same quantity on their x axis."""
+    return len({panel.x_label for panel in panels}) == 1
 
 
 def _range(panel: Panel, limits: tuple[float, float] | None) -> list[float] | None:

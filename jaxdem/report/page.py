@@ -19,6 +19,7 @@ from jaxdem.report.comparison import Comparison, Row
 from jaxdem.report.findings import FRONT_MEANING, duration, error_range, percent
 from jaxdem.report.parity import Forces
 from jaxdem.report.player import player
+from jaxdem.report.probes import probe_differences
 
 CSS = Path(__file__).with_name("page.css")
 DASH = "&ndash;"
@@ -59,7 +60,9 @@ class Page:
     sections: Sequence[PageSection] = ()
 
 
-def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequence[Panel], path: Path) -> None:
+def write_page(
+    page: Page, comparison: Comparison, error: Panel, metrics: Sequence[Panel], probes: Sequence[Panel], path: Path
+) -> None:
     """Write the page, with the PNG files that `comparison.files` names; of them snapshots where nothing is played."""
     clips, front = player(comparison.rows), len(comparison.front) > 1
     body = [
@@ -82,6 +85,7 @@ def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequen
         "<h2>The metrics over time</h2>",
         to_html(metrics, "metrics-plot"),
         _caption("Click a name in the legend to hide that run in all panels. Drag to zoom; double-click to zoom out."),
+        *(_probes(comparison, probes) if probes else []),
         *(["<h2>Animations</h2>", clips] if clips else _image(comparison, "snapshots")),
         *_image(comparison, "parity"),
         *(["<h2>Notes</h2>", _list(page.notes, "notes")] if page.notes else []),
@@ -99,6 +103,22 @@ def write_page(page: Page, comparison: Comparison, error: Panel, metrics: Sequen
     lines = "\n".join(body)
     html = f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{lines}\n</body></html>\n'
     write_bytes(path, html.encode())
+
+
+def _probes(comparison: Comparison, panels: Sequence[Panel]) -> list[str]:
+    """Figures of the probes, and their means beside those of the reference."""
+    blocks = ["<h2>Probes</h2>", to_html(panels, "probes-plot")]
+    blocks.append(_caption("Series over time; profiles are those of the last time, and their axis points upwards."))
+    found = probe_differences(comparison.reference, comparison.runs)
+    if not found:
+        return blocks
+    body = []
+    for run, probe, column, own, there in found:
+        change = f"{100.0 * (own - there) / abs(there):+.3g} %" if there else ""
+        body.append(("", [escape(run), escape(probe), escape(column), f"{own:.4g}", f"{there:.4g}", change]))
+    head = ["run", "probe", "quantity", "mean", "mean of the reference", "difference"]
+    note = "Means over all lines of a probe's file, whatever their times."
+    return [*blocks, _table(head, body, text_columns=(0, 1, 2)), _caption(note)]
 
 
 def _section(section: PageSection) -> str:

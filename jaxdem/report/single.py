@@ -18,6 +18,7 @@ from jaxdem.report import runs as read
 from jaxdem.report.comparison import folder_name, row_of_one
 from jaxdem.report.figures import metrics_panels
 from jaxdem.report.pictures import Picture, Tops
+from jaxdem.report.probes import probe_panels
 
 FORMATS = (".png", ".pdf", ".svg")
 """Endings of a single file with both pictures."""
@@ -27,11 +28,12 @@ LONG_SIDE, SHORTEST = 8.0, 5.2
 
 
 def plot_run(run: Run, out: Path, *, time: float | None = None, color: str = "velocity") -> list[Path]:
-    """Draw the metrics of a run over time, and its particles over the fluid's speed at one time.
+    """Draw the metrics of a run over time, its particles over the fluid's speed at one time, and its probes if any.
 
     Args:
         run: as `jaxdem.load_run` gives it, finished or not.
-        out: a file (.png, .pdf, .svg) for both in one picture, else a folder for metrics.png and snapshot.png.
+        out: a file (.png, .pdf, .svg) for both in one picture, else a folder for metrics.png,
+            snapshot.png and, of a run with probes, probes.png.
         time: of the snapshot [s], the nearest output is taken; the last one if None.
         color: of the particles, "velocity" or "drag".
 
@@ -44,21 +46,32 @@ def plot_run(run: Run, out: Path, *, time: float | None = None, color: str = "ve
     pictures.require(run, color)
     single = is_file(out)
     picture = pictures.take(run, frame_at(run, time))
-    panels = metrics_panels([row_of_one(run)])
+    panels, probes = metrics_panels([row_of_one(run)]), probe_panels([row_of_one(run)])
     (out.parent if single else out).mkdir(parents=True, exist_ok=True)
     with style.look():
         width, tall = frame_size(run)
-        wide, height = min(4.2 * len(panels), 12.5), 2.9 * math.ceil(len(panels) / chart.COLUMNS) + 0.3
         if single:
+            panels = [*panels, *probes]
+            height = _size(panels)[1]
             figure = style.new_figure(max(width, 12.5), tall + height)
             upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[tall, height]).flat
             _snapshot(upper, run, picture, color)
             _metrics(lower, run, panels, picture.time)
             return [style.save(figure, out)]
-        still, lines = style.new_figure(width, tall), style.new_figure(wide, height)
+        still, lines = style.new_figure(width, tall), style.new_figure(*_size(panels))
         _snapshot(still, run, picture, color)
         _metrics(lines, run, panels, picture.time)
-        return [style.save(lines, out / "metrics.png"), style.save(still, out / "snapshot.png")]
+        files = [style.save(lines, out / "metrics.png"), style.save(still, out / "snapshot.png")]
+        if probes:
+            measured = style.new_figure(*_size(probes))
+            _metrics(measured, run, probes, picture.time)
+            files.append(style.save(measured, out / "probes.png"))
+        return files
+
+
+def _size(panels: list[chart.Panel]) -> tuple[float, float]:
+    """Width and height of a figure of panels [inch]."""
+    return min(4.2 * len(panels), 12.5), 2.9 * math.ceil(len(panels) / chart.COLUMNS) + 0.3
 
 
 def is_file(out: Path) -> bool:
@@ -92,8 +105,9 @@ def frame_at(run: Run, time: float | None) -> int:
 
 def _metrics(figure: Figure | SubFigure, run: Run, panels: list[chart.Panel], time: float) -> None:
     """The panels, with the time of the snapshot marked."""
-    for axis in chart.draw_panels(figure, panels):
-        axis.axvline(time, color=style.NOISE, linewidth=1.0, linestyle=":", zorder=1)
+    for axis, panel in zip(chart.draw_panels(figure, panels), panels, strict=True):
+        if panel.x_label == "time [s]":
+            axis.axvline(time, color=style.NOISE, linewidth=1.0, linestyle=":", zorder=1)
     row = row_of_one(run)
     if row.status != "valid":
         status = style.escaped(f"{row.name}: {row.status}", math.inf)

@@ -124,6 +124,11 @@ def _check_point(key: str, probe: Probe, place: ProbePlace) -> None:
         _check_inside(f"{key}.points.{k}", point, place.box.size)
 
 
+def _check_contacts(key: str, probe: Probe, place: ProbePlace) -> None:
+    if not place.with_particles:
+        raise InputError(f"{key}.kind", probe.kind, "needs particles, and the scene has none", "remove the probe")
+
+
 def _check_wall(key: str, probe: Probe, place: ProbePlace) -> None:
     if (probe.side is None) == (probe.wall is None):
         raise InputError(
@@ -190,5 +195,6 @@ PLACES: dict[str, Callable[[str, Probe, ProbePlace], None]] = {
     "profile": _check_profile,
     "point": _check_point,
     "wall": _check_wall,
+    "contacts": _check_contacts,
 }
 """Check of each kind: key, probe, place."""

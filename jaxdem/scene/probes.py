@@ -21,6 +21,7 @@ KEYS = {
     "profile": ("axis", "cells", "edges", "from", "to", "regions"),
     "point": ("points",),
     "wall": ("side", "wall", "about"),
+    "contacts": (),
 }
 """Keys of each kind beside those that all have."""
 
@@ -48,6 +49,7 @@ class Probe(Section):
         name: name of the probe and of its file, different for each.
         kind: "plane": flow of particles and fluid through a plane. "profile": means over slices or boxes. "point": the
             fluid at points. "wall": force and torque of particles and fluid on a side of the box or a wall.
+            "contacts": all contacts at the times of the rows, a line each.
         axis: "x", "y" or "z". Of a plane: the axis that it is normal to; flows along the axis are positive. Of a
             profile: the axis along which slices follow each other.
         at: of a plane with an axis: its coordinate [m].
@@ -78,7 +80,7 @@ class Probe(Section):
     """
 
     name: Annotated[str, Field(strict=True), AfterValidator(_file_name)]
-    kind: Literal["plane", "profile", "point", "wall"]
+    kind: Literal["plane", "profile", "point", "wall", "contacts"]
     axis: Literal["x", "y", "z"] | None = None
     at: Finite | None = None
     normal: Direction | None = None
@@ -107,6 +109,8 @@ class Probe(Section):
                 raise wrong(name, getattr(self, field), limit, "remove this key")
         if (self.from_ is None) != (self.to is None):
             raise wrong("from", self.from_ or self.to, "needs both from and to", "give both or neither")
+        if self.kind == "contacts" and self.average:
+            raise wrong("average", True, "contacts are those at a time", "remove this key")
         averages = self.average is not False if self.kind in MEANS else self.average
         for name in ("window", "sample_interval"):
             if getattr(self, name) is not None and not averages:

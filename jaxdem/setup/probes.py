@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.probes.base import Probe, Schedule, ScheduledProbe
+from jaxdem.probes.contacts import ContactsProbe
 from jaxdem.probes.plane import PlaneProbe
 from jaxdem.probes.point import PointProbe
 from jaxdem.probes.profile import ProfileProbe
@@ -119,5 +120,6 @@ BUILDERS: dict[str, Callable[[Scene, described.Probe], Probe]] = {
     "profile": _profile,
     "point": _point,
     "wall": _wall,
+    "contacts": lambda scene, probe: ContactsProbe(probe.name, AXIS_NAMES[scene.dimension]),
 }
 """By kind, what makes the probe of a scene."""

@@ -9,7 +9,7 @@ import pytest
 
 import jaxdem
 from jaxdem.fluid.grid import along, face_average, face_control_volume
-from jaxdem.observables import fluid_force, measuring_walls, side_walls, surface_walls, wall_load
+from jaxdem.observables import contact_table, fluid_force, measuring_walls, side_walls, surface_walls, wall_load
 
 MASS = 2500.0 * 4.0 / 3.0 * np.pi * 0.01**3
 
@@ -19,7 +19,9 @@ GRAINS = {
     "particles": {
         "radius": 0.01,
         "density": 2500.0,
-        "position": [[0.02, 0.03, 0.025], [0.09, 0.08, 0.03], [0.06, 0.05, 0.08], [0.03, 0.07, 0.09], [0.05, 0.05, 0.03]],
+        "position": [
+            [0.02, 0.03, 0.025], [0.09, 0.08, 0.03], [0.06, 0.05, 0.08], [0.03, 0.07, 0.09], [0.05, 0.05, 0.03],
+        ],
         "velocity": [[-1.0, 0.4, -0.5], [1.2, 0.8, -0.3], [0.2, -0.4, 1.5], [-0.8, 1.0, 0.7], [0.5, 0.1, -1.0]],
     },
     "contact": {
@@ -31,12 +33,15 @@ GRAINS = {
 }  # fmt: skip
 
 
-def steps_of(tables, number):
-    """Simulation, parameters, and states and reports of a number of intervals."""
+def steps_of(tables, number, rests=False):
+    """Simulation, parameters, and states and reports of a number of intervals; whether contacts carry each weight."""
     scene = jaxdem.load_scene(tables)
     simulation, parameters = jaxdem.build(scene)
     simulation = measuring_walls(simulation)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    if rests:
+        held = jnp.broadcast_to(-MASS * parameters.gravity, state.particles.velocity.shape)
+        state = state._replace(particles=state.particles._replace(contact_force=held))
     step = jax.jit(simulation.step)
     states, reports = [state], []
     for _ in range(number):
@@ -62,7 +67,7 @@ def test_momentum_lost_is_what_the_walls_have_got(bouncing):
     simulation, _, states, reports = bouncing
     walls = tuple(range(simulation.contact.model.walls))
     touched = set()
-    for before, after, report in zip(states, states[1:], reports, strict=True):
+    for before, after, report in zip(states[:-1], states[1:], reports, strict=True):
         load = wall_load(report, walls, jnp.zeros(3))
         impulse = MASS * np.sum(after.particles.velocity - before.particles.velocity, axis=0)
         scale = MASS * 2.0
@@ -82,10 +87,10 @@ def test_torque_about_another_point(bouncing):
         np.testing.assert_allclose(own.torque - np.cross(about, own.force), other.torque, rtol=1e-12, atol=1e-18)
 
 
-def test_a_column_at_rest_weighs_on_the_bottom():
-    """Three grains on each other in 2-D, under their weight; slow enough that nothing else is felt."""
-    mass = 2500.0 * 0.02 * np.pi * 0.01**2
-    overlap = mass * 9.81 * np.array([3.0, 2.0, 1.0]) / 2e4
+@pytest.fixture(scope="module")
+def column():
+    """Three grains on each other in 2-D, each pressed down by its weight and those above."""
+    overlap = MASS * 9.81 * np.array([3.0, 2.0, 1.0]) / 2e4
     heights = np.cumsum([0.01, 0.02, 0.02] - overlap)
     tables = {
         **GRAINS,
@@ -93,8 +98,12 @@ def test_a_column_at_rest_weighs_on_the_bottom():
         "particles": {"radius": 0.01, "density": 2500.0, "position": [[0.03, z] for z in heights]},
     }
     del tables["walls"]
-    simulation, parameters, _, reports = steps_of(tables, 1)
-    weight = float(3.0 * parameters.bodies.mass) * 9.81
+    return steps_of(tables, 1, rests=True)
+
+
+def test_a_column_at_rest_weighs_on_the_bottom(column):
+    simulation, _, _, reports = column
+    weight = 3.0 * MASS * 9.81
     bottom = wall_load(reports[0], side_walls(simulation, 1, False), jnp.zeros(2))
     np.testing.assert_allclose(bottom.force, [0.0, -weight], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(bottom.torque, [-0.03 * weight], rtol=1e-9)
@@ -130,7 +139,7 @@ def on_all_sides(simulation, report):
 def test_a_cavity_gains_what_its_sides_give():
     """A lid that has just begun to move, walls and a free-slip side: in every interval, to rounding."""
     simulation, parameters, states, reports = steps_of(LIQUID, 6)
-    for before, after, report in zip(states, states[1:], reports, strict=True):
+    for before, after, report in zip(states[:-1], states[1:], reports, strict=True):
         change = fluid_momentum(simulation, after.fluid, 1000.0) - fluid_momentum(simulation, before.fluid, 1000.0)
         lid = abs(float(fluid_force(report, 1, True)[0]))
         assert lid > 0.0
@@ -154,7 +163,7 @@ def test_momentum_of_grains_and_fluid_in_a_closed_box():
     mass, volume = float(parameters.bodies.mass), float(parameters.bodies.volume)
     weight = 3.0 * (mass - 1000.0 * volume) * np.array([0.0, -9.81])
     walls = tuple(range(simulation.contact.model.walls))
-    for before, after, report in zip(states, states[1:], reports, strict=True):
+    for before, after, report in zip(states[:-1], states[1:], reports, strict=True):
         change = fluid_momentum(simulation, after.fluid, 1000.0) - fluid_momentum(simulation, before.fluid, 1000.0)
         change = change + mass * np.sum(after.particles.velocity - before.particles.velocity, axis=0)
         forces = weight - on_all_sides(simulation, report) - np.asarray(wall_load(report, walls, jnp.zeros(2)).force)
@@ -202,3 +211,42 @@ def test_couette_and_poiseuille_flow():
     np.testing.assert_allclose(bottom[0], shear + drop, rtol=1e-6)
     np.testing.assert_allclose(upper[0], drop - shear, rtol=1e-6)
     np.testing.assert_allclose([bottom[1], upper[1]], 0.0, atol=1e-12)
+
+
+def test_contacts_of_bouncing_grains_carry_the_force_of_their_particles(bouncing):
+    """Rows of the table, summed by particle and by wall, are the forces that one more evaluation of the loop gives."""
+    simulation, parameters, states, _ = bouncing
+    found = 0
+    for state in states[1:]:
+        neighbors = simulation.allocate(parameters, state.particles)
+        kept = simulation.contact.model.history_size(3)
+        blank = (jnp.zeros(neighbors.room.pairs),) * kept
+        state = state._replace(particles=state.particles._replace(contact_spring=blank))
+        table = contact_table(simulation, parameters, state, neighbors)
+        found += len(table["first"])
+        force = np.stack([table[f"force_{axis}"] for axis in "xyz"], axis=1)
+        normal = np.stack([table[f"normal_{axis}"] for axis in "xyz"], axis=1)
+        position = np.stack([table[f"position_{axis}"] for axis in "xyz"], axis=1)
+        centre = np.asarray(state.particles.position)[table["first"]]
+        arm = 0.01 - 0.5 * table["overlap"]
+        np.testing.assert_allclose(position, centre - arm[:, None] * normal, atol=1e-15)
+        along = (force * normal).sum(axis=1)
+        np.testing.assert_allclose(table["normal_force"], along, atol=1e-12)
+        np.testing.assert_allclose(table["tangential_force"] ** 2 + along**2, (force**2).sum(axis=1), rtol=1e-10)
+        assert np.all(table["mobilised"] <= 1.0 + 1e-9) and np.all((table["second"] < 0) == (table["wall"] >= 0))
+    assert found > 3
+
+
+def test_contacts_of_a_grain_add_up_to_the_contact_force_of_a_frame(column):
+    """At rest the mean over the last interval is that of the moment."""
+    simulation, parameters, states, _ = column
+    state, neighbors = states[-1], simulation.allocate(parameters, states[-1].particles)
+    table = contact_table(simulation, parameters, state, neighbors)
+    assert table["first"].tolist()[-1] == 0 and sorted(table["wall"].tolist()) == [-1, -1, 2]
+    total = np.zeros((3, 2))
+    for i, j, *force in zip(*(table[name] for name in ("first", "second", "force_x", "force_z")), strict=True):
+        total[i] += force
+        if j >= 0:
+            total[j] -= force
+    np.testing.assert_allclose(total, state.particles.contact_force, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(table["normal_force"].max(), 3.0 * MASS * 9.81, rtol=1e-9)
