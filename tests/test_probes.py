@@ -161,6 +161,13 @@ PROFILE = {"name": "a", "kind": "profile"}
         (PROFILE | {"axis": "x", "cells": 2, "window": 0.1}, "is for averages"),
         ({"name": "a", "kind": "point"}, "is needed by kind = point"),
         ({"name": "a", "kind": "point", "points": [[0.1, 0.1]]}, "the scene has none"),
+        ({"name": "a", "kind": "wall"}, "needs either side or wall"),
+        ({"name": "a", "kind": "wall", "side": "bottom"}, "is periodic, and no wall"),
+        ({"name": "a", "kind": "wall", "side": "front"}, "the box has no such side"),
+        ({"name": "a", "kind": "wall", "side": "right"}, "is no wall: the fluid passes through it"),
+        ({"name": "a", "kind": "wall", "wall": 0}, "the scene has 0 tables"),
+        ({"name": "a", "kind": "wall", "side": "left", "about": [0.0, 0.0]}, "there is no torque to measure"),
+        ({"name": "a", "kind": "contacts", "average": True}, "contacts are those at a time"),
         ({"name": "MIDDLE", "kind": "plane", "axis": "x", "at": 0.1}, "is the name of another probe"),
     ],
 )

@@ -108,7 +108,7 @@ PlotOut = Annotated[
     Option(
         "--out",
         metavar="PATH",
-        help="Folder for metrics.png and snapshot.png, or one .png, .pdf, .svg. [RUN/plots]",
+        help="Folder for metrics.png, snapshot.png and probes.png, or one .png, .pdf, .svg. [RUN/plots]",
     ),
 ]
 SnapshotTime = Annotated[
