@@ -14,6 +14,13 @@ from jaxdem.metrics import METRICS
 from jaxdem.report import style
 
 
+class FakeProbes(dict[str, dict[str, np.ndarray]]):
+    """Tables of probes by name."""
+
+    def units(self, name: str) -> dict[str, str]:
+        return {"time": "s", "z": "m", "force_x": "N", "force_z": "N", "solid_fraction": "-", "fluid_pressure": "Pa"}
+
+
 @dataclass
 class FakeRun:
     """What the report reads of a run."""
@@ -28,6 +35,7 @@ class FakeRun:
     radius: float = 0.01
     seed: int = 0
     calls: list[int] = field(default_factory=list)
+    probes: FakeProbes = field(default_factory=FakeProbes)
 
     @property
     def number_of_frames(self) -> int:

@@ -1,0 +1,72 @@
+"""Figures and tables of the probes of runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxdem.report import compare
+from jaxdem.report.comparison import Candidate, build
+from jaxdem.report.probes import probe_differences, probe_panels
+from jaxdem.report.single import plot_run
+from tests.report.conftest import FakeProbes, make_run
+
+
+def measured(name: str, factor: float = 1.0) -> Any:
+    """A run with a probe of every kind; a wall's force falls from 4 N to 1 N times the factor."""
+    run = make_run(name)
+    time = np.array([0.5, 1.0, 1.5, 2.0])
+    heights, gauges = np.array([0.5, 1.5]), np.tile([10.0, 30.0], 4)
+    run.probes = FakeProbes(
+        floor={"time": time, "force_x": 0.0 * time, "force_z": -factor * np.array([4.0, 3.0, 2.0, 1.0])},
+        layers={
+            "time": np.repeat(time, 2), "z": np.tile(heights, 4), "solid_fraction": factor * np.arange(8) / 16.0,
+        },
+        gauge={"time": np.repeat(time, 2), "fluid_pressure": factor * gauges},
+        touch={"time": time, "overlap": time},
+    )  # fmt: skip
+    run.scene["probes"] = [
+        {"name": "floor", "kind": "wall", "side": "bottom"}, {"name": "layers", "kind": "profile", "axis": "z"},
+        {"name": "gauge", "kind": "point"}, {"name": "touch", "kind": "contacts"},
+    ]  # fmt: skip
+    return run
+
+
+def test_panels_hold_series_over_time_profiles_and_points() -> None:
+    rows = build(Candidate(measured("a")), [Candidate(measured("b", 2.0))]).every
+    panels = {panel.y_label + "|" + panel.x_label: panel for panel in probe_panels(rows)}
+    assert list(panels) == [
+        "floor: force x [N]|time [s]", "floor: force z [N]|time [s]", "z [m]|layers: solid fraction [-]",
+        "gauge: fluid pressure [Pa]|time [s]",
+    ]  # fmt: skip
+    force = panels["floor: force z [N]|time [s]"].series
+    assert [one.label for one in force] == [row.label for row in rows]
+    np.testing.assert_array_equal(force[1].y, [-8.0, -6.0, -4.0, -2.0])
+    profile = panels["z [m]|layers: solid fraction [-]"].series[0]
+    np.testing.assert_array_equal(profile.x, [6.0 / 16.0, 7.0 / 16.0])
+    np.testing.assert_array_equal(profile.y, [0.5, 1.5])
+    points = panels["gauge: fluid pressure [Pa]|time [s]"].series
+    assert [one.note for one in points[:2]] == ["place 1 of 2", "place 2 of 2"]
+    np.testing.assert_array_equal(points[1].y, [30.0] * 4)
+
+
+def test_differences_are_those_of_the_means() -> None:
+    rows = build(Candidate(measured("a")), [Candidate(measured("b", 2.0))]).every
+    found = {f"{probe}/{column}": values for _, probe, column, *values in probe_differences(rows[0], rows[1:])}
+    assert found["floor/force_z"] == [-5.0, -2.5] and found["gauge/fluid_pressure"] == [40.0, 20.0]
+
+
+def test_page_and_files(tmp_path: Path) -> None:
+    result = compare(measured("a"), [measured("b", 2.0)], tmp_path)
+    page = result.files["html"].read_text(encoding="utf-8")
+    assert result.files["probes"].name == "probes.png" and "probes-plot" in page
+    row = re.search(r"<tr[^>]*><td[^>]*>b</td><td[^>]*>floor</td><td[^>]*>force_z</td>(.*?)</tr>", page)
+    assert row and re.findall(r">([^<>]+)<", row[1]) == ["-5", "-2.5", "-100 %"]
+    assert [file.name for file in plot_run(measured("a"), tmp_path)] == ["metrics.png", "snapshot.png", "probes.png"]
+
+
+def test_runs_without_probes_have_no_such_figure(tmp_path: Path) -> None:
+    assert "probes" not in compare(make_run("one"), [make_run("other")], tmp_path).files
