@@ -247,3 +247,17 @@ def test_contacts_of_a_grain_add_up_to_the_contact_force_of_a_frame(column):
             total[j] -= force
     np.testing.assert_allclose(total, state.particles.contact_force, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(table["normal_force"].max(), 3.0 * MASS * 9.81, rtol=1e-9)
+
+
+def test_only_scenes_that_ask_for_it_measure_walls():
+    """What a step reports, by its shapes: without such a probe there is nothing of it in the program."""
+    probe = {"name": "floor", "kind": "wall", "side": "bottom"}
+    for probes, measured in (([], False), ([{"name": "all", "kind": "contacts"}], False), ([probe], True)):
+        scene = jaxdem.load_scene({**GRAINS, "probes": probes})
+        simulation, parameters = jaxdem.build(scene)
+        state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+        report = jax.eval_shape(simulation.step, parameters, state, neighbors)[2]
+        assert (report.particles.walls is not None) == measured
+    for probes, measured in (([], False), ([probe], True)):
+        solver = jaxdem.build(jaxdem.load_scene({**LIQUID, "probes": probes}))[0].fluid.solver
+        assert solver.measures_sides == measured
