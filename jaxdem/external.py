@@ -142,6 +142,7 @@ class ExternalFluid(Simulation):
         Raises:
             InputError: a field has another shape.
         """
+        parameters = self.during(parameters, state.step)
         mixture, fluid = parameters.mixture, self._fluid(parameters, start, "start")
         particles = required(state.particles, "state.particles")
         exchange = self._mixing(start).begin(mixture, fluid, particles, self.time(parameters, state))
@@ -174,8 +175,9 @@ class ExternalFluid(Simulation):
             InputError: a field has another shape.
         """
         end = start if end is None else end
-        mixture, before = parameters.mixture, required(state.particles, "state.particles")
-        first, last = self._fluid(parameters, start, "start"), self._fluid(parameters, end, "end")
+        now, before = self.during(parameters, state.step), required(state.particles, "state.particles")
+        mixture = now.mixture
+        first, last = self._fluid(now, start, "start"), self._fluid(now, end, "end")
         exchange = self._mixing(end).begin(mixture, first, before, self.time(parameters, state))
         carry = exchange.first(first)
         explicit = exchange.explicit_terms(carry)

@@ -37,11 +37,11 @@ class Parameters(NamedTuple):
     A number of the scene stands here once; what the scene does not give follows another number.
 
     Attributes:
-        gravity: (D,) [m/s2].
+        gravity: (D,), or (T, D) at the times of `Structure.gravity_times` [m/s2].
         bodies: radius and density of the particles.
         contact: elastic constants, restitution, friction.
         fluid: density, viscosity, boundary velocities.
-        drag_scale: () factor on the drag, 1 for the law as it is [-].
+        drag_scale: () factor on the drag, 1 for the law as it is; or (T,) at the times of `Structure.drag_times` [-].
         closure: the drag law: a correlation, which has no numbers to differentiate by, or a learned closure with its
             weights.
         inlet_velocity: (D,) with which particles come in, of each inlet [m/s].

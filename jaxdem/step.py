@@ -35,6 +35,7 @@ def advance_fluid(
     """The fluid after the interval, among particles that stand still; and the mean forces that it puts on them."""
     if simulation.fluid is None:
         return None, None, None, None
+    parameters = simulation.during(parameters, state.step)
     time, fluid = simulation.time(parameters, state), required(state.fluid, "state.fluid")
     if simulation.coupling is not None:
         particles = required(state.particles, "state.particles")
@@ -54,6 +55,7 @@ def advance_particles(
     """The particles after the contact steps, under gravity and the mean fluid forces; then who leaves and comes."""
     if simulation.contact is None:
         return None, None, None
+    parameters = simulation.during(parameters, state.step)
     before, neighbors = required(state.particles, "state.particles"), required(neighbors, "neighbors")
     bodies = required(parameters.bodies, "parameters.bodies")
     load = jnp.broadcast_to(as_column(bodies.mass) * parameters.gravity[None], before.velocity.shape)

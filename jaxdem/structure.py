@@ -14,6 +14,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.numerics.static import static
+from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch
@@ -65,6 +66,8 @@ class Structure:
         fluid: solver and its steps, None without a fluid.
         coupling: how fluid and particles act on each other, None unless both exist.
         population: how the number of particles changes, None where it does not.
+        gravity_times: T increasing times of `Parameters.gravity` (T, D) [s]; None for one that does not change.
+        drag_times: the same of `Parameters.drag_scale` (T,) [s].
     """
 
     interval: float
@@ -76,6 +79,20 @@ class Structure:
     fluid: FluidInterval | None
     coupling: Coupling | None
     population: Population | None = None
+    gravity_times: tuple[float, ...] | None = None
+    drag_times: tuple[float, ...] | None = None
+
+    def during(self, parameters: Parameters, step: Array) -> Parameters:
+        """The parameters of the interval that begins after `step` intervals, with the means over it of gravity and of
+        the factor on the drag where these change with time."""
+        begin, duration = self._start(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
+        if self.gravity_times is not None:
+            gravity = mean_over(self.gravity_times, parameters.gravity, begin, duration)
+            parameters = parameters._replace(gravity=gravity)
+        if self.drag_times is not None and parameters.drag_scale is not None:
+            scale = mean_over(self.drag_times, parameters.drag_scale[:, None], begin, duration)[0]
+            parameters = parameters._replace(drag_scale=scale)
+        return parameters
 
     def time(self, parameters: Parameters, state: State) -> Array:
         """() simulated time of a state [s]."""

@@ -227,7 +227,7 @@ def _particle_figures(case: Case) -> dict[str, float | None]:
     figures["restitution_error"] = restitution_error(contact_steps)
     rough = contact.friction > 0.0 if table is None else bool(table.friction.max() > 0.0)
     figures["slip_error"] = slip_error(contact_steps) if rough else None
-    weight = mass * math.hypot(*(scene.domain.gravity or (0.0,)))
+    weight = mass * math.hypot(*scene.domain.strongest_gravity)
     if contact.law == "hertz_mindlin":
         modulus = 0.5 * moduli
         overlap = stability.hertz_resting_overlap(weight, 0.5 * radius, modulus)

@@ -137,7 +137,7 @@ def engineering_numbers(scene: Scene, parameters: Parameters, bodies: Bodies) ->
     fluid, coupling = scene.fluid, scene.coupling
     if fluid is None or coupling is None or bodies.radius.size == 0 or coupling.drag not in DRAG_LAWS:
         return ()  # with a closure in its place the name of the law is not looked at
-    gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
+    gravity = math.hypot(*scene.domain.strongest_gravity)
     diameter, density = _extremes(bodies, fluid.density)
     drag = DragInFluid.of(DRAG_LAWS[coupling.drag](), fluid.density, fluid.viscosity)
     named = f"by {coupling.drag}"
@@ -174,7 +174,7 @@ def _flow_numbers(scene: Scene, diameter: np.ndarray, density: np.ndarray) -> li
     fluid, speed, length = scene.fluid, boundary_speed(scene), _flow_length(scene)
     if fluid is None or speed == 0.0:
         return []
-    gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
+    gravity = math.hypot(*scene.domain.strongest_gravity)
     excess = np.abs(density / fluid.density - 1.0)
     relaxation = density * diameter**2 / (18.0 * fluid.density * fluid.viscosity)
     found = [
@@ -214,7 +214,7 @@ def screen_load(
     drag = DragInFluid.of(DRAG_LAWS[scene.coupling.drag](), fluid.density, fluid.viscosity)
     diameter, density = _extremes(bodies, fluid.density)
     solid = packed_solid_fraction(scene, float(diameter.max()))
-    gravity = np.asarray(scene.domain.gravity or (0.0,) * scene.dimension)
+    gravity = np.asarray(scene.domain.strongest_gravity)
     submerged = math.pi / 6.0 * diameter**3 * (density - fluid.density)
     along = submerged * outward * gravity[axis]
     held = contact.friction * np.abs(submerged) * float(np.linalg.norm(np.delete(gravity, axis)))

@@ -30,6 +30,7 @@ def compiled_parts(
             (_walls_beside_the_box(scene), bool(model.surfaces)),
             ("positions in pairs of floats", scene.precision == "float32"),
         ]
+    parts.append(("gravity over time", simulation.gravity_times is not None))
     parts.append(("fluid", simulation.fluid is not None))
     if simulation.fluid is not None and parameters.fluid is not None:
         solver = simulation.fluid.solver
@@ -40,8 +41,9 @@ def compiled_parts(
             ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
             ("learned subgrid stress", parameters.fluid.subgrid is not None),
             ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
-            ("inlet velocity over time", any(side.times is not None for side in solver.boundary.sides)),
+            ("velocity of a side over time", any(side.times is not None for side in solver.boundary.sides)),
             ("coupling of particles and fluid", simulation.coupling is not None),
+            ("factor on the drag over time", simulation.drag_times is not None),
             ("model B", simulation.coupling is not None and solver.model == "B"),
         ]
     if simulation.coupling is not None:

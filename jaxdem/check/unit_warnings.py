@@ -75,7 +75,7 @@ def _lengths(scene: Scene) -> Iterator[str]:
     if longest >= LONG_BOX and longest >= MANY_DIAMETERS * 2.0 * smallest:
         why = f"this box is {longest / (2.0 * smallest):.3g} diameters long"
         yield _warning("domain.size", longest, "m", why, f"in mm, write {longest / 1e3:.6g}")
-    gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
+    gravity = math.hypot(*scene.domain.strongest_gravity)
     for unit, factor in (("mm/s2", 1e3), ("cm/s2", 100.0)):
         if abs(gravity / (9.81 * factor) - 1.0) < 0.05:
             why = f"this is {factor:.0f} times the gravity of the earth"

@@ -124,12 +124,14 @@ def probe_names(scene: dict[str, Any]) -> list[str]:
 
 def driven_axes(scene: dict[str, Any]) -> str:
     """Names of the periodic axes of a fluid that something drives along one of them."""
-    fluid, gravity = scene.get("fluid"), scene.get("domain", {}).get("gravity", [])
+    fluid, given = scene.get("fluid"), scene.get("domain", {}).get("gravity", [])
+    rows = given if given and isinstance(given[0], list) else [given]  # one for each time, or one
+    gravity = [max(map(abs, column)) for column in zip(*rows, strict=True)]
     names, lower = AXES.get(len(gravity), ""), LOWER_SIDES.get(len(gravity), ())
     sides = scene.get("boundary", {})
     wraps = [sides.get(side, {}).get("kind") == "periodic" for side in lower]
-    given = isinstance(fluid, dict) and ("pressure_gradient" in fluid or "bulk_velocity" in fluid)
-    driven = any(wrap and (given or component != 0.0) for wrap, component in zip(wraps, gravity, strict=False))
+    drives = isinstance(fluid, dict) and ("pressure_gradient" in fluid or "bulk_velocity" in fluid)
+    driven = any(wrap and (drives or component != 0.0) for wrap, component in zip(wraps, gravity, strict=False))
     if fluid is None or not driven:
         return ""
     return "".join(name for name, wrap in zip(names, wraps, strict=True) if wrap)

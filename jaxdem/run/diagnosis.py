@@ -95,7 +95,7 @@ def _fluid_push(parameters: Parameters, particles: ParticleState, index: int, ou
     if particles.fluid_force is None or bodies is None:
         return 0.0
     mass = float(np.broadcast_to(np.asarray(bodies.mass), len(particles.position))[index])
-    gravity = float(np.linalg.norm(np.asarray(parameters.gravity))) or 9.81
+    gravity = float(np.linalg.norm(np.asarray(parameters.gravity), axis=-1).max()) or 9.81
     return float(np.asarray(particles.fluid_force[index], float) @ outward) / (mass * gravity)
 
 

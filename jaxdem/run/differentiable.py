@@ -73,7 +73,8 @@ def rollout(
     if simulation.fluid is not None and not isinstance(parameters.gravity, jax.core.Tracer):
         drive = simulation.fluid.solver.drive
         driven = (False,) * len(simulation.periodic) if drive is None else drive.driven
-        check_gravity(np.asarray(parameters.gravity).tolist(), driven, simulation.periodic)
+        largest = np.abs(np.atleast_2d(np.asarray(parameters.gravity))).max(axis=0)
+        check_gravity(largest.tolist(), driven, simulation.periodic)
     if reversible:
         simulation = simulation.reversible()
     measure = None if observe is None else (lambda state, _: observe(state))

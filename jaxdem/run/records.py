@@ -127,8 +127,10 @@ def drive_figures(case: Case, state: State) -> dict[str, float]:
     interval, fluid = case.simulation.fluid, state.fluid
     if interval is None or interval.solver.drive is None or fluid is None or fluid.mean_gradient is None:
         return {}
-    grid, drive, flow = interval.solver.grid, interval.solver.drive, case.parameters.flow
-    gradient = np.asarray(fluid.mean_gradient + flow.density * case.parameters.gravity)
+    grid, drive = interval.solver.grid, interval.solver.drive
+    # Gravity is that of the interval in which the gradient acted.
+    parameters = case.simulation.during(case.parameters, jnp.maximum(state.step - 1, 0))
+    gradient = np.asarray(fluid.mean_gradient + parameters.flow.density * parameters.gravity)
     whole = (1.0,) * grid.dimension
     on_faces = whole if fluid.void_fraction is None else face_average(grid, fluid.void_fraction)
     bulk = np.asarray(bulk_velocity(drive, fluid.face_velocity, on_faces))

@@ -8,7 +8,17 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 WALL = "wall"
@@ -71,6 +81,18 @@ def _one_number(value: object) -> object:
     return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+def row_or_rows(value: object) -> str:
+    """Whether a list is one row, or one for each of several times."""
+    return "rows" if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple) else "row"
+
+
+def at_all_times(value: Sequence[object] | None) -> tuple[tuple[float | str, ...], ...]:
+    """The values of a key at all its times: one row where it has none, none where it is not given."""
+    if value is None:
+        return ()
+    return tuple(value) if isinstance(value[0], tuple) else (tuple(value),)  # type: ignore[arg-type, return-value]
+
+
 def _list_of_tables(value: object) -> object:
     if not isinstance(value, list | tuple):
         raise ValueError("must be a list of tables")
@@ -90,6 +112,10 @@ Direction = Annotated[Vector, AfterValidator(_no_zero)]
 """A vector of any length but zero."""
 Corner = Annotated[tuple[Finite, ...], BeforeValidator(_one_number)]
 """A place on a side, in the other axes; in 2-D a number is enough."""
+VectorOverTime = Annotated[
+    Annotated[Vector, Tag("row")] | Annotated[tuple[Vector, ...], Tag("rows")], Discriminator(row_or_rows)
+]
+"""A vector, or one for each of several times."""
 Abscissae = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 """Arguments of a table; see `check_table`."""
 Name = Annotated[str, Field(min_length=1)]
@@ -113,6 +139,15 @@ def check_table(name: str, arguments: tuple[float, ...] | None, other: str, valu
     for a, b in itertools.pairwise(arguments):
         if b <= a:
             raise wrong(name, arguments, f"must increase, but {b} follows {a}", "sort the entries")
+
+
+def check_over_time(times_name: str, times: tuple[float, ...] | None, name: str, value: Sequence[object]) -> None:
+    """One row for each of the times; without times one row alone."""
+    rows = value if isinstance(value[0], tuple) else None
+    if (rows is None) != (times is None):
+        limit = f"is a list of lists with {times_name}, and a list of numbers without"
+        raise wrong(name, value, limit, f"give one list for each of {times_name}, or remove {times_name}")
+    check_table(times_name, times, name, rows)
 
 
 class Section(BaseModel):

@@ -47,8 +47,8 @@ class BoundarySide(Section):
         to: opposite corner of the patch [m].
         ramp_time: time in which the velocity rises from zero. Default: 0.05 s for an inlet without `times`,
             otherwise 0 [s].
-        times: increasing times, for an inlet whose velocity changes in time. Needs `velocities`, excludes `velocity`
-            [s].
+        times: increasing times, for an inlet or a moving wall whose velocity changes in time. Needs `velocities`,
+            excludes `velocity` [s].
         velocities: velocities at these times, each in the form of `velocity`. Linear between the times, constant before
             the first and after the last [m/s].
         profile: velocity profile of an inlet: "uniform", "parabolic" or "table" (`positions`, `values`). "parabolic"
@@ -86,7 +86,7 @@ class BoundarySide(Section):
     def _one_velocity(self) -> BoundarySide:
         """One velocity, or one for each of the times; for sides that have any."""
         for name in ("velocity", "times", "velocities", "profile", "positions", "values"):
-            kinds = ("inlet", "moving_wall") if name == "velocity" else ("inlet",)
+            kinds = ("inlet", "moving_wall") if name in ("velocity", "times", "velocities") else ("inlet",)
             if getattr(self, name) is not None and self.kind not in kinds:
                 raise wrong(name, getattr(self, name), f"is not used with kind = {self.kind}", "remove this key")
         check_table("times", self.times, "velocities", self.velocities)

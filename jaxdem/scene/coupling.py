@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import NonNegative, Positive, Section, wrong
+from jaxdem.scene.base import Abscissae, NonNegative, Positive, Section, check_table, wrong
 
 
 def _window(value: int) -> int:
@@ -44,6 +44,10 @@ class Coupling(Section):
 
     Attributes:
         drag: name of the drag law, one of `jaxdem.closures.DRAG_LAWS`.
+        drag_factor: factor on the drag law, 1 for the law as it is, 0 for no drag; with `drag_times` one for each time.
+            The other forces of the fluid and the void fraction stay as they are [-].
+        drag_times: increasing times for `drag_factor`. Linear between them, constant before the first and after the
+            last [s].
         void_fraction: how the volume of particles is distributed over the cells: "kernel" (triangular kernel), "centre"
             (all in the cell of the centre), "divided" (by the volume in each cell) or "diffusion" (divided, then
             smoothed).
@@ -65,6 +69,8 @@ class Coupling(Section):
     """
 
     drag: str = "koch_hill"
+    drag_factor: NonNegative | tuple[NonNegative, ...] = 1.0
+    drag_times: Abscissae | None = None
     void_fraction: Literal["kernel", "centre", "divided", "diffusion"] = "kernel"
     kernel_width: Width = Width()
     interval: Positive | Literal["auto"] = "auto"
@@ -94,6 +100,13 @@ class Coupling(Section):
     @classmethod
     def _spelling(cls, value: object) -> object:
         return value.strip().lower().replace("-", "_").replace(" ", "_") if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _factor_over_time(self) -> Coupling:
+        """One factor, or one for each of the times."""
+        given = self.drag_factor if isinstance(self.drag_factor, tuple) else None
+        check_table("drag_times", self.drag_times, "drag_factor", given)
+        return self
 
     @model_validator(mode="after")
     def _wake_is_known(self) -> Coupling:
@@ -133,6 +146,9 @@ def check_on_mesh(coupling: Coupling, cells: tuple[int, ...], samples: float) ->
     if factor > max(cells):
         limit = f"would leave a single cell of the mesh {cells}"
         raise InputError(key, factor, limit, f"lower it to at most {max(cells)}")
+    if coupling.drag_factor != 1.0 and samples > 0.0:
+        limit = "training samples are only written for a drag law as it is"
+        raise InputError("coupling.drag_factor", coupling.drag_factor, limit, "set output.samples = 0")
     if factor > 1 and samples > 0.0:
         limit = "training samples are only written for a drag law that uses the mesh of the fluid"
         raise InputError(key, factor, limit, "set output.samples = 0")

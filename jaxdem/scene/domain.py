@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydantic import Field, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import NonNegative, Positive, Section, Vector, wrong
+from jaxdem.scene.base import (
+    Abscissae,
+    NonNegative,
+    Positive,
+    Section,
+    VectorOverTime,
+    at_all_times,
+    check_over_time,
+    wrong,
+)
 
 SIDES = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
 """Sides in the order axis by axis, lower before upper; the last axis is up."""
@@ -59,13 +69,39 @@ class Domain(Section):
         size: side lengths, two or three numbers; the last axis points up [m].
         depth: extent in the third direction, in 2-D only. Default: one (largest) diameter, or 1 m without particles
             [m].
-        gravity: acceleration, one number per axis. Default: 9.81 downwards. Along a periodic axis it drives a fluid,
-            and must be given then [m/s2].
+        gravity: acceleration, one number per axis; with `gravity_times` one such list for each time. Default: 9.81
+            downwards. Along a periodic axis it drives a fluid, and must be given then [m/s2].
+        gravity_times: increasing times for `gravity`. Linear between them, constant before the first and after the last
+            [s].
     """
 
     size: tuple[Positive, ...] = Field(min_length=2, max_length=3)
     depth: Positive | None = None
-    gravity: Vector | None = None
+    gravity: VectorOverTime | None = None
+    gravity_times: Abscissae | None = None
+
+    @property
+    def gravities(self) -> tuple[tuple[float, ...], ...]:
+        """Gravity at all its times: one vector where it does not change; none where it is not given."""
+        return at_all_times(self.gravity)  # type: ignore[return-value]
+
+    @property
+    def strongest_gravity(self) -> tuple[float, ...]:
+        """That of the time at which it is largest [m/s2]."""
+        return max(self.gravities, key=lambda row: math.hypot(*row), default=(0.0,) * len(self.size))
+
+    @property
+    def gravity_along(self) -> tuple[float, ...]:
+        """The largest size of each component at any time [m/s2]."""
+        return tuple(max(map(abs, column)) for column in zip(*self.gravities, strict=True))
+
+    @model_validator(mode="after")
+    def _gravity_over_time(self) -> Domain:
+        if self.gravity is not None:
+            check_over_time("gravity_times", self.gravity_times, "gravity", self.gravity)
+        elif self.gravity_times is not None:
+            raise wrong("gravity_times", self.gravity_times, "needs gravity", "give gravity, one vector for each time")
+        return self
 
     @model_validator(mode="after")
     def _depth_of_a_plane(self) -> Domain:

@@ -5,32 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jaxdem.errors import InputError
+from jaxdem.scene.base import at_all_times
+from jaxdem.scene.domain import Domain
 from jaxdem.scene.fluid import Fluid
 
 AXES = {2: "xz", 3: "xyz"}
 """Names of the axes; the last one is up."""
 
 
-def rows_of(value: Sequence[object] | None) -> tuple[tuple[float | str, ...], ...]:
-    """The values of a key at all its times: one row where it has none, none where it is not given."""
-    if value is None:
-        return ()
-    return tuple(value) if isinstance(value[0], tuple) else (tuple(value),)  # type: ignore[arg-type, return-value]
-
-
-def is_driven(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]) -> bool:
-    """Whether a pressure gradient, a bulk velocity or gravity acts on the fluid along a periodic axis."""
+def is_driven(fluid: Fluid, domain: Domain, periodic: Sequence[bool]) -> bool:
+    """Whether a pressure gradient, a bulk velocity or gravity acts on the fluid along a periodic axis, at any time."""
     given = fluid.pressure_gradient is not None or fluid.bulk_velocity is not None
-    return any(wraps and (given or component != 0.0) for component, wraps in zip(gravity, periodic, strict=True))
+    return any(wraps and (given or weight > 0.0) for weight, wraps in zip(domain.gravity_along, periodic, strict=True))
 
 
-def check_drive(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]) -> None:
+def check_drive(fluid: Fluid, domain: Domain, periodic: Sequence[bool]) -> None:
     """Refuses a drive along an axis that is not periodic, two drives along one axis, and model B under gravity.
 
     Raises:
         InputError: see above.
     """
-    gradient, bulk = rows_of(fluid.pressure_gradient), rows_of(fluid.bulk_velocity)
+    gradient, bulk = at_all_times(fluid.pressure_gradient), at_all_times(fluid.bulk_velocity)
     for axis, (wraps, name) in enumerate(zip(periodic, AXES[len(periodic)], strict=True)):
         drops = any(row[axis] != 0.0 for row in gradient)
         flows = [row[axis] for row in bulk if row[axis] != "free"]
@@ -48,12 +43,12 @@ def check_drive(fluid: Fluid, gravity: Sequence[float], periodic: Sequence[bool]
         if 0 < len(flows) < len(bulk):
             limit = f'is "free" along {name} at some of the times and held at others'
             raise InputError("fluid.bulk_velocity", fluid.bulk_velocity, limit, "use one of both at all times")
-        if wraps and gravity[axis] != 0.0 and fluid.model == "B":
+        if wraps and domain.gravity_along[axis] > 0.0 and fluid.model == "B":
             limit = f"has no pressure gradient on particles, so it cannot have gravity along {name}, which is periodic"
             raise InputError("fluid.model", "B", limit, 'set fluid.model = "A", or that component of gravity to 0')
 
 
-def check_own_gravity(gravity: Sequence[float] | None, periodic: Sequence[bool]) -> None:
+def check_own_gravity(gravity: Sequence[object] | None, periodic: Sequence[bool]) -> None:
     """Refuses gravity by default along a periodic axis of a fluid, where all would fall without end.
 
     Raises:

@@ -14,8 +14,10 @@ from jaxdem.scene.base import (
     Positive,
     Section,
     Vector,
-    check_table,
+    VectorOverTime,
+    check_over_time,
     per_axis,
+    row_or_rows,
     wrong,
 )
 
@@ -29,13 +31,7 @@ Cells = Annotated[
 Held = Annotated[tuple[Finite | Literal["free"], ...], AfterValidator(per_axis)]
 
 
-def _rows(value: object) -> str:
-    """Whether a list is one row, or one for each of several times."""
-    return "rows" if isinstance(value, list | tuple) and value and isinstance(value[0], list | tuple) else "row"
-
-
-Gradient = Annotated[Annotated[Vector, Tag("row")] | Annotated[tuple[Vector, ...], Tag("rows")], Discriminator(_rows)]
-Bulk = Annotated[Annotated[Held, Tag("row")] | Annotated[tuple[Held, ...], Tag("rows")], Discriminator(_rows)]
+Bulk = Annotated[Annotated[Held, Tag("row")] | Annotated[tuple[Held, ...], Tag("rows")], Discriminator(row_or_rows)]
 
 
 class Fluid(Section):
@@ -76,7 +72,7 @@ class Fluid(Section):
     advection: Literal["limited", "superbee", "central", "central_4", "upwind"] = "limited"
     courant_limit: Annotated[float, Field(gt=0.0, le=1.0, strict=True)] = 0.7
     velocity: Vector | None = None
-    pressure_gradient: Gradient | None = None
+    pressure_gradient: VectorOverTime | None = None
     bulk_velocity: Bulk | None = None
     drive_times: Abscissae | None = None
 
@@ -86,11 +82,7 @@ class Fluid(Section):
         given = {name: getattr(self, name) for name in ("pressure_gradient", "bulk_velocity")}
         given = {name: value for name, value in given.items() if value is not None}
         for name, value in given.items():
-            rows = value if isinstance(value[0], tuple) else None
-            if (rows is None) != (self.drive_times is None):
-                limit = "is a list of lists with drive_times, and a list of numbers without"
-                raise wrong(name, value, limit, "give one list for each of drive_times, or remove drive_times")
-            check_table("drive_times", self.drive_times, name, rows)
+            check_over_time("drive_times", self.drive_times, name, value)
         if self.drive_times is not None and not given:
             remedy = "give one of them, or remove drive_times"
             raise wrong("drive_times", self.drive_times, "needs pressure_gradient or bulk_velocity", remedy)

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from jaxdem.errors import InputError
 from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tables, wrong
 from jaxdem.scene.distribution import Distribution, check_no_radius
+from jaxdem.scene.domain import Domain
 from jaxdem.scene.materials import Mixture
 from jaxdem.scene.regions import Region
 
@@ -142,18 +143,22 @@ Packs = Annotated[
 """One table, or several."""
 
 
-def check_settling(packs: tuple[Pack, ...], gravity: tuple[float, ...], periodic: tuple[bool, ...]) -> None:
-    """Refuses a pack that should settle where nothing falls, or falls without end.
+def check_settling(packs: tuple[Pack, ...], domain: Domain, periodic: tuple[bool, ...]) -> None:
+    """Refuses a pack that should settle where nothing falls, where it falls without end, or where gravity changes.
 
     Raises:
-        InputError: there is no gravity, or it has a component along a periodic axis.
+        InputError: there is no gravity, it has a component along a periodic axis, or it changes with time.
     """
     if not any(pack.kind == "settled" for pack in packs):
         return
-    remedy = 'or use kind = "random" or "grown"'
-    if not any(gravity):
+    gravity, remedy = domain.gravity, 'or use kind = "random" or "grown"'
+    if domain.gravity_times is not None:
+        limit = "changes with time, and a settled pack comes to rest before time 0"
+        remedy = f"remove gravity_times, let the particles settle in a stage of its own ([[stages]]), {remedy}"
+        raise InputError("domain.gravity_times", domain.gravity_times, limit, remedy)
+    if not any(domain.gravity_along):
         limit = "is zero, and the particles of a settled pack fall by it"
         raise InputError("domain.gravity", gravity, limit, f"give a gravity, {remedy}")
-    if any(wraps and part != 0.0 for wraps, part in zip(periodic, gravity, strict=True)):
+    if any(wraps and part != 0.0 for wraps, part in zip(periodic, domain.gravity_along, strict=True)):
         limit = "has a component along a periodic axis, along which the particles of a settled pack fall without end"
         raise InputError("domain.gravity", gravity, limit, f"make that side a wall, {remedy}")

@@ -156,11 +156,11 @@ def completed(scene: Scene) -> Scene:
             limit = "is an inlet of fluid, and the scene has no fluid"
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
     if found.particles is not None:
-        check_settling(found.particles.packs, found.domain.gravity or (), found.periodic)
+        check_settling(found.particles.packs, found.domain, found.periodic)
     check_exits(found.boundary, found.particles is not None, found.fluid is not None)
     if found.fluid is not None:
         check_own_gravity(scene.domain.gravity, found.periodic)
-        check_drive(found.fluid, found.domain.gravity or (), found.periodic)
+        check_drive(found.fluid, found.domain, found.periodic)
     has = found.particles is not None, found.fluid is not None
     time = found.time
     place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary)

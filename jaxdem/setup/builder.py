@@ -152,6 +152,8 @@ def build_case(scene: Scene, closure: DragClosure | None = None, **extensions: U
         fluid=interval,
         coupling=coupling,
         population=population,
+        gravity_times=scene.domain.gravity_times,
+        drag_times=None if coupling is None or scene.coupling is None else scene.coupling.drag_times,
     )
     if measures_walls(scene):
         simulation = measuring_walls(simulation)

@@ -10,15 +10,16 @@ from jax import Array
 
 from jaxdem.fluid.drive import Drive, DriveParameters
 from jaxdem.scene import Scene
-from jaxdem.scene.drive import is_driven, rows_of
+from jaxdem.scene.base import at_all_times
+from jaxdem.scene.drive import is_driven
 from jaxdem.scene.fluid import Fluid
 
 
 def drive_of(scene: Scene, table: Fluid) -> Drive | None:
     """Which axes are driven; None where none is."""
-    if not is_driven(table, scene.domain.gravity or (), scene.periodic):
+    if not is_driven(table, scene.domain, scene.periodic):
         return None
-    bulk = rows_of(table.bulk_velocity)
+    bulk = at_all_times(table.bulk_velocity)
     held = tuple(bool(bulk) and wraps and bulk[0][axis] != "free" for axis, wraps in enumerate(scene.periodic))
     return Drive(scene.periodic, held, table.drive_times)
 
@@ -29,14 +30,14 @@ def drive_parameters(scene: Scene, table: Fluid, number: Callable[[np.ndarray], 
     if drive is None:
         return None
     shape = (scene.dimension,) if drive.times is None else (len(drive.times), scene.dimension)
-    gradient = np.reshape(rows_of(table.pressure_gradient) or np.zeros(shape), shape)
+    gradient = np.reshape(at_all_times(table.pressure_gradient) or np.zeros(shape), shape)
     if not any(drive.held):
         return DriveParameters(number(gradient))
-    bulk = [[0.0 if value == "free" else value for value in row] for row in rows_of(table.bulk_velocity)]
+    bulk = [[0.0 if value == "free" else value for value in row] for row in at_all_times(table.bulk_velocity)]
     return DriveParameters(number(gradient), number(np.reshape(bulk, shape)))
 
 
 def bulk_speed(table: Fluid) -> float:
     """Largest bulk velocity that is held [m/s]."""
-    rows = [[value for value in row if isinstance(value, float)] for row in rows_of(table.bulk_velocity)]
+    rows = [[value for value in row if isinstance(value, float)] for row in at_all_times(table.bulk_velocity)]
     return max((math.hypot(*row) for row in rows), default=0.0)

@@ -91,7 +91,7 @@ def _of_particles(scene: Scene, bodies: Bodies) -> Iterator[_Product]:
     contact = scene.contact
     if scene.particles is None or contact is None or 0 in (bodies.radius.size, bodies.density.size):
         return
-    gravity = math.hypot(*(scene.domain.gravity or (0.0,)))
+    gravity = math.hypot(*scene.domain.strongest_gravity)
     key = radius_key(scene.particles)
     for pick in (np.min, np.max):
         radius, density = float(pick(bodies.radius)), float(pick(bodies.density))

@@ -63,7 +63,7 @@ def scene_parameters(
         law = subgrid_closure(table, subgrid)
         drive = drive_parameters(scene, table, number)
         fluid = FluidProperties(number(table.density), number(table.viscosity), velocity, smagorinsky, law, drive)
-        drag_scale = None if scene.coupling is None else number(1.0)
+        drag_scale = None if scene.coupling is None else number(scene.coupling.drag_factor)
     return Parameters(
         gravity=number(scene.domain.gravity),
         bodies=bodies,

@@ -56,11 +56,12 @@ def first_state(
     fluid = None
     if simulation.fluid is not None:
         solver, void_fraction = simulation.fluid.solver, None
+        now = simulation.during(parameters, _full((), 0, np.int32))
         if simulation.coupling is not None and state is not None:
             void_fraction = initial_void_fraction(simulation.coupling, parameters.mixture.bodies, state)
         velocity = fluid_velocity(scene)
         faces = tuple(_full(solver.grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
-        gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
+        gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(now.flow)
         fluid = FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
     return State(state, fluid, _full((), 0, np.int32)), room
 
