@@ -131,6 +131,7 @@ WRONG = {
     "short": ({"interval": 0.001}, r"Use, for example, 0\.01"),
     "late": ({"begin": 0.45}, "the first row would be at begin"),
     "window": ({"window": 0.2}, "is more than the interval of 0.1 s"),
+    "sampled flow": ({"sample_interval": 0.02}, "a plane looks at every coupling interval"),
     "average": ({"average": False}, "flows through a plane are means over time"),
     "keys": ({"points": [[0.1, 0.1]]}, "the keys of a probe of kind plane are"),
     "unknown": ({"plane": 1.0}, "unknown key"),
@@ -159,6 +160,10 @@ PROFILE = {"name": "a", "kind": "profile"}
         (PROFILE | {"axis": "x", "edges": [0.0, 0.7]}, "must lie between 0 and 0.4 m"),
         (PROFILE | {"regions": [[[0.0, 0.0], [0.7, 0.1]]]}, "must lie in the box"),
         (PROFILE | {"axis": "x", "cells": 2, "window": 0.1}, "is for averages"),
+        (
+            PROFILE | {"axis": "x", "cells": 2, "average": True, "window": 0.08, "sample_interval": 0.03},
+            r"must divide the time over which is averaged, 0\.08 s.*0\.02",
+        ),
         ({"name": "a", "kind": "point"}, "is needed by kind = point"),
         ({"name": "a", "kind": "point", "points": [[0.1, 0.1]]}, "the scene has none"),
         ({"name": "a", "kind": "wall"}, "needs either side or wall"),

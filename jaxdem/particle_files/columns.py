@@ -18,6 +18,9 @@ AXES = ("x", "y", "z")
 LARGEST_NUMBER = 2**53
 """Ids and types are whole numbers, which may come as floats."""
 
+AGREE = 0.02
+"""Part by which two columns for one quantity may differ: a program may write three digits."""
+
 
 class Quantity(NamedTuple):
     """A quantity of particles: its kind of unit, empty for a pure number, and its names, the usual one first."""
@@ -129,7 +132,7 @@ def columns_of(raw: Raw, source: Source) -> Columns:
     _check_ranges(raw, numbers)
     order = _order(raw, numbers.pop("id", None))
     types = _whole(raw, "type", numbers.pop("type")) if "type" in numbers else None
-    _merge(numbers)
+    _merge(raw, numbers)
     return Columns(
         {name: values[order] for name, values in numbers.items()},
         None if types is None else types[order],
@@ -152,7 +155,10 @@ def _system(raw: Raw, source: Source) -> str:
 def _known_columns(raw: Raw, ignore: tuple[str, ...]) -> tuple[dict[str, tuple[int, str]], list[str]]:
     """Column and unit of each quantity that the file has, and the names of the columns that are not read."""
     given = [_split(name) for name in raw.names]
-    ignored = {name.strip().lower() for name in ignore}
+    ignored = {_split(name)[0] for name in ignore}
+    for name in ignore:
+        if _split(name)[0] not in {plain for plain, _ in given} | {label.lower() for label in raw.dropped}:
+            raise InputError(f"{KEY}.ignore", name, f"is no column of the file; {_expected(raw)}", "remove it")
     found: dict[str, tuple[int, str]] = {}
     used = {column for column, (name, _) in enumerate(given) if name in ignored}
     for quantity, (kind, names) in QUANTITIES.items():
@@ -259,10 +265,28 @@ def _order(raw: Raw, ids: np.ndarray | None) -> np.ndarray:
     return order
 
 
-def _merge(numbers: dict[str, np.ndarray]) -> None:
-    """Radius in place of diameter, and density in place of mass."""
-    diameter, mass = numbers.pop("diameter", None), numbers.pop("mass", None)
-    if diameter is not None:
-        numbers.setdefault("radius", 0.5 * diameter)
-    if mass is not None and "radius" in numbers:
-        numbers.setdefault("density", mass / (4.0 / 3.0 * math.pi * numbers["radius"] ** 3))
+def _merge(raw: Raw, numbers: dict[str, np.ndarray]) -> None:
+    """Radius in place of diameter, and density in place of mass.
+
+    Raises:
+        InputError: two columns contradict each other, or there is a mass and no radius.
+    """
+    if "diameter" in numbers:
+        _agreed(raw, numbers, "radius", "diameter", 0.5 * numbers.pop("diameter"))
+    mass = numbers.pop("mass", None)
+    if mass is None:
+        return
+    if "radius" not in numbers:
+        limit = "has a column mass, which gives a density only together with a column radius or diameter"
+        raise refusal(raw.header, limit, f'add one of these, or ignore the column: {KEY}.ignore = ["mass"]')
+    _agreed(raw, numbers, "density", "mass", mass / (4.0 / 3.0 * math.pi * numbers["radius"] ** 3))
+
+
+def _agreed(raw: Raw, numbers: dict[str, np.ndarray], name: str, other: str, values: np.ndarray) -> None:
+    """The column `name`, or the same by another column where the file has no such column."""
+    given = numbers.setdefault(name, values)
+    wrong = np.abs(given - values) > AGREE * given
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        limit = f"{name} is {given[row]:.6g}, and by the column {other} it is {values[row]:.6g} (SI units)"
+        raise refusal(raw.place(row), limit, f'correct one, or ignore it: {KEY}.ignore = ["{other}"]')

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxdem.io import scene_text
 from jaxdem.io.frames import FrameSeries
+from jaxdem.io.run_directory import SCENE
 from jaxdem.io.vtkhdf import ParticleFormat
 from jaxdem.particle_files.arrays import raw_of_arrays
 from jaxdem.particle_files.columns import Source
@@ -24,13 +26,15 @@ def particles_name() -> str:
 
 
 def read_frame(source: Source) -> Raw:
-    """The particles that are present in a frame: position, velocity, spin, radius and id.
+    """The particles that are present in a frame: position, velocity, spin, radius and id; of parcels the radius of a
+    grain.
 
     Raises:
         InputError: it is no run, or there is no such frame.
     """
     path = Path(source.name)
-    series = FrameSeries(path if path.is_dir() else path.parent, ParticleFormat())
+    folder = path if path.is_dir() else path.parent
+    series = FrameSeries(folder, ParticleFormat())
     if not series.exists() or not (count := series.count()):
         limit = f"holds no frame of particles ({particles_name()})"
         raise refusal(source.name, limit, "give a folder that `jaxdem run` wrote")
@@ -40,9 +44,20 @@ def read_frame(source: Source) -> Raw:
         index = at_time(source.time, series.times(count).tolist(), source.name)
     frame = series.read(index)
     arrays = {name: np.asarray(array) for name, array in frame.arrays.items()}
+    if "radius" in arrays:
+        arrays["radius"] = arrays["radius"] / _coarse_grain(folder)
     present = arrays.pop("active", np.ones(len(arrays["position"]))) != 0
     if int(frame.attributes["dimension"]) == 2:
         arrays |= {name: arrays[name][:, :2] for name in ("position", "velocity") if name in arrays}
         if "angular_velocity" in arrays:
             arrays["angular_velocity"] = arrays["angular_velocity"][:, 2]
     return raw_of_arrays(source.name, {name: array[present] for name, array in arrays.items()}, strict=False)
+
+
+def _coarse_grain(folder: Path) -> float:
+    """Radius of the particles of a run over that of the grains for which a scene gives radii; 1 for a run without its
+    scene."""
+    if not (folder / SCENE).is_file():
+        return 1.0
+    scene = scene_text.parse(scene_text.read(folder / SCENE), str(folder / SCENE))
+    return float(scene.get("particles", {}).get("coarse_grain", 1.0))

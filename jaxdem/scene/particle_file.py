@@ -34,7 +34,8 @@ class ParticleFile(Section):
         name: text with a row of names (CSV or separated by blanks), .npz with arrays by name, a dump or data file of
             LAMMPS or LIGGGHTS, a VTK file (.vtk, .vtp, .vtu; needs the package `vtk`), or a run directory. Columns: x y
             z (in 2-D x z), radius or diameter, vx vy vz, wx wy wz (or omegax ...), density or mass, id, type, material.
-            What the file has no column for is given by the other keys of `[particles]`.
+            What the file has no column for is given by the other keys of `[particles]`. With `coarse_grain` radius,
+            density and mass are those of the grains; a run of parcels is read so.
         frame: number of the time step of a dump or run, from 0, or from -1 backwards. Default: the last.
         time: time of the time step, in place of its number [s].
         units: units of the columns that state none: "si", "cgs" or "micro", as LAMMPS defines them. Default: those that
@@ -44,7 +45,7 @@ class ParticleFile(Section):
         plane: plane of a 2-D scene in a file with three coordinates; all particles must have the same third one.
             Default: "xz".
         types: name of one of `[[materials]]` for each number of the column `type`: {1 = "glass", 2 = "steel"}.
-        ignore: names of columns that are not read. In text and .npz files an unknown column is an error.
+        ignore: names of columns of the file that are not read. In text and .npz files an unknown column is an error.
     """
 
     name: Name

@@ -75,8 +75,8 @@ class Probe(Section):
             through a plane are always such means. Default: false, of kind "wall" true: false is then the mean over
             the last coupling interval.
         window: last part of this time over which is averaged. Default: all of it [s].
-        sample_interval: time between the measurements that are averaged. Default: the coupling interval, of which it is
-            a multiple [s].
+        sample_interval: time between the measurements that are averaged; a multiple of the coupling interval, and the
+            window a multiple of it. Not of a plane. Default: the coupling interval [s].
     """
 
     name: Annotated[str, Field(strict=True), AfterValidator(_file_name)]
@@ -109,6 +109,9 @@ class Probe(Section):
                 raise wrong(name, getattr(self, field), limit, "remove this key")
         if (self.from_ is None) != (self.to is None):
             raise wrong("from", self.from_ or self.to, "needs both from and to", "give both or neither")
+        if self.kind == "plane" and self.sample_interval is not None:
+            limit = "a plane looks at every coupling interval, so that it misses nobody"
+            raise wrong("sample_interval", self.sample_interval, limit, "remove this key")
         if self.kind == "contacts" and self.average:
             raise wrong("average", True, "contacts are those at a time", "remove this key")
         averages = self.average is not False if self.kind in MEANS else self.average

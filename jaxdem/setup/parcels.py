@@ -7,8 +7,7 @@ mass of the sphere; in 2-D, where the layer is as deep as before, it is 1/l of t
   Hertz's law has that with the modulus as it is; the linear law with l times the stiffness. In 2-D forces are, as the
   masses, 1/l of these. Friction and rolling friction are ratios and stay. Stresses are those of the grains.
 - Fluid: drag, lift in a shear and Basset force are those of a grain times l^D; pressure gradient, viscous force,
-virtual
-  mass and void fraction go with the volume of the grains. Kernels follow the diameter of the parcel.
+  virtual mass and void fraction go with the volume of the grains. Kernels follow the diameter of the parcel.
 
 Collisions of a parcel are l times as rare as those of a grain at the same speeds and solid fraction, so agitated
 parcels lose energy l times as slowly.

@@ -31,7 +31,7 @@ def scene_probes(scene: Scene, steps: TimeSteps) -> tuple[ScheduledProbe, ...]:
         steps: of it.
 
     Raises:
-        InputError: a time of a probe is no multiple of the coupling interval.
+        InputError: a time of a probe is no multiple of the coupling interval, or its window none of its samples.
     """
     return tuple(
         ScheduledProbe(BUILDERS[probe.kind](scene, probe), _schedule(f"probes.{k}", probe, steps.interval))
@@ -52,9 +52,14 @@ def _schedule(key: str, probe: described.Probe, interval: float) -> Schedule:
 
     every = intervals("interval", probe.interval, 1)
     window = intervals("window", probe.window, every) if probe.average else 1
-    return Schedule(
-        intervals("begin", probe.begin, 0), every, window, intervals("sample_interval", probe.sample_interval, 1)
-    )
+    sample = intervals("sample_interval", probe.sample_interval, 1)
+    if window % sample:
+        limit = f"must divide the time over which is averaged, {window * interval:.6g} s"
+        near = max(number for number in range(1, sample) if window % number == 0)
+        raise InputError(
+            f"{key}.sample_interval", probe.sample_interval, limit, f"use, for example, {near * interval:.6g}"
+        )
+    return Schedule(intervals("begin", probe.begin, 0), every, window, sample)
 
 
 def _plane(scene: Scene, probe: described.Probe) -> PlaneProbe:

@@ -258,6 +258,30 @@ def test_frames_of_a_run_in_two_dimensions(tmp_path):
     np.testing.assert_array_equal(columns.numbers["w"], SPIN[:, 1])
 
 
+def test_the_radius_in_a_run_of_parcels_is_that_of_the_grains(tmp_path):
+    """The frames have the radius of the parcels; a scene with coarse_grain gives that of the grains."""
+    frames(tmp_path, 3).join()
+    (tmp_path / "scene.toml").write_text("[particles]\ncoarse_grain = 2.0\n")
+    for place in (tmp_path, tmp_path / "particles.vtkhdf"):
+        np.testing.assert_array_equal(read_columns(Source(str(place), frame=0)).numbers["radius"], 0.5 * RADIUS)
+
+
+@pytest.mark.parametrize(
+    ("text", "ignore", "words"),
+    [
+        ("x,z,mass\n.5,.5,1\n", (), "a column mass, which gives a density only together with"),
+        ("x,z,r,d\n.5,.5,.1,.2\n.7,.7,.1,.1\n", (), "line 3 .*radius is 0.1, and by the column diameter it is 0.05"),
+        ("x,z,r,rho,mass\n.5,.5,.1,2500,1\n", (), "density is 2500, and by the column mass it is 238"),
+        ("x,z,r\n.5,.5,.1\n", ("densty",), r"ignore = 'densty': is no column of the file"),
+    ],
+)
+def test_no_column_is_passed_over_in_silence(tmp_path, text, ignore, words):
+    with pytest.raises(InputError, match=words):
+        read(tmp_path, text, ignore=ignore)
+    agreeing = read(tmp_path, "x,z,r,rho,mass [g],q [V]\n.5,.5,.1,2500,10470,1\n", ignore=("q [V]",))
+    assert set(agreeing.numbers) == {"x", "z", "radius", "density"}
+
+
 def test_one_of_several_time_steps(tmp_path):
     assert read(tmp_path, DUMP, frame=0).numbers["y"][1] == 0.9
     assert read(tmp_path, DUMP, frame=-2).numbers["y"][1] == 0.9
