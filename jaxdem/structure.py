@@ -24,6 +24,19 @@ from jaxdem.state import Parameters, ParticleDiagnostics, State
 
 
 @static
+class Clock:
+    """Where the time of a run begins whose coupling interval differs from that of the run before it; static.
+
+    Attributes:
+        start: simulated time at which it begins [s].
+        step: coupling intervals that were done by then.
+    """
+
+    start: float
+    step: int
+
+
+@static
 class TimeSteps:
     """The steps of a run and what they were chosen from; None where a part does not exist.
 
@@ -68,6 +81,7 @@ class Structure:
         population: how the number of particles changes, None where it does not.
         gravity_times: T increasing times of `Parameters.gravity` (T, D) [s]; None for one that does not change.
         drag_times: the same of `Parameters.drag_scale` (T,) [s].
+        clock: where its time begins; None where the time is the number of intervals done times the interval.
     """
 
     interval: float
@@ -81,6 +95,7 @@ class Structure:
     population: Population | None = None
     gravity_times: tuple[float, ...] | None = None
     drag_times: tuple[float, ...] | None = None
+    clock: Clock | None = None
 
     def during(self, parameters: Parameters, step: Array) -> Parameters:
         """The parameters of the interval that begins after `step` intervals, with the means over it of gravity and of
@@ -103,6 +118,9 @@ class Structure:
         return self._start(parameters, step) + 0.5 * jnp.asarray(self.interval, parameters.gravity.dtype)
 
     def _start(self, parameters: Parameters, step: Array) -> Array:
+        if self.clock is not None:
+            dtype = parameters.gravity.dtype
+            return self.clock.start + (step - self.clock.step) * jnp.asarray(self.interval, dtype)
         return step * jnp.asarray(self.interval, parameters.gravity.dtype)
 
     def contact_time_step(self, dtype: DTypeLike) -> Array:

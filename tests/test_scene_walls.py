@@ -16,7 +16,6 @@ from jaxdem.particles.packing import REACHABLE
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.particles import particle_setup
-from tests.cases.steps import time_steps
 
 PLANE = {"kind": "plane", "point": [0.0, 0.1], "normal": [0.0, 2.0]}
 CIRCLE = {"kind": "cylinder", "center": [0.2, 0.2], "radius": 0.15}
@@ -178,8 +177,8 @@ def test_a_particle_in_a_wall_is_refused(wall, place, depth):
     error = refusal(given, starts)
     assert error.key == "particles.position"
     assert "particle 1 at" in str(error) and f"reaches {depth} of its diameter" in str(error)
-    limit = 100 * max(time_steps(load_scene(given)).expected_overlap, 0.01)
-    assert f"the limit is {limit:.3g} %" in str(error)
+    limit = load_scene(given).contact.maximum_overlap
+    assert limit == 0.2 and "the limit is 20 %, contact.maximum_overlap" in str(error)
 
 
 def test_a_pack_in_a_wall_names_both_and_no_speed_helps():

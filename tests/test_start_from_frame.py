@@ -67,20 +67,20 @@ def test_a_run_goes_on_from_a_frame_of_another(bed, tmp_path):
             np.testing.assert_allclose(here, there, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
-def test_an_overlap_beyond_that_of_an_impact_is_refused_and_a_speed_allows_it(bed):
-    """The limit is the overlap that `check` prints for contact.speed; a tenth of the speed has a smaller one."""
+def test_overlaps_of_a_run_are_a_state_and_deeper_ones_are_none(bed):
+    """Whatever contact.speed says; the limit is contact.maximum_overlap, at which a run stops too."""
     index = max(range(1, FRAMES), key=lambda frame: overlap_of(bed, frame))
     slow = load_scene(from_frame(bed, index, speed=0.003))
     simulation, parameters = build(slow)
-    assert simulation.steps.expected_overlap < overlap_of(bed, index)
-    with pytest.raises(InputError, match=r"the limit is 1 %.*raise contact\.speed"):
-        initial_state(slow, simulation, parameters)
+    assert simulation.steps.expected_overlap < INSERTION_OVERLAP < overlap_of(bed, index)
+    assert initial_state(slow, simulation, parameters)[0].particles.position.shape == (5, 2)
+    least = load_scene(from_frame(bed, index, speed=0.003, maximum_overlap=0.9 * overlap_of(bed, index)))
+    with pytest.raises(InputError, match=r"contact\.maximum_overlap.*[Mm]ove the particles apart"):
+        initial_state(least, *build(least))
     rows = {"particles.position": [[0.02, 0.02], [0.03, 0.02]], "particles.angular_velocity": [0.0, 0.0]}
     gross = load_scene(TABLES, rows)
-    simulation, parameters = build(gross)
-    limit = 100 * simulation.steps.expected_overlap
-    with pytest.raises(InputError, match=rf"overlap by 50 %.*limit is {limit:.3g} %.*contact\.speed = 0\.8 m/s"):
-        initial_state(gross, simulation, parameters)
+    with pytest.raises(InputError, match=r"overlap by 50 %.*limit is 20 %, contact\.maximum_overlap"):
+        initial_state(gross, *build(gross))
 
 
 def test_three_components_in_a_plane_are_those_of_a_frame():

@@ -24,6 +24,7 @@ from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.boundaries import boundary_speed
 from jaxdem.setup.builder import Case, build_case
+from jaxdem.setup.start_point import StartPoint
 from jaxdem.simulation import Simulation
 from jaxdem.state import State
 
@@ -67,6 +68,7 @@ class CheckReport:
         population: what is known beforehand of particles that come and go, as (name, text).
         probes: of each probe its name, and what it costs and writes.
         packs: of the start, as (name, text).
+        start: what the scene begins from, see `Case.start_figures`; {} where it begins at t = 0.
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
     """
@@ -100,17 +102,22 @@ class CheckReport:
     population: tuple[tuple[str, str], ...]
     probes: tuple[tuple[str, str], ...]
     packs: tuple[tuple[str, str], ...]
+    start: dict[str, object]
     compiled_in: tuple[str, ...]
     left_out: tuple[str, ...]
 
 
-def check_scene(scene: Scene) -> CheckReport:
+def check_scene(scene: Scene, start: StartPoint | None = None) -> CheckReport:
     """Look a scene over without running it; programs are compiled only for walls beside the box.
+
+    Args:
+        scene: the scene.
+        start: state that it begins from, of a scene with `[start]`; read from the run that it names if not given.
 
     Raises:
         InputError: whatever `simulate` would refuse before its first step.
     """
-    case = build_case(scene)
+    case = build_case(scene, start=start)
     simulation, parameters, bodies = case.simulation, case.parameters, case.bodies
     samples_every(scene, simulation)
     state, room = case.first_state()
@@ -163,6 +170,7 @@ def check_scene(scene: Scene) -> CheckReport:
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
         packs=pack_rows(case.particles),
+        start=case.start_figures,
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(case),

@@ -70,6 +70,18 @@ def warnings_table(warnings: Iterable[str]) -> Table:
 def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
     yield "box", f"{_times(report.size)} m"
     yield "precision", report.precision
+    if report.start:
+        yield "begins from", f"{report.start['from']} at t = {report.start['time']:.9g} s"
+        changes = [
+            ("removed", "removed"),
+            ("added", "added"),
+            ("never_inserted", "waiting at an inlet that has changed"),
+        ]
+        told = [f"{report.start[name]} {text}" for name, text in changes if report.start.get(name)]
+        if "largest_move" in report.start:
+            told.append(f"moved apart by up to {report.start['largest_move']:.3g} m")
+        if told:
+            yield "particles at the start", ", ".join(told)
     if report.particles is not None:
         stands_for = f", parcels of {report.grains_per_parcel:.6g} grains each" if report.grains_per_parcel else ""
         yield "particles" if not report.population else "particles, all rows", f"{report.particles}{stands_for}"

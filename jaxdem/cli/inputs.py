@@ -70,12 +70,48 @@ def read_scene(
     path: Path, settings: list[str] | None, closure: Path | None = None, subgrid: Path | None = None
 ) -> Scene:
     """The scene with the options applied, and closures that are closures as far as can be seen without JAX."""
-    from jaxdem.scene import load_scene
+    return read_scenes([path], settings, closure, subgrid)
 
-    scene = load_scene(path, overrides(settings, closure, subgrid))
-    require_closure("closure.file", scene.closure.file)
-    require_closure("fluid.subgrid", None if scene.fluid is None else scene.fluid.subgrid)
+
+def read_scenes(
+    paths: Sequence[Path],
+    settings: list[str] | None,
+    closure: Path | None = None,
+    subgrid: Path | None = None,
+    resumed: Path | None = None,
+) -> Scene:
+    """As `read_scene`; several files are the stages of one scene.
+
+    `resumed` is a run directory, whose own scene knows what it took from the run that it began from.
+    """
+    from jaxdem.scene import load_scene
+    from jaxdem.scene.reading import load_chain
+    from jaxdem.scene.stages import scenes_of
+
+    changed = overrides(settings, closure, subgrid)
+    if len(paths) > 1:
+        scene: Scene = load_chain(paths, changed)
+    else:
+        scene = load_scene(paths[0], changed, None if resumed is None else _own_former(resumed))
+    for one in scenes_of(scene):
+        require_closure("closure.file", one.closure.file)
+        require_closure("fluid.subgrid", None if one.fluid is None else one.fluid.subgrid)
     return scene
+
+
+def _own_former(folder: Path) -> dict[str, Any] | None:
+    """What the scene of a run directory has kept of the scene that it began from; None without a start."""
+    from jaxdem.files.reading import parse_toml, read_text
+    from jaxdem.io.run_directory import SCENE
+    from jaxdem.scene.former import remembered
+
+    if not (folder / SCENE).is_file():
+        return None
+    try:
+        own = parse_toml(read_text(folder / SCENE))
+    except (OSError, ValueError):
+        return None  # the run directory is refused for it
+    return remembered(own) if isinstance(own.get("start"), dict) else None
 
 
 def require_closure(key: str, path: str | Path | None) -> None:

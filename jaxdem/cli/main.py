@@ -6,16 +6,13 @@ Exit codes: 0 done, 1 the run failed, 2 the input is wrong, 130 and 143 after SI
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from jaxdem.cli import networks, options, process, study, terminal
+from jaxdem.cli import networks, options, process, run, study, terminal
 from jaxdem.cli.inputs import (
     overrides,
     prepare_file,
@@ -26,11 +23,11 @@ from jaxdem.cli.inputs import (
     this_command,
     whole_numbers,
 )
-from jaxdem.errors import InputError, JaxdemError
+from jaxdem.cli.units import warn_of_units
+from jaxdem.errors import JaxdemError
 
 if TYPE_CHECKING:
     from jaxdem.io import Run
-    from jaxdem.scene import Scene
 
 OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
 
@@ -102,38 +99,7 @@ def _options(
     pass
 
 
-def _warn_of_units(description: Scene) -> None:
-    """What of a scene looks like another unit."""
-    from jaxdem.check.unit_warnings import unit_warnings
-
-    for warning in unit_warnings(description):
-        terminal.warn(warning)
-
-
-@contextmanager
-def _units_beside_a_refusal(description: Scene) -> Iterator[None]:
-    """Where a scene is refused, what of it looks like another unit: the refusal itself names a consequence."""
-    try:
-        yield
-    except InputError:
-        _warn_of_units(description)
-        raise
-
-
-@app.command()
-def check(scene: options.SceneFile, settings: options.Settings = None) -> None:
-    """Check a scene without running it: time-step limits, engineering numbers, wall time, memory, warnings.
-
-    The exit code is 2 if `run` would refuse the scene.
-    """
-    description = read_scene(scene, settings)
-    start_jax(description.precision)
-    from jaxdem.check.check import check_scene
-    from jaxdem.cli.check_table import render
-
-    with _units_beside_a_refusal(description):
-        report = check_scene(description)
-    terminal.show(render(report))
+app.command()(run.check)
 
 
 @app.command()
@@ -179,44 +145,7 @@ def new(
     terminal.line(f"Wrote {place}. Next: jaxdem check {place}")
 
 
-@app.command()
-def run(
-    context: typer.Context,
-    scene: options.SceneFile,
-    out: Annotated[Path, options.folder_out("Run directory; it must be new or empty.")],
-    closure: options.ClosureFile = None,
-    subgrid: options.SubgridFile = None,
-    settings: options.Settings = None,
-    resume: options.Resume = False,
-    profile: options.Profile = False,
-    quiet: options.Quiet = False,
-) -> None:
-    """Run a scene and write a run directory."""
-    description = read_scene(scene, settings, closure, subgrid)
-    from jaxdem.io import RunDirectory
-
-    RunDirectory.check(out, description.to_toml(), resume, description.defaults())
-    complete = resume and RunDirectory.is_complete(out)
-    if not quiet:
-        _warn_of_units(description)
-    start_jax(description.precision)
-    from jaxdem.cli import progress
-    from jaxdem.run.scene_run import simulate
-    from jaxdem.run.time_loop import Interrupted
-
-    beside = _units_beside_a_refusal(description) if quiet else nullcontext()
-    try:
-        with beside, progress.simulated_time(quiet) as report:
-            settling = partial(report, note=" at most: particles settle before the run begins")
-            result = simulate(description, out, resume=resume, progress=report, profile=profile, settling=settling)
-    except Interrupted as stop:
-        hint = f"A checkpoint is in {out}. Continue with: {this_command(context, resume=True)}"
-        terminal.fail(f"{str(stop).capitalize()} of {description.time.end:g} s. {hint}", 128 + stop.number)
-    if complete:
-        terminal.line(f"The run in {out} is complete; there is nothing to resume.")
-    terminal.print_run(result)
-    if not result.summary.get("valid"):
-        terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
+app.command()(run.run)
 
 
 @app.command()
@@ -354,7 +283,7 @@ def sweep(
     changed = overrides(settings, closure, subgrid)
     check_sweep(scene, changed, variations, out)
     if not quiet:
-        _warn_of_units(description)
+        warn_of_units(description)
     start_jax(description.precision)
     from jaxdem.cli import progress
     from jaxdem.run.time_loop import Interrupted

@@ -66,6 +66,10 @@ def folder_out(content: str) -> object:
 # What is read.
 SceneFile = Annotated[Path, Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
 DeckFile = Annotated[Path, Argument(metavar="DECK", help="LIGGGHTS script or CFDEM case.", show_default=False)]
+SceneFiles = Annotated[
+    list[Path],
+    Argument(metavar="SCENE...", help="Scene file (TOML); several are run one after the other.", show_default=False),
+]
 RunFolder = Annotated[Path, Argument(metavar="RUN", help="Run directory.", show_default=False)]
 SampledRun = Annotated[Path, Argument(metavar="RUN", help="Run directory with samples.h5.")]
 ReferenceRun = Annotated[Path, Argument(metavar="REFERENCE", help="Run directory of the reference.")]

@@ -217,10 +217,10 @@ class FluidSolver:
 
         first_flux = _product(old, state.face_velocity)
         if void_fraction is not None:
-            first_flux = self._corrected(first_flux, growth)
+            first_flux = self.corrected(first_flux, growth)
         rates = [self._rates(properties, first_flux, state.face_velocity, weight, state.void_fraction, time)]
         trial = advance(rates[0].total)
-        flux = self._corrected(_product(new, trial), growth)
+        flux = self.corrected(_product(new, trial), growth)
         rates.append(self._rates(properties, flux, trial, weight, void_fraction, end))
         mean = _weighted(rates, (0.5, 0.5))
         predicted = advance(mean.total)
@@ -228,7 +228,7 @@ class FluidSolver:
             # The third stage is at the middle of the step, which Heun's result is twice as far as.
             velocity = _halfway(state.face_velocity, predicted)
             flux = _halfway(_product(old, state.face_velocity), _product(new, predicted))
-            flux = self._corrected(flux, growth)
+            flux = self.corrected(flux, growth)
             g = None if void_fraction is None else 0.5 * (_or_one(state.void_fraction) + void_fraction)
             rates.append(self._rates(properties, flux, velocity, weight, g, time + 0.5 * time_step))
             mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
@@ -379,7 +379,7 @@ class FluidSolver:
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return _Rates(total, stress, on_sides)
 
-    def _corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
+    def corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
         """The flux changed so that div(F) = -d(g)/dt: on outlets by the speed that balances the box, within by a
         gradient.
 

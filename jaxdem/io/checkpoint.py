@@ -83,6 +83,11 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], Attributes
     return arrays, attributes
 
 
+def content_hash(arrays: Mapping[str, np.ndarray], attributes: Mapping[str, object]) -> str:
+    """SHA-256 of what a checkpoint holds, as it is stored in its file."""
+    return _checksum(arrays, json.dumps(dict(attributes)))
+
+
 def _checksum(arrays: Mapping[str, np.ndarray], attributes: str) -> str:
     digest = hashlib.sha256(attributes.encode())
     for name in sorted(arrays):

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.io import scene_text
+from jaxdem.io.chain import stage_names
 from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import read_history
 from jaxdem.io.probes import Probes
@@ -35,6 +36,9 @@ class Run:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
+        if names := stage_names(self.path):
+            limit = f"holds the stages {', '.join(names)}, each a run of its own"
+            raise InputError("run", str(self.path), limit, f"give the folder of one, such as {self.path / names[-1]}")
         if not (self.path / SCENE).is_file() or not (self.path / HISTORY).is_file():
             limit = f"is not a run directory: it lacks {SCENE} or {HISTORY}"
             raise InputError("run", str(self.path), limit, _REMEDY)

@@ -30,6 +30,8 @@ from jaxdem.io.summary import SUMMARY, read_summary, write_summary
 from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
 
 SCENE, HISTORY, CHECKPOINT = "scene.toml", "history.csv", "checkpoint.h5"
+START = "start.h5"
+"""State of another run that a run has begun from, in the form of a checkpoint."""
 
 LINES = "lines of probe "
 """Attribute of a checkpoint: number of lines of the file of the probe that is named behind it."""
@@ -249,6 +251,16 @@ class RunDirectory:
             lines = {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
             checkpoint_file.write_checkpoint(self.path / CHECKPOINT, arrays, {**attributes, **lines})
 
+    def keep_start(self, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, object]) -> None:
+        """Store the state that the run begins from, unless that was done: that other run may go on, or be deleted.
+
+        Raises:
+            RunError: the disk refused.
+        """
+        if not (self.path / START).is_file():
+            with self._run_errors(self._time):
+                checkpoint_file.write_checkpoint(self.path / START, arrays, attributes)
+
     def checkpoint(self) -> tuple[dict[str, np.ndarray], checkpoint_file.Attributes]:
         """Arrays and attributes of the newest checkpoint.
 
@@ -379,7 +391,8 @@ def _just_begun(path: Path) -> bool:
     """Whether the folder holds what a run writes before its first checkpoint, and nothing else."""
     if not (path / SCENE).is_file():
         return False
-    begun = {SCENE, HISTORY, PROBES_FOLDER, *aside_names(path / HISTORY), *aside_names(path / CHECKPOINT)}
+    aside = (name for one in (HISTORY, START, CHECKPOINT) for name in aside_names(path / one))
+    begun = {SCENE, HISTORY, START, PROBES_FOLDER, *aside}
     return _entries(path) <= begun
 
 

@@ -17,7 +17,7 @@ LOWER_SIDES = {2: ("left", "bottom"), 3: ("left", "front", "bottom")}
 
 _ABSENT = "(not set)"
 
-TABLES = ("domain", "particles", "contact", "fluid", "boundary", "coupling", "closure", "time", "output")
+TABLES = ("domain", "particles", "contact", "fluid", "boundary", "coupling", "closure", "start", "time", "output")
 """Of a scene, those that are one table each."""
 
 
@@ -59,9 +59,12 @@ def _positive(number: object) -> bool:
 
 
 def without_folders(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene with closures by their files' names alone: a study may be moved, a checkpoint knows the weights."""
+    """The scene with closures and the run that it starts from by their names alone.
+
+    A study may be moved; a checkpoint knows the weights, and what the run began from.
+    """
     found = dict(tables)
-    for table, key in (("closure", "file"), ("fluid", "subgrid")):
+    for table, key in (("closure", "file"), ("fluid", "subgrid"), ("start", "from")):
         if tables.get(table, {}).get(key):
             found[table] = {**tables[table], key: Path(tables[table][key]).name}
     return found
@@ -137,11 +140,12 @@ def driven_axes(scene: dict[str, Any]) -> str:
     return "".join(name for name, wrap in zip(names, wraps, strict=True) if wrap)
 
 
-def comes_and_goes(scene: dict[str, Any]) -> bool:
+def comes_and_goes(scene: Mapping[str, Any]) -> bool:
     """Whether the number of particles changes while the scene runs."""
     sides = scene.get("boundary", {}).values()
     leaves = any(isinstance(side, dict) and side.get("particles") == "remove" for side in sides)
-    return leaves or bool(scene.get("particles", {}).get("inlet"))
+    absent = scene.get("start", {}).get("absent", False)
+    return leaves or bool(absent) or bool(scene.get("particles", {}).get("inlet"))
 
 
 def _flat(scene: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -49,6 +49,18 @@ def grown_pack(region: Region, radius: np.ndarray, spacing: float, seed: Seed) -
     return _relaxed(region, position, radius, spacing, MOST_STEPS)
 
 
+def moved_apart(region: Region, position: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Centres moved until none overlaps another or the boundary of the region, and whether there was room for it.
+
+    Args:
+        region: that holds the particles with their whole radius; along axes that it spans they are periodic.
+        position: (N, D) [m].
+        radius: (N,) [m].
+    """
+    position, part = _relaxed(region, position, radius, 1.0, MOST_STEPS)
+    return position, part == 1.0
+
+
 def _anywhere(region: Region, count: int, generator: np.random.Generator) -> np.ndarray:
     """(N, D) points that lie anywhere in a region."""
     low, high = (np.asarray(corner) for corner in region.bounds)

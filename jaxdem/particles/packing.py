@@ -295,7 +295,11 @@ def jittered(points: np.ndarray, size: float, seed: Seed) -> np.ndarray:
 
 
 def deepest_overlap(
-    position: np.ndarray, radius: np.ndarray, box: tuple[float, ...], periodic: tuple[bool, ...]
+    position: np.ndarray,
+    radius: np.ndarray,
+    box: tuple[float, ...],
+    periodic: tuple[bool, ...],
+    some: np.ndarray | None = None,
 ) -> tuple[float, int, int]:
     """The largest overlap of two particles over the smaller diameter, and which two; (0, -1, -1) for none.
 
@@ -304,6 +308,7 @@ def deepest_overlap(
         radius: (N,) [m].
         box: side lengths [m].
         periodic: whether each axis is periodic.
+        some: (N,) bool, particles of which at least one is in a pair; all if None.
     """
     if len(position) < 2:
         return 0.0, -1, -1
@@ -313,6 +318,7 @@ def deepest_overlap(
             shifted[:, axis] = into_period(shifted[:, axis], box[axis])
             size[axis] = box[axis]
     pairs = near_pairs(shifted, radius, size)
+    pairs = pairs if some is None else pairs[some[pairs].any(axis=1)]
     if len(pairs) == 0:
         return 0.0, -1, -1
     separation = shifted[pairs[:, 0]] - shifted[pairs[:, 1]]

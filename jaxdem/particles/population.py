@@ -58,6 +58,7 @@ class Inlet:
         lower: D, corner of the region, which holds the particles whole [m].
         upper: D, opposite corner [m].
         batch: most that come in at the end of an interval.
+        rows: M, of its particles; None where they follow the first.
     """
 
     first: int
@@ -65,6 +66,12 @@ class Inlet:
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     batch: int
+    rows: tuple[int, ...] | None = None
+
+    def row(self, number: Array) -> Array:
+        """() int32, row of its particle `number` (), the last one beyond the end."""
+        number = jnp.minimum(number, len(self.due) - 1)
+        return self.first + number if self.rows is None else jnp.asarray(self.rows, jnp.int32)[number]
 
 
 @static
@@ -77,6 +84,8 @@ class Population:
         box: side lengths [m].
         periodic: whether each axis is periodic.
         seed: of the places where they come in.
+        never: number of rows whose particles never come in: an inlet of the run before, which has changed since, had
+            no room for them.
     """
 
     exits: tuple[Exit, ...]
@@ -84,6 +93,7 @@ class Population:
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
     seed: int
+    never: int = 0
 
     def waiting(self, inserted: Array, step: Array) -> Array:
         """() int32, particles that are due after `step` intervals and have not found room."""
@@ -212,7 +222,7 @@ class _Insertion:
 
         def one(carry: tuple[Array, Array, Array], u: Array) -> tuple[tuple[Array, Array, Array], None]:
             position, active, count = carry
-            row = inlet.first + jnp.minimum(count, len(inlet.due) - 1)
+            row = inlet.row(count)
             own = radius if radius.ndim == 0 else radius[row]
             places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
             free = self._free(places, own, position, active) & (count < due)

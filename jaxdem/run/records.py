@@ -160,7 +160,7 @@ def particle_counts(simulation: Simulation, state: State) -> dict[str, int]:
     population, particles = simulation.population, state.particles
     if population is None or particles is None or particles.active is None:
         return {}
-    coming = sum(len(inlet.due) for inlet in population.inlets)
+    coming = sum(len(inlet.due) for inlet in population.inlets) + population.never
     initial = particles.position.shape[0] - coming
     inserted = 0 if particles.inserted is None else int(np.sum(np.asarray(particles.inserted)))
     present = int(np.sum(np.asarray(particles.active)))

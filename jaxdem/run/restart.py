@@ -7,27 +7,25 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.io import scene_text
 from jaxdem.io.checkpoint import read_checkpoint
-from jaxdem.io.run_directory import CHECKPOINT
+from jaxdem.io.run_directory import CHECKPOINT, START
 from jaxdem.numerics.compensated import Low
-from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.setup.builder import Case
+from jaxdem.setup.start_point import ABOUT, StartPoint, walls_of
+from jaxdem.setup.stored import named, restored, stored, stored_room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.version import __version__
-
-Tree = TypeVar("Tree")
-
-COLUMN_MARGIN = 8
-"""A column of the search's table has room for all particles at most when it is made; it grows with the list."""
 
 OTHER_INPUTS = "another closure, of drag or of the subgrid stress, or other particles, than their files hold now"
 
@@ -40,9 +38,9 @@ def to_arrays(state: State, neighbors: Neighbors | None, extra: Mapping[str, flo
         neighbors: its list.
         extra: name -> number, counters of the time loop.
     """
-    arrays = _named("state", state)
+    arrays = named("state", state)
     if neighbors is not None:
-        arrays |= _named("neighbors", neighbors)
+        arrays |= named("neighbors", neighbors)
         arrays["room"] = np.asarray(dataclasses.astuple(neighbors.room))
     return arrays | {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
 
@@ -62,26 +60,52 @@ def from_arrays(
     """
     neighbors = None
     if template.particles is not None:
-        room = _room(arrays)
+        room = stored_room(arrays)
         particles = template.particles
         blank = jnp.zeros(room.pairs, particles.position.dtype)
         springs = (blank,) * len(particles.contact_spring)
         template = template._replace(particles=particles._replace(contact_spring=springs))
-    state = _restored("state", template, arrays)
+    state = restored("state", template, arrays)
     if state.particles is not None:
         positions = state.particles.position
         dimension = positions.shape[1]
-        reference = tuple(jnp.asarray(_get(arrays, f"neighbors.reference[{k}]")) for k in range(dimension))
+        reference = tuple(jnp.asarray(stored(arrays, f"neighbors.reference[{k}]")) for k in range(dimension))
         low: tuple[Low, ...] = (None,) * dimension
         if state.particles.position_low is not None:
-            low = tuple(jnp.asarray(_get(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
-        fresh = simulation.search.allocate(reference, low, jnp.asarray(_get(arrays, "neighbors.radius")), room)
-        neighbors = _restored("neighbors", fresh, arrays)
+            low = tuple(jnp.asarray(stored(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
+        fresh = simulation.search.allocate(reference, low, jnp.asarray(stored(arrays, "neighbors.radius")), room)
+        neighbors = restored("neighbors", fresh, arrays)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra
 
 
-def origin(scene_toml: str, parameters: Parameters, content: str = "") -> dict[str, str]:
+def about(case: Case, time: Fraction) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and attributes of a checkpoint by which another run can begin from it.
+
+    Args:
+        case: that runs.
+        time: simulated [s].
+    """
+    arrays: dict[str, np.ndarray] = {}
+    tables = case.scene.tables()
+    search = None if case.simulation.contact is None else case.simulation.search.geometry
+    attributes = {
+        "time": str(time),
+        "interval": case.simulation.interval,
+        "tables": json.dumps({name: tables[name] for name in ABOUT if name in tables}),
+        "reach": json.dumps([] if search is None else [search.cutoff, search.skin]),
+        "walls": json.dumps(walls_of(case.scene, case.simulation)),
+    }
+    if case.particles is not None:
+        arrays = {f"rows/{name}": np.asarray(value) for name, value in case.bodies._asdict().items()}
+        for k, queue in enumerate(case.particles.queues):
+            arrays |= {f"inlet/{k}/rows": queue.rows, f"inlet/{k}/time": queue.time}
+    return arrays, attributes
+
+
+def origin(
+    scene_toml: str, parameters: Parameters, content: str = "", start: StartPoint | None = None
+) -> dict[str, str]:
     """What a checkpoint belongs to, as attributes of it.
 
     Args:
@@ -89,15 +113,17 @@ def origin(scene_toml: str, parameters: Parameters, content: str = "") -> dict[s
         parameters: that go with it; they hold what the scene only names, the weights of a closure and the sizes
             in a file.
         content: fingerprint of the files of the first state, `Scene.content`.
+        start: state that the run began from.
     """
     digest = hashlib.sha256(content.encode())
-    for name, array in sorted(_named("parameters", parameters).items()):
+    for name, array in sorted(named("parameters", parameters).items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
     scene = json.dumps(scene_text.without_folders(tomllib.loads(scene_toml)), sort_keys=True)
     return {
         "jaxdem": __version__,
         "scene": hashlib.sha256(scene.encode()).hexdigest(),
         "parameters": digest.hexdigest(),
+        "start": "" if start is None else start.sha256,
     }
 
 
@@ -120,8 +146,13 @@ def require_same_origin(attributes: Mapping[str, object], here: Mapping[str, str
             f"was written with {OTHER_INPUTS}",
             "Put the files that the scene names back as they were",
         ),
+        (
+            "start",
+            "was written by a run that began from another state of start.from, or of none",
+            f"Put its {START} back",
+        ),
     ):
-        if attributes.get(name) != here[name]:
+        if attributes.get(name, "") != here[name]:
             remedy = f"{remedy}, or start the run anew in another folder."
             raise InputError("checkpoint.h5", attributes.get(name), limit, remedy)
 
@@ -149,44 +180,3 @@ def require_same_parameters(out: str | Path, here: Mapping[str, str]) -> None:
             f"is complete, of {OTHER_INPUTS}",
             "Run it anew in another folder, or put the files that the scene names back as they were.",
         )
-
-
-def _room(arrays: dict[str, np.ndarray]) -> Room:
-    """The room of the neighbour list, which is made anew: not more than the stored list has."""
-    room = Room(*map(int, _get(arrays, "room")))
-    slots, count = _get(arrays, "neighbors.index").shape
-    pairs = len(_get(arrays, "neighbors.overlap"))
-    if (room.slots, room.pairs) != (slots, pairs) or not 0 < room.cell <= COLUMN_MARGIN * (count + 1):
-        stored = f"the list in it has {slots} slots and {pairs} pairs of {count} particles"
-        raise InputError("checkpoint.h5", dataclasses.astuple(room), stored, "Start the run anew in another folder.")
-    return room
-
-
-def _named(prefix: str, tree: object) -> dict[str, np.ndarray]:
-    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
-    return {prefix + jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
-
-
-def _restored(prefix: str, template: Tree, arrays: dict[str, np.ndarray]) -> Tree:
-    leaves, structure = jax.tree_util.tree_flatten_with_path(template)
-    restored = []
-    for path, leaf in leaves:
-        name = prefix + jax.tree_util.keystr(path)
-        value = _get(arrays, name)
-        if value.shape != leaf.shape or value.dtype != leaf.dtype:
-            raise InputError(
-                "checkpoint.h5",
-                f"{name}: {value.dtype}{list(value.shape)}",
-                f"this scene has {leaf.dtype}{list(leaf.shape)}",
-                "resume with the scene and version that wrote the checkpoint",
-            )
-        restored.append(jnp.asarray(value))
-    return jax.tree_util.tree_unflatten(structure, restored)
-
-
-def _get(arrays: dict[str, np.ndarray], name: str) -> np.ndarray:
-    if name not in arrays:
-        raise InputError(
-            "checkpoint.h5", name, "is missing", "resume with the scene and version that wrote the checkpoint"
-        )
-    return arrays[name]

@@ -80,6 +80,7 @@ def run_summary(
         | particle_counts(simulation, state),
         **_pack_figures(case),
         **_inlet_figures(simulation, state, totals),
+        **({"start": case.start_figures} if case.start is not None else {}),
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},

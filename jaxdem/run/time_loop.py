@@ -6,6 +6,8 @@ import contextlib
 import dataclasses
 import time as clock
 from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
@@ -21,13 +23,13 @@ from jaxdem.run.diagnosis import diagnosis
 from jaxdem.run.observer import Observer
 from jaxdem.run.probing import Probed
 from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
-from jaxdem.run.restart import from_arrays, origin, require_same_origin, to_arrays
+from jaxdem.run.restart import about, from_arrays, origin, require_same_origin, to_arrays
 from jaxdem.run.samples import sample_of
 from jaxdem.run.signals import Caught, Stopped
 from jaxdem.run.summary import run_summary
 from jaxdem.run.totals import Totals
 from jaxdem.setup.builder import Case
-from jaxdem.setup.time_steps import simulated_time
+from jaxdem.setup.time_steps import exact_time
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -41,10 +43,12 @@ class Interrupted(Exception):
     Attributes:
         number: of the signal; the command line returns 128 + number.
         time: simulated time reached [s].
+        end: that the run goes to [s].
+        folder: its run directory.
     """
 
-    def __init__(self, number: int, time: float):
-        self.number, self.time = number, time
+    def __init__(self, number: int, time: float, end: float, folder: Path):
+        self.number, self.time, self.end, self.folder = number, time, end, folder
         super().__init__(f"stopped at t = {time:.6g} s")
 
 
@@ -92,16 +96,21 @@ class TimeLoop:
     @property
     def time(self) -> float:
         """Simulated time [s]."""
-        return self._time_after(self.done)
+        return float(self._time_after(self.done))
 
     @property
     def instant(self) -> Instant:
         """Where the run has got to."""
         return Instant(self.time, self.state, self.neighbors, self.forces)
 
-    def _time_after(self, intervals: int) -> float:
+    def _time_after(self, intervals: int) -> Fraction:
         per_output = self.simulation.steps.intervals_per_output
-        return simulated_time(self.case.scene.time.output_interval, intervals, per_output)
+        return self.case.begin + exact_time(self.case.scene.time.output_interval, intervals, per_output)
+
+    @property
+    def _first(self) -> int:
+        """Coupling intervals that were done when the run began."""
+        return 0 if self.case.start is None else self.case.start.step
 
     @property
     def last(self) -> int:
@@ -175,8 +184,8 @@ class TimeLoop:
         if self.sample_every:
             sampled = (self.done // self.sample_every + 1) * self.sample_every
             stops.append(sampled if self.done == sampled - 1 else sampled - 1)
-        row = self.observer.next_stop(self.done)
-        return min(stops if row is None else [*stops, row])
+        row = self.observer.next_stop(self._first + self.done)
+        return min(stops if row is None else [*stops, row - self._first])
 
     def _is_sampled(self, number: int) -> bool:
         return self.sample_every > 0 and number % self.sample_every == 0
@@ -186,7 +195,7 @@ class TimeLoop:
         self._write_checkpoint()
         message = f"stopped by signal {self.caught[0]}; continue with --resume"
         self.directory.interrupt(self._summary(False, message, split_stages=False))
-        raise Interrupted(self.caught[0], self.time)
+        raise Interrupted(self.caught[0], self.time, self.case.scene.time.end, self.directory.path)
 
     def _advance(self, count: int) -> None:
         """Up to `count` intervals; more room where the neighbour list ran out of it; an error where an interval failed.
@@ -242,14 +251,14 @@ class TimeLoop:
         them."""
         if probed is not None:
             with self.totals.timed("output"):
-                self.observer.take(probed, self._time_after)
+                self.observer.take(probed, lambda step: float(self._time_after(step - self._first)))
                 self.observer.write(self.directory, self.time, always=False)
 
     def _write_sample(self, before: State, forces: FluidForces) -> None:
         """What the drag law saw and gave in the interval that began with `before`."""
         with self.totals.timed("output"):
             sample = sample_of(self.case, before, self.state, forces)
-            self.directory.write_sample(self.directory.samples, self._time_after(self.done - 1), sample)
+            self.directory.write_sample(self.directory.samples, float(self._time_after(self.done - 1)), sample)
 
     def _write_frame(self) -> None:
         with self.totals.timed("output"):
@@ -265,12 +274,15 @@ class TimeLoop:
         with self.totals.timed("output"):
             self.observer.write(self.directory, self.time)
             extra = self.totals.save() | {"done": self.done}
-            arrays = to_arrays(self.state, self.neighbors, extra) | self.observer.save()
-            attributes = {"frames": self.directory.frames, "samples": self.directory.samples} | self._origin()
+            rows, known = about(self.case, self._time_after(self.done))
+            arrays = to_arrays(self.state, self.neighbors, extra) | rows | self.observer.save()
+            written = {"frames": self.directory.frames, "samples": self.directory.samples}
+            attributes = written | known | self._origin()
             self.directory.write_checkpoint(arrays, attributes)
 
     def _origin(self) -> dict[str, str]:
-        return origin(self.case.scene.to_toml(), self.parameters, self.case.scene.content)
+        case = self.case
+        return origin(case.scene.to_toml(), self.parameters, case.scene.content, case.start)
 
     def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
         return run_summary(self.case, self.instant, self.totals, valid, reason, split_stages)

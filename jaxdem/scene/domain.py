@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from jaxdem.errors import InputError
 from jaxdem.scene.base import (
@@ -114,25 +115,47 @@ class Time(Section):
     """Duration and output.
 
     Attributes:
-        end: end of the simulation [s].
-        output_interval: time between two frames and between two rows of `history.csv`; it must divide `end` [s].
+        end: end of the simulation; of a scene with `[start]` counted from the very first run [s].
+        output_interval: time between two frames and between two rows of `history.csv`; it must divide `end`, of a scene
+            with `[start]` the time from there to `end` [s].
     """
 
     end: Positive
     output_interval: Positive
 
     @model_validator(mode="after")
-    def _outputs(self) -> Time:
-        """Outputs divide the run, and are no more than can be meant."""
+    def _outputs(self, info: ValidationInfo) -> Time:
+        """Outputs divide the run, and are no more than can be meant; when a run with `[start]` begins is not known."""
         end, frames = self.end, self.end / self.output_interval
         if frames > MOST_OUTPUTS:
             limit = f"makes {frames:.3g} outputs up to time.end = {end} s, the limit is {MOST_OUTPUTS}"
             remedy = f"raise it to at least {end / MOST_OUTPUTS:.3g} s"
             raise wrong("output_interval", self.output_interval, limit, remedy)
+        if (info.context or {}).get("begins_later"):
+            return self
         if frames < 1.0 - 1e-9 or abs(frames - round(frames)) > 1e-6 * frames:
             remedy = f"use, for example, time.output_interval = {end / max(1, round(frames)):.6g}"
             raise wrong("output_interval", self.output_interval, f"must divide time.end = {end} s", remedy)
         return self
+
+    def check_outputs(self, begin: Fraction) -> int:
+        """Number of frames after the first of a run that begins at this time [s].
+
+        Raises:
+            InputError: it ends before it begins, or the output interval does not divide what is between.
+        """
+        end, output = self.end, self.output_interval
+        if begin == 0:
+            return round(end / output)
+        number, start = float(Fraction(repr(float(end))) - begin) / output, float(begin)
+        if number < 1e-6:
+            limit = f"the run that the scene begins from is at t = {start:.9g} s, and time goes on from there"
+            raise InputError("time.end", end, limit, f"raise it, for example to {start + output:.9g} s")
+        if round(number) < 1 or abs(number - round(number)) > 1e-6 * number:
+            limit = f"must divide the time from the start at {start:.9g} s to time.end = {end} s"
+            remedy = f"use, for example, time.output_interval = {(end - start) / max(1, round(number)):.6g}"
+            raise InputError("time.output_interval", output, limit, remedy)
+        return round(number)
 
 
 class Output(Section):

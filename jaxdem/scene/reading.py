@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from jaxdem.errors import InputError
 from jaxdem.files.reading import parse_toml, read_text
-from jaxdem.scene.messages import as_input_error
-from jaxdem.scene.scene import Scene, completed
+from jaxdem.scene.checked import scene_of_tables
+from jaxdem.scene.scene import Scene
+from jaxdem.scene.stages import Layer, StagedScene, chain_of, layers_of, staged
 
 DEEPEST = 20
 """Tables and lists inside each other."""
@@ -27,45 +26,63 @@ FILE_KEYS = (
     ("particles", "file"),
     ("closure", "file"),
     ("fluid", "subgrid"),
+    ("start", "from"),
 )
-"""Tables and keys that may name a file."""
+"""Tables and keys that may name a file or a folder."""
 
 
-def load_scene(source: str | Path | dict[str, Any], overrides: dict[str, Any] | None = None) -> Scene:
+def load_scene(
+    source: str | Path | dict[str, Any],
+    overrides: dict[str, Any] | None = None,
+    former: Mapping[str, Any] | None = None,
+) -> Scene:
     """A scene from a TOML file, or from the tables as a dict.
 
     Args:
         source: path, or tables.
         overrides: dotted key -> value, set after reading.
+        former: of a scene with `[start]`: tables of the scene of the run that it begins from, as that run stores
+            them. Read from its folder where they are not given.
 
     Raises:
         InputError: naming key, value, limit and remedy.
     """
-    folder = Path(".")
     if isinstance(source, dict):
-        tables = _copy(source)
+        tables = _prepared(_copy(source), Path("."), overrides)
     else:
-        folder = Path(source).parent
-        tables = _read_toml(Path(source))
+        tables = _prepared(_read_toml(Path(source)), Path(source).parent, overrides)
+    if "stages" in tables:
+        return staged(chain_of(layers_of(tables)))
+    return scene_of_tables(tables, former)
+
+
+def load_chain(sources: Sequence[Path], overrides: dict[str, Any] | None = None) -> StagedScene:
+    """Scene files as the stages of one scene, named as the files: each begins from the end of the one before.
+
+    Args:
+        sources: paths.
+        overrides: dotted key -> value, set in each after reading.
+
+    Raises:
+        InputError: naming the scene, key, value, limit and remedy; or two files have the same name.
+    """
+    layers: list[Layer] = []
+    for source in sources:
+        tables = _prepared(_read_toml(source), source.parent, overrides)
+        if "stages" in tables:
+            raise InputError("SCENE", str(source), "has stages of its own", "give it alone")
+        if source.stem in [layer.name for layer in layers]:
+            raise InputError("SCENE", str(source), "has the name of another scene", "rename one of the two files")
+        layers.append(Layer(source.stem, tables, None))
+    return staged(chain_of(layers))
+
+
+def _prepared(tables: dict[str, Any], folder: Path, overrides: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Tables with single keys changed, and absolute names of files."""
     for key, value in (overrides or {}).items():
         _set(tables, key, value)
     _check_depth(tables)
-    tables = _absolute_files(tables, folder)
-    try:
-        scene = Scene.model_validate(tables, context=_context(tables))
-    except ValidationError as error:
-        raise as_input_error(error, tables) from None
-    return completed(scene)
-
-
-def _context(tables: dict[str, Any]) -> dict[str, Any]:
-    """What keys of several tables are checked against: the number of axes, and the names of the materials."""
-    domain, materials = tables.get("domain"), tables.get("materials")
-    size = domain.get("size") if isinstance(domain, dict) else None
-    given = materials if isinstance(materials, list) else []
-    names = [material.get("name") for material in given if isinstance(material, dict)]
-    dimension = {"dimension": len(size)} if isinstance(size, list) and len(size) in (2, 3) else {}
-    return {"materials": tuple(name for name in names if isinstance(name, str)), **dimension}
+    return _absolute_files(tables, folder)
 
 
 def named_files(tables: dict[str, Any]) -> list[str]:
@@ -82,6 +99,10 @@ def _file_keys(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, st
             yield holder[key], "name", f"{table}.{key}.name"
         elif isinstance(holder, dict):
             yield holder, key, f"{table}.{key}"
+    start = tables.get("start")
+    added = start.get("add") if isinstance(start, dict) else None
+    if isinstance(added, dict):
+        yield from ((holder, key, f"start.add{dotted[9:]}") for holder, key, dotted in _file_keys({"particles": added}))
 
 
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
@@ -153,6 +174,9 @@ def _set(tables: dict[str, Any], key: str, value: Any) -> None:
 def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
     """File names in a scene are relative to it; the scene as run holds absolute ones."""
     tables = _copy(tables)
+    for number, stage in enumerate(tables["stages"] if isinstance(tables.get("stages"), list) else ()):
+        if isinstance(stage, dict):
+            tables["stages"][number] = _absolute_files(stage, folder)
     for holder, key, dotted in _file_keys(tables):
         if isinstance(holder.get(key), str):
             try:

@@ -22,6 +22,7 @@ from jaxdem.scene.particles import Particles, largest_radius
 from jaxdem.scene.population import check_exits, completed_inlets
 from jaxdem.scene.probe_places import ProbePlace, completed_probes
 from jaxdem.scene.probes import Probe
+from jaxdem.scene.start import Start
 from jaxdem.scene.walls import Wall, check_walls
 
 
@@ -43,6 +44,7 @@ class Scene(Section):
             walls.
         coupling: exchange of forces between particles and fluid.
         closure: a learned drag closure.
+        start: a run from whose state the scene begins.
         time: duration and output.
         output: optional output.
         probes: what is measured while the scene runs, see the page on probes.
@@ -60,6 +62,7 @@ class Scene(Section):
     boundary: dict[str, BoundarySide] = {}
     coupling: Coupling | None = None
     closure: Closure = Closure()
+    start: Start | None = None
     time: Time
     output: Output = Output()
     probes: Tables[Probe] = ()
@@ -89,7 +92,9 @@ class Scene(Section):
         """Whether the number of particles changes while the scene runs."""
         if self.particles is None:
             return False
-        return bool(self.particles.inlet) or any(side.particles == "remove" for side in self.boundary.values())
+        if self.particles.inlet or (self.start is not None and self.start.absent):
+            return True
+        return any(side.particles == "remove" for side in self.boundary.values())
 
     @property
     def content(self) -> str:
@@ -186,6 +191,16 @@ def _check_tables(scene: Scene) -> None:
             raise InputError(
                 "particles", None, "a scene needs particles, a fluid or both", "add [particles] or [fluid]"
             )
+    start = scene.start
+    if start is not None and scene.particles is None and (start.remove or start.add or start.relax):
+        name = next(name for name in ("remove", "add", "relax") if getattr(start, name))
+        limit = "the run that the scene begins from has no particles"
+        raise InputError(f"start.{name}", "...", limit, f"remove start.{name}; [particles] places the first ones")
+    if start is not None and start.add is not None and scene.particles is not None:
+        ratio = scene.particles.coarse_grain
+        if start.add.coarse_grain != ratio:
+            limit = f"all particles stand for as many grains, and particles.coarse_grain is {ratio:g}"
+            raise InputError("start.add.coarse_grain", start.add.coarse_grain, limit, f"set it to {ratio:g}")
     if scene.closure.file is not None and (scene.particles is None or scene.fluid is None):
         raise InputError("closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]")
 

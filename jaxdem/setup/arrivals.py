@@ -35,6 +35,20 @@ class Arrivals(NamedTuple):
     bodies: Bodies
 
 
+class Queue(NamedTuple):
+    """The particles of an inlet, in the order in which they come.
+
+    Attributes:
+        rows: (M,) of the particles.
+        time: (M,) when each is due [s].
+        inserted: how many have come in.
+    """
+
+    rows: np.ndarray
+    time: np.ndarray
+    inserted: int = 0
+
+
 def arrivals(scene: Scene, particles: Particles) -> tuple[Arrivals, ...]:
     """The particles of every inlet of a scene, their species and sizes drawn with its seed.
 

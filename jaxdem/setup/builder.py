@@ -7,6 +7,7 @@ arguments and not an object, since `jaxdem.build(scene, walls=[...])` is how the
 from __future__ import annotations
 
 import dataclasses
+from fractions import Fraction
 from typing import Unpack
 
 import jax
@@ -32,7 +33,10 @@ from jaxdem.setup.population import population_of
 from jaxdem.setup.probes import measures_walls, scene_probes
 from jaxdem.setup.settling import Progress, settled
 from jaxdem.setup.start import first_state, initial_void_fraction
-from jaxdem.setup.time_steps import time_steps
+from jaxdem.setup.start_point import StartPoint, read_start
+from jaxdem.setup.started import Beginning, require_particles
+from jaxdem.setup.started_particles import StartedParticles
+from jaxdem.setup.time_steps import clock_of, time_steps
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -47,6 +51,7 @@ class Case:
         simulation: what is compiled.
         parameters: its numbers.
         probes: what is measured while it runs.
+        start: state of the run that it begins from; None where it begins at t = 0.
     """
 
     scene: Scene
@@ -54,6 +59,29 @@ class Case:
     simulation: Simulation
     parameters: Parameters
     probes: tuple[ScheduledProbe, ...] = ()
+    start: StartPoint | None = None
+
+    def _beginning(self, start: StartPoint) -> Beginning:
+        return Beginning(self.scene, self.particles, self.simulation, self.parameters, start)
+
+    @property
+    def begin(self) -> Fraction:
+        """Time at which it begins [s]."""
+        return Fraction(0) if self.start is None else self.start.time
+
+    @property
+    def start_figures(self) -> dict[str, object]:
+        """What it begins from, for reports; {} where it begins at t = 0."""
+        if self.start is None:
+            return {}
+        found: dict[str, object] = {
+            "from": self.start.source,
+            "time": float(self.start.time),
+            "sha256": self.start.sha256,
+        }
+        if isinstance(self.particles, StartedParticles):
+            found |= self.particles.start_figures
+        return found
 
     @property
     def bodies(self) -> Bodies:
@@ -66,7 +94,10 @@ class Case:
         return self.bodies if self.particles is None else self.bodies.scaled(1.0 / self.particles.table.coarse_grain)
 
     def first_state(self) -> tuple[State, Room | None]:
-        """See `jaxdem.setup.start.first_state`; particles of a settled pack have not fallen yet."""
+        """See `jaxdem.setup.start.first_state`; particles of a settled pack have not fallen yet, and with a start the
+        springs of the contacts are still at rest."""
+        if self.start is not None:
+            return self._beginning(self.start).state()
         return first_state(self.scene, self.particles, self.simulation, self.parameters)
 
     def initial_state(self, settling: Progress | None = None) -> tuple[State, Neighbors | None]:
@@ -87,6 +118,8 @@ class Case:
         state, room = self.first_state()
         if room is None or state.particles is None:
             return state, None
+        if self.start is not None:
+            return self._beginning(self.start).with_list(state, room)
         return state, self.simulation.allocate(self.parameters, state.particles, room)
 
 
@@ -121,21 +154,34 @@ def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) 
         InputError: particles overlap each other or a wall, lie outside the box, do not fit into their pack, or do not
             come to rest.
     """
-    return Case(scene, particle_setup(scene), simulation, parameters).initial_state()
+    start = read_start(scene)
+    return Case(scene, _particles(scene, start), simulation, parameters, start=start).initial_state()
 
 
-def build_case(scene: Scene, closure: DragClosure | None = None, **extensions: Unpack[Extensions]) -> Case:
-    """`build`, with what it found out about the particles."""
+def build_case(
+    scene: Scene,
+    closure: DragClosure | None = None,
+    start: StartPoint | None = None,
+    **extensions: Unpack[Extensions],
+) -> Case:
+    """`build`, with what it found out about the particles.
+
+    Args:
+        scene, closure, extensions: see `build`.
+        start: state that it begins from, of a scene with `[start]`; read from the run that it names if not given.
+    """
     refuse_unknown(extensions)
+    start = read_start(scene) if start is None else start
     dtype = _dtype(scene)
     check_memory(scene)
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
-    particles, fluid = particle_setup(scene), fluid_setup(scene)
+    particles, fluid = _particles(scene, start), fluid_setup(scene)
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
-    steps = time_steps(scene, fluid, particles)
+    steps = time_steps(scene, fluid, particles, Fraction(0) if start is None else start.time)
+    clock = None if start is None else clock_of(start.time, start.step, steps.interval)
     population = contact = interval = coupling = None
     if particles is not None:
-        population = population_of(particles, steps.interval)
+        population = population_of(particles, steps.interval, clock)
         contact = contact_interval(particles, steps, population, extensions, dtype)
     if fluid is not None:
         interval = fluid_interval(fluid, boundary, steps)
@@ -154,11 +200,22 @@ def build_case(scene: Scene, closure: DragClosure | None = None, **extensions: U
         population=population,
         gravity_times=scene.domain.gravity_times,
         drag_times=None if coupling is None or scene.coupling is None else scene.coupling.drag_times,
+        clock=clock,
     )
     if measures_walls(scene):
         simulation = measuring_walls(simulation)
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
-    return Case(scene, particles, simulation, parameters, scene_probes(scene, steps))
+    return Case(scene, particles, simulation, parameters, scene_probes(scene, steps, clock), start)
+
+
+def _particles(scene: Scene, start: StartPoint | None) -> ParticleSetup | None:
+    """The particles of a scene, those of the run that it begins from with it; None in a scene without."""
+    if start is not None:
+        require_particles(scene.particles is not None, start)
+    own = particle_setup(scene)
+    if own is None or start is None or scene.start is None or not start.has_particles:
+        return own
+    return StartedParticles(scene, own.table, own.contact, start, scene.start)
 
 
 def _dtype(scene: Scene) -> np.dtype[np.floating]:

@@ -17,76 +17,86 @@ from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import wall_keys
-from jaxdem.structure import TimeSteps
 
 INSERTION_OVERLAP = 0.01
-"""Two particles may overlap by this part of the smaller diameter at the start, whatever the contact; see `Overlap`."""
-
-DEEPER = "or raise contact.speed: overlaps as deep as an impact at that speed are allowed"
-"""Remedy for overlaps that are meant."""
+"""Two particles of a pack may overlap by this part of the smaller diameter."""
 
 
 class Overlap(NamedTuple):
     """How deep particles may overlap at the start.
 
-    As deep as an impact at the largest speed expected: a bed that runs has such overlaps too, the contact step is made
-    for them, and two particles that are let go from one part no faster than that speed. A pack is laid out and not a
-    state that a run was in: no speed allows more in it.
+    A pack is laid out: more than a slip of rounding and jitter is a mistake. Positions that are given, and particles of
+    another run, may be a state that a run was in: a run goes on until impacts are faster than its limit, at which they
+    overlap by `contact.maximum_overlap`. So much is a state, and more is none.
 
     Attributes:
         part: of the smaller diameter [-].
         reason: that says where it is from, for messages.
         key: of the scene that places the particles, for messages.
+        move: what to do about a deeper one.
     """
 
-    part: float = INSERTION_OVERLAP
+    part: float
     reason: str = ""
-    key: str = "particles.position"
-
-    def remedy(self, move: str) -> str:
-        """What to do about a deeper one."""
-        return f"{move}, {DEEPER}" if self.key != "particles.pack" else "change the pack"
+    key: str = "particles.pack"
+    move: str = "change the pack"
 
     def __str__(self) -> str:
         return f"the limit is {100 * self.part:.3g} %{self.reason}"
 
 
-LEAST_OVERLAP = Overlap()
-"""What any scene allows."""
+PACKED = Overlap(INSERTION_OVERLAP)
+"""What a pack may have."""
 
 
-def allowed_overlap(particles: ParticleSetup, steps: TimeSteps) -> Overlap:
-    """The overlap that is accepted at the start: that of an impact at the expected speed where positions are given."""
+def allowed_overlap(particles: ParticleSetup) -> Overlap:
+    """The overlap that is accepted at the start."""
+    reason = ", contact.maximum_overlap"
+    if particles.is_started:
+        remedy = "remove particles there (start.remove), or move them apart (start.relax = true)"
+        return Overlap(particles.contact.maximum_overlap, reason, "start.from", remedy)
     if particles.table.position is None and particles.table.file is None:
-        return Overlap(key="particles.pack")
+        return PACKED
     key = "particles.position" if particles.table.file is None else "particles.file"
-    speed, overlap = steps.expected_speed, steps.expected_overlap
-    if speed is None or overlap is None or overlap <= INSERTION_OVERLAP:
-        return LEAST_OVERLAP._replace(key=key)
-    return Overlap(overlap, f", the overlap expected at contact.speed = {speed:.3g} m/s", key)
+    return Overlap(particles.contact.maximum_overlap, reason, key, "move the particles apart or into the box")
 
 
-def check_initial_positions(particles: ParticleSetup, allowed: Overlap = LEAST_OVERLAP) -> None:
+def check_initial_positions(particles: ParticleSetup) -> None:
     """Refuses particles that overlap each other or a side of the box by more than is allowed, or lie outside the box.
 
     Raises:
         InputError: naming the particles.
     """
-    scene, position = particles.scene, particles.position
-    radius = np.broadcast_to(particles.present.radius, len(position))
+    allowed = allowed_overlap(particles)
+    rows = np.flatnonzero(np.broadcast_to(particles.active, particles.count))
+    scene, position = particles.scene, particles.position[rows]
+    radius = np.broadcast_to(particles.present.radius, particles.count)[rows]
     depth = np.maximum(radius[:, None] - position, position + radius[:, None] - np.asarray(scene.domain.size))
     depth = np.where(scene.periodic, -np.inf, depth) / (2.0 * radius[:, None])
     if len(position) and depth.max() > allowed.part:
         index, axis = np.unravel_index(np.argmax(depth), depth.shape)
         raise InputError(
             allowed.key,
-            f"particle {index} at {_point(position[index])} m",
+            f"particle {rows[index]} at {_point(position[index])} m",
             f"it reaches {_percent(depth[index, axis])} of its diameter into the "
             f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, {allowed}",
-            allowed.remedy("move the particle into the box"),
+            allowed.move,
         )
-    worst, first, second = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic)
+    if not particles.is_started:
+        return _check_pairs(particles, rows, allowed, None)
+    added = rows >= particles.placed
+    _check_pairs(particles, rows[~added], allowed, None)
+    packed = PACKED._replace(key="start.add", move="add the particles elsewhere, or remove those that are there")
+    return _check_pairs(particles, rows, packed, added)
+
+
+def _check_pairs(particles: ParticleSetup, rows: np.ndarray, allowed: Overlap, some: np.ndarray | None) -> None:
+    """Refuses pairs of `rows`, at least one of them among `some`, that overlap by more than is allowed."""
+    scene, position = particles.scene, particles.position[rows]
+    radius = np.broadcast_to(particles.present.radius, particles.count)[rows]
+    worst, *pair = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic, some)
     if worst > allowed.part:
+        first, second = pair
         owners = np.repeat(np.arange(len(particles.packs)), [pack.count for pack in particles.packs])
         if len(owners) and owners[first] != owners[second]:
             one, other = sorted((int(owners[first]), int(owners[second])))
@@ -96,13 +106,12 @@ def check_initial_positions(particles: ParticleSetup, allowed: Overlap = LEAST_O
                 f"one is of {particles.packs[one].key}; they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
                 "move the packs apart, or make one smaller",
             )
+        spread = "raise particles.pack.spacing, or lower particles.pack.jitter"
         raise InputError(
             allowed.key,
-            f"particles {first} and {second} at {_point(position[first])} and {_point(position[second])} m",
+            f"particles {rows[first]} and {rows[second]} at {_point(position[first])} and {_point(position[second])} m",
             f"they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
-            allowed.remedy("move the particles apart")
-            if particles.table.pack is None
-            else "raise particles.pack.spacing, or lower particles.pack.jitter",
+            spread if allowed.key == "particles.pack" else allowed.move,
         )
 
 
@@ -147,7 +156,7 @@ def check_surfaces(
             allowed.key,
             f"particle {index} at {_point(np.asarray(particles.position[index]))} m",
             f"it reaches {_percent(depth[wall, index])} of its diameter into {name}, {allowed}",
-            allowed.remedy("move the particle or the wall")
+            f"{allowed.move}, or move the wall"
             + ("; the normal of a wall points to the particles" if depth[wall, index] > 1.0 else ""),
         )
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxdem.errors import InputError
 from jaxdem.scene import Contact, Particles, Scene
 from jaxdem.scene.rows import rows_of
-from jaxdem.setup.arrivals import Arrivals, arrivals
+from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
 from jaxdem.setup.bodies import Bodies, joined, particle_bodies
 from jaxdem.setup.materials import MaterialTable, material_table
 from jaxdem.setup.packs import PackSetup, packs_of
@@ -40,6 +40,21 @@ class ParticleSetup:
     def count(self) -> int:
         """Number of particles at the start; a pack of a given number, which takes seconds, is not laid out for it."""
         return sum(pack.count for pack in self.packs) if self.packs else len(self.position)
+
+    @property
+    def is_started(self) -> bool:
+        """Whether they are those of another run."""
+        return False
+
+    @property
+    def placed(self) -> int:
+        """Number of rows that another run has placed."""
+        return 0
+
+    @property
+    def active(self) -> np.ndarray:
+        """() or (N,) bool, which of the rows at the start are present."""
+        return np.ones((), bool)
 
     @property
     def total(self) -> int:
@@ -86,6 +101,20 @@ class ParticleSetup:
     def arrivals(self) -> tuple[Arrivals, ...]:
         """The particles of every inlet."""
         return arrivals(self.scene, self.table)
+
+    @property
+    def queues(self) -> tuple[Queue, ...]:
+        """The rows of every inlet's particles: after those of the start, inlet by inlet."""
+        found, first = [], self.count
+        for coming in self.arrivals:
+            found.append(Queue(first + np.arange(len(coming.time)), coming.time))
+            first += len(coming.time)
+        return tuple(found)
+
+    @property
+    def never(self) -> int:
+        """Number of rows of particles that have not come in and never will."""
+        return 0
 
     @cached_property
     def bodies(self) -> Bodies:

@@ -7,10 +7,17 @@ import numpy as np
 from jaxdem.particles.population import Exit, Inlet, Population
 from jaxdem.setup.arrivals import ROUNDING
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.structure import Clock
 
 
-def population_of(particles: ParticleSetup, interval: float) -> Population | None:
-    """How the number of particles changes in coupling intervals of this length [s]; None where it does not."""
+def population_of(particles: ParticleSetup, interval: float, clock: Clock | None = None) -> Population | None:
+    """How the number of particles changes in coupling intervals of this length [s]; None where it does not.
+
+    Args:
+        particles: of the scene.
+        interval: coupling interval [s].
+        clock: from which the intervals are counted; see `Structure`.
+    """
     scene = particles.scene
     if not scene.comes_and_goes:
         return None
@@ -19,12 +26,17 @@ def population_of(particles: ParticleSetup, interval: float) -> Population | Non
         for number, name in enumerate(scene.sides)
         if scene.boundary[name].particles == "remove"
     )
-    inlets, first = [], particles.count
-    for inlet, coming in zip(particles.table.inlet, particles.arrivals, strict=True):
-        due = np.maximum(np.ceil(coming.time / interval * (1.0 - ROUNDING) - ROUNDING), 1.0).astype(np.int32)
-        most = int(np.bincount(due).max())
+    begin, first = (0.0, 0) if clock is None else (clock.start, clock.step)
+    inlets = []
+    for inlet, queue in zip(particles.table.inlet, particles.queues, strict=True):
+        steps = np.ceil((queue.time - begin) / interval * (1.0 - ROUNDING) - ROUNDING)
+        due = first + np.maximum(steps, 1.0).astype(np.int32)
+        most = int(np.unique(due, return_counts=True)[1].max())
         start, stop = inlet.start or (), inlet.stop or ()
+        in_order = (np.diff(queue.rows) == 1).all()
         # Twice as many as come at once, so that those who had to wait can catch up.
-        inlets.append(Inlet(first, tuple(due.tolist()), start, stop, min(2 * most + 2, len(due))))
-        first += len(due)
-    return Population(exits, tuple(inlets), scene.domain.size, scene.periodic, scene.seed)
+        batch = min(2 * most + 2, len(due))
+        rows = None if in_order else tuple(queue.rows.tolist())
+        inlets.append(Inlet(int(queue.rows[0]), tuple(due.tolist()), start, stop, batch, rows))
+    size, never = scene.domain.size, particles.never
+    return Population(exits, tuple(inlets), size, scene.periodic, scene.seed, never)

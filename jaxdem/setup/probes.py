@@ -20,26 +20,29 @@ from jaxdem.scene import probes as described
 from jaxdem.scene.probe_places import measured_at, torque_axes
 from jaxdem.scene.probes import AXIS_NAMES
 from jaxdem.setup.walls import surfaces_of
-from jaxdem.structure import TimeSteps
+from jaxdem.structure import Clock, TimeSteps
 
 
-def scene_probes(scene: Scene, steps: TimeSteps) -> tuple[ScheduledProbe, ...]:
+def scene_probes(scene: Scene, steps: TimeSteps, clock: Clock | None = None) -> tuple[ScheduledProbe, ...]:
     """The probes of a scene.
 
     Args:
         scene: the scene.
         steps: of it.
+        clock: from which its intervals are counted; see `Structure`.
 
     Raises:
         InputError: a time of a probe is no multiple of the coupling interval, or its window none of its samples.
     """
     return tuple(
-        ScheduledProbe(BUILDERS[probe.kind](scene, probe), _schedule(f"probes.{k}", probe, steps.interval))
+        ScheduledProbe(BUILDERS[probe.kind](scene, probe), _schedule(f"probes.{k}", probe, steps.interval, clock))
         for k, probe in enumerate(scene.probes)
     )
 
 
-def _schedule(key: str, probe: described.Probe, interval: float) -> Schedule:
+def _schedule(key: str, probe: described.Probe, interval: float, clock: Clock | None) -> Schedule:
+    start, step = (0.0, 0) if clock is None else (clock.start, clock.step)
+
     def intervals(name: str, time: float | None, default: int) -> int:
         if time is None:
             return default
@@ -59,7 +62,8 @@ def _schedule(key: str, probe: described.Probe, interval: float) -> Schedule:
         raise InputError(
             f"{key}.sample_interval", probe.sample_interval, limit, f"use, for example, {near * interval:.6g}"
         )
-    return Schedule(intervals("begin", probe.begin, 0), every, window, sample)
+    begin = None if probe.begin is None else max(probe.begin - start, 0.0)
+    return Schedule(step + intervals("begin", begin, 0), every, window, sample)
 
 
 def _plane(scene: Scene, probe: described.Probe) -> PlaneProbe:

@@ -12,7 +12,7 @@ from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.failures import MINIMUM_VOID_FRACTION
-from jaxdem.fluid.momentum import FluidState
+from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
@@ -43,8 +43,8 @@ def first_state(
     """
     dtype, state, room = parameters.gravity.dtype, None, None
     if particles is not None and simulation.contact is not None and parameters.bodies is not None:
-        allowed = allowed_overlap(particles, simulation.steps)
-        check_initial_positions(particles, allowed)
+        allowed = allowed_overlap(particles)
+        check_initial_positions(particles)
         state = _particles(particles, simulation.population, dtype)
         model = simulation.contact.model
         times = model.wall_times
@@ -55,15 +55,29 @@ def first_state(
         state = _with_memory(scene, simulation.contact, simulation.coupling, state, room)
     fluid = None
     if simulation.fluid is not None:
-        solver, void_fraction = simulation.fluid.solver, None
-        now = simulation.during(parameters, _full((), 0, np.int32))
+        void_fraction = None
         if simulation.coupling is not None and state is not None:
             void_fraction = initial_void_fraction(simulation.coupling, parameters.mixture.bodies, state)
-        velocity = fluid_velocity(scene)
-        faces = tuple(_full(solver.grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
-        gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(now.flow)
-        fluid = FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
+        now = simulation.during(parameters, _full((), 0, np.int32))
+        fluid = resting_fluid(scene, simulation.fluid.solver, now, void_fraction)
     return State(state, fluid, _full((), 0, np.int32)), room
+
+
+def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, void_fraction: Array | None) -> FluidState:
+    """The fluid with the velocity that the scene gives everywhere, zero by default, and the pressure of rest."""
+    dtype, velocity = parameters.gravity.dtype, fluid_velocity(scene)
+    faces = tuple(_full(solver.grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
+    gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
+    return FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
+
+
+def inlet_places(scene: Scene, particles: ParticleSetup) -> list[np.ndarray]:
+    """(M, D) for each inlet, where its particles wait: in the middle of it [m]."""
+    if not scene.comes_and_goes:
+        return []
+    tables = zip(particles.table.inlet, particles.arrivals, strict=True)
+    middles = [(0.5 * np.add(inlet.start or (), inlet.stop or ()), len(coming.time)) for inlet, coming in tables]
+    return [np.tile(middle, (count, 1)) for middle, count in middles]
 
 
 def _full(shape: tuple[int, ...], value: float, dtype: DTypeLike) -> Array:
@@ -75,8 +89,7 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
     table, position = particles.table, particles.position
     present, dimension = position.shape
     inlets = () if population is None else population.inlets
-    places = [np.tile(0.5 * np.add(inlet.lower, inlet.upper), (len(inlet.due), 1)) for inlet in inlets]
-    position = np.concatenate([position, *places])
+    position = np.concatenate([position, *inlet_places(particles.scene, particles)])
     count, turning = len(position), vectors.angular_size(dimension)
     leading = position.astype(dtype)
     single = dtype != np.float64

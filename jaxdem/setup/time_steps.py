@@ -12,7 +12,7 @@ from jaxdem.setup.contact_step import ContactStep, contact_step
 from jaxdem.setup.fluid import FluidSetup
 from jaxdem.setup.fluid_step import LONGEST_INTERVAL, fluid_steps, given_interval, whole
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.structure import TimeSteps
+from jaxdem.structure import Clock, TimeSteps
 
 MOST_CONTACT_STEPS = 1_000_000
 """Contact steps in a coupling interval; more would run for minutes without a word, and for years in all."""
@@ -21,13 +21,16 @@ MOST_INTERVALS = 2**31 - 1
 """Coupling intervals of a run, which an integer of 32 bits counts."""
 
 
-def time_steps(scene: Scene, fluid: FluidSetup | None, particles: ParticleSetup | None) -> TimeSteps:
+def time_steps(
+    scene: Scene, fluid: FluidSetup | None, particles: ParticleSetup | None, begin: Fraction = Fraction(0)
+) -> TimeSteps:
     """The steps of a scene, the automatic ones chosen, the given ones checked.
 
     Args:
         scene: the scene.
         fluid: of it.
         particles: of it.
+        begin: time at which it begins [s].
 
     Raises:
         InputError: a given step is unstable or does not fit the others.
@@ -37,7 +40,7 @@ def time_steps(scene: Scene, fluid: FluidSetup | None, particles: ParticleSetup 
         interval, substeps, limits = fluid_steps(fluid, speed)
     else:
         interval, substeps, limits = given_interval(scene) or min(output, LONGEST_INTERVAL), 1, {}
-    outputs, per_output = round(scene.time.end / output), _intervals_per_output(scene, interval)
+    outputs, per_output = scene.time.check_outputs(begin), _intervals_per_output(scene, interval)
     interval = simulated_time(output, 1, per_output)
     if outputs * per_output > MOST_INTERVALS:
         raise InputError(
@@ -62,6 +65,18 @@ def time_steps(scene: Scene, fluid: FluidSetup | None, particles: ParticleSetup 
     return steps if particles is None else _with_contacts(steps, contact_step(particles, speed), particles)
 
 
+def clock_of(begin: Fraction, step: int, interval: float) -> Clock | None:
+    """Where the time of a run begins; None where it is the number of intervals done times the interval.
+
+    Args:
+        begin: time at which it begins [s].
+        step: intervals done by then.
+        interval: of the run [s].
+    """
+    start = float(begin)
+    return None if abs(step * interval - start) <= 1e-9 * interval else Clock(start, step)
+
+
 def simulated_time(output_interval: float, intervals: int, per_output: int) -> float:
     """The float next to n/m times the output interval as it is written; three outputs of 0.05 s are 0.15 s [s].
 
@@ -70,7 +85,12 @@ def simulated_time(output_interval: float, intervals: int, per_output: int) -> f
         intervals: n, number of coupling intervals.
         per_output: m, coupling intervals from one output to the next.
     """
-    return float(Fraction(repr(float(output_interval))) * Fraction(intervals, per_output))
+    return float(exact_time(output_interval, intervals, per_output))
+
+
+def exact_time(output_interval: float, intervals: int, per_output: int) -> Fraction:
+    """`simulated_time` before it is rounded to a float [s]."""
+    return Fraction(repr(float(output_interval))) * Fraction(intervals, per_output)
 
 
 def _intervals_per_output(scene: Scene, interval: float) -> int:

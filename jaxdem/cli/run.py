@@ -1,0 +1,89 @@
+"""The commands `jaxdem check` and `jaxdem run`."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jaxdem.cli import options, terminal
+from jaxdem.cli.inputs import read_scenes, start_jax, this_command
+from jaxdem.cli.units import units_beside_a_refusal, warn_of_units
+
+if TYPE_CHECKING:
+    from jaxdem.scene import Scene
+
+
+def check(scene: options.SceneFiles, settings: options.Settings = None) -> None:
+    """Check a scene without running it: time-step limits, engineering numbers, wall time, memory, warnings.
+
+    The exit code is 2 if `run` would refuse the scene. Several scenes, and the stages of one, are checked in turn.
+    """
+    description = read_scenes(scene, settings)
+    start_jax(description.precision)
+    from jaxdem.check.stages import check_stages
+    from jaxdem.cli.check_table import render
+
+    with units_beside_a_refusal(description):
+        for name, report in check_stages(description):
+            if name:
+                terminal.line(f"Stage {name}")
+            terminal.show(render(report))
+
+
+def run(
+    context: typer.Context,
+    scene: options.SceneFiles,
+    out: Annotated[Path, options.folder_out("Run directory; it must be new or empty.")],
+    closure: options.ClosureFile = None,
+    subgrid: options.SubgridFile = None,
+    settings: options.Settings = None,
+    resume: options.Resume = False,
+    profile: options.Profile = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Run a scene and write a run directory.
+
+    Several scenes run one after the other, each from the end of the one before, as the stages of one scene do: the run
+    directory of each is in that of --out, under its name.
+    """
+    description = read_scenes(scene, settings, closure, subgrid, out if resume else None)
+    complete = _refuse_folder(description, out, resume)
+    if not quiet:
+        warn_of_units(description)
+    start_jax(description.precision)
+    from jaxdem.cli import progress
+    from jaxdem.run.scene_run import simulate
+    from jaxdem.run.time_loop import Interrupted
+
+    beside = units_beside_a_refusal(description) if quiet else nullcontext()
+    try:
+        with beside, progress.simulated_time(quiet) as report:
+            settling = partial(report, note=" at most: particles settle before the run begins")
+            result = simulate(description, out, resume=resume, progress=report, profile=profile, settling=settling)
+    except Interrupted as stop:
+        hint = f"A checkpoint is in {stop.folder}. Continue with: {this_command(context, resume=True)}"
+        terminal.fail(f"{str(stop).capitalize()} of {stop.end:g} s. {hint}", 128 + stop.number)
+    if complete:
+        terminal.line(f"The run in {out} is complete; there is nothing to resume.")
+    terminal.print_run(result)
+    if not result.summary.get("valid"):
+        terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
+
+
+def _refuse_folder(description: Scene, out: Path, resume: bool) -> bool:
+    """Refuse a folder that cannot be run in, before JAX is there; whether all in it is complete."""
+    from jaxdem.io import RunDirectory
+    from jaxdem.scene.stages import StagedScene
+
+    if not isinstance(description, StagedScene):
+        RunDirectory.check(out, description.to_toml(), resume, description.defaults())
+        return resume and RunDirectory.is_complete(out)
+    from jaxdem.io.chain import check_chain
+
+    names = [stage.name for stage in description.stages]
+    check_chain(out, names, resume)
+    return resume and all(RunDirectory.is_complete(out / name) for name in names)

@@ -1,0 +1,112 @@
+"""Several scenes run one after the other, each from the end of the one before: the stages of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Unpack
+
+from jaxdem.closures.base import DragClosure
+from jaxdem.errors import InputError
+from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io.access import locked
+from jaxdem.io.chain import check_chain, write_chain
+from jaxdem.io.run_directory import SCENE
+from jaxdem.run.foreseen import foreseen_end
+from jaxdem.run.single_run import simulate_alone
+from jaxdem.run.time_loop import Progress
+from jaxdem.scene import Scene
+from jaxdem.scene.stages import Stage, StagedScene
+from jaxdem.setup.builder import Case, build_case
+from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.start_point import StartPoint
+
+
+def simulate_stages(
+    scene: StagedScene,
+    out: Path,
+    *,
+    closure: DragClosure | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    profile: bool = False,
+    settling: Progress | None = None,
+    **extensions: Unpack[Extensions],
+) -> Run:
+    """Runs the stages of a scene, each in the folder of its name in `out`, and gives the last run.
+
+    All are checked before the first one starts. Under `resume` stages that are complete are left as they are, the one
+    that was stopped goes on, and the others follow.
+
+    Args, Raises:
+        see `jaxdem.simulate`.
+    """
+    stages = scene.stages
+    names = [stage.name for stage in stages]
+    require_stages(stages, out, resume)
+    for _ in foreseen_cases(stages, closure, **extensions):
+        pass
+    options: dict[str, Any] = {"closure": closure, "progress": progress, "profile": profile, "settling": settling}
+    with locked(out):
+        write_chain(out, names)
+        for stage, before in zip(stages, [None, *stages], strict=False):
+            path = out / stage.name
+            if not RunDirectory.is_complete(path):
+                begins = stage.scene if before is None else begun_from(stage.scene, out / before.name)
+                simulate_alone(begins, path, resume=(path / SCENE).is_file(), **options, **extensions)
+    return load_run(out / names[-1])
+
+
+def require_stages(stages: Sequence[Stage], out: Path, resume: bool) -> None:
+    """Refuse what `simulate_stages` would refuse for what is in the folder; nothing is made or changed.
+
+    Raises:
+        InputError: see `check_chain`, or the run of a stage is of another scene.
+    """
+    check_chain(out, [stage.name for stage in stages], resume)
+    first = stages[0].scene
+    for k, (stage, before) in enumerate(zip(stages, [None, *stages], strict=False)):
+        if stage.scene.precision != first.precision:
+            limit = f"the first stage has {first.precision}, and the precision is the same in all runs of a process"
+            raise InputError(f"stages.{k}.precision", stage.scene.precision, limit, "give it once, for all stages")
+        path = out / stage.name
+        if resume and (path / SCENE).is_file():
+            scene = stage.scene if before is None else begun_from(stage.scene, out / before.name)
+            with _named(k, stage):
+                RunDirectory.require_same_scene(path, scene.to_toml(), scene.defaults())
+
+
+def foreseen_cases(
+    stages: Sequence[Stage], closure: DragClosure | None = None, **extensions: Unpack[Extensions]
+) -> Iterator[tuple[Stage, StartPoint | None, Case]]:
+    """Every stage with its start and its case, as far as they are known before anything has run.
+
+    Raises:
+        InputError: of the first stage that cannot work, naming it.
+    """
+    start = None
+    for k, stage in enumerate(stages):
+        with _named(k, stage):
+            case = build_case(stage.scene, closure, start, **extensions)
+            begun = start
+            start = foreseen_end(case)
+        yield stage, begun, case
+
+
+def begun_from(scene: Scene, folder: Path) -> Scene:
+    """The scene of a stage with the run directory that it begins from."""
+    start = scene.start
+    if start is None:
+        return scene
+    return scene.model_copy(update={"start": start.model_copy(update={"from_": str(folder.resolve())})})
+
+
+@contextmanager
+def _named(number: int, stage: Stage) -> Iterator[None]:
+    """What is wrong with a stage names it."""
+    try:
+        yield
+    except InputError as error:
+        limit = f"in stage {number} ({stage.name}): {error.limit}"
+        raise InputError(error.key, error.value, limit, error.remedy) from None

@@ -1,0 +1,69 @@
+"""One scene run to its end, in a run directory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Unpack
+
+from jaxdem.closures.base import DragClosure
+from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io.probes import Columns
+from jaxdem.io.run_directory import CHECKPOINT, START
+from jaxdem.run.observer import columns_of
+from jaxdem.run.restart import origin, require_same_parameters
+from jaxdem.run.samples import sample_attributes, samples_every
+from jaxdem.run.signals import noted_signals
+from jaxdem.run.time_loop import Progress, TimeLoop
+from jaxdem.scene import Scene
+from jaxdem.setup.builder import build_case
+from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.start_point import StartPoint, stored_start
+
+
+def simulate_alone(
+    scene: Scene,
+    out: str | Path,
+    *,
+    closure: DragClosure | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    profile: bool = False,
+    settling: Progress | None = None,
+    **extensions: Unpack[Extensions],
+) -> Run:
+    """`jaxdem.simulate` of a scene without stages."""
+    complete = resume and RunDirectory.is_complete(out)
+    if complete:
+        RunDirectory.require_same_scene(out, scene.to_toml(), scene.defaults())
+    case = build_case(scene, closure, own_start(scene, out) if resume else None, **extensions)
+    if complete:
+        require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))
+        return load_run(out)
+    every = samples_every(scene, case.simulation)
+    begun = resume and (Path(out) / CHECKPOINT).is_file()
+    state, neighbors = case.unsettled_state() if begun else case.initial_state(settling)
+    attributes = sample_attributes(case) if every else None
+    # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
+    columns = columns_of(case.probes)
+    with noted_signals() as caught, _opened(scene, out, attributes, columns, resume) as directory:
+        if case.start is not None:
+            directory.keep_start(case.start.arrays, case.start.attributes)
+        loop = TimeLoop(case, directory, state, neighbors, every, profile)
+        if directory.has_checkpoint:
+            loop.restore()
+        loop.run(progress, caught)
+    return load_run(out)
+
+
+def own_start(scene: Scene, out: str | Path) -> StartPoint | None:
+    """The state that the run in a folder has begun from, as it was then; None where it is not kept there."""
+    path = Path(out) / START
+    return stored_start(path, scene.start.from_) if scene.start is not None and path.is_file() else None
+
+
+def _opened(
+    scene: Scene, out: str | Path, attributes: dict[str, Any] | None, probes: dict[str, Columns], resume: bool
+) -> RunDirectory:
+    if resume:
+        return RunDirectory.resume(out, scene.to_toml(), attributes, scene.defaults(), probes)
+    return RunDirectory.create(out, scene.to_toml(), attributes, probes)

@@ -1,0 +1,94 @@
+"""What a scene with `[start]` takes from the scene of the run that it begins from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxdem.errors import InputError, cut
+from jaxdem.files.reading import parse_toml, read_text
+
+OWN_KEYS = ("inlet",)
+"""Of `[particles]`, what a scene has of its own."""
+
+
+def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a scene with what it takes from the scene of the former run: its particles and its depth.
+
+    Args:
+        tables: of the scene, with a table `[start]`.
+        former: tables of the scene of the run that it begins from, every default written out.
+
+    Raises:
+        InputError: another number of dimensions, or a key of `[particles]` that differs.
+    """
+    from jaxdem.io.scene_text import comes_and_goes  # with h5py, which other scenes do without
+
+    start, domain, before = tables["start"], tables.get("domain"), former.get("domain", {})
+    name = start.get("from")
+    if isinstance(domain, dict) and isinstance(domain.get("size"), list):
+        if len(domain["size"]) != len(before.get("size", [])):
+            limit = f"the run {name} has the box {before.get('size')}, and the number of axes cannot change"
+            raise InputError("domain.size", domain["size"], limit, "give as many sides as that run has")
+        if len(domain["size"]) == 2 and "depth" in before:
+            domain = {"depth": before["depth"], **domain}
+    particles = _particles(tables.get("particles"), former.get("particles"), name)
+    known = {"domain": domain, "particles": particles}
+    absent = comes_and_goes(former) or bool(start.get("remove"))
+    return {**tables, **{key: value for key, value in known.items() if value is not None}} | {
+        "start": {"absent": absent, **start}
+    }
+
+
+def scene_of(folder: object) -> dict[str, Any]:
+    """Tables of the scene of a run.
+
+    Raises:
+        InputError: there is none in the folder, or it cannot be read.
+    """
+    from jaxdem.io.run_directory import SCENE
+
+    remedy = "give the folder that `jaxdem run` wrote, relative to the scene file"
+    if not isinstance(folder, str):
+        raise InputError("start.from", folder, "must name a run directory", remedy)
+    try:
+        return parse_toml(read_text(Path(folder) / SCENE))
+    except FileNotFoundError:
+        raise InputError("start.from", folder, f"is no run directory: it has no {SCENE}", remedy) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("start.from", folder, f"its {SCENE} cannot be read ({reason})", remedy) from None
+
+
+def remembered(own: Mapping[str, Any]) -> dict[str, Any]:
+    """The former scene as far as a scene that began from it, and was stored with its run, still knows it.
+
+    So a run is resumed when the run that it began from has been deleted.
+    """
+    particles = {key: value for key, value in own.get("particles", {}).items() if key not in OWN_KEYS}
+    known: dict[str, Any] = {"domain": own.get("domain", {}), "start": {"absent": own["start"].get("absent", False)}}
+    return known | ({"particles": particles} if particles else {})
+
+
+def _particles(given: object, before: Mapping[str, Any] | None, name: object) -> object:
+    """The table `[particles]`: that of the former run, with the inlets of this scene."""
+    if before is None or not isinstance(given, dict | None):
+        return given
+    kept = {key: value for key, value in before.items() if key not in OWN_KEYS}
+    for key, value in (given or {}).items():
+        if key not in OWN_KEYS and not _agrees(value, kept.get(key)):
+            there = cut(repr(kept.get(key, "(not set)")), 100)
+            limit = f"the particles are those of the run {name}, whose scene has {there}"
+            remedy = f"remove particles.{key}; [start.add] adds particles, and inlets have keys of their own"
+            raise InputError(f"particles.{key}", cut(repr(value), 100), limit, remedy)
+    return kept | {key: value for key, value in (given or {}).items() if key in OWN_KEYS}
+
+
+def _agrees(given: object, stored: object) -> bool:
+    """Whether a value is the stored one, whose tables have every default written out."""
+    if isinstance(given, dict) and isinstance(stored, dict):
+        return all(_agrees(value, stored.get(key)) for key, value in given.items())
+    if isinstance(given, list) and isinstance(stored, list):
+        return len(given) == len(stored) and all(map(_agrees, given, stored))
+    return given == stored and isinstance(given, bool) == isinstance(stored, bool)

@@ -1,0 +1,50 @@
+"""The table `[start]`: a scene that begins where another run is."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from jaxdem.scene.base import NonNegative, Section, Tables, wrong
+from jaxdem.scene.particles import Particles
+from jaxdem.scene.regions import Region
+
+
+class Start(Section):
+    """A run from whose state this scene begins. Its clock goes on: `time.end` counts from the very first run.
+
+    Particles with their sizes, densities, materials and identities are those of that run, and so are the keys of
+    `[particles]`, inlets apart: they need not be repeated, and must not differ. What is changed of the particles at the
+    start is given here, in the order remove, add, relax.
+
+    Attributes:
+        from_: the run directory, relative to the scene file (key `from`).
+        time: take the frame at this time. Default: the newest checkpoint. A frame holds no contact springs and no face
+            velocities: springs start at rest, and face velocities are made from the means of the cells [s].
+        fluid: "keep" goes on with the fluid of the run, "new" starts it anew with `fluid.velocity`.
+        remove: regions; particles whose centres lie in one of them are removed.
+        add: particles to be added, with the keys of `[particles]` except `inlet`. They must not overlap those that are
+            there.
+        relax: whether particles that overlap each other or a side of the box are moved apart. Their contact springs
+            start at rest.
+        absent: whether some particles of the run may have left, or have still to come in. Default: what the scene of
+            that run says.
+    """
+
+    from_: Annotated[str, Field(alias="from", min_length=1)]
+    time: NonNegative | None = None
+    fluid: Literal["keep", "new"] = "keep"
+    remove: Tables[Region] = ()
+    add: Particles | None = None
+    relax: bool = Field(default=False, strict=True)
+    absent: bool = Field(default=False, strict=True)
+
+    @model_validator(mode="after")
+    def _placed_at_once(self) -> Start:
+        if self.add is not None and self.add.inlet:
+            raise wrong("add.inlet", f"{len(self.add.inlet)} tables", "is not added here", "use [[particles.inlet]]")
+        if self.add is not None and any(pack.kind == "settled" for pack in self.add.packs):
+            remedy = "use another kind; they settle as the run goes on"
+            raise wrong("add.pack.kind", "settled", "is made before a run, and this one goes on", remedy)
+        return self

@@ -1,0 +1,139 @@
+"""Where a run has got to, as another begins from it: arrays of its checkpoint or of a frame, and what they mean."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.io.checkpoint import content_hash, read_checkpoint
+from jaxdem.io.run_directory import CHECKPOINT
+from jaxdem.scene import Scene
+from jaxdem.setup.arrivals import Queue
+from jaxdem.setup.bodies import Bodies
+from jaxdem.setup.start_frame import arrays_of_frame
+from jaxdem.setup.walls import surfaces_of
+from jaxdem.simulation import Simulation
+
+ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "coupling")
+"""Tables of its scene that a checkpoint knows."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StartPoint:
+    """Where a run has got to.
+
+    Attributes:
+        source: its folder.
+        arrays: of the checkpoint; of a frame without list, springs and face velocities.
+        attributes: of the checkpoint.
+        foreseen: whether the run has yet to run, so that the places of its particles are not known.
+    """
+
+    source: str
+    arrays: Mapping[str, np.ndarray]
+    attributes: Mapping[str, Any]
+    foreseen: bool = False
+
+    @property
+    def time(self) -> Fraction:
+        """Simulated time [s]."""
+        return Fraction(str(self._about("time")))
+
+    @property
+    def step(self) -> int:
+        """Number of coupling intervals since the very first run began."""
+        return int(self.arrays["state.step"])
+
+    @property
+    def tables(self) -> dict[str, Any]:
+        """Tables `ABOUT` of its scene."""
+        found: dict[str, Any] = json.loads(str(self._about("tables")))
+        return found
+
+    @property
+    def reach(self) -> list[float]:
+        """Cutoff and skin of its neighbour list [m]; empty without particles."""
+        found: list[float] = json.loads(str(self._about("reach")))
+        return found
+
+    @property
+    def walls(self) -> list[str]:
+        """What tells its walls apart, in the order in which contacts remember them."""
+        found: list[str] = json.loads(str(self._about("walls")))
+        return found
+
+    @property
+    def sha256(self) -> str:
+        """Of all that it holds."""
+        return content_hash(self.arrays, self.attributes)
+
+    @property
+    def has_particles(self) -> bool:
+        """Whether there are any."""
+        return "state.particles.position" in self.arrays
+
+    @property
+    def bodies(self) -> Bodies:
+        """What its particles are, those that have left or have still to come included."""
+        return Bodies(*(self.arrays[f"rows/{name}"] for name in Bodies._fields))
+
+    @property
+    def queues(self) -> list[Queue]:
+        """Its inlets."""
+        inserted = self.arrays.get("state.particles.inserted")
+        found: list[Queue] = []
+        while f"inlet/{len(found)}/rows" in self.arrays and inserted is not None:
+            k = len(found)
+            rows, time = (self.arrays[f"inlet/{k}/{name}"] for name in ("rows", "time"))
+            found.append(Queue(rows, time, int(inserted[k])))
+        return found
+
+    def _about(self, name: str) -> Any:
+        if name not in self.attributes:
+            limit = "its checkpoint was written by a version of jaxdem that could not be started from"
+            raise InputError("start.from", self.source, limit, "run that scene again")
+        return self.attributes[name]
+
+
+def walls_of(scene: Scene, simulation: Simulation) -> list[str]:
+    """What tells the walls of a scene apart: the side, or the table of the wall, or the number of a function."""
+    if simulation.contact is None:
+        return []
+    model = simulation.contact.model
+    found = [scene.sides[2 * side.axis + (side.inward < 0)] for side in model.sides]
+    for wall in scene.walls:
+        text = json.dumps(wall.model_dump(mode="json", exclude_none=True), sort_keys=True)
+        found += [f"{text} {part}" for part in range(len(surfaces_of(wall)))]
+    functions = range(model.walls - len(found))
+    return found + [f"function {k}" for k in functions]
+
+
+def read_start(scene: Scene) -> StartPoint | None:
+    """The state that a scene begins from, read from the run that it names; None without `[start]`.
+
+    Raises:
+        InputError: that run has no checkpoint, or no frame at the time.
+    """
+    start = scene.start
+    if start is None:
+        return None
+    path = Path(start.from_) / CHECKPOINT
+    if not path.is_file():
+        limit = f"has no {CHECKPOINT}, which a run writes when it begins"
+        raise InputError("start.from", start.from_, limit, "give the folder of a run that has been started")
+    point = stored_start(path, start.from_)
+    if start.time is None:
+        return point
+    return dataclasses.replace(point, **arrays_of_frame(Path(start.from_), start.time, point.arrays, point.attributes))
+
+
+def stored_start(path: Path, source: str) -> StartPoint:
+    """The state in the file of a checkpoint."""
+    return StartPoint(source, *read_checkpoint(path))

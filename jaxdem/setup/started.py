@@ -1,0 +1,257 @@
+"""The first state of a scene that begins from another run: what that run had, brought into the shapes of this one."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+
+from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.interpolation import interpolate_faces
+from jaxdem.errors import InputError, required
+from jaxdem.fluid.momentum import FluidState
+from jaxdem.numerics import vectors
+from jaxdem.numerics.host import on_device
+from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.scene import Scene
+from jaxdem.scene.rows import rows_of
+from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_surfaces
+from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid
+from jaxdem.setup.start_point import StartPoint, walls_of
+from jaxdem.setup.started_fluid import StartedFluid
+from jaxdem.setup.started_list import carried_springs, widened_list
+from jaxdem.setup.started_particles import StartedParticles
+from jaxdem.setup.stored import stored_room
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters, State
+
+
+@dataclasses.dataclass(frozen=True)
+class Beginning:
+    """The start of a scene that begins from another run.
+
+    Attributes:
+        scene: that begins.
+        particles: of it; None without.
+        simulation, parameters: built from it.
+        start: state of that run.
+    """
+
+    scene: Scene
+    particles: ParticleSetup | None
+    simulation: Simulation
+    parameters: Parameters
+    start: StartPoint
+
+    def state(self) -> tuple[State, Room | None]:
+        """The first state, its contact springs at rest, and what its list needs room for; see `first_state`."""
+        simulation = self.simulation
+        particles, room = self._particles, None
+        state = fluid = None
+        if particles is not None:
+            state = self._particle_state(particles)
+            if not self.start.foreseen:
+                self._check_places(particles, state)
+            room = self._room(particles, state)
+            state = state._replace(contact_spring=(self._zeros(room.pairs),) * self._kept)
+        if simulation.fluid is not None:
+            fluid = self._fluid(state)
+        if state is not None and simulation.coupling is not None and simulation.coupling.forces:
+            state = state._replace(fluid_memory=self._memory(simulation.coupling, state, required(fluid, "fluid")))
+        return State(state, fluid, on_device(self.start.step, np.int32)), room
+
+    def with_list(self, state: State, room: Room) -> tuple[State, Neighbors]:
+        """State and list: the list of the run where it still holds, and the springs of the contacts that go on."""
+        particles, own = required(state.particles, "particles"), required(self._particles, "particles")
+        simulation, parameters, arrays = self.simulation, self.parameters, self.start.arrays
+        if self._keeps_list(own):
+            shapes = simulation.list_shapes(parameters, particles, room)
+            reference = tuple(np.asarray(particles.position).T)
+            radius = required(parameters.bodies, "bodies").radius
+            neighbors = widened_list(arrays, shapes, radius, reference)
+            springs = [np.pad(s, (0, room.pairs - len(s))) for s in self._springs("contact_spring")]
+        else:
+            neighbors = simulation.allocate(parameters, particles, room)
+            springs = []
+            if not own.settings.relax and "room" in arrays and len(arrays["neighbors.overlap"]):
+                springs = carried_springs(arrays, self._springs("contact_spring"), neighbors)
+        kept = tuple(on_device(s, particles.position.dtype) for s in springs)
+        kept += (self._zeros(room.pairs),) * (self._kept - len(kept))
+        return state._replace(particles=particles._replace(contact_spring=kept[: self._kept])), neighbors
+
+    def _check_places(self, own: StartedParticles, state: ParticleState) -> None:
+        """Refuses particles that overlap each other or a wall by more than a run may have."""
+        check_initial_positions(own)
+        surfaces = required(self.simulation.contact, "contact").model.surfaces
+        radius = required(self.parameters.bodies, "bodies").radius
+        check_surfaces(self.scene, surfaces, state, radius, allowed_overlap(own))
+
+    @property
+    def _particles(self) -> StartedParticles | None:
+        found = self.particles
+        return found if isinstance(found, StartedParticles) else None
+
+    @property
+    def _dtype(self) -> np.dtype[np.floating]:
+        return np.dtype(self.parameters.gravity.dtype)
+
+    @property
+    def _kept(self) -> int:
+        """Number of components that a contact keeps."""
+        return required(self.simulation.contact, "contact").model.history_size(self.scene.dimension)
+
+    def _zeros(self, *shape: int) -> Array:
+        return on_device(np.zeros(shape), self._dtype)
+
+    def _springs(self, name: str) -> list[np.ndarray]:
+        """Stored components of contact or wall springs that this scene's contacts keep too.
+
+        The sliding spring is a displacement in every law. The rolling spring follows it where there is one.
+        """
+        found: list[np.ndarray] = []
+        while f"state.particles.{name}[{len(found)}]" in self.start.arrays:
+            found.append(self.start.arrays[f"state.particles.{name}[{len(found)}]"])
+        return found[: self._kept]
+
+    def _particle_state(self, own: StartedParticles) -> ParticleState:
+        """The particles, without contact springs; those that are not present are at rest."""
+        scene, population = self.scene, self.simulation.population
+        present, dimension = own.count, scene.dimension
+        count, turning = own.total, vectors.angular_size(dimension)
+        active = np.arange(count) < present
+        active[:present] = own.active
+        position = np.concatenate([own.position, *inlet_places(scene, own)])
+        leading = position.astype(self._dtype)
+        low: np.ndarray | None = None if self._dtype == np.float64 else (position - leading).astype(self._dtype)
+        stored = self.start.arrays["state.particles.position"]
+        if stored.dtype == self._dtype and not own.settings.relax and not any(own.rewrapped):
+            # As they are: a sum of leading and trailing part may be cut into two in another way.
+            leading[: own.placed] = stored
+            if low is not None:
+                low[: own.placed] = self.start.arrays["state.particles.position_low"]
+
+        def rows(name: str, width: int) -> Array:
+            values = np.zeros((count, width), self._dtype)
+            values[: own.placed] = self.start.arrays.get(f"state.particles.{name}", 0.0)
+            if own.added is not None and name in ("velocity", "angular_velocity"):
+                key, source = f"start.add.{name}", own.added.table.rows(name, dimension)
+                given = rows_of(key, source, width, own.added.count, of_frame=True)
+                values[own.placed : present] = 0.0 if given is None else given
+            values[own.removed] = 0.0
+            return on_device(values, self._dtype)
+
+        return ParticleState(
+            position=on_device(leading, self._dtype),
+            position_low=None if low is None else on_device(low, self._dtype),
+            velocity=rows("velocity", dimension),
+            angular_velocity=rows("angular_velocity", turning),
+            contact_spring=(),
+            wall_spring=self._wall_springs(own, count),
+            contact_force=rows("contact_force", dimension),
+            fluid_force=None if scene.fluid is None else rows("fluid_force", dimension),
+            active=None if population is None else on_device(active, bool),
+            inserted=on_device([queue.inserted for queue in own.queues], np.int32) if own.queues else None,
+        )
+
+    def _wall_springs(self, own: StartedParticles, count: int) -> tuple[Array, ...]:
+        """Springs at the walls: those of a wall that was there already go on."""
+        names, before = walls_of(self.scene, self.simulation), self.start.walls
+        found: list[Array] = []
+        for spring in [] if own.settings.relax else self._springs("wall_spring"):
+            values = np.zeros((len(names), count), self._dtype)
+            for number, name in enumerate(names):
+                if name in before:
+                    values[number, : own.placed] = spring[before.index(name)]
+            values[:, own.removed] = 0.0
+            found.append(on_device(values, self._dtype))
+        blank = self._zeros(len(names), count)
+        return (*found, *(blank,) * (self._kept - len(found)))
+
+    def _keeps_list(self, own: StartedParticles) -> bool:
+        """Whether the stored list holds: the same particles in the same places, and as many within its reach."""
+        if "room" not in self.start.arrays or not len(self.start.arrays["neighbors.overlap"]):
+            return False
+        geometry = self.simulation.search.geometry
+        same = self.start.reach == [geometry.cutoff, geometry.skin] and own.same_box
+        same = same and self.start.arrays["state.particles.position"].dtype == self._dtype
+        return same and own.added is None and not own.settings.relax and len(own.removed) == 0
+
+    def _room(self, own: StartedParticles, state: ParticleState) -> Room:
+        """Room for the list; that of the stored one where it goes on with as many rows."""
+        if not self._keeps_list(own):
+            return self.simulation.room(state)
+        before = stored_room(self.start.arrays)
+        if own.total == own.placed:
+            return before
+        return self.simulation.room(state).covering(before)
+
+    def _fluid(self, state: ParticleState | None) -> FluidState:
+        own = self._particles
+        solver = required(self.simulation.fluid, "fluid").solver
+        had_fluid = "state.fluid.pressure" in self.start.arrays or "cells/pressure" in self.start.arrays
+        void_fraction = None
+        if self.simulation.coupling is not None and state is not None and own is not None:
+            stored = self.start.arrays.get("state.fluid.void_fraction")
+            if stored is not None and self._same_deposit(own):
+                void_fraction = on_device(stored, self._dtype)
+            else:
+                void_fraction = initial_void_fraction(self.simulation.coupling, self.parameters.mixture.bodies, state)
+        settings = self.scene.start
+        if not had_fluid or (settings is not None and settings.fluid == "new"):
+            return resting_fluid(self.scene, solver, self.parameters, void_fraction)
+        return StartedFluid(self.start, solver, self.parameters.flow, void_fraction, self._dtype).state()
+
+    def _same_deposit(self, own: StartedParticles) -> bool:
+        """Whether the particles fill the cells as they did: the same particles, mesh and distribution of volume."""
+        before, tables = self.start.tables, self.scene.tables()
+        same = all(before.get(name) == tables.get(name) for name in ("coupling", "domain", "boundary"))
+        same = same and before["fluid"]["cells"] == tables["fluid"]["cells"]
+        return same and own.added is None and not own.settings.relax and len(own.removed) == 0
+
+    def _memory(self, coupling: Coupling, state: ParticleState, fluid: FluidState) -> Any:
+        """What further forces remember: of the particles of the run if it had the force and the interval, else of a
+        slip that has always been as it is."""
+        forces, grid = coupling.forces, coupling.interval.solver.grid
+
+        @jax.jit
+        def first(state: ParticleState, fluid: FluidState) -> dict[str, Any]:
+            weights = coupling.deposition.weights(grid, state.position, self.parameters.mixture.bodies.radius)
+            slip = interpolate_faces(weights, fluid.face_velocity) - state.velocity
+            return {force.name: force.start(slip) for force in forces}
+
+        fresh = {name: value for name, value in first(state, fluid).items() if value is not None}
+        if float(self.start.attributes["interval"]) != self.simulation.interval:
+            return fresh or None
+        former = len(self.start.arrays["state.particles.position"])
+        leaves, structure = jax.tree_util.tree_flatten_with_path(fresh)
+        found = []
+        for path, leaf in leaves:
+            stored = self.start.arrays.get("state.particles.fluid_memory" + jax.tree_util.keystr(path))
+            found.append(leaf if stored is None else _over(np.array(leaf), stored, former))
+        return jax.tree_util.tree_unflatten(structure, found) or None
+
+
+def _over(fresh: np.ndarray, stored: np.ndarray, rows: int) -> Array:
+    """The stored values of the first `rows` particles in an array of more particles; the fresh ones if they differ in
+    another axis too."""
+    axis = next((k for k, length in enumerate(stored.shape) if length == rows), 0)
+    place = (slice(None),) * axis + (slice(0, rows),)
+    if fresh[place].shape == stored.shape:
+        fresh[place] = stored
+    return on_device(fresh, fresh.dtype)
+
+
+def require_particles(case_has: bool, start: StartPoint) -> None:
+    """Refuses a scene without particles that begins from a run with some.
+
+    Raises:
+        InputError: it would lose them.
+    """
+    if start.has_particles and not case_has:
+        limit = f"is missing, and the run {start.source} has particles"
+        raise InputError("particles", None, limit, "add [particles], or start from a run without particles")

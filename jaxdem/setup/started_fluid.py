@@ -1,0 +1,124 @@
+"""The fluid of a run as another scene goes on with it. Host side."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import DTypeLike
+
+from jaxdem.errors import InputError
+from jaxdem.fluid.boundary import Sides, set_normal_velocity
+from jaxdem.fluid.grid import Grid, face_average
+from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
+from jaxdem.fluid.remap import remap_cells, remap_flux
+from jaxdem.numerics.host import on_device
+from jaxdem.setup.start_point import StartPoint
+
+REMEDY = 'keep the box, or start the fluid anew: start.fluid = "new"'
+
+
+@dataclasses.dataclass(frozen=True)
+class StartedFluid:
+    """The fluid at the start of a scene.
+
+    Attributes:
+        start: state of the run.
+        solver: of the scene.
+        flow: its numbers.
+        void_fraction: of the cells; None without particles.
+        dtype: of the arrays.
+    """
+
+    start: StartPoint
+    solver: FluidSolver
+    flow: FluidProperties
+    void_fraction: Array | None
+    dtype: DTypeLike
+
+    def state(self) -> FluidState:
+        """The fluid: face velocities, pressure, void fraction and what drives it.
+
+        Raises:
+            InputError: the box is another one.
+        """
+        arrays, grid = self.start.arrays, self.solver.grid
+        size, cells = tuple(self.start.tables["domain"]["size"]), tuple(self.start.tables["fluid"]["cells"])
+        if size != grid.size:
+            limit = f"the fluid of the run {self.start.source} fills the box {list(size)} m"
+            raise InputError("domain.size", list(grid.size), limit, REMEDY)
+        from_faces = "state.fluid.pressure" in arrays
+        pressure = np.asarray(arrays["state.fluid.pressure" if from_faces else "cells/pressure"], float)
+        if from_faces and cells == grid.cells:
+            faces = [arrays[f"state.fluid.face_velocity[{k}]"] for k in range(grid.dimension)]
+            velocity = tuple(on_device(self._doubled(face, axis), self.dtype) for axis, face in enumerate(faces))
+        else:
+            velocity = self._solenoidal(self._flux(cells, from_faces))
+            pressure = remap_cells(dataclasses.replace(grid, cells=cells), grid, pressure)
+        return FluidState(velocity, on_device(pressure, self.dtype), self.void_fraction, self._mean_gradient())
+
+    def _doubled(self, face: np.ndarray, axis: int) -> np.ndarray:
+        """Face velocities whose first and last layer are one where the axis is periodic now."""
+        lower = "left" if axis == 0 else ("bottom" if axis == self.solver.grid.dimension - 1 else "front")
+        was = self.start.tables["boundary"][lower]["kind"] == "periodic"
+        if was or not self.solver.grid.periodic[axis]:
+            return face
+        first, last = np.take(face, [0], axis), np.take(face, [-1], axis)
+        inner = np.delete(face, [0, face.shape[axis] - 1], axis)
+        return np.concatenate([0.5 * (first + last), inner, 0.5 * (first + last)], axis)
+
+    def _flux(self, cells: tuple[int, ...], from_faces: bool) -> tuple[np.ndarray, ...]:
+        """Flux g u on the faces of the scene's mesh, by area [m/s]."""
+        arrays, grid = self.start.arrays, self.solver.grid
+        before = dataclasses.replace(grid, cells=cells)
+        name = "state.fluid.void_fraction" if from_faces else "cells/void_fraction"
+        void = np.asarray(arrays.get(name, np.ones(cells)), float)
+        if from_faces:
+            faces = [np.asarray(arrays[f"state.fluid.face_velocity[{k}]"], float) for k in range(grid.dimension)]
+        else:
+            velocity = arrays["cells/velocity"]
+            faces = [_on_faces(before, velocity[..., axis], axis) for axis in range(grid.dimension)]
+        gaps = [_on_faces(before, void, axis) for axis in range(grid.dimension)]
+        return remap_flux(before, grid, tuple(g * u for g, u in zip(gaps, faces, strict=True)))
+
+    def _solenoidal(self, flux: tuple[np.ndarray, ...]) -> tuple[Array, ...]:
+        """Face velocities of a flux after the sides are set and its divergence is taken out, by a gradient."""
+        grid, time = self.solver.grid, float(self.start.time)
+
+        @jax.jit
+        def velocity(flux: tuple[Array, ...], void_fraction: Array | None, flow: FluidProperties) -> tuple[Array, ...]:
+            gaps = face_average(grid, 1.0 if void_fraction is None else void_fraction)
+            faces = tuple(f / g for f, g in zip(flux, gaps, strict=True))
+            sides = Sides(self.solver.boundary, flow.side_velocity, jnp.asarray(time, flux[0].dtype))
+            faces = set_normal_velocity(grid, sides, faces, gaps)
+            through = self.solver.corrected(tuple(g * u for g, u in zip(gaps, faces, strict=True)), 0.0)
+            return tuple(f / g for f, g in zip(through, gaps, strict=True))
+
+        given = tuple(on_device(f, self.dtype) for f in flux)
+        return velocity(given, self.void_fraction, self.flow)
+
+    def _mean_gradient(self) -> Array | None:
+        """Of the reduced pressure along periodic axes [Pa/m]; None where nothing drives the fluid."""
+        arrays, drive = self.start.arrays, self.solver.drive
+        if drive is None:
+            return None
+        if "state.fluid.mean_gradient" in arrays:
+            return on_device(arrays["state.fluid.mean_gradient"], self.dtype)
+        first = jax.jit(self.solver.first_gradient)(self.flow)
+        if "cells/gradient" not in arrays or self.flow.gravity is None:
+            return first
+        # The history has what drives the fluid, gravity included.
+        density, gravity = np.asarray(self.flow.density), np.asarray(self.flow.gravity)
+        return on_device(np.where(drive.driven, arrays["cells/gradient"] - density * gravity, 0.0), self.dtype)
+
+
+def _on_faces(grid: Grid, cell: np.ndarray, axis: int) -> np.ndarray:
+    """Mean of the two cells of every face of an axis; at a side that is not periodic that of its one cell."""
+    first, last = np.take(cell, [0], axis), np.take(cell, [-1], axis)
+    below, above = (last, first) if grid.periodic[axis] else (first, last)
+    padded = np.concatenate([below, cell, above], axis)
+    count = padded.shape[axis]
+    return 0.5 * (np.take(padded, range(count - 1), axis) + np.take(padded, range(1, count), axis))
