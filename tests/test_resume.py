@@ -193,6 +193,41 @@ def test_a_complete_run_is_given_back_unchanged(scene, resumed):
     assert file_bytes(resumed, "summary.json") == before
 
 
+def test_a_later_end_goes_on_bit_for_bit(scene, whole, tmp_path):
+    """As one run of that length; an earlier end, or another key, is refused with what to do."""
+    half = load_scene(SCENE, {"time.end": 0.1})
+    run = simulate(half, tmp_path / "run")
+    assert run.number_of_frames == 6 and run.summary["complete"]
+    with pytest.raises(InputError, match=r"time\.end = 0\.08.*same or a later end.*\[start\] from"):
+        simulate(load_scene(SCENE, {"time.end": 0.08}), run.path, resume=True)
+    with pytest.raises(InputError, match=r"contact\.friction = 0\.3.*\[start\] from"):
+        simulate(load_scene(SCENE, {"contact.friction": 0.3}), run.path, resume=True)
+    longer = simulate(scene, run.path, resume=True)
+    assert longer.scene["time"]["end"] == 0.2
+    assert file_bytes(whole, "history.csv") == file_bytes(longer, "history.csv")
+    assert_same_frames(whole, longer)
+    assert longer.summary["counts"] == whole.summary["counts"]
+    with pytest.raises(InputError, match=r"time\.end = 0\.1"):
+        simulate(half, run.path, resume=True)
+
+
+def test_a_later_end_that_brings_more_particles_is_refused(tmp_path):
+    """All frames of a run have as many rows; a scene that begins from it has room for more."""
+    tables = dict(
+        domain=dict(size=[0.2, 0.2], depth=0.04),
+        particles=dict(
+            radius=0.01,
+            density=2500.0,
+            inlet=[dict(side="top", rate=100.0, velocity=0.5)],
+        ),
+        time=dict(end=0.02, output_interval=0.02),
+        contact=dict(young_modulus=5e5),
+    )  # fmt: skip
+    run = simulate(load_scene(tables), tmp_path / "run")
+    with pytest.raises(InputError, match=r"time\.end: .*inlets bring 2 more.*\[start\] from"):
+        simulate(load_scene(tables, {"time.end": 0.04}), run.path, resume=True)
+
+
 def test_an_exception_leaves_what_a_resume_needs(scene, whole, tmp_path, monkeypatch):
     """As after a kill: nothing is closed or joined; frames beyond the checkpoint are cut off and done again."""
 

@@ -81,9 +81,11 @@ def _refuse_folder(description: Scene, out: Path, resume: bool) -> bool:
 
     if not isinstance(description, StagedScene):
         RunDirectory.check(out, description.to_toml(), resume, description.defaults())
-        return resume and RunDirectory.is_complete(out)
+        return resume and RunDirectory.is_complete(out, description.to_toml())
     from jaxdem.io.chain import check_chain
 
     names = [stage.name for stage in description.stages]
     check_chain(out, names, resume)
-    return resume and all(RunDirectory.is_complete(out / name) for name in names)
+    return resume and all(
+        RunDirectory.is_complete(out / stage.name, stage.scene.to_toml()) for stage in description.stages
+    )

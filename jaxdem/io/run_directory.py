@@ -146,33 +146,62 @@ class RunDirectory:
         return (self.path / CHECKPOINT).is_file()
 
     @staticmethod
-    def is_complete(path: str | Path) -> bool:
-        """Whether `path` holds a run that reached its end and is valid: nothing to resume."""
+    def is_complete(path: str | Path, scene_toml: str | None = None) -> bool:
+        """Whether `path` holds a valid run that reached its end, and that of `scene_toml`: nothing to resume."""
         try:
             summary = read_summary(Path(path))
         except InputError:
             return False
-        return summary.get("valid") is True and summary.get("complete") is True
+        if summary.get("valid") is not True or summary.get("complete") is not True:
+            return False
+        return scene_toml is None or not RunDirectory.is_longer(path, scene_toml)
+
+    @staticmethod
+    def is_longer(path: str | Path, scene_toml: str) -> bool:
+        """Whether a scene goes on beyond the end of the one that is stored in a folder."""
+        place = Path(path) / SCENE
+        stored = _stored_scene(Path(path))
+        return scene_text.end_of(scene_text.parse(scene_toml, "the scene given")) > scene_text.end_of(
+            scene_text.parse(stored, str(place))
+        )
 
     @staticmethod
     def require_same_scene(path: str | Path, scene_toml: str, defaults: Mapping[str, object] | None = None) -> None:
-        """Refuse to go on with another scene than the stored one; see `scene_text.first_difference` for `defaults`.
+        """Refuse to go on with another scene than the stored one; a later end is no other scene.
+
+        See `scene_text.first_difference` for `defaults`.
 
         Raises:
             InputError: naming the first key that differs, or the stored scene cannot be read.
         """
         place = Path(path) / SCENE
-        try:
-            stored = scene_text.read(place)
-        except OSError as error:
-            limit = f"its {SCENE} cannot be read ({reason_of(error)})"
-            raise InputError(OPTION, str(path), limit, "Start the run anew in another folder.") from error
+        stored = scene_text.parse(_stored_scene(Path(path)), str(place))
         given = scene_text.parse(scene_toml, "the scene given")
-        difference = scene_text.first_difference(scene_text.parse(stored, str(place)), given, defaults)
+        ends = scene_text.end_of(stored), scene_text.end_of(given)
+        if ends[1] > ends[0]:
+            difference = scene_text.first_difference(
+                scene_text.without_end(stored), scene_text.without_end(given), defaults
+            )
+        else:
+            difference = scene_text.first_difference(stored, given, defaults)
         if difference is not None:
             key, before, after = difference
-            limit = f"the run in {path} has {before!r}, and --resume only continues the same scene"
-            raise InputError(key, after, limit, f"Give {key} as stored in {place}, or another {OPTION}.")
+            limit = (
+                f"the run in {path} has {before!r}, and --resume only continues the same scene, to a later end at most"
+            )
+            remedy = (
+                f"Give {key} as stored in {place}, another {OPTION}, or a scene that begins from this run: [start] from"
+            )
+            raise InputError(key, after, limit, remedy)
+
+    def store_scene(self, scene_toml: str) -> None:
+        """Replace the stored scene by the one that the run goes on with.
+
+        Raises:
+            RunError: the disk refused.
+        """
+        with self._run_errors(self._time):
+            write_bytes(self.path / SCENE, scene_toml.encode())
 
     def write_frame(
         self,
@@ -368,6 +397,19 @@ class RunDirectory:
             reason = f"the run directory was moved, replaced, or its {LOCK} removed while the run wrote to it"
             remedy = "Nothing more was written. Continue with --resume in the place of the moved folder"
             raise RunError(reason, str(self.path), self._time, f"{remedy}, or start a new run.")
+
+
+def _stored_scene(path: Path) -> str:
+    """The text of the scene in a run directory.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return scene_text.read(path / SCENE)
+    except OSError as error:
+        limit = f"its {SCENE} cannot be read ({reason_of(error)})"
+        raise InputError(OPTION, str(path), limit, "Start the run anew in another folder.") from error
 
 
 @contextmanager

@@ -70,6 +70,24 @@ def without_folders(tables: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+def end_of(scene: Mapping[str, Any]) -> float:
+    """`time.end` [s]; infinite where it is not there."""
+    end = scene.get("time", {}).get("end")
+    return float(end) if isinstance(end, int | float) else math.inf
+
+
+def without_end(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """The scene without its end, and without that of inlets which go on to it: what a longer run has in common."""
+    found, end = dict(scene), end_of(scene)
+    if isinstance(scene.get("time"), dict):
+        found["time"] = {key: value for key, value in scene["time"].items() if key != "end"}
+    inlets = scene.get("particles", {}).get("inlet")
+    if isinstance(inlets, list):
+        kept = [{k: v for k, v in one.items() if (k, v) != ("end", end)} for one in inlets if isinstance(one, dict)]
+        found["particles"] = {**scene["particles"], "inlet": kept}
+    return found
+
+
 def first_difference(
     stored: dict[str, Any], given: dict[str, Any], defaults: Mapping[str, object] | None = None
 ) -> tuple[str, object, object] | None:

@@ -52,8 +52,8 @@ def simulate_stages(
         write_chain(out, names)
         for stage, before in zip(stages, [None, *stages], strict=False):
             path = out / stage.name
-            if not RunDirectory.is_complete(path):
-                begins = stage.scene if before is None else begun_from(stage.scene, out / before.name)
+            begins = stage.scene if before is None else begun_from(stage.scene, out / before.name)
+            if not RunDirectory.is_complete(path, begins.to_toml()):
                 simulate_alone(begins, path, resume=(path / SCENE).is_file(), **options, **extensions)
     return load_run(out / names[-1])
 
@@ -75,6 +75,15 @@ def require_stages(stages: Sequence[Stage], out: Path, resume: bool) -> None:
             scene = stage.scene if before is None else begun_from(stage.scene, out / before.name)
             with _named(k, stage):
                 RunDirectory.require_same_scene(path, scene.to_toml(), scene.defaults())
+                if k + 1 < len(stages) and (out / stages[k + 1].name).is_dir():
+                    _require_same_end(scene, path, stages[k + 1])
+
+
+def _require_same_end(scene: Scene, path: Path, following: Stage) -> None:
+    """Refuses a later end of a stage from whose end another has begun."""
+    if RunDirectory.is_longer(path, scene.to_toml()):
+        limit = f"the stage {following.name} has begun from the end that the run in {path} has"
+        raise InputError("time.end", scene.time.end, limit, "raise time.end of the last stage alone")
 
 
 def foreseen_cases(

@@ -109,7 +109,7 @@ def origin(
     """What a checkpoint belongs to, as attributes of it.
 
     Args:
-        scene_toml: the scene, as it writes itself; in which folders its closures lie does not count.
+        scene_toml: the scene, as it writes itself; in which folders its closures lie does not count, nor when it ends.
         parameters: that go with it; they hold what the scene only names, the weights of a closure and the sizes
             in a file.
         content: fingerprint of the files of the first state, `Scene.content`.
@@ -118,7 +118,8 @@ def origin(
     digest = hashlib.sha256(content.encode())
     for name, array in sorted(named("parameters", parameters).items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode() + array.tobytes())
-    scene = json.dumps(scene_text.without_folders(tomllib.loads(scene_toml)), sort_keys=True)
+    tables = scene_text.without_end(scene_text.without_folders(tomllib.loads(scene_toml)))
+    scene = json.dumps(tables, sort_keys=True)
     return {
         "jaxdem": __version__,
         "scene": hashlib.sha256(scene.encode()).hexdigest(),
@@ -155,6 +156,21 @@ def require_same_origin(attributes: Mapping[str, object], here: Mapping[str, str
         if attributes.get(name, "") != here[name]:
             remedy = f"{remedy}, or start the run anew in another folder."
             raise InputError("checkpoint.h5", attributes.get(name), limit, remedy)
+
+
+def require_same_rows(arrays: Mapping[str, np.ndarray], template: State) -> None:
+    """Refuses a checkpoint with another number of particles than the scene has: all frames of a run have as many.
+
+    Raises:
+        InputError: inlets would bring more up to a later end.
+    """
+    if template.particles is None or "state.particles.position" not in arrays:
+        return
+    before, now = len(arrays["state.particles.position"]), len(template.particles.position)
+    if before != now:
+        limit = f"the run has {before} particles and inlets bring {now - before} more, for which its files have no room"
+        remedy = "give the inlets an end or a total, or go on in a scene that begins from this run: [start] from"
+        raise InputError("time.end", None, limit, remedy)
 
 
 def require_same_parameters(out: str | Path, here: Mapping[str, str]) -> None:

@@ -74,7 +74,7 @@ def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run
     """
     if isinstance(scene, StagedScene):
         return simulate_stages(scene, out, resume=stage_names(out) is not None, progress=begin())
-    if RunDirectory.is_complete(out):
+    if RunDirectory.is_complete(out, scene.to_toml()):
         case = build_case(scene, start=own_start(scene, out))
         require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))
         return load_run(out)

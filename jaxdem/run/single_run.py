@@ -32,7 +32,7 @@ def simulate_alone(
     **extensions: Unpack[Extensions],
 ) -> Run:
     """`jaxdem.simulate` of a scene without stages."""
-    complete = resume and RunDirectory.is_complete(out)
+    complete = resume and RunDirectory.is_complete(out, scene.to_toml())
     if complete:
         RunDirectory.require_same_scene(out, scene.to_toml(), scene.defaults())
     case = build_case(scene, closure, own_start(scene, out) if resume else None, **extensions)
@@ -51,6 +51,8 @@ def simulate_alone(
         loop = TimeLoop(case, directory, state, neighbors, every, profile)
         if directory.has_checkpoint:
             loop.restore()
+        if resume and RunDirectory.is_longer(out, scene.to_toml()):
+            directory.store_scene(scene.to_toml())
         loop.run(progress, caught)
     return load_run(out)
 

@@ -23,7 +23,7 @@ from jaxdem.run.diagnosis import diagnosis
 from jaxdem.run.observer import Observer
 from jaxdem.run.probing import Probed
 from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
-from jaxdem.run.restart import about, from_arrays, origin, require_same_origin, to_arrays
+from jaxdem.run.restart import about, from_arrays, origin, require_same_origin, require_same_rows, to_arrays
 from jaxdem.run.samples import sample_of
 from jaxdem.run.signals import Caught, Stopped
 from jaxdem.run.summary import run_summary
@@ -149,6 +149,7 @@ class TimeLoop:
     def restore(self) -> None:
         """State, list and counters from the directory's checkpoint, files cut back to it."""
         arrays, attributes = self.directory.checkpoint()
+        require_same_rows(arrays, self.state)
         require_same_origin(attributes, self._origin())
         state, neighbors, extra = from_arrays(self.simulation, self.state, arrays)
         self.state, self.neighbors = state, neighbors
