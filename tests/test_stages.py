@@ -100,40 +100,62 @@ def test_python_gets_the_last_run_and_builds_the_first_stage(chain):
         simulate(scene, chain)
 
 
+class Killed(BaseException):
+    """What ends a run as a kill does: nothing is written any more."""
+
+
 def test_twenty_kills_at_random_moments_change_nothing(chain, tmp_path, monkeypatch):
-    """An error out of the loop, before any interval, leaves a run as a kill does; then the chain is gone on with."""
-
-    class Killed(BaseException):
-        pass
-
-    out, dice, kills = tmp_path / "runs", random.Random(3), 0
+    """Before or after any interval, frame or checkpoint; then the chain is gone on with, as often as it takes."""
+    out, deaths = tmp_path / "runs", Deaths(20)
     monkeypatch.setattr(chunk, "LONGEST", 0.0)  # one interval at a time
     for name in ("_advance", "_write_frame", "_write_checkpoint"):
-        monkeypatch.setattr(TimeLoop, name, deadly(getattr(TimeLoop, name), dice, Killed))
+        monkeypatch.setattr(TimeLoop, name, deaths.around(getattr(TimeLoop, name)))
+    monkeypatch.setattr(TimeLoop, "_compile", compiled_once(TimeLoop._compile))
     scene = load_scene(STAGED)
-    while kills < 200:
+    for _ in range(21):
         try:
             simulate(scene, out, resume=(out / "stages.toml").is_file())
-            break
         except Killed:
-            kills += 1
-    assert kills >= 20
+            continue
+        break
+    assert deaths.left == 0
     for name in ("fill", "tilt", "thin"):
         assert kept(out / name) == kept(chain / name), name
 
 
-def deadly(action, dice, error):
-    """The action, before or after which the process dies in one case of four."""
+class Deaths:
+    """So many deaths, at random moments."""
 
-    def wrapped(*arguments):
-        if dice.random() < 0.2:
-            raise error
-        result = action(*arguments)
-        if dice.random() < 0.1:
-            raise error
-        return result
+    def __init__(self, number):
+        self.left, self._dice = number, random.Random(3)
 
-    return wrapped
+    def around(self, action):
+        def wrapped(*arguments):
+            self._roll()
+            result = action(*arguments)
+            self._roll()
+            return result
+
+        return wrapped
+
+    def _roll(self):
+        if self.left and self._dice.random() < 0.2:
+            self.left -= 1
+            raise Killed
+
+
+def compiled_once(compile_it):
+    """One program for every stage, however often it is gone on with: a death does not change it."""
+    programs = {}
+
+    def compiled(loop):
+        name = loop.directory.path.name
+        if name not in programs:
+            compile_it(loop)
+            programs[name] = loop.program
+        loop.program = programs[name]
+
+    return compiled
 
 
 def test_files_are_stages_too(chain, tmp_path, monkeypatch):
