@@ -138,9 +138,9 @@ class Beginning:
         def rows(name: str, width: int) -> Array:
             values = np.zeros((count, width), self._dtype)
             values[: own.placed] = self.start.arrays.get(f"state.particles.{name}", 0.0)
-            if own.added is not None and name in ("velocity", "angular_velocity"):
-                key, source = f"start.add.{name}", own.added.table.rows(name, dimension)
-                given = rows_of(key, source, width, own.added.count, of_frame=True)
+            if own.added is not None and (name == "velocity" or name == "angular_velocity"):
+                source = own.added.table.rows(name, dimension)
+                given = rows_of(f"start.add.{name}", source, width, own.added.count, of_frame=True)
                 values[own.placed : present] = 0.0 if given is None else given
             values[own.removed] = 0.0
             return on_device(values, self._dtype)
