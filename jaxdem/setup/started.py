@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
@@ -135,7 +135,7 @@ class Beginning:
             if low is not None:
                 low[: own.placed] = self.start.arrays["state.particles.position_low"]
 
-        def rows(name: str, width: int) -> Array:
+        def rows(name: Literal["velocity", "angular_velocity", "contact_force", "fluid_force"], width: int) -> Array:
             values = np.zeros((count, width), self._dtype)
             values[: own.placed] = self.start.arrays.get(f"state.particles.{name}", 0.0)
             if own.added is not None and (name == "velocity" or name == "angular_velocity"):
