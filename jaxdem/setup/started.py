@@ -87,9 +87,11 @@ class Beginning:
     def _check_places(self, own: StartedParticles, state: ParticleState) -> None:
         """Refuses particles that overlap each other or a wall by more than a run may have."""
         check_initial_positions(own)
-        surfaces = required(self.simulation.contact, "contact").model.surfaces
+        model = required(self.simulation.contact, "contact").model
+        times, middle = model.wall_times, float(self.start.time) + 0.5 * self.simulation.interval
+        present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         radius = required(self.parameters.bodies, "bodies").radius
-        check_surfaces(self.scene, surfaces, state, radius, allowed_overlap(own))
+        check_surfaces(self.scene, model.surfaces, present, state, radius, allowed_overlap(own))
 
     @property
     def _particles(self) -> StartedParticles | None:
