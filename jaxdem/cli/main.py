@@ -24,7 +24,7 @@ from jaxdem.cli.inputs import (
     whole_numbers,
 )
 from jaxdem.cli.units import warn_of_units
-from jaxdem.errors import JaxdemError
+from jaxdem.errors import InputError, JaxdemError
 
 if TYPE_CHECKING:
     from jaxdem.io import Run
