@@ -204,9 +204,10 @@ class Beginning:
             else:
                 void_fraction = initial_void_fraction(self.simulation.coupling, self.parameters.mixture.bodies, state)
         settings = self.scene.start
+        now = self.simulation.during(self.parameters, on_device(self.start.step, np.int32))
         if not had_fluid or (settings is not None and settings.fluid == "new"):
-            return resting_fluid(self.scene, solver, self.parameters, void_fraction)
-        return StartedFluid(self.start, solver, self.parameters.flow, void_fraction, self._dtype).state()
+            return resting_fluid(self.scene, solver, now, void_fraction)
+        return StartedFluid(self.start, solver, now.flow, void_fraction, self._dtype).state()
 
     def _same_deposit(self, own: StartedParticles) -> bool:
         """Whether the particles fill the cells as they did: the same particles, mesh and distribution of volume."""
