@@ -198,7 +198,7 @@ def test_a_later_end_goes_on_bit_for_bit(scene, whole, tmp_path):
     half = load_scene(SCENE, {"time.end": 0.1})
     run = simulate(half, tmp_path / "run")
     assert run.number_of_frames == 6 and run.summary["complete"]
-    with pytest.raises(InputError, match=r"time\.end = 0\.08.*same or a later end.*\[start\] from"):
+    with pytest.raises(InputError, match=r"time\.end = 0\.08.*later end at most.*\[start\] from"):
         simulate(load_scene(SCENE, {"time.end": 0.08}), run.path, resume=True)
     with pytest.raises(InputError, match=r"contact\.friction = 0\.3.*\[start\] from"):
         simulate(load_scene(SCENE, {"contact.friction": 0.3}), run.path, resume=True)
