@@ -241,10 +241,11 @@ class ExternalFluid(Simulation):
             array = jnp.asarray(field, dtype)
             return tuple(array[..., axis] for axis in range(grid.dimension))
         shapes = tuple(grid.face_shape(axis) for axis in range(grid.dimension))
-        found = tuple(component.shape for component in field)
+        given = field if isinstance(field, tuple | list) else (field,)
+        found = tuple(getattr(component, "shape", None) for component in given)
         if found != shapes:
             raise _wrong_shape(name, found, f"must be a tuple of arrays of the faces, of the shapes {shapes}")
-        return tuple(jnp.asarray(component, dtype) for component in field)
+        return tuple(jnp.asarray(component, dtype) for component in given)
 
     def _placed(self, field: FaceField) -> Field:
         """A field by component in the form that the other solver has."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -75,9 +76,9 @@ class ParticleFile(Section):
             raise wrong("time", self.time, "the time step is already given by frame", "remove one of the two keys")
         return self
 
-    @property
+    @cached_property
     def columns(self) -> Columns:
-        """What the file holds, in SI units."""
+        """What the file holds, in SI units, when it is first asked for: a run may go on in it meanwhile."""
         from jaxdem.particle_files import Source, read_columns
 
         return read_columns(Source(self.name, self.frame, self.time, self.units, self.ignore))

@@ -258,6 +258,14 @@ def test_frames_of_a_run_in_two_dimensions(tmp_path):
     np.testing.assert_array_equal(columns.numbers["w"], SPIN[:, 1])
 
 
+def test_a_scene_keeps_one_frame_of_a_run_that_goes_on(tmp_path):
+    """Positions of one frame with velocities of the next would be no state of anything."""
+    frames(tmp_path, 3)
+    case = setup(str(tmp_path), particles={"density": 2500.0})
+    FrameSeries(tmp_path, ParticleFormat()).write(3, particle_frame(0.75, {"position": POSITION, "radius": RADIUS}))
+    np.testing.assert_array_equal(case.position, POSITION[:2] + 0.5)
+
+
 def test_the_radius_in_a_run_of_parcels_is_that_of_the_grains(tmp_path):
     """The frames have the radius of the parcels; a scene with coarse_grain gives that of the grains."""
     frames(tmp_path, 3).join()
