@@ -173,6 +173,7 @@ PROFILE = {"name": "a", "kind": "profile"}
         ({"name": "a", "kind": "wall", "wall": 0}, "the scene has 0 tables"),
         ({"name": "a", "kind": "wall", "side": "left", "about": [0.0, 0.0]}, "there is no torque to measure"),
         ({"name": "a", "kind": "contacts", "average": True}, "contacts are those at a time"),
+        ({"name": "a", "kind": "contacts", "window": 0.01}, r"window = 0\.01: contacts are those at a time"),
         ({"name": "MIDDLE", "kind": "plane", "axis": "x", "at": 0.1}, "is the name of another probe"),
     ],
 )

@@ -45,5 +45,6 @@ def split_rows(name: str, names: list[str], rows: list[Line]) -> list[list[str]]
         if len(fields) != len(names):
             expected = f"{len(names)}: {cut(' '.join(names), 160)}"
             limit = f"{cut(repr(line.text), 100)} has {len(fields)} column(s), expected are {expected}"
-            raise refusal(f"line {line.number} of {name}", limit, "give every row all columns")
+            remedy = "give every row all columns, separated by commas or blanks, with decimal points"
+            raise refusal(f"line {line.number} of {name}", limit, remedy)
     return split

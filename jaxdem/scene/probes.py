@@ -112,8 +112,9 @@ class Probe(Section):
         if self.kind == "plane" and self.sample_interval is not None:
             limit = "a plane looks at every coupling interval, so that it misses nobody"
             raise wrong("sample_interval", self.sample_interval, limit, "remove this key")
-        if self.kind == "contacts" and self.average:
-            raise wrong("average", True, "contacts are those at a time", "remove this key")
+        for name in ("average", "window", "sample_interval"):
+            if self.kind == "contacts" and getattr(self, name):
+                raise wrong(name, getattr(self, name), "contacts are those at a time", "remove this key")
         averages = self.average is not False if self.kind in MEANS else self.average
         for name in ("window", "sample_interval"):
             if getattr(self, name) is not None and not averages:
