@@ -280,6 +280,7 @@ def test_the_radius_in_a_run_of_parcels_is_that_of_the_grains(tmp_path):
         ("x,z,mass\n.5,.5,1\n", (), "a column mass, which gives a density only together with"),
         ("x,z,r,d\n.5,.5,.1,.2\n.7,.7,.1,.1\n", (), "line 3 .*radius is 0.1, and by the column diameter it is 0.05"),
         ("x,z,r,rho,mass\n.5,.5,.1,2500,1\n", (), "density is 2500, and by the column mass it is 238"),
+        ("x;z;r\n0,5;0,5;0,1\n", (), "separated by commas or blanks, with decimal points"),
         ("x,z,r\n.5,.5,.1\n", ("densty",), r"ignore = 'densty': is no column of the file"),
     ],
 )
