@@ -137,7 +137,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             left.errorbar(x, [row["friction"] for row in some], xerr=x_error, yerr=error, **how)
             middle.errorbar(x, [row["solid_fraction"] for row in some], xerr=x_error, **how)
         left.set(xscale="log", xlabel="inertial number I [-]", ylabel="friction tau / P [-]", ylim=(0.2, 0.8))
-        middle.set(xscale="log", xlabel="inertial number I [-]", ylabel="solid fraction [-]")
+        middle.set(xscale="log", xlim=(3e-3, 2.0), xlabel="inertial number I [-]", ylabel="solid fraction [-]")
         left.legend(loc="upper left")
         for number, row in enumerate(row for row in rows if row["seed"] == rows[0]["seed"]):
             right.plot(
