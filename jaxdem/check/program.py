@@ -8,9 +8,13 @@ import numpy as np
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.forces import FORCES
 from jaxdem.scene import Scene
+from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.walls import Wall
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
+
+UNITS = {"rate": "1/s", "mass_flow": "kg/s"}
+"""Of the keys of an inlet that say how much comes."""
 
 
 def compiled_parts(
@@ -97,11 +101,17 @@ def population_rows(scene: Scene, simulation: Simulation, state: State) -> tuple
     tables = scene.particles.inlet if scene.particles is not None else ()
     for inlet, table in zip(population.inlets, tables, strict=True):
         times = (int(inlet.due[0]) * simulation.interval, int(inlet.due[-1]) * simulation.interval)
-        flow = f"{table.rate:.4g} 1/s" if table.rate is not None else f"{table.mass_flow:.4g} kg/s"
-        text = f"{len(inlet.due)} particles at {flow}, due from {times[0]:.4g} to {times[1]:.4g} s"
+        text = f"{len(inlet.due)} particles at {_flow_of(table)}, due from {times[0]:.4g} to {times[1]:.4g} s"
         rows.append((f"inlet {len(rows) - 1}", f"{text}, up to {inlet.batch} at once"))
     sides = [name for name in scene.sides if scene.boundary[name].particles == "remove"]
     return (*rows, ("removed at", ", ".join(sides) or "no side"))
+
+
+def _flow_of(inlet: ParticleInlet) -> str:
+    """Its rate or mass flow with the unit; the smallest and largest of one that changes."""
+    name, given = inlet.flow
+    values = sorted(given) if isinstance(given, tuple) else [given]
+    return f"{' to '.join(f'{value:.4g}' for value in dict.fromkeys((values[0], values[-1])))} {UNITS[name]}"
 
 
 def _materials(scene: Scene) -> str:

@@ -7,7 +7,18 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from jaxdem.scene.base import Corner, Finite, MaterialName, NonNegative, Positive, Section, Vector, wrong
+from jaxdem.scene.base import (
+    Abscissae,
+    Corner,
+    Finite,
+    MaterialName,
+    NonNegative,
+    Positive,
+    Section,
+    Vector,
+    check_table,
+    wrong,
+)
 from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.materials import Mixture, Species
 
@@ -22,8 +33,11 @@ class ParticleInlet(Section):
         stop: upper corner of this box [m].
         from_: corner of a patch of the side, in the other axes (key `from`) [m].
         to: opposite corner of the patch [m].
-        rate: particles per second. Give either this or `mass_flow` [1/s].
-        mass_flow: mass per second [kg/s].
+        rate: particles per second. Give either this or `mass_flow`; with `times` one number for each time [1/s].
+        mass_flow: mass per second; with `times` one number for each time [kg/s].
+        times: increasing times for `rate` or `mass_flow`, from the start of the simulation. Linear between them,
+            constant before the first and after the last; nothing before `begin` and after `end`. A particle is due when
+            the integral of the rate has reached its number, or that of the mass flow the mass up to its own [s].
         velocity: velocity of the entering particles, one number per axis; at a side also the inward speed [m/s].
         begin: start of the inlet; the first particle is due 1 / rate later [s].
         end: end of the inlet; no particle is due later. Default: `time.end` [s].
@@ -40,8 +54,9 @@ class ParticleInlet(Section):
     stop: Vector | None = None
     from_: Corner | None = Field(default=None, alias="from")
     to: Corner | None = None
-    rate: Positive | None = None
-    mass_flow: Positive | None = None
+    rate: Positive | tuple[NonNegative, ...] | None = None
+    mass_flow: Positive | tuple[NonNegative, ...] | None = None
+    times: Abscissae | None = None
     velocity: Finite | Vector
     begin: NonNegative = 0.0
     end: Positive | None = None
@@ -72,6 +87,20 @@ class ParticleInlet(Section):
             limit = "must be a vector, because without a side there is no inward direction"
             raise wrong("velocity", self.velocity, limit, "give one number per axis")
         return self
+
+    @model_validator(mode="after")
+    def _flow_over_time(self) -> ParticleInlet:
+        """One rate, or one for each of the times."""
+        name, given = self.flow
+        check_table("times", self.times, name, given if isinstance(given, tuple) else None)
+        if isinstance(given, tuple) and not any(given):
+            raise wrong(name, given, "is zero at all times", "give a positive number, or remove the inlet")
+        return self
+
+    @property
+    def flow(self) -> tuple[str, float | tuple[float, ...]]:
+        """`rate` or `mass_flow`, whichever is given, and its value: one for each of the `times`, if any."""
+        return ("rate", self.rate or 0.0) if self.mass_flow is None else ("mass_flow", self.mass_flow)
 
     def species_of(self, others: tuple[Species, ...]) -> tuple[Species, ...]:
         """Its species: its own, one of its own numbers, or those of `[particles]`."""

@@ -7,17 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.scene import Particles, Scene
 from jaxdem.setup.bodies import Bodies, species_bodies
 from jaxdem.setup.distribution import radii
+from jaxdem.setup.inlet_flow import ROUNDING, FlowOverTime, SteadyFlow
 
 MOST = 10_000_000
 """Particles that an inlet may bring; more is a slip of the rate's unit."""
-
-ROUNDING = 1e-9
-"""Of a number of particles or intervals that should be whole."""
-
 
 SIZES = 1000
 """Radii by which the mean mass of a distribution is estimated."""
@@ -65,24 +62,29 @@ def arrivals(scene: Scene, particles: Particles) -> tuple[Arrivals, ...]:
 def _arrivals_of(scene: Scene, particles: Particles, number: int) -> Arrivals:
     """The particles of inlet `number`."""
     inlet, source = particles.inlet[number], _Source(scene, particles, number)
-    name, flow = ("rate", inlet.rate or 0.0) if inlet.mass_flow is None else ("mass_flow", inlet.mass_flow)
-    key, duration = f"particles.inlet.{number}.{name}", min(inlet.end or scene.time.end, scene.time.end) - inlet.begin
+    name, given = inlet.flow
+    key, end = f"particles.inlet.{number}.{name}", min(inlet.end or scene.time.end, scene.time.end)
+    flow: SteadyFlow | FlowOverTime
+    if isinstance(given, tuple):
+        flow = FlowOverTime(required(inlet.times, f"particles.inlet.{number}.times"), given, inlet.begin, end)
+    else:
+        flow = SteadyFlow(given, inlet.begin, end)
     mean, total = source.mean_part(), inlet.total or math.inf
-    most = min(flow * duration / mean, total)
+    most = min(flow.total / mean, total)
     if most > MOST:
         limit = f"brings up to {most:.3g} particles, the limit is {MOST}"
-        raise InputError(key, flow, limit, "lower it, or set total of the inlet")
+        raise InputError(key, given, limit, "lower it, or set total of the inlet")
     groups: list[Bodies] = []
     count, come = 0, 0.0
-    while not groups or (come < flow * duration * (1.0 + ROUNDING) and count < total):
-        groups.append(source.next(max(math.ceil(min((flow * duration - come) / mean, total - count)), 1)))
+    while not groups or (come < flow.total * (1.0 + ROUNDING) and count < total):
+        groups.append(source.next(max(math.ceil(min((flow.total - come) / mean, total - count)), 1)))
         count, come = count + len(groups[-1].radius), come + float(source.parts(groups[-1]).sum())
     bodies = Bodies(*(np.concatenate(columns) for columns in zip(*groups, strict=True)))
-    time = inlet.begin + np.cumsum(source.parts(bodies)) / flow
+    time, duration = flow.times(np.cumsum(source.parts(bodies))), end - inlet.begin
     in_time = (time <= inlet.begin + duration * (1.0 + ROUNDING)) & (np.arange(count) < total)
     if not in_time.any():
         limit = f"brings no particle between {inlet.begin} and {inlet.begin + max(duration, 0.0)} s"
-        raise InputError(key, flow, limit, "raise it, or remove the inlet")
+        raise InputError(key, given, limit, "raise it, or remove the inlet")
     return Arrivals(time[in_time], Bodies(*(column[in_time] for column in bodies)))
 
 

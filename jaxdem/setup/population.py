@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jaxdem.particles.population import Exit, Inlet, Population
-from jaxdem.setup.arrivals import ROUNDING
+from jaxdem.setup.inlet_flow import ROUNDING
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.structure import Clock
 
