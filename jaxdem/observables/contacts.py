@@ -50,16 +50,13 @@ def contacts(structure: Structure, parameters: Parameters, state: State, neighbo
         parameters.materials, structure.wall_velocity(parameters, structure.time(parameters, state))
     )
     neighbors = with_radius(neighbors, bodies.radius)
-    between, walls = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active)
-    if walls is not None and model.wall_times is not None:
-        walls = _of_present(model, walls, bodies.radius, structure.middle(parameters, state.step))
+    present = _present(model, structure.middle(parameters, state.step))
+    between, walls = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active, present)
     return Contacts(neighbors.pairs.first, neighbors.pairs.second, between, walls)
 
 
-def _of_present(model: ContactModel, walls: Touching, radius: Array, middle: Array) -> Touching:
-    """The contacts with walls, out of reach of those that are not there."""
-    of_surfaces = required(model.wall_times, "wall_times").present(middle)
-    there = jnp.concatenate([jnp.ones(len(model.sides), bool), of_surfaces])[:, None]
-    away = -jnp.ones_like(walls.overlap) * (radius if radius.ndim == 0 else radius[None])
-    force = tuple(jnp.where(there, component, 0.0) for component in walls.force)
-    return walls._replace(overlap=jnp.where(there, walls.overlap, away), force=force)
+def _present(model: ContactModel, middle: Array) -> Array | None:
+    """(S,) bool, which walls are there in an interval with this middle [s]; None where all always are."""
+    if model.wall_times is None:
+        return None
+    return jnp.concatenate([jnp.ones(len(model.sides), bool), model.wall_times.present(middle)])

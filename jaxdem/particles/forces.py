@@ -245,11 +245,13 @@ def contacts_now(
     motion: Motion,
     neighbors: Neighbors,
     active: Array | None = None,
+    present: Array | None = None,
 ) -> tuple[Touching | None, Touching | None]:
     """Contacts between the pairs of a list, and with the walls, as they are: no spring grows.
 
     Args:
         model, surroundings, properties, motion, neighbors, active: see `contact_forces`.
+        present: (S,) bool, which walls are there, all if None; the others are out of reach.
 
     Returns:
         None for the first where the list has no slots, and for the second without walls.
@@ -257,7 +259,7 @@ def contacts_now(
     still = jnp.zeros((), motion.position[0].dtype)
     # Rolling resistance is a torque, and one of its models divides by the time step.
     alone = dataclasses.replace(model, rolling=None)
-    loop = _Loop(alone, surroundings, properties, motion, motion.velocity, still, active)
+    loop = _Loop(alone, surroundings, properties, motion, motion.velocity, still, active, present)
     between = _touching(*loop.pairs(neighbors), loop.pair_material(neighbors)) if neighbors.room.slots else None
     walls = _touching(*loop.walls(), loop.wall_material()) if model.walls else None
     return between, walls
@@ -278,6 +280,7 @@ class _Loop:
     mid_velocity: Vector
     time_step: Array
     active: Array | None = None
+    present: Array | None = None
 
     def pairs(self, neighbors: Neighbors) -> tuple[_ContactPair, _ContactLoad]:
         """The contacts between particles, and what they do."""
@@ -334,8 +337,11 @@ class _Loop:
         """The contacts with the walls, bodies of infinite radius and mass, and what they do."""
         motion, radius, mass = self.motion, _row(self.properties.radius), _row(self.properties.mass)
         overlap, normal = self._wall_geometry()
-        if self.active is not None:  # out of reach by a radius, whatever the speed
-            overlap = jnp.where(self.active[None], overlap, -jnp.ones_like(overlap) * radius)
+        particles_there = None if self.active is None else self.active[None]
+        walls_there = None if self.present is None else self.present[:, None]
+        for there in (particles_there, walls_there):
+            if there is not None:  # the others are out of reach by a radius, whatever the speed
+                overlap = jnp.where(there, overlap, -jnp.ones_like(overlap) * radius)
         wall = tuple(
             jnp.stack(components)[:, None] for components in zip(*self.surroundings.wall_velocity, strict=True)
         )
