@@ -36,12 +36,13 @@ def cautions(
         cost: of the run.
     """
     if bodies.radius.size == 0:
-        return ()
+        return tuple(_wall_times(scene))
     smallest, largest = 2.0 * float(np.min(bodies.radius)), 2.0 * float(np.max(bodies.radius))
     return (
         *_cells(spacing, largest),
         *_sizes(scene, smallest, largest, cost),
         *_screen(scene, load),
+        *_wall_times(scene),
     )
 
 
@@ -87,3 +88,14 @@ def _screen(scene: Scene, load: ScreenLoad | None) -> Iterator[str]:
         f"limit is {100 * contact.maximum_overlap:.3g} %. Grains may be lost through this side. Set {key} to "
         f"{needed:.2g} or more."
     )
+
+
+def _wall_times(scene: Scene) -> Iterator[str]:
+    """Walls that come or vanish at a time that the run does not reach."""
+    for k, wall in enumerate(scene.walls):
+        for name, time, never in (("begin", wall.begin, "comes"), ("end", wall.end, "vanishes")):
+            if time is not None and time >= scene.time.end:
+                yield (
+                    f"walls.{k}.{name} = {time:g}: the run ends at time.end = {scene.time.end:g} s, so this wall never "
+                    f"{never}. Lower {name}, or raise time.end."
+                )
