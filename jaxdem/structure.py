@@ -142,7 +142,8 @@ class Structure:
         return (*velocities, *(still,) * len(model.surfaces))
 
     def buried(self, parameters: Parameters, particles: ParticleState, step: Array) -> Array | None:
-        """(N,) bool, particles within a wall that comes after `step` intervals; None where all walls always are."""
+        """(L, N) bool, particles within each of the `late_walls`; only as it comes, after `step` intervals. None where
+        all walls always are."""
         model = required(self.contact, "particles").model
         if model.wall_times is None:
             return None
@@ -167,7 +168,7 @@ class Structure:
         step: Array,
         buried: Array | None = None,
     ) -> ParticleDiagnostics:
-        """Flags and figures of the particles after `step` intervals; `buried` (N,) bool are those within a wall."""
+        """Flags and figures of the particles after `step` intervals; `buried` (L, N) bool are those within a wall."""
         position, velocity = particles.position, particles.velocity
         box = jnp.asarray(self.box, position.dtype)
         outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
@@ -187,7 +188,7 @@ class Structure:
             jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
             jnp.sqrt(jnp.max(squared, initial=0.0)),
             waiting,
-            None if buried is None else jnp.sum(buried.astype(jnp.int32)),
+            None if buried is None else jnp.sum(jnp.any(buried, axis=0).astype(jnp.int32)),
             means.walls,
         )
 

@@ -71,8 +71,14 @@ def _of_all_walls(model: ContactModel, kept: tuple[int, ...], own: Array) -> Arr
     return jnp.concatenate([own, nothing])[place]
 
 
+def late_walls(model: ContactModel) -> tuple[int, ...]:
+    """Numbers of the surfaces that come during a run."""
+    times = model.wall_times
+    return () if times is None else tuple(k for k, window in enumerate(times.windows) if window.begin > 0.0)
+
+
 def buried(model: ContactModel, particles: ParticleState, radius: Array, middle: Array, interval: Array) -> Array:
-    """(N,) bool, particles that a wall overlaps by more than the maximum in the interval in which it comes.
+    """(L, N) bool, particles that each of the L `late_walls` overlaps by more than the maximum as it comes.
 
     Args:
         model: with walls that are there for a part of the time; static.
@@ -81,16 +87,15 @@ def buried(model: ContactModel, particles: ParticleState, radius: Array, middle:
         middle: () of the interval [s].
         interval: () its length [s].
     """
-    found, times = jnp.zeros(particles.position.shape[0], bool), model.wall_times
-    late = [] if times is None else [k for k, window in enumerate(times.windows) if window.begin > 0.0]
+    late, times = late_walls(model), model.wall_times
     if times is None or not late:
-        return found
+        return jnp.zeros((0, particles.position.shape[0]), bool)
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
     overlap, _ = surface_contacts(tuple(model.surfaces[k] for k in late), position, low, radius)
-    for k, depth in zip(late, overlap, strict=True):
-        begin = times.windows[k].begin
-        comes = (begin <= middle) & (begin > middle - interval)
-        # Not "deeper": an overlap that is not a number counts too.
-        found = found | (comes & ~(depth <= 2.0 * times.maximum_overlap * radius))
-    return found if particles.active is None else found & particles.active
+    begin = jnp.asarray([times.windows[k].begin for k in late], middle.dtype)[:, None]
+    comes = (begin <= middle) & (begin > middle - interval)
+    # Not "deeper": an overlap that is not a number counts too.
+    limit = jnp.reshape(2.0 * times.maximum_overlap * radius, (1, -1))
+    found = comes & ~(overlap <= limit)
+    return found if particles.active is None else found & particles.active[None]

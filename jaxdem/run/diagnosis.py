@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from jaxdem.errors import required
 from jaxdem.failures import MEANING, Failure, first_flag
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.walls_present import late_walls
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -44,11 +46,11 @@ def diagnosis(
     if before.particles is None or particles is None or flag not in OF_ONE_PARTICLE:
         return reason, _cell(simulation, flag, reached), remedy
     if flag == Failure.WALL_COMES:
-        index = int(np.argmax(np.asarray(simulation.buried(parameters, before.particles, before.step))))
+        index, wall = _buried(simulation, parameters, before)
     else:
-        index = _particle(simulation, flag, particles)
+        index, wall = _particle(simulation, flag, particles), ""
     point = ", ".join(f"{x:.5g}" for x in np.asarray(before.particles.position[index]))
-    where = f"particle {index}, last at ({point}) m"
+    where = f"particle {index}, last at ({point}) m{wall}"
     speed = float(np.linalg.norm(np.asarray(particles.velocity[index], float)))
     if flag == Failure.TOO_FAST:
         where += f", at {speed:.3g} m/s; the limit is {simulation.steps.speed_limit or 0.0:.3g} m/s"
@@ -61,6 +63,17 @@ def diagnosis(
             if not speed > (simulation.steps.speed_limit or math.inf):
                 remedy = REMEDY_OF_A_PRESS
     return reason, where, remedy
+
+
+def _buried(simulation: Simulation, parameters: Parameters, before: State) -> tuple[int, str]:
+    """The first particle within a wall that comes, and which wall it is, in words."""
+    contact, particles = required(simulation.contact, "particles"), required(before.particles, "particles")
+    found = np.asarray(required(simulation.buried(parameters, particles, before.step), "walls"))
+    index = int(np.argmax(found.any(axis=0)))
+    number = late_walls(contact.model)[int(np.argmax(found[:, index]))]
+    times = required(contact.model.wall_times, "walls")
+    surface = contact.model.surfaces[number]
+    return index, f", within the wall that comes at {times.windows[number].begin:g} s: {surface}"
 
 
 def _particle(simulation: Simulation, flag: Failure, particles: ParticleState) -> int:

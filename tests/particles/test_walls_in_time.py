@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import functools
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -19,14 +21,18 @@ import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import failures
+from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import Window
 from jaxdem.observables import contacts
+from jaxdem.particles.contact import ContactForce
 from jaxdem.particles.wall_times import WallInTime, WallTimes
+from jaxdem.run.time_loop import Interrupted
 from tests.physics.test_shipped_program import COMPILER
 
 INTERVAL, OPENED, AFTER = 0.005, 0.03, 24
 SLOPE = {"kind": "plane", "point": [0.0, 0.0], "normal": [-0.5, 1.0]}
 GATE = {"kind": "plane", "point": [0.1, 0.0], "normal": [1.0, 0.2]}
+FAR = {"kind": "plane", "point": [0.39, 0.0], "normal": [-1.0, 0.0]}
 BOX = {
     "precision": "float64",
     "domain": {"size": [0.4, 0.4]},
@@ -92,29 +98,32 @@ def without_last_wall(particles):
     return particles._replace(wall_spring=tuple(spring[:-1] for spring in particles.wall_spring))
 
 
-def gate_that_vanishes():
-    """States of grains held by a gate and then let go: (whole run, up to the end of the gate), both ways each."""
-    steps = round(OPENED / INTERVAL)
-    simulation, parameters, *start = start_of(tables(SLOPE, GATE | {"end": OPENED}))
-    held = run(simulation, parameters, *start, steps)
-    whole = run(simulation, parameters, *held, AFTER)
-    shut, listed = run(*start_of(tables(SLOPE, GATE)), steps)
+def held_by_the_gate(gate):
+    """State and list at the time at which the gate vanishes or is taken away."""
+    return run(*start_of(tables(SLOPE, gate)), round(OPENED / INTERVAL))
+
+
+def let_go(state, neighbors):
+    """Particles some time after the gate has vanished, and after it has been taken away by hand."""
+    simulation, parameters, *_ = start_of(tables(SLOPE, GATE | {"end": OPENED}))
+    whole, _ = run(simulation, parameters, state, neighbors, AFTER)
     simulation, parameters, *_ = start_of(tables(SLOPE))
-    by_hand = shut._replace(particles=without_last_wall(shut.particles))
-    opened = run(simulation, parameters, by_hand, listed, AFTER)
-    return [state.particles for state in (held[0], shut, whole[0], opened[0])]
+    by_hand = state._replace(particles=without_last_wall(state.particles))
+    opened, _ = run(simulation, parameters, by_hand, neighbors, AFTER)
+    return whole.particles, opened.particles
 
 
 def compare_bits():
-    """Held by a gate without an end, then gone on without the gate, against the same scene with an end."""
-    held, shut, whole, opened = gate_that_vanishes()
-    assert_same_bits(held, shut)
+    """Gone on without the gate, against the scene in which it vanishes."""
+    whole, opened = let_go(*held_by_the_gate(GATE | {"end": OPENED}))
     assert_same_bits(without_last_wall(whole), opened)
 
 
 def test_a_gate_that_vanishes_is_a_gate_taken_away_by_hand():
     """Here to the rounding of programs that are compiled otherwise than users have them; see the next test."""
-    held, shut, whole, opened = gate_that_vanishes()
+    timed = held_by_the_gate(GATE | {"end": OPENED})
+    held, shut = timed[0].particles, held_by_the_gate(GATE)[0].particles
+    whole, opened = let_go(*timed)
     assert (np.abs(np.asarray(held.wall_spring[0][-1])) > 0.0).sum() == 2, "two grains lean on the gate"
     np.testing.assert_allclose(held.position, shut.position, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(whole.position, opened.position, rtol=0.0, atol=1e-10)
@@ -134,6 +143,28 @@ def test_it_is_so_bit_for_bit_in_the_programs_that_users_have():
         [sys.executable, "-c", code], env=shipped, cwd=root, capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_a_run_that_is_resumed_across_the_end_of_a_wall_is_the_same(tmp_path):
+    """Stopped while the gate is there, with grains that lean on it: the history and all frames to the bit."""
+    scene = jaxdem.load_scene(tables(SLOPE, GATE | {"end": OPENED}, time={"end": 0.05, "output_interval": 0.01}))
+
+    def stop(time, end):
+        if round(time / INTERVAL) == 3:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    whole = jaxdem.simulate(scene, tmp_path / "whole")
+    with pytest.raises(Interrupted), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxdem.run.chunk.LONGEST", 0.0)  # the host looks after every interval
+        jaxdem.simulate(scene, tmp_path / "resumed", progress=stop)
+    stopped = jaxdem.load_run(tmp_path / "resumed")
+    assert stopped.times[stopped.number_of_frames - 1] < OPENED
+    resumed = jaxdem.simulate(scene, tmp_path / "resumed", resume=True)
+    assert (whole.path / "history.csv").read_bytes() == (resumed.path / "history.csv").read_bytes()
+    assert whole.number_of_frames == resumed.number_of_frames == 6
+    for frame in range(whole.number_of_frames):
+        ours, theirs = whole.particles(frame), resumed.particles(frame)
+        assert ours.keys() == theirs.keys() and all(ours[name].tobytes() == theirs[name].tobytes() for name in ours)
 
 
 @pytest.mark.parametrize("wall", [GATE, {"kind": "cylinder", "center": [0.11, 0.0], "radius": 0.02, "inside": False},
@@ -176,6 +207,7 @@ def test_a_wall_that_comes_into_grains_stops_the_run(tmp_path):
     with pytest.raises(RunError, match=r"a wall comes where particles are") as caught:
         jaxdem.simulate(jaxdem.load_scene(given), tmp_path / "into")
     assert "particle 0, last at (0.105, 0.0665" in str(caught.value) and "begin" in str(caught.value)
+    assert "wall that comes at 0.01 s: Plane(point=(0.0, 0.09), normal=(0.0, 1.0))" in str(caught.value)
     assert caught.value.time == pytest.approx(0.01)
     given["walls"][0]["point"] = [0.0, 0.05]
     assert jaxdem.simulate(jaxdem.load_scene(given), tmp_path / "beside").summary["valid"]
@@ -212,6 +244,15 @@ def test_check_tells_the_times():
     assert "additional walls: plane, plane from 0.01 until 0.05 s" in parts
 
 
+def test_check_warns_of_a_time_that_the_run_does_not_reach():
+    """`begin` and `end` at or after `time.end`, and of these alone."""
+    end = BOX["time"]["end"]
+    walls = (SLOPE | {"end": end - 0.01}, GATE | {"end": 2.0 * end}, FAR | {"begin": end})
+    said = [one for one in check_scene(jaxdem.load_scene(tables(*walls))).warnings if one.startswith("walls")]
+    assert [one.split(":")[0] for one in said] == ["walls.1.end = 0.3", "walls.2.begin = 0.15"]
+    assert "never vanishes" in said[0] and "never comes" in said[1]
+
+
 def test_walls_without_times_ask_nothing():
     """No window, and no look at the time: the program is the one of walls that always are there."""
     simulation, parameters, state, neighbors = start_of(tables(SLOPE, GATE))
@@ -235,3 +276,25 @@ def test_an_absent_wall_is_no_contact():
     there, gone = found(jnp.int32(1)), found(jnp.int32(2))
     assert float(there.overlap[4].max()) > 0.0 and np.asarray(there.force[0][4]).any()
     assert float(gone.overlap[4].max()) < 0.0 and not any(np.asarray(part[4]).any() for part in gone.force)
+
+
+@static
+class Sharing:
+    """A law whose force is the number of walls that share the particle."""
+
+    def __call__(self, contact, material):
+        none = jnp.zeros_like(contact.overlap)
+        force = none + contact.sharing
+        return ContactForce(normal=force, elastic=force, tangential=(none,), spring=contact.spring)
+
+
+def test_an_absent_wall_is_not_counted_among_those_that_touch_a_grain():
+    """Two gates in reach of the first grain, of which one vanishes: two walls share it, then one."""
+    gate = GATE | {"point": [0.1193, 0.0]}
+    simulation, parameters, state, neighbors = start_of(tables(gate, gate | {"normal": [1.0, 0.19], "end": 0.01}))
+    model = dataclasses.replace(simulation.contact.model, law=Sharing())
+    asked = dataclasses.replace(simulation, contact=dataclasses.replace(simulation.contact, model=model))
+    found = jax.jit(lambda step: contacts(asked, parameters, state._replace(step=step), neighbors).walls)
+    before, after = (jnp.hypot(*found(jnp.int32(step)).force)[4:, 0] for step in (1, 2))
+    np.testing.assert_allclose(before, [2.0, 2.0])
+    np.testing.assert_allclose(after, [1.0, 0.0])
