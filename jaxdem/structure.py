@@ -100,6 +100,8 @@ class Structure:
     def during(self, parameters: Parameters, step: Array) -> Parameters:
         """The parameters of the interval that begins after `step` intervals, with the means over it of gravity and of
         the factor on the drag where these change with time."""
+        if self.gravity_times is None and self.drag_times is None:
+            return parameters
         begin, duration = self._start(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
         if self.gravity_times is not None:
             gravity = mean_over(self.gravity_times, parameters.gravity, begin, duration)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
-
-import tomli_w
 
 from jaxdem.errors import InputError
 from jaxdem.files.durable import aside_names, write_bytes
@@ -58,4 +57,5 @@ def check_chain(path: Path, names: Sequence[str], resume: bool) -> None:
 def write_chain(path: Path, names: Sequence[str]) -> None:
     """Stores the names of the stages, durably."""
     with input_errors(path):
-        write_bytes(path / CHAIN, tomli_w.dumps({"stages": list(names)}).encode())
+        # A list of names in JSON is one in TOML.
+        write_bytes(path / CHAIN, f"stages = {json.dumps(list(names))}\n".encode())
