@@ -68,10 +68,11 @@ def _lengths(scene: Scene) -> Iterator[str]:
         return
     smallest, largest = radius_range(scene.particles)
     longest = max(scene.domain.size)
-    if largest >= LARGE_GRAIN:
-        meant = f"in mm, write {largest / 1e3:.6g} (in cm, {largest / 100.0:.6g}), and change the other lengths too"
-        why = f"this is a grain of {2.0 * largest:.3g} m diameter"
-        yield _warning(radius_key(scene.particles), largest, "m", why, meant)
+    grain = largest / scene.particles.coarse_grain
+    if grain >= LARGE_GRAIN:
+        meant = f"in mm, write {grain / 1e3:.6g} (in cm, {grain / 100.0:.6g}), and change the other lengths too"
+        why = f"this is a grain of {2.0 * grain:.3g} m diameter"
+        yield _warning(radius_key(scene.particles), grain, "m", why, meant)
     if longest >= LONG_BOX and longest >= MANY_DIAMETERS * 2.0 * smallest:
         why = f"this box is {longest / (2.0 * smallest):.3g} diameters long"
         yield _warning("domain.size", longest, "m", why, f"in mm, write {longest / 1e3:.6g}")

@@ -191,6 +191,8 @@ class Particles(StartOfFile):
 
 def radius_key(particles: Particles) -> str:
     """The key that gives the radii of the particles at the start."""
+    if particles.has_column("radius"):
+        return "particles.file"
     own = [k for k, pack in enumerate(particles.packs) if pack.radius is not None or pack.distribution is not None]
     if own and particles.radius is None and particles.distribution is None:
         pack = particles.packs[own[0]]

@@ -12,6 +12,7 @@ from jaxdem.errors import InputError
 from jaxdem.io import ParticleFormat, particle_frame
 from jaxdem.io.frames import FrameSeries
 from jaxdem.particle_files import Source, read_columns
+from jaxdem.scene.particles import radius_key
 from jaxdem.setup.particles import particle_setup
 
 POSITION = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.25]])
@@ -473,3 +474,7 @@ def test_a_checkpoint_belongs_to_what_the_file_held(tmp_path):
     rows = {"position": POSITION.tolist(), "radius": 0.01, "density": 2500.0}
     base = {"domain": {"size": [1.0, 1.0, 1.0]}, "time": {"end": 0.1, "output_interval": 0.1}}
     assert load_scene(base | {"particles": rows}).content == ""
+
+
+def test_the_key_of_the_radii_of_a_file_is_that_of_the_file(tmp_path):
+    assert radius_key(scene(write(tmp_path, "grains.csv", CSV)).particles) == "particles.file"

@@ -6,6 +6,7 @@ import pytest
 
 import jaxdem
 from jaxdem.check.check import check_scene
+from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures import DRAG_LAWS
 
 RADIUS = 1e-3
@@ -152,3 +153,12 @@ def test_check_tells_of_the_grain():
     for one, other in zip(of_grains.numbers, of_parcels.numbers, strict=True):
         assert (one.name, one.low) == (other.name, pytest.approx(other.low, rel=1e-9))
     assert "terminal velocity" in [number.name for number in of_parcels.numbers]
+
+
+@pytest.mark.parametrize(("radius", "warnings"), [(0.1, 0), (0.3, 1)])
+def test_a_warning_about_the_radius_is_about_that_of_the_scene(radius, warnings):
+    particles = {"count": 1, "position": [[5.0, 5.0]], "radius": radius, "density": 2500.0, "coarse_grain": 3.0}
+    tables = {"domain": {"size": [10.0, 10.0]}, "particles": particles, "time": {"end": 1.0, "output_interval": 1.0}}
+    found = [text for text in unit_warnings(jaxdem.load_scene(tables)) if "diameter. If" in text]
+    assert len(found) == warnings
+    assert all("particles.radius = 0.3 m: this is a grain of 0.6 m" in text for text in found)
