@@ -104,6 +104,13 @@ def test_an_amount_that_is_not_reached_has_no_time():
     np.testing.assert_array_equal(flow.times(np.asarray([0.25, 1.0, 1.1])), [0.5, 1.0, np.inf])
 
 
+def test_an_amount_that_a_pulse_just_reaches_does_not_wait_for_the_next():
+    """The pulse brings 29, of which rounding leaves 28.999999999999996; the pause is from 0.58 to 1 s."""
+    flow = FlowOverTime((0.0, 0.58, 1.0, 2.0), (100.0, 0.0, 0.0, 100.0), 0.0, 2.0)
+    assert 100.0 * 0.58 / 2.0 < 29.0
+    np.testing.assert_allclose(flow.times(np.asarray([29.0])), [0.58], rtol=1e-12)
+
+
 def test_check_tells_the_range_of_the_rate():
     rows = dict(check_scene(scene_of(rate=[0.0, 20.0], times=[0.0, 1.0])).population)
     assert rows["inlet 0"].startswith("30 particles at 0 to 20 1/s, due from 0.3")

@@ -36,13 +36,13 @@ def cautions(
         cost: of the run.
     """
     if bodies.radius.size == 0:
-        return tuple(_wall_times(scene))
+        return tuple(wall_times_beyond_the_end(scene))
     smallest, largest = 2.0 * float(np.min(bodies.radius)), 2.0 * float(np.max(bodies.radius))
     return (
         *_cells(spacing, largest),
         *_sizes(scene, smallest, largest, cost),
         *_screen(scene, load),
-        *_wall_times(scene),
+        *wall_times_beyond_the_end(scene),
     )
 
 
@@ -90,7 +90,7 @@ def _screen(scene: Scene, load: ScreenLoad | None) -> Iterator[str]:
     )
 
 
-def _wall_times(scene: Scene) -> Iterator[str]:
+def wall_times_beyond_the_end(scene: Scene) -> Iterator[str]:
     """Walls that come or vanish at a time that the run does not reach."""
     for k, wall in enumerate(scene.walls):
         for name, time, never in (("begin", wall.begin, "comes"), ("end", wall.end, "vanishes")):

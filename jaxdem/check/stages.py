@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
+from jaxdem.check.cautions import wall_times_beyond_the_end
 from jaxdem.check.check import CheckReport, check_scene
 from jaxdem.run.chain import foreseen_cases
 from jaxdem.scene import Scene
@@ -22,4 +24,8 @@ def check_stages(scene: Scene) -> Iterator[tuple[str, CheckReport]]:
         yield "", check_scene(scene)
         return
     for stage, start, _ in foreseen_cases(scene.stages):
-        yield stage.name, check_scene(stage.scene, start)
+        report = check_scene(stage.scene, start)
+        if stage is not scene.stages[-1]:  # its walls may change in a later stage
+            later = set(wall_times_beyond_the_end(stage.scene))
+            report = dataclasses.replace(report, warnings=tuple(w for w in report.warnings if w not in later))
+        yield stage.name, report

@@ -19,6 +19,7 @@ import pytest
 
 import jaxdem
 from jaxdem.check.check import check_scene
+from jaxdem.check.stages import check_stages
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import failures
 from jaxdem.numerics.static import static
@@ -251,6 +252,18 @@ def test_check_warns_of_a_time_that_the_run_does_not_reach():
     said = [one for one in check_scene(jaxdem.load_scene(tables(*walls))).warnings if one.startswith("walls")]
     assert [one.split(":")[0] for one in said] == ["walls.1.end = 0.3", "walls.2.begin = 0.15"]
     assert "never vanishes" in said[0] and "never comes" in said[1]
+
+
+def test_check_does_not_warn_of_a_time_that_a_later_stage_reaches():
+    """A gate that vanishes in the second stage, and one that vanishes after the last."""
+    stages = [{"name": name, "time": {"end": end, "output_interval": 0.01}} for name, end in (("a", 0.02), ("b", 0.04))]
+    given = tables(SLOPE, GATE | {"end": 0.03}, FAR | {"end": 1.0}, stages=stages)
+    del given["time"]
+    said = {
+        name: [one for one in report.warnings if "walls" in one]
+        for name, report in check_stages(jaxdem.load_scene(given))
+    }
+    assert said["a"] == [] and len(said["b"]) == 1 and said["b"][0].startswith("walls.2.end = 1")
 
 
 def test_walls_without_times_ask_nothing():
