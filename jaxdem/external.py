@@ -172,9 +172,13 @@ class ExternalFluid(Simulation):
             end: the fluid at its end, whose velocity is that of F(u); None for an F(u) at the velocity of the start.
 
         Raises:
-            InputError: a field has another shape.
+            InputError: a field has another shape, or one of the two has a stress and the other none.
         """
         end = start if end is None else end
+        if (start.stress_divergence is None) != (end.stress_divergence is None):
+            without = "start" if start.stress_divergence is None else "end"
+            limit = "is given at one end of the interval and not at the other"
+            raise InputError(f"{without}.stress_divergence", None, limit, "give it at both, or at neither")
         now, before = self.during(parameters, state.step), required(state.particles, "state.particles")
         mixture = now.mixture
         first, last = self._fluid(now, start, "start"), self._fluid(now, end, "end")
