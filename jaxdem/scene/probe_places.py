@@ -94,18 +94,18 @@ def _check_plane(key: str, probe: Probe, place: ProbePlace) -> None:
         raise InputError(f"{key}.at", probe.at, f"the plane must lie in the box, between 0 and {length:g} m", "move it")
     if probe.from_ is not None and probe.to is not None:
         others = [side for k, side in enumerate(place.box.size) if k != axis]
-        check_corners(key, probe.from_, probe.to, others)
+        check_corners((f"{key}.from", f"{key}.to"), probe.from_, probe.to, others)
 
 
 def _check_profile(key: str, probe: Probe, place: ProbePlace) -> None:
     size = place.box.size
     for k, (lower, upper) in enumerate(probe.regions or ()):
-        check_corners(f"{key}.regions.{k}", lower, upper, list(size))
+        check_corners((f"{key}.regions.{k}.0", f"{key}.regions.{k}.1"), lower, upper, list(size))
     if probe.axis is None:
         return
     axis = _axis(key, probe, place)
     if probe.from_ is not None and probe.to is not None:
-        check_corners(key, probe.from_, probe.to, list(size))
+        check_corners((f"{key}.from", f"{key}.to"), probe.from_, probe.to, list(size))
     edges = probe.edges or ()
     if any(b <= a for a, b in itertools.pairwise(edges)):
         raise InputError(f"{key}.edges", edges, "must increase", "sort them")
@@ -170,19 +170,26 @@ def torque_axes(periodic: tuple[bool, ...]) -> tuple[int, ...]:
     return tuple(k for k in range(3) if not any(wraps for axis, wraps in enumerate(periodic) if axis != k))
 
 
-def check_corners(key: str, lower: tuple[float, ...], upper: tuple[float, ...], lengths: list[float]) -> None:
+def check_corners(
+    keys: tuple[str, str], lower: tuple[float, ...], upper: tuple[float, ...], lengths: list[float]
+) -> None:
     """Refuses two corners that enclose nothing, or lie outside.
+
+    Args:
+        keys: of the two corners.
+        lower, upper: the corners [m].
+        lengths: of the box, along the axes of the corners [m].
 
     Raises:
         InputError: they do.
     """
-    for name, corner in (("from", lower), ("to", upper)):
+    for key, corner in zip(keys, (lower, upper), strict=True):
         if len(corner) != len(lengths):
-            limit = f"needs {len(lengths)} numbers, got {len(corner)}"
-            raise InputError(f"{key}.{name}", corner, limit, "give one for each of these axes")
-        _check_inside(f"{key}.{name}", corner, lengths)
+            limit = f"needs {len(lengths)} number{'s' if len(lengths) > 1 else ''}, got {len(corner)}"
+            raise InputError(key, corner, limit, "give one for each of these axes")
+        _check_inside(key, corner, lengths)
     if not all(low < high for low, high in zip(lower, upper, strict=True)):
-        raise InputError(f"{key}.to", upper, f"must be above from = {lower} in every axis", "exchange them")
+        raise InputError(keys[1], upper, f"must be above {keys[0]} = {lower} in every axis", "exchange them")
 
 
 def _check_inside(key: str, point: tuple[float, ...], lengths: tuple[float, ...] | list[float]) -> None:
