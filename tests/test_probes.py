@@ -15,10 +15,12 @@ import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError
 from jaxdem.io.outputs import refuse_what_is_read
+from jaxdem.probes.contacts import ContactsProbe
 from jaxdem.run import chunk
 from jaxdem.run.numbers import NO_NUMBERS, loop_numbers, with_numbers
 from jaxdem.run.observer import Observer
 from jaxdem.setup.builder import build_case
+from jaxdem.setup.probes import scene_probes
 
 SHEET = {
     "seed": 2,
@@ -182,6 +184,28 @@ PROFILE = {"name": "a", "kind": "profile"}
 def test_wrong_probes_are_refused(probe, match):
     with pytest.raises(InputError, match=match):
         build_case(jaxdem.load_scene({**SHEET, "probes": [PLANE, probe]}))
+
+
+def test_contacts_in_single_precision_have_exact_numbers():
+    """2^24 + 1 is the first whole number that float32 does not have."""
+    scene = jaxdem.load_scene(SHEET | {"precision": "float32", "probes": [{"name": "a", "kind": "contacts"}]})
+    steps = build_case(scene).simulation.steps
+    assert len(scene_probes(scene, steps, particles=2**24)) == 1
+    with pytest.raises(InputError, match=r'probes\.0\.kind = \'contacts\': .*16777216.*precision = "float64"'):
+        scene_probes(scene, steps, particles=2**24 + 1)
+    scene_probes(scene.model_copy(update={"precision": "float64"}), steps, particles=2**24 + 1)
+
+
+def test_contacts_are_written_in_the_order_of_their_numbers():
+    """Pairs and walls in any order of the list, one of them apart."""
+    rows = {
+        "first": [3, 0, 2, 0, 0],
+        "second": [-1, 4, 1, -1, -1],
+        "wall": [0, -1, -1, 1, 0],
+        "overlap": [1, 1, 0, 1, 1],
+    }
+    means = {name: np.asarray(values, float) for name, values in rows.items()}
+    assert ContactsProbe("a", "xz").written(means).tolist() == [4, 3, 1, 0]
 
 
 def test_a_profiled_run_has_the_same_rows(run, tmp_path):

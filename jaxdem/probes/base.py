@@ -92,7 +92,7 @@ class Probe(abc.ABC):
         return means
 
     def written(self, means: dict[str, np.ndarray]) -> np.ndarray | slice:
-        """Which of the R rows are written: all, or (R,) bool."""
+        """Which of the R rows are written, in which order: all, or their numbers."""
         return slice(None)
 
     def numbers(self, dtype: DTypeLike) -> dict[str, Array]:

@@ -61,5 +61,7 @@ class ContactsProbe(Probe):
         return {name: column.astype(dtype) for name, column in columns_of(table, self.axes).items()}
 
     def written(self, means: dict[str, np.ndarray]) -> np.ndarray | slice:
-        """See `Probe`: what touches."""
-        return np.asarray(means["overlap"] > 0)
+        """See `Probe`: what touches, sorted by its numbers; the order of the list depends on its room."""
+        touching = np.flatnonzero(means["overlap"] > 0)
+        order = np.lexsort([means[name][touching] for name in ("wall", "second", "first")])
+        return np.asarray(touching[order])

@@ -31,7 +31,7 @@ from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
 from jaxdem.setup.probes import measures_walls, scene_probes
-from jaxdem.setup.settling import Progress, settled
+from jaxdem.setup.settling import Progress, check_settling_time, settled
 from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.start_point import StartPoint, read_start
 from jaxdem.setup.started import Beginning, require_particles
@@ -181,6 +181,7 @@ def build_case(
     clock = None if start is None else clock_of(start.time, start.step, steps.interval)
     population = contact = interval = coupling = None
     if particles is not None:
+        check_settling_time(particles, steps.interval)
         population = population_of(particles, steps.interval, clock)
         contact = contact_interval(particles, steps, population, extensions, dtype)
     if fluid is not None:
@@ -205,7 +206,8 @@ def build_case(
     if measures_walls(scene):
         simulation = measuring_walls(simulation)
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
-    return Case(scene, particles, simulation, parameters, scene_probes(scene, steps, clock), start)
+    probes = scene_probes(scene, steps, clock, 0 if particles is None else particles.total)
+    return Case(scene, particles, simulation, parameters, probes, start)
 
 
 def _particles(scene: Scene, start: StartPoint | None) -> ParticleSetup | None:

@@ -133,6 +133,17 @@ class PackSetup:
         return f"{self.key}.count" if own else "particles.count"
 
     @property
+    def radius_key(self) -> str:
+        """The key that gives the radii of its particles."""
+        for place, given in ((self.key, self.pack), ("particles", self.table)):
+            if any(one.radius is not None for one in given.species or ()):
+                return f"{place}.species"
+            for name in ("distribution", "radius"):
+                if getattr(given, name) is not None:
+                    return f"{place}.{name}"
+        return "particles.radius"
+
+    @property
     def solid_fraction(self) -> float:
         """Volume of its particles over that of its region, before it settles; in 2-D area of the discs [-]."""
         return packing.random_solid_fraction(self.space, np.broadcast_to(self.bodies.radius, self.count), 1.0)

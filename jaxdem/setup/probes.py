@@ -22,18 +22,29 @@ from jaxdem.scene.probes import AXIS_NAMES
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.structure import Clock, TimeSteps
 
+MOST_NUMBERED = 2**24
+"""Whole numbers up to this are exact in float32."""
 
-def scene_probes(scene: Scene, steps: TimeSteps, clock: Clock | None = None) -> tuple[ScheduledProbe, ...]:
+
+def scene_probes(
+    scene: Scene, steps: TimeSteps, clock: Clock | None = None, particles: int = 0
+) -> tuple[ScheduledProbe, ...]:
     """The probes of a scene.
 
     Args:
         scene: the scene.
         steps: of it.
         clock: from which its intervals are counted; see `Structure`.
+        particles: number of all that there ever are.
 
     Raises:
-        InputError: a time of a probe is no multiple of the coupling interval, or its window none of its samples.
+        InputError: a time of a probe is no multiple of the coupling interval, or its window none of its samples; or the
+            numbers of the particles are too large for the contacts in float32.
     """
+    for k, probe in enumerate(scene.probes):
+        if probe.kind == "contacts" and scene.precision == "float32" and particles > MOST_NUMBERED:
+            limit = f"in float32 it can number {MOST_NUMBERED} particles, and the scene has {particles}"
+            raise InputError(f"probes.{k}.kind", probe.kind, limit, 'set precision = "float64", or remove the probe')
     return tuple(
         ScheduledProbe(BUILDERS[probe.kind](scene, probe), _schedule(f"probes.{k}", probe, steps.interval, clock))
         for k, probe in enumerate(scene.probes)

@@ -108,6 +108,24 @@ def _longest(particles: ParticleSetup) -> float | None:
     return max((pack.pack.settling_time or 0.0 for pack in particles.packs), default=0.0) or None
 
 
+def check_settling_time(particles: ParticleSetup, interval: float) -> None:
+    """Refuses packs that may settle for less than a coupling interval [s], by which their particles move.
+
+    Raises:
+        InputError: they may.
+    """
+    longest = _longest(particles)
+    if particles.settles and longest is not None and longest < interval:
+        limit = f"is less than the coupling interval of {interval:.4g} s, by which the particles move while they settle"
+        raise InputError(f"{_settled_key(particles)}.settling_time", longest, limit, "raise it, or remove this key")
+
+
+def _settled_key(particles: ParticleSetup) -> str:
+    """The key of the first settled pack, with the longest time where one is given."""
+    packs = [pack for pack in particles.packs if pack.pack.kind == "settled"]
+    return max(packs, key=lambda pack: pack.pack.settling_time or 0.0).key
+
+
 def _block(
     simulation: Simulation, parameters: Parameters, state: State, neighbors: Neighbors, count: int
 ) -> tuple[State, Neighbors]:
@@ -161,10 +179,9 @@ def _unrest(parameters: Parameters, particles: ParticleState, gravity: float, di
 
 def _restless(particles: ParticleSetup, longest: float, energy: float, force: float) -> InputError:
     """The error of particles that do not come to rest."""
-    key = next(pack.key for pack in particles.packs if pack.pack.kind == "settled")
     limit = (
         f"the particles are not at rest after {longest:.4g} s: their mean kinetic energy is {energy:.2g} m g d (limit "
         f"{REST_ENERGY:g}), the mean unbalanced force {force:.2g} of the weight (limit {REST_FORCE:g})"
     )
     remedy = "raise it; or give the contacts more friction, rolling friction or a lower restitution; or soften them"
-    return InputError(f"{key}.settling_time", longest, limit, remedy)
+    return InputError(f"{_settled_key(particles)}.settling_time", longest, limit, remedy)

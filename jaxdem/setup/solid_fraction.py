@@ -9,7 +9,7 @@ import numpy as np
 from jaxdem.errors import InputError
 from jaxdem.particles import growth, packing
 from jaxdem.particles.regions import Region, ball_size
-from jaxdem.scene import Pack
+from jaxdem.scene import Pack, Particles
 from jaxdem.setup.bodies import Bodies
 
 TRIALS = 20
@@ -34,6 +34,11 @@ class Fillable(Protocol):
         ...
 
     @property
+    def table(self) -> Particles:
+        """What its particles are."""
+        ...
+
+    @property
     def key(self) -> str:
         """Of the pack in the scene."""
         ...
@@ -46,6 +51,11 @@ class Fillable(Protocol):
     @property
     def count_key(self) -> str:
         """The key that gives the number of particles."""
+        ...
+
+    @property
+    def radius_key(self) -> str:
+        """The key that gives the radii of the particles."""
         ...
 
     def bodies_of(self, count: int) -> Bodies:
@@ -87,7 +97,8 @@ def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
     sides = np.where(space.wraps, np.inf, np.subtract(*space.bounds[::-1]))
     if 2.0 * float(radius.max()) > sides.min():
         limit = f"a particle of radius {radius.max():.4g} m does not fit into the region, {sides.min():.4g} m wide"
-        raise InputError(pack.count_key, table.solid_fraction or len(radius), limit, "enlarge the region")
+        grain = float(f"{radius.max() / pack.table.coarse_grain:.4g}")
+        raise InputError(pack.radius_key, grain, limit, "use smaller particles, or enlarge the region")
     if table.kind == "grown":
         equal = float(radius.max() / radius.min()) <= ALIKE
         largest = (growth.DISORDERED if equal else DENSEST)[space.dimension]

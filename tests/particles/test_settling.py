@@ -106,6 +106,14 @@ def test_particles_without_rest_are_an_error_that_says_what_to_do(rested, monkey
     assert case.simulation == rested[0].simulation and settling.REST_ENERGY < 1e-6
 
 
+def test_a_time_under_a_coupling_interval_is_refused_before_work_starts():
+    interval = build_case(changed()).simulation.interval
+    build_case(changed({"settling_time": interval}))
+    with pytest.raises(InputError, match="less than the coupling interval") as caught:
+        build_case(changed({"settling_time": 0.9 * interval}))
+    assert caught.value.key == "particles.pack.settling_time"
+
+
 @pytest.mark.parametrize(
     ("tables", "key"),
     [
