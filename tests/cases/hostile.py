@@ -214,6 +214,81 @@ SIZES: Tables = {
 }  # fmt: skip
 """Grains of sizes by distributions, in a pack and through an inlet."""
 
+PACKS: Tables = {
+    "domain": {"size": [0.2, 0.2], "gravity": [[0.0, -9.81], [1.0, -9.81]], "gravity_times": [0.0, 0.1]},
+    "materials": [{"name": "hard"}, {"name": "soft", "young_modulus": 1e6}],
+    "particles": {
+        "density": 2650.0,
+        "material": "hard",
+        "radius": 0.01,
+        "pack": [
+            {"kind": "random", "solid_fraction": 0.2, "spacing": 1.02,
+             "region": {"shape": "polygon", "vertices": [[0.0, 0.0], [0.2, 0.0], [0.1, 0.1]]}},
+            {"kind": "lattice", "jitter": 0.01, "start": [0.0, 0.15], "stop": [0.1, 0.2], "count": 2, "density": 2000.0,
+             "radius": 0.005, "material": "soft"},
+            {"kind": "grown", "start": [0.12, 0.15], "stop": [0.2, 0.2], "count": 2,
+             "species": [{"share": 1.0, "radius": 0.005, "density": 3000.0, "material": "soft"}]},
+        ],
+        "inlet": [{"side": "top", "times": [0.0, 0.01], "rate": [0.0, 500.0], "velocity": 1.0}],
+    },
+    "contact": {"young_modulus": 5e6, "speed": 1.0},
+    "walls": [{"kind": "plane", "point": [0.0, -0.01], "normal": [0.0, 1.0], "begin": 0.005, "end": 0.015}],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Packs in regions, each with particles of its own; gravity, an inlet and a wall that change with time."""
+
+PACK: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {
+        "density": 2650.0,
+        "pack": {
+            "kind": "random",
+            "region": {"shape": "sphere", "center": [0.1, 0.1], "radius": 0.1},
+            "distribution": {"kind": "table", "radii": [0.005, 0.008], "cumulative": [0.0, 1.0]},
+            "count": 4,
+        },
+    },
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+"""One pack in a region, with sizes of its own."""
+
+PROBES: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]]},
+    "fluid": {"cells": [4, 4], "time_step": 0.005},
+    "coupling": {"drag_factor": [0.0, 1.0], "drag_times": [0.0, 0.01], "interval": 0.005},
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "walls": [{"kind": "plane", "point": [0.0, -0.01], "normal": [0.0, 1.0]}],
+    "probes": [
+        {"name": "a", "kind": "plane", "axis": "x", "at": 0.1, "from": [0.0], "to": [0.1], "interval": 0.01,
+         "begin": 0.005},
+        {"name": "b", "kind": "profile", "axis": "z", "cells": 3, "average": True, "window": 0.01,
+         "sample_interval": 0.005},
+        {"name": "c", "kind": "profile", "axis": "z", "edges": [0.0, 0.1, 0.2]},
+        {"name": "d", "kind": "profile", "regions": [[[0.0, 0.0], [0.1, 0.1]]]},
+        {"name": "e", "kind": "plane", "normal": [1.0, 1.0], "point": [0.1, 0.1]},
+        {"name": "f", "kind": "wall", "side": "bottom", "about": [0.0, 0.0]},
+        {"name": "g", "kind": "wall", "wall": 0},
+        {"name": "h", "kind": "point", "points": [[0.1, 0.1]]},
+        {"name": "i", "kind": "contacts"},
+    ],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Probes of all kinds, and a drag that is switched on."""
+
+START: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "start": {
+        "from": str(Path(__file__).parents[1] / "data" / "former_run"),
+        "time": 0.0,
+        "remove": [{"shape": "box", "start": [0.0, 0.0], "stop": [0.08, 0.08]}],
+        "add": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.15]]},
+    },
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+"""A start from a frame of another run."""
+
 BASES = {
     "coupled": COUPLED,
     "grains": GRAINS,
@@ -222,7 +297,18 @@ BASES = {
     "rows": ROWS,
     "columns": COLUMNS,
     "sizes": SIZES,
+    "packs": PACKS,
+    "pack": PACK,
+    "probes": PROBES,
+    "start": START,
 }
+
+SAME_TABLES = (
+    ("start.add.", "particles."),
+    ("start.remove.*.", "particles.pack.region."),
+    ("particles.pack.*.", "particles.pack."),
+)
+"""Tables that are described once and stand in two places: what is tried in one need not be in the other."""
 
 MISSING = object()
 
@@ -338,8 +424,16 @@ def _models(annotation: Any, many: bool = False) -> Iterator[tuple[type[BaseMode
 
 def untouched_keys() -> set[str]:
     """Keys of the description that no base scene has a place for."""
-    reached = {_starred(key) for tables in BASES.values() for key in _places(tables)}
-    return set(schema_keys()) - reached
+    reached = {_once(_starred(key)) for tables in BASES.values() for key in _places(tables)}
+    return {_once(key) for key in schema_keys()} - reached
+
+
+def _once(key: str) -> str:
+    """The key of the first place where a table may stand."""
+    for place, first in SAME_TABLES:
+        if key.startswith(place):
+            key = first + key.removeprefix(place)
+    return key
 
 
 def _starred(key: str) -> str:
@@ -356,7 +450,9 @@ def _places(tables: Tables) -> set[str]:
     places = set(present)
     for key in schema_keys():
         parent, _, last = key.rpartition(".")
-        places |= {f"{own}.{last}" if own else last for own in by_star.get(parent, ())}
+        # A table that may be one or several is here what it is in the base.
+        owners = [own for own in by_star.get(parent, ()) if not own or isinstance(_value(tables, own), dict)]
+        places |= {f"{own}.{last}" if own else last for own in owners}
     return places
 
 
