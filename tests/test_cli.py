@@ -272,7 +272,7 @@ def test_check_names_the_options_of_the_fluid(grains, tmp_path):
 
     left = "boundary.left={kind='inlet', times=[0.0, 1.0], velocities=[0.0, 0.1]}"
     parabola = "boundary.left={kind='inlet', velocity=0.1, profile='parabolic'}"
-    right = "boundary.right.kind=outlet"
+    right, tilt = "boundary.right.kind=outlet", "domain.gravity=[[0.0, -9.81], [1.0, -9.81]]"
     for words, *options in (
         ("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),
         ("learned subgrid stress", "--set", f"fluid.subgrid={tmp_path / 's.h5'}"),
@@ -280,7 +280,9 @@ def test_check_names_the_options_of_the_fluid(grains, tmp_path):
         ("virtual mass", "--set", "coupling.virtual_mass=0.5"),
         ("Basset force", "--set", "coupling.basset=20"),
         ("inlet profile", "--set", parabola, "--set", right),
-        ("inlet velocity over time", "--set", left, "--set", right),
+        ("velocity of a side over time", "--set", left, "--set", right),
+        ("gravity over time", "--set", tilt, "--set", "domain.gravity_times=[0.0, 1.0]"),
+        ("factor on the drag over time", "--set", "coupling={drag_factor=[0.0, 1.0], drag_times=[0.0, 1.0]}"),
     ):
         compiled, left_out = parts()
         assert words in left_out and words not in compiled
@@ -308,7 +310,7 @@ def test_check_of_grains_alone_has_no_fluid(grains):
     text = " ".join(invoke("check", grains).stdout.split())
     assert "Courant" not in text
     parts = "rolling friction, rolling springs, radius per particle, density per particle, additional walls"
-    assert f"left out {parts}, fluid" in text
+    assert f"left out {parts}, gravity over time, fluid" in text
 
 
 def test_float64_is_set_before_building(grains, monkeypatch):
