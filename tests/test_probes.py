@@ -13,6 +13,7 @@ import pytest
 
 import jaxdem
 from jaxdem.check.check import check_scene
+from jaxdem.check.probe_rows import probe_cautions
 from jaxdem.errors import InputError
 from jaxdem.io.outputs import refuse_what_is_read
 from jaxdem.probes.contacts import ContactsProbe
@@ -115,6 +116,13 @@ def test_probes_are_in_the_program_of_a_scene_that_has_some():
 def test_check_lists_probes():
     report = check_scene(jaxdem.load_scene(SHEET))
     assert dict(report.probes)["end"].startswith("plane, 23 rows")
+
+
+def test_check_warns_of_a_probe_whose_last_row_is_before_the_end():
+    """0.04 + 7 x 0.06 = 0.46; 0.08 + 6 x 0.07 = 0.5."""
+    probes = [PLANE | {"name": "a", "interval": 0.06, "begin": 0.04}, PLANE | {"interval": 0.07, "begin": 0.08}]
+    (warning,) = probe_cautions(build_case(jaxdem.load_scene(SHEET | {"probes": probes})))
+    assert warning.startswith("probes.0.interval = 0.06: the last row is at 0.46 s, and the run ends at 0.5 s.")
 
 
 WRONG = {

@@ -12,7 +12,7 @@ import numpy as np
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
 from jaxdem.check.packs import pack_rows
-from jaxdem.check.probe_rows import probe_rows
+from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.check.run_cost import RunCost, run_cost
 from jaxdem.check.unit_warnings import unit_warnings
@@ -67,7 +67,7 @@ class CheckReport:
         memory: estimates by name.
         population: what is known beforehand of particles that come and go, as (name, text).
         probes: of each probe its name, and what it costs and writes.
-        packs: of the start, as (name, text).
+        packs: of the start, and the columns of its file that are not read, as (name, text).
         start: what the scene begins from, see `Case.start_figures`; {} where it begins at t = 0.
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
@@ -165,7 +165,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None) -> CheckReport:
         numbers=engineering_numbers(scene, parameters, case.grains),
         screen_load=load,
         cost=cost,
-        warnings=(*unit_warnings(scene), *cautions(scene, bodies, spacing, load, cost)),
+        warnings=(*unit_warnings(scene), *probe_cautions(case), *cautions(scene, bodies, spacing, load, cost)),
         memory=_memory(simulation, state, neighbors),
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxdem import load_scene
+from jaxdem.check.packs import pack_rows
 from jaxdem.errors import InputError
 from jaxdem.io import ParticleFormat, particle_frame
 from jaxdem.io.frames import FrameSeries
@@ -387,6 +388,16 @@ def test_a_scene_has_the_particles_of_its_file(tmp_path):
     again = load_scene(case.scene.tables())
     assert again == case.scene
     assert case.scene.particles.file.name == str(tmp_path / "grains.csv")
+
+
+def test_check_lists_columns_that_are_not_read(tmp_path):
+    """Of a file of VTK one that is not known, and of text the ignored one."""
+    known = write(tmp_path, "grains.vtk", VTK)
+    more = write(tmp_path, "more.vtk", VTK + "SCALARS heat double 1\nLOOKUP_TABLE default\n1 2 3\n")
+    assert pack_rows(setup(known)) == ()
+    assert pack_rows(setup(more)) == (("columns of the file not read", "'heat'"),)
+    text = write(tmp_path, "t.csv", "x,y,z,r,rho,heat\n.1,.1,.1,.01,2500,1\n")
+    assert pack_rows(setup({"name": text, "ignore": ["heat"]})) == (("columns of the file not read", "'heat'"),)
 
 
 def test_types_and_names_stand_for_materials(tmp_path):
