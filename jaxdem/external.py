@@ -172,13 +172,13 @@ class ExternalFluid(Simulation):
             end: the fluid at its end, whose velocity is that of F(u); None for an F(u) at the velocity of the start.
 
         Raises:
-            InputError: a field has another shape, or one of the two has a stress and the other none.
+            InputError: a field has another shape, or the start has a stress and the end none.
         """
         end = start if end is None else end
-        if (start.stress_divergence is None) != (end.stress_divergence is None):
-            without = "start" if start.stress_divergence is None else "end"
-            limit = "is given at one end of the interval and not at the other"
-            raise InputError(f"{without}.stress_divergence", None, limit, "give it at both, or at neither")
+        if start.stress_divergence is not None and end.stress_divergence is None:
+            # The viscous force is by the stress of the end alone, which that of the start does not replace.
+            limit = "is missing, and the start has one: the particles would get no viscous force"
+            raise InputError("end.stress_divergence", None, limit, "give it, or leave out that of the start too")
         now, before = self.during(parameters, state.step), required(state.particles, "state.particles")
         mixture = now.mixture
         first, last = self._fluid(now, start, "start"), self._fluid(now, end, "end")
