@@ -194,14 +194,17 @@ def test_wrong_probes_are_refused(probe, match):
         build_case(jaxdem.load_scene({**SHEET, "probes": [PLANE, probe]}))
 
 
-def test_contacts_in_single_precision_have_exact_numbers():
-    """2^24 + 1 is the first whole number that float32 does not have."""
+def test_contacts_in_single_precision_have_exact_numbers(monkeypatch):
+    """2^24 + 1 is the first whole number that float32 does not have. The sheet has 1 grain and 20 that come."""
     scene = jaxdem.load_scene(SHEET | {"precision": "float32", "probes": [{"name": "a", "kind": "contacts"}]})
     steps = build_case(scene).simulation.steps
     assert len(scene_probes(scene, steps, particles=2**24)) == 1
     with pytest.raises(InputError, match=r'probes\.0\.kind = \'contacts\': .*16777216.*precision = "float64"'):
         scene_probes(scene, steps, particles=2**24 + 1)
     scene_probes(scene.model_copy(update={"precision": "float64"}), steps, particles=2**24 + 1)
+    monkeypatch.setattr("jaxdem.setup.probes.MOST_NUMBERED", 20)
+    with pytest.raises(InputError, match="the scene has 21"):
+        build_case(scene)
 
 
 def test_contacts_are_written_in_the_order_of_their_numbers():
