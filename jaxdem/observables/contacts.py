@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
-from jaxdem.particles.forces import ContactModel, Touching, contacts_now
+from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.forces import Touching, contacts_now
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.neighbors import Neighbors, with_radius

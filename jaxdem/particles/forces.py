@@ -6,99 +6,18 @@ import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from jaxdem.numerics import vectors
-from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent, walls
-from jaxdem.particles.contact import Contact, ContactLaw, ContactMaterial
+from jaxdem.particles.contact import Contact, ContactMaterial
+from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
-from jaxdem.particles.rolling import RollingFriction
 from jaxdem.particles.stages import stage
-from jaxdem.particles.surfaces import Surface, surface_contacts
-from jaxdem.particles.wall_times import WallTimes
-
-
-@static
-class MaterialIndex:
-    """Which contact is of which pair of materials; static.
-
-    Attributes:
-        particle: material of all particles, or of each of the N.
-        wall: of each of the S walls.
-        pair: M x M, number of the pair that two materials make.
-    """
-
-    particle: int | tuple[int, ...]
-    wall: tuple[int, ...]
-    pair: tuple[tuple[int, ...], ...]
-
-    @classmethod
-    def of(cls, particle: np.ndarray, wall: np.ndarray, pair: np.ndarray) -> MaterialIndex:
-        """The same from arrays: () or (N,), (S,) and (M, M)."""
-        own = particle.tolist()
-        return cls(tuple(own) if particle.ndim else own, tuple(wall.tolist()), tuple(map(tuple, pair.tolist())))
-
-    def between_particles(self, table: ContactMaterial, pairs: Pairs) -> ContactMaterial:
-        """Numbers () or (P,) of the contacts between particles."""
-        if isinstance(self.particle, int):
-            return _entries(table, np.asarray(self.pair)[self.particle, self.particle])
-        own = jnp.asarray(self.particle)
-        return _entries(table, jnp.asarray(self.pair)[own[pairs.first], own[pairs.second]])
-
-    def with_walls(self, table: ContactMaterial) -> ContactMaterial:
-        """Numbers (S, 1) or (S, N) of the contacts of all particles with the S walls."""
-        pair, wall = np.asarray(self.pair), np.asarray(self.wall)
-        return _entries(table, pair[wall[:, None], np.atleast_1d(self.particle)[None]])
-
-
-def _entries(table: ContactMaterial, number: Array | np.ndarray) -> ContactMaterial:
-    return ContactMaterial(*(column if column.ndim == 0 else column[number] for column in table))
-
-
-@static
-class ContactModel:
-    """Which contacts a scene has; static.
-
-    Attributes:
-        law: between bodies that touch.
-        rolling: rolling friction, or None: then no such term is compiled.
-        sides: walls of the box.
-        surfaces: further walls; none: then no such term is compiled.
-        materials: None where all particles, and all walls, are of one material: then nothing is looked up.
-        wall_times: when the surfaces are there; None where all always are.
-        measures_walls: whether the loads on the walls are summed; else no such term is compiled.
-    """
-
-    law: ContactLaw
-    rolling: RollingFriction | None
-    sides: tuple[walls.BoxSide, ...]
-    surfaces: tuple[Surface, ...] = ()
-    materials: MaterialIndex | None = None
-    wall_times: WallTimes | None = None
-    measures_walls: bool = False
-
-    @property
-    def walls(self) -> int:
-        """Number of walls: the sides first, then the surfaces."""
-        return len(self.sides) + len(self.surfaces)
-
-    def with_walls(self, kept: tuple[int, ...]) -> ContactModel:
-        """The model with these of its walls, the sides among them, at all times."""
-        surfaces = tuple(self.surfaces[k - len(self.sides)] for k in kept[len(self.sides) :])
-        materials = self.materials
-        if materials is not None:
-            materials = dataclasses.replace(materials, wall=tuple(materials.wall[k] for k in kept))
-        return dataclasses.replace(self, surfaces=surfaces, materials=materials, wall_times=None)
-
-    def history_size(self, dimension: int) -> int:
-        """Number of components that a contact keeps: the tangential spring, then the rolling spring if any."""
-        springs = 2 if self.rolling is not None and self.rolling.has_spring else 1
-        return springs * vectors.angular_size(dimension)
+from jaxdem.particles.surfaces import surface_contacts
 
 
 class Surroundings(NamedTuple):

@@ -14,7 +14,8 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.forces import ContactModel, Surroundings, WallLoads, contact_forces
+from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.forces import Surroundings, WallLoads, contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.neighbors import (
     Neighbors,

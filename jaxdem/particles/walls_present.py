@@ -18,7 +18,8 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.numerics import vectors
-from jaxdem.particles.forces import ContactModel, Surroundings, WallLoads
+from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.forces import Surroundings, WallLoads
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.neighbors import Neighbors

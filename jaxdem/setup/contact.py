@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
-from jaxdem.particles.forces import ContactModel, MaterialIndex
+from jaxdem.particles.contact_model import ContactModel, MaterialIndex
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import NeighborGeometry, NeighborSearch
 from jaxdem.particles.population import Population

@@ -14,7 +14,7 @@ from jax import Array, lax
 from jaxdem.errors import InputError, required
 from jaxdem.failures import Failure, failures, first_meaning
 from jaxdem.numerics.host import on_device
-from jaxdem.particles.forces import MaterialIndex
+from jaxdem.particles.contact_model import MaterialIndex
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.walls import box_sides

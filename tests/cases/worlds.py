@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.particles.contact import HertzMindlin
-from jaxdem.particles.forces import ContactModel, contact_forces
+from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.loop import ContactInterval, contact_interval
 from jaxdem.particles.materials import ContactParameters, surroundings

@@ -13,7 +13,7 @@ import pytest
 import jaxdem
 from jaxdem.check.program import compiled_parts
 from jaxdem.errors import InputError
-from jaxdem.particles.forces import MaterialIndex
+from jaxdem.particles.contact_model import MaterialIndex
 from jaxdem.particles.materials import SeveralMaterials, surroundings
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.surfaces import Plane
