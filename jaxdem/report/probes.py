@@ -85,12 +85,19 @@ def _series(row: Row, table: dict[str, Array], column: str, described: dict[str,
     look, axis = row.look, described.get("axis") if described.get("kind") == "profile" else None
     if axis:
         last = table["time"] == table["time"][-1]
-        yield Series(row.label, table[column][last], table[axis][last], look.color, look.dash, look.width)
+        known = table[column][last]
+        yield Series(row.label, known, table[axis][last], look.color, look.dash, look.width, _marker(known))
         return
     places = len(table["time"]) // len(np.unique(table["time"]))
     for place in range(places):
         values = slice(place, None, places)
+        time, known = table["time"][values], table[column][values]
         note = f"place {place + 1} of {places}" if places > 1 else ""
-        yield Series(
-            row.label, table["time"][values], table[column][values], look.color, look.dash, look.width, note=note
-        )
+        marker = _marker(known)
+        yield Series(row.label, time, known, look.color, look.dash, look.width, marker, note=note)
+
+
+def _marker(values: Array) -> str:
+    """A circle where a line would not be seen, as there are not two points beside each other."""
+    known = np.isfinite(values)
+    return "" if (known[1:] & known[:-1]).any() else "circle"

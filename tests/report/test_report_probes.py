@@ -53,6 +53,18 @@ def test_panels_hold_series_over_time_profiles_and_points() -> None:
     np.testing.assert_array_equal(points[1].y, [30.0] * 4)
 
 
+def test_a_single_row_is_drawn_as_a_point() -> None:
+    """A line through one point is not seen, nor through points between gaps."""
+    run = measured("a")
+    run.probes = FakeProbes(
+        floor={"time": np.array([2.0]), "force_z": np.array([-4.0])},
+        layers={"time": np.full(3, 2.0), "z": np.arange(3.0), "solid_fraction": np.array([0.1, np.nan, 0.3])},
+        gauge={"time": np.array([1.0, 2.0]), "fluid_pressure": np.array([10.0, 20.0])},
+    )
+    series = [panel.series[0] for panel in probe_panels(build(Candidate(run), [Candidate(measured("b"))]).every)]
+    assert [one.marker for one in series[:3]] == ["circle", "circle", ""]  # further panels are of the other run
+
+
 def test_differences_are_those_of_the_means() -> None:
     rows = build(Candidate(measured("a")), [Candidate(measured("b", 2.0))]).every
     found = {f"{probe}/{column}": values for _, probe, column, *values in probe_differences(rows[0], rows[1:])}
