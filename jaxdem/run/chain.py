@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
@@ -14,8 +15,7 @@ from jaxdem.io.access import locked
 from jaxdem.io.chain import check_chain, write_chain
 from jaxdem.io.run_directory import SCENE
 from jaxdem.run.foreseen import foreseen_end
-from jaxdem.run.single_run import simulate_alone
-from jaxdem.run.time_loop import Progress
+from jaxdem.run.single_run import RunOptions, simulate_alone
 from jaxdem.scene import Scene
 from jaxdem.scene.stages import Stage, StagedScene
 from jaxdem.setup.builder import Case, build_case
@@ -23,17 +23,7 @@ from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.start_point import StartPoint
 
 
-def simulate_stages(
-    scene: StagedScene,
-    out: Path,
-    *,
-    closure: DragClosure | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
-    profile: bool = False,
-    settling: Progress | None = None,
-    **extensions: Unpack[Extensions],
-) -> Run:
+def simulate_stages(scene: StagedScene, out: Path, options: RunOptions, **extensions: Unpack[Extensions]) -> Run:
     """Runs the stages of a scene, each in the folder of its name in `out`, and gives the last run.
 
     All are checked before the first one starts. Under `resume` stages that are complete are left as they are, the one
@@ -44,17 +34,17 @@ def simulate_stages(
     """
     stages = scene.stages
     names = [stage.name for stage in stages]
-    require_stages(stages, out, resume)
-    for _ in foreseen_cases(stages, closure, **extensions):
+    require_stages(stages, out, options.resume)
+    for _ in foreseen_cases(stages, options.closure, **extensions):
         pass
-    options: dict[str, Any] = {"closure": closure, "progress": progress, "profile": profile, "settling": settling}
     with locked(out):
         write_chain(out, names)
         for stage, before in zip(stages, [None, *stages], strict=False):
             path = out / stage.name
             begins = stage.scene if before is None else begun_from(stage.scene, out / before.name)
             if not RunDirectory.is_complete(path, begins.to_toml()):
-                simulate_alone(begins, path, resume=(path / SCENE).is_file(), **options, **extensions)
+                of_stage = dataclasses.replace(options, resume=(path / SCENE).is_file())
+                simulate_alone(begins, path, of_stage, **extensions)
     return load_run(out / names[-1])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.io import Run, RunDirectory, load_run
@@ -12,7 +12,7 @@ from jaxdem.io.chain import stage_names
 from jaxdem.io.run_directory import SCENE
 from jaxdem.run.chain import simulate_stages
 from jaxdem.run.restart import origin, require_same_parameters
-from jaxdem.run.single_run import own_start, simulate_alone
+from jaxdem.run.single_run import RunOptions, own_start, simulate_alone
 from jaxdem.run.time_loop import Progress
 from jaxdem.scene import Scene
 from jaxdem.scene.stages import StagedScene
@@ -55,10 +55,10 @@ def simulate(
         RunError: the run could not go on; what was done is kept, with `valid: false` in the summary.
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
-    options: dict[str, Any] = {"closure": closure, "resume": resume, "progress": progress, "profile": profile}
+    options = RunOptions(closure, resume, progress, profile, settling)
     if isinstance(scene, StagedScene):
-        return simulate_stages(scene, Path(out), settling=settling, **options, **extensions)
-    return simulate_alone(scene, out, settling=settling, **options, **extensions)
+        return simulate_stages(scene, Path(out), options, **extensions)
+    return simulate_alone(scene, out, options, **extensions)
 
 
 def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run:
@@ -73,7 +73,7 @@ def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run
         InputError, RunError, Interrupted: see `simulate`.
     """
     if isinstance(scene, StagedScene):
-        return simulate_stages(scene, out, resume=stage_names(out) is not None, progress=begin())
+        return simulate_stages(scene, out, RunOptions(resume=stage_names(out) is not None, progress=begin()))
     if RunDirectory.is_complete(out, scene.to_toml()):
         case = build_case(scene, start=own_start(scene, out))
         require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -20,40 +21,42 @@ from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.start_point import StartPoint, stored_start
 
 
-def simulate_alone(
-    scene: Scene,
-    out: str | Path,
-    *,
-    closure: DragClosure | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
-    profile: bool = False,
-    settling: Progress | None = None,
-    **extensions: Unpack[Extensions],
-) -> Run:
+@dataclasses.dataclass(frozen=True)
+class RunOptions:
+    """How a scene is run; see the arguments of `jaxdem.simulate`."""
+
+    closure: DragClosure | None = None
+    resume: bool = False
+    progress: Progress | None = None
+    profile: bool = False
+    settling: Progress | None = None
+
+
+def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensions: Unpack[Extensions]) -> Run:
     """`jaxdem.simulate` of a scene without stages."""
+    resume = options.resume
     complete = resume and RunDirectory.is_complete(out, scene.to_toml())
     if complete:
         RunDirectory.require_same_scene(out, scene.to_toml(), scene.defaults())
-    case = build_case(scene, closure, own_start(scene, out) if resume else None, **extensions)
+    case = build_case(scene, options.closure, own_start(scene, out) if resume else None, **extensions)
     if complete:
         require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))
         return load_run(out)
     every = samples_every(scene, case.simulation)
     begun = resume and (Path(out) / CHECKPOINT).is_file()
-    state, neighbors = case.unsettled_state() if begun else case.initial_state(settling)
+    state, neighbors = case.unsettled_state() if begun else case.initial_state(options.settling)
     attributes = sample_attributes(case) if every else None
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
     columns = columns_of(case.probes)
     with noted_signals() as caught, _opened(scene, out, attributes, columns, resume) as directory:
         if case.start is not None:
             directory.keep_start(case.start.arrays, case.start.attributes)
-        loop = TimeLoop(case, directory, state, neighbors, every, profile)
+        loop = TimeLoop(case, directory, state, neighbors, every, options.profile)
         if directory.has_checkpoint:
             loop.restore()
         if resume and RunDirectory.is_longer(out, scene.to_toml()):
             directory.store_scene(scene.to_toml())
-        loop.run(progress, caught)
+        loop.run(options.progress, caught)
     return load_run(out)
 
 
