@@ -283,24 +283,29 @@ def test_what_else_is_wrong_after_an_overflow_does_not_count(scene, whole, tmp_p
 
 
 def test_a_complete_run_of_other_sizes_is_not_taken_for_done(tmp_path):
-    """The scene names a file; what is in it has changed since the run."""
-    np.savetxt(tmp_path / "radius.txt", [0.01, 0.02])
+    """The scene names files; what is in one of them has changed since the run."""
+    files = {"radius": [0.01, 0.02], "position": [[0.05, 0.1], [0.15, 0.1]], "velocity": [[0.0, 0.0], [0.0, 0.1]]}
+    files["angular_velocity"] = [0.0, 1.0]
+    for name, rows in files.items():
+        np.savetxt(tmp_path / f"{name}.txt", rows)
+    named = {name: str(tmp_path / f"{name}.txt") for name in files}
     tables = dict(
         domain=dict(size=[0.2, 0.2], depth=0.04),
-        particles=dict(radius=str(tmp_path / "radius.txt"), density=2500.0, position=[[0.05, 0.1], [0.15, 0.1]]),
+        particles=dict(density=2500.0, **named),
         time=dict(end=0.001, output_interval=0.001),
     )  # fmt: skip
     run = simulate(load_scene(tables), tmp_path / "run")
     assert simulate(load_scene(tables), tmp_path / "run", resume=True).summary == run.summary
     assert simulate_once(load_scene(tables), tmp_path / "run", pytest.fail).summary == run.summary
-    np.savetxt(tmp_path / "radius.txt", [0.01, 0.015])
-    for again in (
-        lambda scene: simulate(scene, tmp_path / "run", resume=True),
-        lambda scene: simulate_once(scene, tmp_path / "run", pytest.fail),
-    ):
-        with pytest.raises(InputError, match="is complete, of another closure"):
-            again(load_scene(tables))
-    np.savetxt(tmp_path / "radius.txt", [0.01, 0.02])
+    for name, rows in files.items():
+        np.savetxt(tmp_path / f"{name}.txt", 0.9 * np.asarray(rows))
+        for again in (
+            lambda scene: simulate(scene, tmp_path / "run", resume=True),
+            lambda scene: simulate_once(scene, tmp_path / "run", pytest.fail),
+        ):
+            with pytest.raises(InputError, match="is complete, of another closure"):
+                again(load_scene(tables))
+        np.savetxt(tmp_path / f"{name}.txt", rows)
     (tmp_path / "run" / "checkpoint.h5").unlink()  # then nothing is known of it
     assert simulate(load_scene(tables), tmp_path / "run", resume=True).summary == run.summary
     (tmp_path / "run" / "summary.json").unlink()  # broken off, with outputs: they are not thrown away

@@ -48,7 +48,9 @@ def read_vtk(name: str) -> Raw:
         raise refusal(name, f"VTK did not come to an end in it within {seconds:.0f} s", "write the file anew") from None
     if done.returncode == vtk_program.NO_PACKAGE:
         raise refusal(
-            name, "the package `vtk` is needed to read it and is not installed", "install it: pip install vtk"
+            name,
+            "the package `vtk` is needed to read it and is not installed",
+            "install it, for instance as the part jaxdem[vtk]",
         )
     if done.returncode != 0:
         said = done.stderr.decode(errors="replace").strip().splitlines()

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tables, wrong
+from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Section, Tables, Vector, wrong
 from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.domain import Domain
 from jaxdem.scene.materials import Mixture
@@ -48,6 +48,8 @@ class Pack(Section):
         jitter: largest random displacement over the (smallest) radius, of a polygon or lattice. Default: 0.005 [-].
         settling_time: longest time that a settled pack may take to come to rest. Default: the time of ten falls through
             the box, and of 200 falls through a diameter [s].
+        velocity: velocity of all particles of this pack at the start, one number per axis; not of a settled pack.
+            Default: that of `[particles]` [m/s].
         radius: radius of the particles of this pack [m].
         distribution: distribution of their radii, in place of `radius`.
         density: density of the particles of this pack [kg/m3].
@@ -65,6 +67,7 @@ class Pack(Section):
     spacing: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] | None = None
     jitter: Annotated[float, Field(ge=0.0, le=0.5, strict=True)] | None = None
     settling_time: Positive | None = None
+    velocity: Vector | None = None
     radius: Positive | None = None
     distribution: Distribution | None = None
     density: Positive | None = None
@@ -104,6 +107,7 @@ class Pack(Section):
             ("jitter", not self.is_counted),
             ("solid_fraction", self.is_counted),
             ("settling_time", self.kind == "settled"),
+            ("velocity", self.kind != "settled"),
         ):
             if getattr(self, name) is not None and not there:
                 remedy = "remove this key"

@@ -225,6 +225,18 @@ class StartOfFile(Section):
         value: str | Numbers | None = getattr(self, name)
         return value if found is None else found
 
+    def digest(self, dimension: int) -> str:
+        """A fingerprint of the files from which the first state is read; empty where the keys hold all of it."""
+        found = [] if self.file is None else [self.file.digest()]
+        for name, width in (("position", dimension), ("velocity", dimension), ("angular_velocity", 2 * dimension - 3)):
+            source = getattr(self, name)
+            if isinstance(source, str):
+                from jaxdem.scene.rows import given_rows
+
+                rows = given_rows(f"particles.{name}", source, width, of_frame=True)
+                found.append(f"{name} {rows.shape} {hashlib.sha256(rows.tobytes()).hexdigest()}")
+        return "\n".join(found)
+
     def has_column(self, name: str) -> bool:
         """Whether the file gives a quantity."""
         return self.file is not None and name in self.file.columns.numbers

@@ -138,6 +138,9 @@ class Particles(StartOfFile):
                 if one.kind == "settled" and getattr(self, name) is not None:
                     limit = "cannot be given with a settled pack, whose particles come to rest"
                     raise wrong(name, "...", limit, "remove this key")
+            if one.velocity is not None and self.velocity is not None:
+                limit = f"is given by particles.{key}.velocity too"
+                raise wrong("velocity", "...", limit, "remove one of the two keys")
         return self
 
     def _check_no_lists(self, beside: str) -> None:

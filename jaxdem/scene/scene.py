@@ -99,7 +99,7 @@ class Scene(Section):
     @property
     def content(self) -> str:
         """A fingerprint of the files that the first state is read from and that are not in the parameters."""
-        return "" if self.particles is None or self.particles.file is None else self.particles.file.digest()
+        return "" if self.particles is None else self.particles.digest(self.dimension)
 
     @field_validator("boundary", mode="before")
     @classmethod

@@ -76,7 +76,7 @@ def expected_speed(particles: ParticleSetup, boundary_speed: float) -> float:
         return contact.speed
     gravity = scene.domain.gravity_along
     fall = math.sqrt(2.0 * sum(g * length for g, length in zip(gravity, scene.domain.size, strict=True)))
-    velocity = rows_of("particles.velocity", table.rows("velocity", scene.dimension), scene.dimension, of_frame=True)
+    velocity = rows_of("particles.velocity", particles.given_velocity, scene.dimension, of_frame=True)
     fastest = 0.0 if velocity is None or len(velocity) == 0 else float(np.linalg.norm(velocity, axis=1).max())
     return max(boundary_speed, fall, 2.0 * max(fastest, inlet_speed(table.inlet)), 1e-3)
 

@@ -16,7 +16,7 @@ from jaxdem.scene import Pack, Particles, Scene
 from jaxdem.scene.domain import Box
 from jaxdem.scene.particles import radius_range
 from jaxdem.setup.bodies import Bodies, particle_bodies
-from jaxdem.setup.regions import region_space, require_in_box
+from jaxdem.setup.regions import refuse_crossing, region_space, require_in_box
 from jaxdem.setup.solid_fraction import count_for, require_reachable
 
 MOST_PLACES = 20_000_000
@@ -218,6 +218,7 @@ def _corners(key: str, pack: Pack) -> tuple[tuple[float, ...], ...]:
     if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
         limit = "needs at least three corners (x, vertical)"
         raise InputError(f"{key}.vertices", pack.vertices, limit, "add corners to the polygon")
+    refuse_crossing(f"{key}.vertices", corners)
     return corners
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.scene import Contact, Particles, Scene
-from jaxdem.scene.rows import rows_of
+from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
 from jaxdem.setup.bodies import Bodies, joined, particle_bodies
 from jaxdem.setup.materials import MaterialTable, material_table
@@ -81,6 +81,15 @@ class ParticleSetup:
             size = np.asarray(self.scene.domain.size)
             position = np.where(self.scene.periodic, position - size * np.floor(position / size), position)
         return position
+
+    @property
+    def given_velocity(self) -> str | Numbers | None:
+        """Velocities at the start, as `rows_of` takes them: of `[particles]`, or of its packs."""
+        dimension = self.scene.dimension
+        if not any(pack.pack.velocity for pack in self.packs):
+            return self.table.rows("velocity", dimension)
+        each = [pack.pack.velocity or (0.0,) * dimension for pack in self.packs]
+        return np.repeat(np.asarray(each), [pack.count for pack in self.packs], axis=0)
 
     @cached_property
     def present(self) -> Bodies:

@@ -52,13 +52,22 @@ def require_in_box(key: str, space: regions.Region, box: Box) -> None:
         raise InputError(key, None, limit, "move it into the box, or make it smaller")
 
 
-def _polygon(key: str, region: Region, box: Box) -> regions.Region:
-    vertices = region.vertices or ()
+def refuse_crossing(key: str, vertices: Sequence[Sequence[float]]) -> None:
+    """Refuses a polygon with two edges that cross or touch: it has no inside that one could name.
+
+    Raises:
+        InputError: naming the two edges.
+    """
     crossing = regions.crossing_edges(vertices)
     if crossing is not None:
         a, b = (f"that from {vertices[k]} to {vertices[(k + 1) % len(vertices)]}" for k in crossing)
         remedy = "give the corners in their order along the boundary"
-        raise InputError(f"{key}.vertices", vertices, f"two edges meet, {a} and {b}", remedy)
+        raise InputError(key, vertices, f"two edges meet, {a} and {b}", remedy)
+
+
+def _polygon(key: str, region: Region, box: Box) -> regions.Region:
+    vertices = region.vertices or ()
+    refuse_crossing(f"{key}.vertices", vertices)
     size = np.ptp(np.asarray(vertices), axis=0)
     if regions.polygon(vertices, None).volume <= WHOLE * float(size @ size):
         raise InputError(f"{key}.vertices", vertices, "the corners lie on one line", "give corners around an area")

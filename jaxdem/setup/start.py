@@ -104,7 +104,7 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
     return ParticleState(
         position=on_device(leading, dtype),
         position_low=on_device(position - leading, dtype) if single else None,
-        velocity=rows("velocity", table.rows("velocity", dimension), dimension),
+        velocity=rows("velocity", particles.given_velocity, dimension),
         angular_velocity=rows("angular_velocity", table.rows("angular_velocity", dimension), turning),
         contact_spring=(),
         wall_spring=(),

@@ -141,7 +141,8 @@ class Beginning:
             values = np.zeros((count, width), self._dtype)
             values[: own.placed] = self.start.arrays.get(f"state.particles.{name}", 0.0)
             if own.added is not None and (name == "velocity" or name == "angular_velocity"):
-                source = own.added.table.rows(name, dimension)
+                spin = own.added.table.rows("angular_velocity", dimension)
+                source = own.added.given_velocity if name == "velocity" else spin
                 given = rows_of(f"start.add.{name}", source, width, own.added.count, of_frame=True)
                 values[own.placed : present] = 0.0 if given is None else given
             values[own.removed] = 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -9,6 +11,7 @@ from scipy import stats
 import jaxdem
 from jaxdem.errors import InputError
 from jaxdem.particles import growth, packing, regions
+from jaxdem.setup.contact_step import expected_speed
 from jaxdem.setup.overlaps import check_initial_positions
 from jaxdem.setup.particles import particle_setup
 
@@ -140,6 +143,16 @@ def test_several_packs_have_particles_of_their_own():
     assert again == found.scene
 
 
+def test_packs_have_velocities_of_their_own():
+    """A pack without one is at rest; the speed that decides the contact step is that of the fastest, twice."""
+    packs = [RANDOM | {"count": 3, "velocity": [0.0, -9.0]}, RANDOM | {"start": [0, 0.05], "stop": [0.1, 0.1]}]
+    found = setup([packs[0], packs[1] | {"count": 2}])
+    np.testing.assert_array_equal(found.given_velocity, [[0.0, -9.0]] * 3 + [[0.0, 0.0]] * 2)
+    expecting = dataclasses.replace(found, contact=found.contact.model_copy(update={"speed": "auto"}))
+    assert expected_speed(expecting, 0.0) == 18.0
+    assert setup(packs[1], count=2).given_velocity is None
+
+
 def test_one_table_and_a_count_mean_the_same_as_before():
     """`particles.count` and `count` of the pack are one number, and a table is written as a table."""
     pack = {"kind": "random", "start": [0.0, 0.0], "stop": [0.1, 0.1]}
@@ -187,6 +200,11 @@ RANDOM = {"kind": "random"} | BOX
          {"radius": None}, "particles.radius", "missing"),
         (RANDOM | {"count": 2, "radius": 1e-3, "distribution": TABLE}, {}, "particles.pack.radius", "distribution"),
         ([RANDOM | {"count": 2, "kid": 1}], {}, "particles.pack.0.kid", "kind"),
+        (RANDOM | {"velocity": [0.0, 1.0]}, {"count": 1, "velocity": [[0.0, 1.0]]}, "particles.velocity", "given by"),
+        (RANDOM | {"kind": "settled", "velocity": [0.0, 1.0]}, {"count": 1}, "particles.pack.velocity", "no velocity"),
+        (RANDOM | {"velocity": [0.0, 1.0, 0.0]}, {"count": 1}, "particles.pack.velocity", "2 numbers"),
+        ({"kind": "polygon", "vertices": [[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]}, {}, "particles.pack.vertices",
+         "two edges meet"),
     ],
 )  # fmt: skip
 def test_a_pack_that_cannot_be_is_refused(pack, particles, key, words):
