@@ -14,6 +14,7 @@ from jaxdem.closures.gidaspow import Gidaspow, GidaspowBlended
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.koch_hill import KochHill
 from jaxdem.closures.network import ACTIVATIONS, PaperNetwork
+from jaxdem.closures.radl_sundaresan import RadlSundaresan
 from jaxdem.closures.registry import DRAG_LAWS, drag_law, drag_law_name
 from jaxdem.closures.rong import Rong
 from jaxdem.closures.schiller_naumann import SchillerNaumann
@@ -38,6 +39,7 @@ __all__ = [
     "InvariantClosure",
     "KochHill",
     "PaperNetwork",
+    "RadlSundaresan",
     "Rong",
     "SchillerNaumann",
     "Stokes",
