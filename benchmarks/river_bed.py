@@ -14,9 +14,7 @@ height of the box. The block means of q_s and of tau over equal parts of the tim
 
 from __future__ import annotations
 
-import argparse
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,8 +31,6 @@ SPEEDS = (0.5, 0.7, 0.85, 1.0, 1.2)
 """Bulk velocities [m/s]."""
 BEGIN = 0.6
 """Part of `time.end` that passes before the flow and the bed are taken as steady."""
-BLOCKS = 5
-"""Parts of the rest, each a sample."""
 SLICES_PER_DIAMETER = 8
 
 
@@ -64,6 +60,9 @@ def law_of_meyer_peter(shields: np.ndarray | float) -> np.ndarray:
 def law_of_wong(shields: np.ndarray | float) -> np.ndarray:
     """q* = 3.97 (theta - 0.0495)^1.5 (M. Wong, G. Parker, J. Hydraul. Eng. 132 (2006) 1159-1168)."""
     return 3.97 * np.maximum(np.asarray(shields) - 0.0495, 0.0) ** 1.5
+
+
+LAWS = {"meyer_peter": law_of_meyer_peter, "wong": law_of_wong}
 
 
 def volume_below(edges: np.ndarray, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
@@ -118,12 +117,6 @@ def surface(bed: Bed, diameter: float) -> tuple[float, float]:
     return float(bed.height[last] + part * (bed.height[last + 1] - bed.height[last])), solid
 
 
-def standard_error(values: np.ndarray) -> float:
-    """Of the mean, from the means of `BLOCKS` equal parts of a series."""
-    means = [float(part.mean()) for part in np.array_split(values, BLOCKS)]
-    return float(np.std(means, ddof=1) / np.sqrt(BLOCKS))
-
-
 def measure(run: Run) -> dict[str, Any]:
     """Shields number and flux of a run, with their standard errors in time, and its profiles."""
     first = int(np.searchsorted(run.times, BEGIN * run.scene["time"]["end"] - 1e-9))
@@ -140,10 +133,10 @@ def measure(run: Run) -> dict[str, Any]:
     flux = fluxes(run, frames) / np.sqrt(weight * diameter**3)
     return {
         "shields": float(shields.mean()),
-        "shields_error": standard_error(shields),
+        "shields_error": harness.standard_error(shields),
         "flux": float(flux.mean()),
-        "flux_error": standard_error(flux),
-        "flux_blocks": [float(part.mean()) for part in np.array_split(flux, BLOCKS)],
+        "flux_error": harness.standard_error(flux),
+        "flux_blocks": [float(part.mean()) for part in np.array_split(flux, 5)],
         "stress_pa": float(stress.mean()),
         "depth_m": depth,
         "bed_surface_diameters": height / diameter,
@@ -154,14 +147,28 @@ def measure(run: Run) -> dict[str, Any]:
     }
 
 
-def run_of(speed: float, seed: int, folder: Path, changes: dict[str, Any]) -> dict[str, Any]:
+def run_of(speed: float, seed: int, folder: Path) -> dict[str, Any]:
     """A run of the scene with this bulk velocity [m/s] and pack, measured."""
     held = [[0.0, "free", "free"], [speed, "free", "free"]]
     overrides = {"seed": seed, "fluid.bulk_velocity": held, "output.checkpoint_interval": 1e9}
-    run = jaxdem.simulate(jaxdem.load_scene(SCENE, overrides | changes), folder, resume=folder.exists())
-    found = {"speed": speed, "seed": seed, "valid": run.summary["valid"]} | measure(run)
-    wall = run.summary["wall_time_s"] - (run.summary["stages_s"]["compile"] or 0.0)
-    return found | {"wall_s": wall, "end": float(run.times[-1])}
+    run = jaxdem.simulate(jaxdem.load_scene(SCENE, overrides), folder, resume=folder.exists())
+    found = measure(run)
+    laws = {name: float(law(found["shields"])) for name, law in LAWS.items()}
+    return (
+        {"valid": run.summary["valid"]} | found | laws | {"wall_s": harness.time_of(run), "end": float(run.times[-1])}
+    )
+
+
+def scatter(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """By law: mean and root mean square of log10(flux / law) over the runs, and the largest; where both move grains."""
+    result = {}
+    for name in LAWS:
+        moving = [row for row in rows if row["flux"] > 0.0 and row[name] > 0.0]
+        logs = np.log10([row["flux"] / row[name] for row in moving])
+        if len(logs):
+            root = float(np.sqrt(np.mean(logs**2)))
+            result[name] = {"mean_log10": float(logs.mean()), "rms_log10": root, "largest": float(np.abs(logs).max())}
+    return result
 
 
 def other_settings(path: Path) -> dict[str, Any]:
@@ -172,23 +179,6 @@ def other_settings(path: Path) -> dict[str, Any]:
     keys = {name: fluid[name] for name in names} | {name: coupling[name] for name in ("kernel_width", "lift")}
     keys |= {"young_modulus": run.scene["contact"]["young_modulus"]}
     return {"name": path.name, "keys": keys, "end": float(run.times[-1])} | measure(run)
-
-
-def table_of(rows: list[dict[str, Any]]) -> str:
-    """One line a run."""
-    lines = [
-        "| bulk velocity [m/s] | pack | Shields number | q* | Meyer-Peter & Mueller | Wong & Parker | stress [Pa] "
-        "| surface [d] | run [s] |",
-        "| --- " * 9 + "|",
-    ]
-    lines += [
-        f"| {row['speed']:.2f} | {row['seed']} | {row['shields']:.3f} +- {row['shields_error']:.3f} "
-        f"| {row['flux']:.3f} +- {row['flux_error']:.3f} | {law_of_meyer_peter(row['shields']):.3f} "
-        f"| {law_of_wong(row['shields']):.3f} | {row['stress_pa']:.1f} | {row['bed_surface_diameters']:.2f} "
-        f"| {row['wall_s']:.0f} |"
-        for row in rows
-    ]
-    return "\n".join(lines)
 
 
 def draw(rows: list[dict[str, Any]], others: list[dict[str, Any]], path: Path) -> None:
@@ -233,31 +223,37 @@ def draw(rows: list[dict[str, Any]], others: list[dict[str, Any]], path: Path) -
         style.save(figure, path, dpi=110)
 
 
+STUDY = harness.Study(
+    "river_bed",
+    "speed",
+    SPEEDS,
+    run_of,
+    {
+        "bulk velocity [m/s]": "{speed:.2f}",
+        "pack": "{seed}",
+        "Shields number": "{shields:.3f} +- {shields_error:.3f}",
+        "q*": "{flux:.3f} +- {flux_error:.3f}",
+        "Meyer-Peter & Mueller": "{meyer_peter:.3f}",
+        "Wong & Parker": "{wong:.3f}",
+        "stress [Pa]": "{stress_pa:.1f}",
+        "surface [d]": "{bed_surface_diameters:.2f}",
+        "run [s]": "{wall_s:.0f}",
+    },
+    lambda rows: {"begin": BEGIN, "scatter": scatter(rows)},
+)
+
+
 def main() -> None:
-    """All runs, then the table and the picture."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--speeds", default=",".join(map(str, SPEEDS)))
-    parser.add_argument("--packs", default="0,1", help="seeds of the packs")
-    parser.add_argument("--runs", type=Path, help="folder in which the runs are kept")
-    parser.add_argument("--picture", type=Path, help="PNG of the flux over the Shields number")
+    """All runs, then the table, the scatter and the picture."""
+    parser = STUDY.arguments(__doc__ or "")
     parser.add_argument("--also", type=Path, nargs="*", default=[], help="run directories of other settings")
-    arguments = parser.parse_args()
-    others = [other_settings(path) for path in arguments.also]
-    rows: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = arguments.runs or Path(temporary)
-        for speed in map(float, arguments.speeds.split(",")):
-            for seed in map(int, arguments.packs.split(",")):
-                rows.append(run_of(speed, seed, folder / f"{speed:g}_{seed}", {}))
-                print(table_of(rows[-1:]).splitlines()[-1], flush=True)
-                harness.save(
-                    "river_bed",
-                    {"begin": BEGIN, "blocks": BLOCKS, "rows": rows, "other_settings": others},
-                    table_of(rows),
-                )
-    print(table_of(rows))
-    if arguments.picture:
-        draw(rows, others, arguments.picture)
+    given = parser.parse_args()
+    others = [other_settings(path) for path in given.also]
+    study = STUDY._replace(about=lambda rows: STUDY.about(rows) | {"other_settings": others})
+    rows = study.run(given)
+    print(scatter(rows))
+    if given.picture:
+        draw(rows, others, given.picture)
 
 
 if __name__ == "__main__":

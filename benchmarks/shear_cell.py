@@ -14,9 +14,7 @@ the probe give standard errors.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +47,6 @@ def friction_law(inertial_number: np.ndarray | float) -> np.ndarray:
     return low + (high - low) * inertial_number / (0.279 + inertial_number)
 
 
-def standard_error(values: np.ndarray) -> float:
-    """Of the mean of independent values."""
-    return float(np.std(values, ddof=1) / np.sqrt(len(values)))
-
-
 def measure(run: Run) -> dict[str, Any]:
     """Friction, inertial number and solid fraction of a run, and its velocity profile."""
     lines, scene = run.probes["layers"], run.scene
@@ -74,13 +67,13 @@ def measure(run: Run) -> dict[str, Any]:
     inertial = rate * diameter / np.sqrt(normal / density)
     return {
         "friction": float(np.abs(stress["xz"].mean() / stress["zz"].mean())),
-        "friction_error": standard_error(friction),
+        "friction_error": harness.standard_error(friction),
         "inertial_number": float(rate.mean() * diameter / np.sqrt(normal.mean() / density)),
-        "inertial_number_error": standard_error(inertial),
+        "inertial_number_error": harness.standard_error(inertial),
         "solid_fraction": float(table["solid_fraction"][:, middle].mean()),
         "coordination": float(table["coordination"][:, middle].mean()),
         "pressure_pa": float(normal.mean()),
-        "pressure_error_pa": standard_error(normal),
+        "pressure_error_pa": harness.standard_error(normal),
         "normal_stress_ratios": [float(stress[pair].mean() / stress["zz"].mean()) for pair in ("xx", "yy")],
         "pressure_over_modulus": float(normal.mean() / scene["contact"]["young_modulus"]),
         "shear_rate": float(rate.mean()),
@@ -98,26 +91,9 @@ def sheared(size: float, seed: int, path: Path) -> dict[str, Any]:
     radii = [size * radius for radius in RADII]
     scene = jaxdem.load_scene(SCENE, {"seed": seed, "particles.distribution.radii": radii})
     run = jaxdem.simulate(scene, path, resume=path.exists())
-    wall = run.summary["wall_time_s"] - (run.summary["stages_s"]["compile"] or 0.0)
-    return {"size": size, "seed": seed, "valid": run.summary["valid"]} | measure(run) | {"wall_s": wall}
-
-
-def table_of(rows: list[dict[str, Any]]) -> str:
-    """One line a run."""
-    lines = [
-        "| radii over those of the scene | pack | solid fraction | I | mu | law | pressure [Pa] | pressure / E "
-        "| contacts a grain | run [s] |",
-        "| --- " * 10 + "|",
-    ]
-    lines += [
-        f"| {row['size']:g} | {row['seed']} | {row['solid_fraction']:.4f} "
-        f"| {row['inertial_number']:.4f} +- {row['inertial_number_error']:.4f} "
-        f"| {row['friction']:.3f} +- {row['friction_error']:.3f} | {friction_law(row['inertial_number']):.3f} "
-        f"| {row['pressure_pa']:.3g} | {row['pressure_over_modulus']:.1e} | {row['coordination']:.2f} "
-        f"| {row['wall_s']:.0f} |"
-        for row in rows
-    ]
-    return "\n".join(lines)
+    found = measure(run)
+    law = float(friction_law(found["inertial_number"]))
+    return {"valid": run.summary["valid"], "law": law} | found | {"wall_s": harness.time_of(run)}
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
@@ -149,25 +125,33 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         style.save(figure, path, dpi=110)
 
 
+STUDY = harness.Study(
+    "shear_cell",
+    "size",
+    SIZES,
+    sheared,
+    {
+        "radii over those of the scene": "{size:g}",
+        "pack": "{seed}",
+        "solid fraction": "{solid_fraction:.4f}",
+        "I": "{inertial_number:.4f} +- {inertial_number_error:.4f}",
+        "mu": "{friction:.3f} +- {friction_error:.3f}",
+        "law": "{law:.3f}",
+        "pressure [Pa]": "{pressure_pa:.3g}",
+        "pressure / E": "{pressure_over_modulus:.1e}",
+        "contacts a grain": "{coordination:.2f}",
+        "run [s]": "{wall_s:.0f}",
+    },
+    lambda rows: {"settled": SETTLED},
+)
+
+
 def main() -> None:
     """All runs, then the table and the picture."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="factors on all radii")
-    parser.add_argument("--packs", default="0,1", help="seeds of the packs")
-    parser.add_argument("--runs", type=Path, help="folder in which the runs are kept")
-    parser.add_argument("--picture", type=Path, help="PNG of friction and solid fraction over the inertial number")
-    arguments = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = arguments.runs or Path(temporary)
-        for size in map(float, arguments.sizes.split(",")):
-            for seed in map(int, arguments.packs.split(",")):
-                rows.append(sheared(size, seed, folder / f"{size:g}_{seed}"))
-                print(table_of(rows[-1:]).splitlines()[-1], flush=True)
-                harness.save("shear_cell", {"settled": SETTLED, "rows": rows}, table_of(rows))
-    print(table_of(rows))
-    if arguments.picture:
-        draw(rows, arguments.picture)
+    given = STUDY.arguments(__doc__ or "").parse_args()
+    rows = STUDY.run(given)
+    if given.picture:
+        draw(rows, given.picture)
 
 
 if __name__ == "__main__":

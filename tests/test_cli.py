@@ -275,6 +275,7 @@ def test_check_names_the_options_of_the_fluid(grains, tmp_path):
     right, tilt = "boundary.right.kind=outlet", "domain.gravity=[[0.0, -9.81], [1.0, -9.81]]"
     for words, *options in (
         ("Smagorinsky subgrid viscosity", "--set", "fluid.smagorinsky=0.1"),
+        ("mixing length over a bed", "--set", "fluid.bed_mixing={}", "--set", "boundary.top.kind=free_slip"),
         ("learned subgrid stress", "--set", f"fluid.subgrid={tmp_path / 's.h5'}"),
         ("model B", "--set", "fluid.model=B"),
         ("virtual mass", "--set", "coupling.virtual_mass=0.5"),

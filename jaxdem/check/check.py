@@ -182,16 +182,20 @@ def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | N
 
     nu_t = (C_s Delta)^2 sqrt(2 S:S) for a shear of the largest boundary speed over the smallest cell side, where
     sqrt(2 S:S) = U/h; model B: over the smallest void fraction of the start. A learned stress is taken at its bounds,
-    over that void fraction in either model. While running, the true ones decide.
+    over that void fraction in either model. A mixing length over a bed is taken as kappa H for a shear U/H, H the
+    height of the box. While running, the true ones decide.
     """
     fluid = scene.fluid
     model_b = simulation.fluid is not None and not simulation.fluid.solver.shares_stress and lowest is not None
-    if fluid is None or simulation.fluid is None or not (fluid.smagorinsky > 0.0 or fluid.subgrid or model_b):
+    eddies_modelled = fluid is not None and (fluid.smagorinsky > 0.0 or fluid.subgrid or fluid.bed_mixing)
+    if fluid is None or simulation.fluid is None or not (eddies_modelled or model_b):
         return {}
     grid = simulation.fluid.solver.grid
     width = math.prod(grid.spacing) ** (1.0 / grid.dimension)
     shear = boundary_speed(scene) / min(grid.spacing)
     eddies = (fluid.smagorinsky * width) ** 2 * shear
+    if fluid.bed_mixing is not None:
+        eddies = fluid.bed_mixing.von_karman**2 * boundary_speed(scene) * scene.domain.size[-1]
     viscosity = (fluid.viscosity + eddies) / (lowest if model_b and lowest else 1.0)
     if fluid.subgrid is not None:
         largest = LARGEST_VISCOSITY * width**2 + 2.0 * LARGEST_GRADIENT * max(grid.spacing) ** 2

@@ -43,6 +43,7 @@ def compiled_parts(
             ("viscous stress", solver.viscous),
             ("drive along periodic axes", solver.drive is not None),
             ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
+            ("mixing length over a bed", parameters.fluid.bed_mixing is not None),
             ("learned subgrid stress", parameters.fluid.subgrid is not None),
             ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
             ("velocity of a side over time", any(side.times is not None for side in solver.boundary.sides)),

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Sides, open_fraction, with_ghosts
-from jaxdem.fluid.grid import FaceField, Grid, along, control_width, divergence, face_average_along, sum_of
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, control_width, divergence, face_average_along, sum_of
 from jaxdem.fluid.subgrid import StrainRates, eddy_viscosity
 
 
 def stress_divergence(
-    grid: Grid, sides: Sides, velocity: FaceField, kinematic_viscosity: Array, smagorinsky: Array | None = None
+    grid: Grid, sides: Sides, velocity: FaceField, kinematic_viscosity: Array, mixing_length: CellOrOne | None = None
 ) -> FaceField:
     """div(tau) / rho on the faces [m/s2], tau = (mu + rho nu_t) (grad u + grad u^T - 2/3 div(u) 1).
 
@@ -24,11 +24,11 @@ def stress_divergence(
         sides: of the box.
         velocity: u on the faces [m/s].
         kinematic_viscosity: () [m2/s].
-        smagorinsky: () coefficient of the subgrid viscosity nu_t, see `eddy_viscosity`; None leaves it out [-].
+        mixing_length: of the eddy viscosity nu_t, () or in the cells, see `eddy_viscosity`; None leaves it out [m].
     """
     rates = strain_rates(grid, sides, velocity)
     expansion = divergence(grid, velocity)
-    eddy = None if smagorinsky is None else eddy_viscosity(grid, rates, smagorinsky)
+    eddy = None if mixing_length is None else eddy_viscosity(rates, mixing_length)
     result = []
     for which in range(grid.dimension):
         terms = []

@@ -35,6 +35,7 @@ from jaxdem.fluid.grid import (
     face_control_volume,
     sum_of,
 )
+from jaxdem.fluid.mixing_length import BedMixing, mixing_length_over_bed
 from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
 from jaxdem.fluid.side_forces import gained_at_sides, pressure_on_sides, stress_on_sides, viscous_stresses
 from jaxdem.fluid.subgrid import eddy_viscosity
@@ -81,6 +82,7 @@ class FluidProperties(NamedTuple):
             of an inlet with T times [m/s].
         smagorinsky: () coefficient of the subgrid viscosity; None compiles none [-].
         subgrid: closure of the subgrid stress with its weights; None compiles none.
+        bed_mixing: mixing length of a stream over a bed; None compiles none.
         drive: of periodic axes; None where nothing drives the fluid.
         gravity: (D,) that drives it along periodic axes; `Parameters` gives it [m/s2].
     """
@@ -90,6 +92,7 @@ class FluidProperties(NamedTuple):
     side_velocity: tuple[Array, ...]
     smagorinsky: Array | None = None
     subgrid: SubgridLaw | None = None
+    bed_mixing: BedMixing | None = None
     drive: DriveParameters | None = None
     gravity: Array | None = None
 
@@ -300,9 +303,10 @@ class FluidSolver:
             time: [s].
         """
         largest = properties.viscosity
-        if properties.smagorinsky is not None:
+        length = self._mixing_length(properties, state.void_fraction)
+        if length is not None:
             rates = strain_rates(self.grid, self._sides(properties, time), state.face_velocity)
-            largest = largest + jnp.max(eddy_viscosity(self.grid, rates, properties.smagorinsky))
+            largest = largest + jnp.max(eddy_viscosity(rates, length))
         if not self.shares_stress and state.void_fraction is not None:
             largest = largest / jnp.min(state.void_fraction)
         flow = self._subgrid_flow(properties, state.face_velocity, state.void_fraction, time)
@@ -311,6 +315,12 @@ class FluidSolver:
             lowest = 1.0 if state.void_fraction is None else jnp.min(state.void_fraction)
             largest = largest + jnp.max(subgrid_diffusivity(self.grid, flow)) / lowest
         return largest
+
+    def _mixing_length(self, properties: FluidProperties, void_fraction: Array | None) -> Array | None:
+        """Of the eddy viscosity, () or in the cells [m]; None without one."""
+        if properties.bed_mixing is not None:
+            return mixing_length_over_bed(self.grid, properties.bed_mixing, void_fraction)
+        return None if properties.smagorinsky is None else properties.smagorinsky * self.grid.filter_size
 
     def _subgrid_flow(
         self, properties: FluidProperties, velocity: FaceField, void_fraction: Array | None, time: Array
@@ -372,10 +382,11 @@ class FluidSolver:
                 on_sides = on_sides + stress_on_sides(grid, self.boundary, within)
         if not self.viscous:
             return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity), on_sides)
+        length = self._mixing_length(properties, void_fraction)
         if on_sides is not None:
-            found = viscous_stresses(grid, sides, velocity, properties.viscosity, properties.smagorinsky)
+            found = viscous_stresses(grid, sides, velocity, properties.viscosity, length)
             on_sides = on_sides + stress_on_sides(grid, self.boundary, found)
-        stress = stress_divergence(grid, sides, velocity, properties.viscosity, properties.smagorinsky)
+        stress = stress_divergence(grid, sides, velocity, properties.viscosity, length)
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return _Rates(total, stress, on_sides)
 

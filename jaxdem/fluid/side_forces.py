@@ -18,7 +18,7 @@ from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Sides
 from jaxdem.fluid.diffusion import edge_average, strain_rates
-from jaxdem.fluid.grid import FaceField, Grid, along, divergence, face_control_volume
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, face_control_volume
 from jaxdem.fluid.subgrid import eddy_viscosity
 
 Stresses = dict[tuple[int, int], Array]
@@ -26,11 +26,11 @@ Stresses = dict[tuple[int, int], Array]
 
 
 def viscous_stresses(
-    grid: Grid, sides: Sides, velocity: FaceField, kinematic_viscosity: Array, smagorinsky: Array | None
+    grid: Grid, sides: Sides, velocity: FaceField, kinematic_viscosity: Array, mixing_length: CellOrOne | None
 ) -> Stresses:
     """The stress whose divergence is `stress_divergence`; arguments as there."""
     rates, expansion = strain_rates(grid, sides, velocity), divergence(grid, velocity)
-    eddy = None if smagorinsky is None else eddy_viscosity(grid, rates, smagorinsky)
+    eddy = None if mixing_length is None else eddy_viscosity(rates, mixing_length)
     found = {}
     for (i, j), rate in rates.items():
         viscosity = kinematic_viscosity

@@ -1,32 +1,31 @@
-"""Subgrid viscosity: what eddies smaller than a cell do to the resolved flow."""
+"""Eddy viscosity: what eddies that the mesh does not resolve do to the flow."""
 
 from __future__ import annotations
 
 from jax import Array
 
-from jaxdem.fluid.grid import Grid, along, sum_of
+from jaxdem.fluid.grid import CellOrOne, along, sum_of
 from jaxdem.numerics.vectors import safe_sqrt
 
 StrainRates = dict[tuple[int, int], Array]
 """du_i/dx_j + du_j/dx_i by (i, j), i <= j: in the cells for i = j, else on the edges of both axes [1/s]."""
 
 
-def eddy_viscosity(grid: Grid, rates: StrainRates, coefficient: Array) -> Array:
-    """Smagorinsky's nu_t = (C_s Delta)^2 sqrt(2 S:S) in the cells [m2/s].
+def eddy_viscosity(rates: StrainRates, length: CellOrOne) -> Array:
+    """nu_t = l^2 sqrt(2 S:S) in the cells [m2/s].
 
-    S = (grad u + grad u^T)/2 and Delta is the filter size, the cube root of the cell's volume (2-D: the square
-    root of its area). The squares of the shear rates reach a cell as the mean of its four edges. There is no
-    damping at walls, where nu_t should vanish: use it where the wall's layer is not what matters.
+    S = (grad u + grad u^T)/2. The squares of the shear rates reach a cell as the mean of its four edges. Smagorinsky's
+    mixing length is l = C_s Delta with C_s 0.1 to 0.2 usually and Delta the filter size, the cube root of the cell's
+    volume (2-D: the square root of its area). It has no damping at walls, where nu_t should vanish: use it where the
+    wall's layer is not what matters. `mixing_length_over_bed` is that of a stream over a bed.
 
     Args:
-        grid: the grid.
         rates: of strain, twice S.
-        coefficient: () C_s, 0.1 to 0.2 usually [-].
+        length: l, () or in the cells [m].
 
     Source: J. Smagorinsky, Mon. Weather Rev. 91 (1963) 99-164.
     """
-    root = strain_magnitude(rates)
-    return (coefficient * grid.filter_size) ** 2 * root
+    return length**2 * strain_magnitude(rates)
 
 
 def strain_magnitude(rates: StrainRates) -> Array:

@@ -20,6 +20,7 @@ from jaxdem.scene.base import (
     row_or_rows,
     wrong,
 )
+from jaxdem.scene.bed_mixing import BedMixing
 
 Cells = Annotated[
     tuple[Annotated[int, Field(ge=1, le=100_000, strict=True)], ...],
@@ -44,6 +45,8 @@ class Fluid(Section):
         model: volume-averaged equations. "A": pressure gradient and viscous stress act on fluid and particles, in
             proportion to their volumes. "B": they act on the fluid alone, and the drag is divided by the void fraction.
         smagorinsky: coefficient of Smagorinsky's subgrid viscosity, usually 0.1 to 0.2; 0 for none [-].
+        bed_mixing: table with the mixing length of a turbulent stream over a bed of grains or a rough floor, whose
+            eddies are all modelled: {von_karman, packed_solid_fraction}; {} for its defaults. Default: none.
         subgrid: file of a learned subgrid stress, written by `jaxdem finetune --subgrid`.
         time_step: fluid step. "auto" is a Courant number of 0.5 at the largest boundary speed, but at most 0.01 s [s].
         advection: advection scheme. "limited" is second order with van Leer's limiter. "superbee" has less numerical
@@ -67,6 +70,7 @@ class Fluid(Section):
     viscosity: NonNegative = 1e-6
     model: Literal["A", "B"] = "A"
     smagorinsky: Fraction = 0.0
+    bed_mixing: BedMixing | None = None
     subgrid: str | None = None
     time_step: Positive | Literal["auto"] = "auto"
     advection: Literal["limited", "superbee", "central", "central_4", "upwind"] = "limited"
@@ -89,12 +93,14 @@ class Fluid(Section):
         return self
 
     @model_validator(mode="after")
-    def _subgrid_stress(self) -> Fluid:
-        """The learned subgrid stress scales with the viscosity, and has an eddy viscosity of its own."""
-        if self.subgrid is not None and self.smagorinsky > 0.0:
-            limit = "models the same unresolved eddies as the learned stress of fluid.subgrid"
-            remedy = "set fluid.smagorinsky to 0, or remove fluid.subgrid"
-            raise wrong("smagorinsky", self.smagorinsky, limit, remedy)
+    def _one_model_of_eddies(self) -> Fluid:
+        """Smagorinsky's viscosity, the mixing length over a bed and the learned stress model the same eddies."""
+        given = [self.bed_mixing is not None, self.smagorinsky > 0.0, self.subgrid is not None]
+        keys = ("bed_mixing", "smagorinsky", "subgrid")
+        first, *others = [key for key, there in zip(keys, given, strict=True) if there] or [""]
+        if others:
+            limit = f"models the same unresolved eddies as fluid.{others[0]}"
+            raise wrong(first, getattr(self, first), limit, f"remove fluid.{first} or fluid.{others[0]}")
         if self.subgrid is not None and self.viscosity == 0.0:
             limit = "the inputs of fluid.subgrid include a Reynolds number of the cells, which needs a viscosity"
             raise wrong("viscosity", 0.0, limit, "set fluid.viscosity to a value above 0")

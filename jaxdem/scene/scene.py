@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from jaxdem.errors import InputError
 from jaxdem.scene.base import UNKNOWN_KEY, Section, Tables, nearest, wrong
+from jaxdem.scene.bed_mixing import check_bed_mixing
 from jaxdem.scene.boundary import BoundarySide, completed_boundary
 from jaxdem.scene.contact import Contact
 from jaxdem.scene.coupling import Closure, Coupling, check_on_mesh, coupling_without_fluid
@@ -166,6 +167,8 @@ def completed(scene: Scene) -> Scene:
     if found.fluid is not None:
         check_own_gravity(scene.domain.gravity, found.periodic)
         check_drive(found.fluid, found.domain, found.periodic)
+        if found.fluid.bed_mixing is not None:
+            check_bed_mixing(found.boundary)
     has = found.particles is not None, found.fluid is not None
     time = found.time
     place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary)

@@ -62,7 +62,7 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps) -> F
     """
     table = fluid.table
     check_flow(fluid.scene, fluid.grid, boundary)
-    viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0
+    viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0 or table.bed_mixing is not None
     solver = FluidSolver(
         fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive_of(fluid.scene, table)
     )

@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.base import DragClosure
+from jaxdem.fluid.mixing_length import BedMixing
 from jaxdem.fluid.momentum import FluidProperties
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.numerics.host import on_device
@@ -61,8 +62,12 @@ def scene_parameters(
         table = scene.fluid
         smagorinsky = number(table.smagorinsky) if table.smagorinsky > 0.0 else None
         law = subgrid_closure(table, subgrid)
+        mixing = None
+        if table.bed_mixing is not None:
+            mixing = BedMixing(number(table.bed_mixing.von_karman), number(table.bed_mixing.packed_solid_fraction))
         drive = drive_parameters(scene, table, number)
-        fluid = FluidProperties(number(table.density), number(table.viscosity), velocity, smagorinsky, law, drive)
+        of_fluid = number(table.density), number(table.viscosity)
+        fluid = FluidProperties(*of_fluid, velocity, smagorinsky, law, mixing, drive)
         drag_scale = None if scene.coupling is None else number(scene.coupling.drag_factor)
     return Parameters(
         gravity=number(scene.domain.gravity),

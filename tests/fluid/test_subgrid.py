@@ -26,7 +26,7 @@ def box(cells, kinds):
 def viscosity_of(grid, boundary, velocity, sides=None):
     still = (jnp.zeros(grid.dimension),) * (2 * grid.dimension)
     rates = strain_rates(grid, Sides(boundary, still if sides is None else sides, TIME), velocity)
-    return np.asarray(eddy_viscosity(grid, rates, jnp.asarray(CS)))
+    return np.asarray(eddy_viscosity(rates, jnp.asarray(CS * grid.filter_size)))
 
 
 @pytest.mark.parametrize("cells", [(4, 6), (3, 4, 6)])
@@ -59,7 +59,9 @@ def test_wall_stress_of_plane_shear():
     grid, boundary = box((3, 8), ("periodic", "periodic", "no_slip", "free_slip"))
     velocity = linear_faces(grid, [[0.0, A], [0.0, 0.0]])
     still, nu = (jnp.zeros(2),) * 4, jnp.asarray(0.02)
-    acceleration = stress_divergence(grid, Sides(boundary, still, TIME), velocity, nu, jnp.asarray(CS))[0]
+    acceleration = stress_divergence(
+        grid, Sides(boundary, still, TIME), velocity, nu, jnp.asarray(CS * grid.filter_size)
+    )[0]
     loss = -np.asarray(acceleration).sum(axis=1) * grid.spacing[1]
     np.testing.assert_allclose(loss, (0.02 + CS**2 * np.prod(grid.spacing) * A) * A, rtol=1e-13)
 
@@ -72,7 +74,8 @@ def test_stress_takes_no_momentum_from_a_periodic_box_but_moves_it():
         f = random.normal(size=grid.face_shape(axis))
         np.moveaxis(f, axis, 0)[-1] = np.moveaxis(f, axis, 0)[0]
         velocity.append(jnp.asarray(f))
-    stress = stress_divergence(grid, Sides(boundary, still, TIME), tuple(velocity), jnp.asarray(0.0), jnp.asarray(CS))
+    length = jnp.asarray(CS * grid.filter_size)
+    stress = stress_divergence(grid, Sides(boundary, still, TIME), tuple(velocity), jnp.asarray(0.0), length)
     size = sum(float(jnp.abs(s).sum()) for s in stress)
     assert size > 1.0
     assert max(abs(float(total)) for total in face_total(grid, stress)) < 1e-14 * size
@@ -84,8 +87,8 @@ def test_slope_is_finite_at_rest():
     grid, boundary = box((4, 4), ("no_slip",) * 4)
     still = (jnp.zeros(2),) * 4
 
-    def total(velocity, coefficient):
-        stress = stress_divergence(grid, Sides(boundary, still, TIME), velocity, jnp.asarray(0.1), coefficient)
+    def total(velocity, length):
+        stress = stress_divergence(grid, Sides(boundary, still, TIME), velocity, jnp.asarray(0.1), length)
         return sum(jnp.sum(s) for s in stress)
 
     at_rest = linear_faces(grid, np.zeros((2, 2)))
