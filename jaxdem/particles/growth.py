@@ -25,6 +25,9 @@ MOST_STEPS = 10_000
 MARGIN = 1e-5
 """Part of a radius by which particles are pushed further than they must."""
 
+PULLS, STEPS_OF_A_PULL = (0.1, 0.01, 1e-3, 1e-4), 300
+"""Stiffnesses of springs that hold particles in their places, over that of a contact, and steps with each."""
+
 FIRST_STEP, LONGEST_STEP = 0.1, 0.4
 """Of the minimiser, in units of mass and stiffness of a contact; twelve contacts are stable up to 0.57."""
 
@@ -61,6 +64,17 @@ def moved_apart(region: Region, position: np.ndarray, radius: np.ndarray) -> tup
     return position, part == 1.0
 
 
+def moved_apart_nearby(region: Region, position: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, bool]:
+    """As `moved_apart`, of particles that overlap much: weaker and weaker springs hold each to where it was.
+
+    Without them particles that push each other apart do not come back together, and a pack ends looser than it must.
+    """
+    near = position
+    for pull in PULLS:
+        near, _ = _relaxed(region, near, radius, 1.0, STEPS_OF_A_PULL, (position, pull))
+    return moved_apart(region, near, radius)
+
+
 def _anywhere(region: Region, count: int, generator: np.random.Generator) -> np.ndarray:
     """(N, D) points that lie anywhere in a region."""
     low, high = (np.asarray(corner) for corner in region.bounds)
@@ -73,9 +87,17 @@ def _anywhere(region: Region, count: int, generator: np.random.Generator) -> np.
 
 
 def _relaxed(
-    region: Region, position: np.ndarray, radius: np.ndarray, spacing: float, most: int
+    region: Region,
+    position: np.ndarray,
+    radius: np.ndarray,
+    spacing: float,
+    most: int,
+    held: tuple[np.ndarray, float] | None = None,
 ) -> tuple[np.ndarray, float]:
-    """Centres after `most` steps of the minimiser, or as soon as nothing overlaps; and the part that has room."""
+    """Centres after `most` steps of the minimiser, or as soon as nothing overlaps; and the part that has room.
+
+    `held` has places (N, D) to which springs hold the particles [m], and their stiffness over that of a contact.
+    """
     given, radius = radius, radius * (1.0 + MARGIN)
     reach, skin = spacing * radius, 0.3 * spacing * float(radius.min())
     unit = float(radius.mean())
@@ -88,6 +110,8 @@ def _relaxed(
         force, part = _pushes(region, position, radius, reach, pairs)
         if part >= 1.0 / (1.0 + MARGIN):
             break
+        if held is not None:
+            force += held[1] * _nearest_image(region, held[0] - position)
         power = float(np.sum(force * velocity))
         if power > 0.0:
             downhill += 1
@@ -112,10 +136,7 @@ def _pushes(
     The part is the least distance of two centres over their reach, or of a centre from the boundary over its radius.
     """
     first, second = pairs.T
-    apart = position[first] - position[second]
-    periods = _periods(region)
-    wraps = periods > 0.0
-    apart[:, wraps] -= periods[wraps] * np.round(apart[:, wraps] / periods[wraps])
+    apart = _nearest_image(region, position[first] - position[second])
     distance, wanted = np.sqrt(np.einsum("pd,pd->p", apart, apart)), reach[first] + reach[second]
     part = float((distance / wanted).min(initial=1.0))
     touching = distance < wanted
@@ -136,6 +157,14 @@ def _periods(region: Region) -> np.ndarray:
     """(D,) length of the region along axes that it spans, zero along the others [m]."""
     low, high = (np.asarray(corner) for corner in region.bounds)
     return np.where(region.wraps, high - low, 0.0)
+
+
+def _nearest_image(region: Region, apart: np.ndarray) -> np.ndarray:
+    """Differences of positions, the shortest along axes that the region spans."""
+    periods = _periods(region)
+    wraps = periods > 0.0
+    apart[:, wraps] -= periods[wraps] * np.round(apart[:, wraps] / periods[wraps])
+    return apart
 
 
 def _into_periods(region: Region, position: np.ndarray) -> np.ndarray:

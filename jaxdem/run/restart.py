@@ -92,6 +92,7 @@ def about(case: Case, time: Fraction) -> tuple[dict[str, np.ndarray], dict[str, 
     attributes = {
         "time": str(time),
         "interval": case.simulation.interval,
+        "coarse_grain": 1.0 if case.scene.particles is None else case.scene.particles.coarse_grain,
         "tables": json.dumps({name: tables[name] for name in ABOUT if name in tables}),
         "reach": json.dumps([] if search is None else [search.cutoff, search.skin]),
         "walls": json.dumps(walls_of(case.scene, case.simulation)),

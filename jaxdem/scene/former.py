@@ -12,6 +12,9 @@ from jaxdem.files.reading import parse_toml, read_text
 OWN_KEYS = ("inlet",)
 """Of `[particles]`, what a scene has of its own."""
 
+MERGED = "coarse_grain"
+"""Key of `[particles]` that may be larger than in the run: its particles are merged into parcels at the start."""
+
 
 def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a scene with what it takes from the scene of the former run: its particles and its depth.
@@ -35,7 +38,10 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
             domain = {"depth": before["depth"], **domain}
     particles = _particles(tables.get("particles"), former.get("particles"), name)
     known = {"domain": domain, "particles": particles}
-    absent = comes_and_goes(former) or bool(start.get("remove"))
+    # Parcels that are made at the start are all there.
+    ratios = [table.get(MERGED, 1.0) for table in (particles, former.get("particles")) if isinstance(table, dict)]
+    merging = len(ratios) == 2 and ratios[0] != ratios[1]
+    absent = (comes_and_goes(former) and not merging) or bool(start.get("remove"))
     return {**tables, **{key: value for key, value in known.items() if value is not None}} | {
         "start": {"absent": absent, **start}
     }
@@ -76,13 +82,27 @@ def _particles(given: object, before: Mapping[str, Any] | None, name: object) ->
     if before is None or not isinstance(given, dict | None):
         return given
     kept = {key: value for key, value in before.items() if key not in OWN_KEYS}
+    own = (*OWN_KEYS, MERGED)
+    _check_merge(given or {}, before, name)
     for key, value in (given or {}).items():
-        if key not in OWN_KEYS and not _agrees(value, kept.get(key)):
+        if key not in own and not _agrees(value, kept.get(key)):
             there = cut(repr(kept.get(key, "(not set)")), 100)
             limit = f"the particles are those of the run {name}, whose scene has {there}"
             remedy = f"remove particles.{key}; [start.add] adds particles, and inlets have keys of their own"
             raise InputError(f"particles.{key}", cut(repr(value), 100), limit, remedy)
-    return kept | {key: value for key, value in (given or {}).items() if key in OWN_KEYS}
+    return kept | {key: value for key, value in (given or {}).items() if key in own}
+
+
+def _check_merge(given: Mapping[str, Any], before: Mapping[str, Any], name: object) -> None:
+    """Refuses parcels smaller than those of the run.
+
+    Raises:
+        InputError: naming both.
+    """
+    ratio, former = given.get(MERGED), before.get(MERGED, 1.0)
+    if isinstance(ratio, int | float) and ratio < former:
+        limit = f"the run {name} has parcels of l = {former:g}, and a parcel cannot be divided into smaller ones"
+        raise InputError(f"particles.{MERGED}", ratio, limit, f"set it to {former:g} or more")
 
 
 def _agrees(given: object, stored: object) -> bool:

@@ -27,6 +27,7 @@ from jaxdem.setup.coupling import fluid_coupling
 from jaxdem.setup.extensions import Extensions, refuse_unknown
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
 from jaxdem.setup.magnitudes import check_magnitudes, check_memory
+from jaxdem.setup.merge import merged
 from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
@@ -62,7 +63,8 @@ class Case:
     start: StartPoint | None = None
 
     def _beginning(self, start: StartPoint) -> Beginning:
-        return Beginning(self.scene, self.particles, self.simulation, self.parameters, start)
+        own = self.particles.start if isinstance(self.particles, StartedParticles) else start
+        return Beginning(self.scene, self.particles, self.simulation, self.parameters, own)
 
     @property
     def begin(self) -> Fraction:
@@ -217,7 +219,8 @@ def _particles(scene: Scene, start: StartPoint | None) -> ParticleSetup | None:
     own = particle_setup(scene)
     if own is None or start is None or scene.start is None or not start.has_particles:
         return own
-    return StartedParticles(scene, own.table, own.contact, start, scene.start)
+    point, merge = merged(scene, start)
+    return StartedParticles(scene, own.table, own.contact, point, scene.start, merge)
 
 
 def _dtype(scene: Scene) -> np.dtype[np.floating]:

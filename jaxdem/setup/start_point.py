@@ -15,6 +15,7 @@ from jaxdem.errors import InputError
 from jaxdem.io.checkpoint import content_hash, read_checkpoint
 from jaxdem.io.run_directory import CHECKPOINT
 from jaxdem.scene import Scene
+from jaxdem.scene.domain import SIDES
 from jaxdem.setup.arrivals import Queue
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.start_frame import arrays_of_frame
@@ -34,12 +35,14 @@ class StartPoint:
         arrays: of the checkpoint; of a frame without list, springs and face velocities.
         attributes: of the checkpoint.
         foreseen: whether the run has yet to run, so that the places of its particles are not known.
+        merged: whether its particles are not those of the run but parcels of them.
     """
 
     source: str
     arrays: Mapping[str, np.ndarray]
     attributes: Mapping[str, Any]
     foreseen: bool = False
+    merged: bool = False
 
     @property
     def time(self) -> Fraction:
@@ -73,6 +76,18 @@ class StartPoint:
     def sha256(self) -> str:
         """Of all that it holds."""
         return content_hash(self.arrays, self.attributes)
+
+    @property
+    def box(self) -> tuple[np.ndarray, tuple[bool, ...]]:
+        """Side lengths of its box [m], and which axes are periodic."""
+        tables = self.tables
+        size, sides = np.asarray(tables["domain"]["size"]), tables.get("boundary", {})
+        return size, tuple(sides[lower]["kind"] == "periodic" for lower in SIDES[len(size)][::2])
+
+    @property
+    def coarse_grain(self) -> float:
+        """Radius of its particles over that of their grains; 1 where they are grains [-]."""
+        return float(self.attributes.get("coarse_grain", 1.0))
 
     @property
     def has_particles(self) -> bool:

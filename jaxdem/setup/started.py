@@ -215,7 +215,8 @@ class Beginning:
         before, tables = self.start.tables, self.scene.tables()
         same = all(before.get(name) == tables.get(name) for name in ("coupling", "domain", "boundary"))
         same = same and before["fluid"]["cells"] == tables["fluid"]["cells"]
-        return same and own.added is None and not own.settings.relax and len(own.removed) == 0
+        unmoved = not self.start.merged and not own.settings.relax
+        return same and unmoved and own.added is None and len(own.removed) == 0
 
     def _memory(self, coupling: Coupling, state: ParticleState, fluid: FluidState) -> Any:
         """What further forces remember: of the particles of the run if it had the force and the interval, else of a

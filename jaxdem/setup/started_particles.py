@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -27,12 +28,14 @@ class StartedParticles(ParticleSetup):
     number, and a row is never used twice.
 
     Attributes:
-        start: state of that run.
+        start: state of that run, with its particles merged where the scene has larger parcels.
         settings: the table `[start]`.
+        merge: what the merge took, see `jaxdem.setup.merge`; {} without.
     """
 
     start: StartPoint
     settings: Start
+    merge: Mapping[str, object] = dataclasses.field(default_factory=dict)
 
     @property
     def is_started(self) -> bool:
@@ -123,30 +126,23 @@ class StartedParticles(ParticleSetup):
         centre = arrays["state.particles.position"].astype(np.float64)
         low = arrays.get("state.particles.position_low")
         centre = centre if low is None else centre + low
-        size, periodic = self._box_before
+        size, _ = self.start.box
         changed = self.rewrapped
         if any(changed):
             centre = np.where(changed, into_period(centre, size), centre)
         return centre if self.added is None else np.concatenate([centre, self.added.position])
 
     @property
-    def _box_before(self) -> tuple[np.ndarray, tuple[bool, ...]]:
-        """Side lengths of the run's box [m], and which of its axes are periodic."""
-        tables, lower = self.start.tables, self.scene.sides[::2]
-        sides = tables.get("boundary", {})
-        return np.asarray(tables["domain"]["size"]), tuple(sides[side]["kind"] == "periodic" for side in lower)
-
-    @property
     def rewrapped(self) -> tuple[bool, ...]:
         """Axes that were periodic and are so no more, or with another length: centres are brought into the box."""
-        size, periodic = self._box_before
+        size, periodic = self.start.box
         here = zip(size, periodic, self.scene.domain.size, self.scene.periodic, strict=True)
         return tuple(before and not (now and length == other) for length, before, other, now in here)
 
     @property
     def same_box(self) -> bool:
         """Whether box and periodic axes are those of the run."""
-        size, periodic = self._box_before
+        size, periodic = self.start.box
         return tuple(size) == self.scene.domain.size and periodic == self.scene.periodic
 
     @cached_property
@@ -168,6 +164,8 @@ class StartedParticles(ParticleSetup):
         """Numbers of particles removed, added and lost in a queue, and how far one was moved at most [m]."""
         added = 0 if self.added is None else self.added.count
         figures: dict[str, object] = {"removed": len(self.removed), "added": added}
+        if self.merge:
+            figures["merged"] = dict(self.merge)
         if self.settings.relax:
             figures["largest_move"] = self.largest_move
         return figures | ({"never_inserted": self.never} if self.never else {})

@@ -1,0 +1,208 @@
+"""Injection with parcels: error against processor time, of parcels of 1, 2 and 4 grain diameters on 4, 8 and 16 cm.
+
+    python benchmarks/parcels.py --runs DIR [--only PATTERN ...] [--table] [--pictures FOLDER]
+
+`scenes/injection.toml` with the contacts of the injection study (7 MPa), up to `END`. The reference is the run of
+grains on cells of 4 cm; its noise is that of two other packs. Runs are kept in DIR. Those that are complete are not run again,
+and those that were stopped go on. --only makes the runs whose names match (`l2_*`); --table makes none. One
+process on one core (`taskset -c 0`) measures processor time.
+
+Names of runs: `l2_8cm_sharp_trained_seed_1` are parcels of two diameters on cells of 8 cm with the sharp fluid, the
+closure that was trained on parcels of two diameters, and another jitter of the pack.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import fnmatch
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+import jaxdem
+from jaxdem.io import Run
+from jaxdem.run.scene_run import simulate_once
+from jaxdem.study import SHARP, fit_to_files
+from jaxdem.train.dataset import make_dataset
+from jaxdem.train.dataset_file import SEEING
+from jaxdem.train.fit_settings import FitSettings
+
+SCENES = Path(__file__).parents[1] / "scenes"
+END = 1.5
+"""Simulated [s]; runs that go further are taken too, up to here."""
+GRAINS, CELLS = 20_000, {4: [300, 50], 8: [150, 25], 16: [75, 12]}
+SOFT: dict[str, Any] = {"contact.young_modulus": 7e6, "contact.maximum_overlap": 0.3}
+"""Contacts of the injection study."""
+DECONVOLVED: dict[str, Any] = SHARP | {"coupling.deconvolution": 0.17}
+FLUIDS: dict[str, dict[str, Any]] = {"plain": {}, "sharp": SHARP, "deconvolved": DECONVOLVED}
+SEEDS = (0, 1, 2)
+TRAINING, TRAINING_GRAINS, TRAINING_END = "training_injection.toml", 15_000, 3.0
+FIT = FitSettings.filtered(coarsenings=(1, 2, 4))
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """One kind of run, done with each of some packs.
+
+    Attributes:
+        ratio: l, diameters of a grain in one of a parcel.
+        mesh: side of the cells [cm].
+        fluid: name in `FLUIDS`.
+        trained: whether it has the closure that was trained on parcels of this size.
+        more: further keys, by the name of what they change.
+        seeds: of the packs.
+    """
+
+    ratio: int
+    mesh: int
+    fluid: str = "plain"
+    trained: bool = False
+    more: str = ""
+    seeds: tuple[int, ...] = SEEDS
+
+    @property
+    def name(self) -> str:
+        """Of the first run."""
+        words = [f"l{self.ratio}", f"{self.mesh}cm"]
+        words += [self.fluid] * (self.fluid != "plain") + ["trained"] * self.trained + [self.more] * bool(self.more)
+        return "_".join(words)
+
+    def folder(self, seed: int) -> str:
+        """Of the run with one of the packs."""
+        return self.name if seed == 0 else f"{self.name}_seed_{seed}"
+
+    def keys(self, seed: int, runs: Path) -> dict[str, Any]:
+        """What it changes of the scene."""
+        keys = SOFT | FLUIDS[self.fluid] | MORE.get(self.more, {})
+        keys |= {"seed": seed, "time.end": END, "fluid.cells": CELLS[self.mesh]}
+        if self.more == "merged":
+            return keys | {"start": {"from": str(runs / f"l1_4cm{f'_seed_{seed}' if seed else ''}"), "time": 0.0}}
+        keys |= parcels(self.ratio, GRAINS)
+        if self.trained:
+            keys["closure.file"] = str(runs / closure_name(self.ratio, self.fluid))
+        return keys
+
+
+MORE: dict[str, dict[str, Any]] = {
+    "kernel_2": {"coupling.kernel_width": {"diameters": 3.0, "cells": 1.0}},
+    "kernel_4": {"coupling.kernel_width": {"diameters": 6.0, "cells": 1.0}},
+    "inelastic": {"contact.restitution": 0.2},
+}
+"""For the error budget: kernels of grains as wide as those of parcels; impacts that lose more, since parcels collide l
+times as rarely."""
+
+
+def parcels(ratio: int, grains: int) -> dict[str, Any]:
+    """Keys of a scene with parcels in place of its grains."""
+    if ratio == 1:
+        return {}
+    return {"particles.coarse_grain": float(ratio), "particles.count": grains // ratio**2}
+
+
+def cases() -> Iterator[Case]:
+    """All, the cheap ones first where the order is free."""
+    yield Case(1, 4)
+    for ratio in (4, 2):
+        yield Case(ratio, 4)
+        for mesh in (8, 16):
+            yield Case(ratio, mesh)
+            for fluid in ("sharp", "deconvolved"):
+                yield Case(ratio, mesh, fluid)
+                yield Case(ratio, mesh, fluid, trained=True)
+        yield Case(ratio, 4, more="inelastic", seeds=(0,))
+        yield Case(ratio, 4, more="merged", seeds=(0,))
+    yield Case(1, 16, "sharp")
+    yield Case(1, 8, "sharp", seeds=(0,))
+    yield Case(1, 4, more="kernel_4", seeds=(0,))
+    yield Case(1, 4, more="kernel_2", seeds=(0,))
+    yield Case(1, 16, seeds=(0,))
+    yield Case(1, 8, seeds=(0,))
+
+
+def closure_name(ratio: int, fluid: str) -> str:
+    """File of the closure trained on parcels of this size through the kernels of this fluid."""
+    return f"l{ratio}_{fluid}.closure.h5"
+
+
+def run_of(scene: jaxdem.Scene, folder: Path) -> Run:
+    """The run, with the times of this process over simulated time beside its directory."""
+    log, clock = folder.with_name(folder.name + ".clock.json"), []
+    before = json.loads(log.read_text()) if log.exists() else []
+
+    def begin() -> Any:
+        return lambda now, _: clock.append((now, time.process_time()))
+
+    try:
+        return simulate_once(scene, folder, begin)
+    finally:
+        if clock:
+            log.write_text(json.dumps([*before, clock]))
+
+
+def reaches_the_end(folder: Path) -> bool:
+    """Whether there is a run that has come to `END` at least."""
+    return (folder / "history.csv").exists() and float(jaxdem.load_run(folder).times[-1]) > END - 1e-9
+
+
+def processor_time(folder: Path) -> float:
+    """Of a whole run without compiling [s]: from the first output of a process, when all is compiled, to its last one,
+    times the part of the time that this is. NaN for a run of which less than half was measured."""
+    log, simulated, used = folder.with_name(folder.name + ".clock.json"), 0.0, 0.0
+    for clock in json.loads(log.read_text()) if log.exists() else []:
+        (begin, first), (end, last) = clock[min(1, len(clock) - 1)], clock[-1]
+        simulated, used = simulated + end - begin, used + last - first
+    return used * END / simulated if simulated > 0.5 * END else float("nan")
+
+
+def train(ratio: int, fluid: str, runs: Path) -> None:
+    """The closure of parcels of one size: run of the training scene on 4 cm, dataset, fit of the recipe `filtered`."""
+    out = runs / closure_name(ratio, fluid)
+    if out.exists():
+        return
+    begin = time.process_time()
+    keys = SOFT | parcels(ratio, TRAINING_GRAINS) | {"time.end": TRAINING_END, "output.samples": 0.05}
+    name = f"training_l{ratio}"
+    simulate_once(jaxdem.load_scene(SCENES / TRAINING, keys), runs / name, lambda: lambda *_: None)
+    dataset = runs / f"{name}_{fluid}.h5"
+    kernel = {key: value for key, value in FLUIDS[fluid].items() if key.startswith(SEEING)}
+    if not dataset.exists():
+        make_dataset(runs / name, dataset, (1, 2, 4), overrides=kernel)
+    fit_to_files("filtered", [dataset], FIT, out, lambda _: None)
+    print(f"{out.name}: {time.process_time() - begin:.0f} s of processor", flush=True)
+
+
+def make(runs: Path, patterns: list[str]) -> None:
+    """All runs whose names match one of the patterns."""
+    for case in cases():
+        for seed in case.seeds:
+            name = case.folder(seed)
+            if patterns and not any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns):
+                continue
+            if case.trained:
+                train(case.ratio, case.fluid, runs)
+            begin = time.process_time()
+            if reaches_the_end(runs / name):
+                continue
+            run = run_of(jaxdem.load_scene(SCENES / "injection.toml", case.keys(seed, runs)), runs / name)
+            told = "valid" if run.summary["valid"] else run.summary["reason"]
+            print(f"{name}: {told}, {time.process_time() - begin:.0f} s, {processor_time(runs / name):.1f}", flush=True)
+
+
+def main() -> None:
+    """The runs, then the tables and the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--runs", type=Path, required=True, help="folder in which the runs are kept")
+    parser.add_argument("--only", nargs="*", default=[], help="patterns of the names of runs that are made")
+    arguments = parser.parse_args()
+    arguments.runs.mkdir(parents=True, exist_ok=True)
+    make(arguments.runs, arguments.only)
+
+
+if __name__ == "__main__":
+    main()
