@@ -3,8 +3,8 @@
     python benchmarks/parcels.py --runs DIR [--only PATTERN ...] [--table] [--pictures FOLDER]
 
 `scenes/injection.toml` with the contacts of the injection study (7 MPa), up to `END`. The reference is the run of
-grains on cells of 4 cm; its noise is that of two other packs. Runs are kept in DIR. Those that are complete are not run again,
-and those that were stopped go on. --only makes the runs whose names match (`l2_*`); --table makes none. One
+grains on cells of 4 cm; its noise is that of two other packs. Runs are kept in DIR. Those that are complete are not run
+again, and those that were stopped go on. --only makes the runs whose names match (`l2_*`); --table makes none. One
 process on one core (`taskset -c 0`) measures processor time.
 
 Names of runs: `l2_8cm_sharp_trained_seed_1` are parcels of two diameters on cells of 8 cm with the sharp fluid, the

@@ -12,6 +12,7 @@ from rich.table import Table
 from jaxdem.check.check import CheckReport
 from jaxdem.check.engineering import Number
 from jaxdem.check.run_cost import FACTOR
+from jaxdem.cli.terminal import merge_text
 from jaxdem.closures.correlation import VOID_FRACTION_FLOOR
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 
@@ -78,6 +79,8 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
             ("never_inserted", "waiting at an inlet that has changed"),
         ]
         told = [f"{report.start[name]} {text}" for name, text in changes if report.start.get(name)]
+        if "merged" in report.start:
+            told.append(merge_text(report.start["merged"]))
         if "largest_move" in report.start:
             told.append(f"moved apart by up to {report.start['largest_move']:.3g} m")
         if told:

@@ -68,8 +68,21 @@ def print_run(result: Run) -> None:
         "stages": ", ".join(parts),
         "output": str(result.path),
     }
+    if merge := summary.get("start", {}).get("merged"):
+        rows["merged"] = merge_text(merge)
     for label, text in rows.items():
         line(f"{label:<10}{text}")
+
+
+def merge_text(told: Any) -> str:
+    """What a merge of particles into parcels took, in a line."""
+    text = f"{told['particles']} particles into {told['parcels']} parcels, {told['to_one']:.6g} to one"
+    if told["left_out_particles"]:
+        text += f"; {told['left_out_particles']:.6g} left out ({told['left_out_mass']:.4g} kg)"
+    text += f"; energy {told['energy_before']:.4g} J before, {told['energy_after']:.4g} J after"
+    if "largest_move" in told:
+        text += f"; moved by {told['mean_move']:.3g} m in the mean, {told['largest_move']:.3g} m at most"
+    return f"{text}; springs of contacts begin at rest"
 
 
 def fit_table(metadata: dict[str, Any]) -> Table:
