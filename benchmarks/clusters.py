@@ -1,0 +1,140 @@
+"""Clusters in a gas on fine and coarse meshes, with and without filtered drag, with grains and with parcels.
+
+    python benchmarks/clusters.py --runs DIR [--groups fine,mesh,...] [--minutes M] [--figures DIR]
+
+Runs of `scenes/clusters.toml` in a smaller box, in an order in which each finds what it needs: fine runs, the closures
+that are trained on them, coarse runs. All is kept in DIR, and what is complete is used again, so the same command goes
+on with a study that was stopped. With --minutes no run begins after so long. `clusters_runs.py` has what a run is,
+`clusters_measures.py` what is measured, `clusters_closures.py` the closures. docs/results/clusters.md tells what was
+found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+from benchmarks import harness
+from benchmarks.clusters_closures import closure_of, train, tuned, tuned_name
+from benchmarks.clusters_measures import measured
+from benchmarks.clusters_runs import Case, simulated
+
+FRACTIONS = (0.02, 0.05, 0.1, 0.2)
+"""Mean solid fractions; closures are trained on the two in the middle."""
+TRAINED_ON = (0.05, 0.1)
+MODELS = ("", "radl", "regression", "network")
+"""Closures that are used on every mesh, see `clusters_closures`."""
+COARSE = (12.0, 24.0)
+"""Sides of coarse cells, in diameters."""
+TUNED = ((24.0, 1), (12.0, 4), (24.0, 4))
+"""Cells and parcels for which the network is tuned by statistics."""
+PARCEL_STEP, PARCEL_TIMES = 5e-4, 110
+"""Fluid step of runs with parcels [s], and their length in relaxation times."""
+
+
+def fine(solid_fraction: float, seed: int = 0) -> Case:
+    """The fine run of a mean solid fraction."""
+    trained = solid_fraction in TRAINED_ON and seed < 2
+    return Case(solid_fraction, seed=seed, samples=trained, times=25 if solid_fraction > 0.1 else 40)
+
+
+def coarse(solid_fraction: float, cell: float, closure: str = "", parcel: int = 1, seed: int = 0) -> Case:
+    """A coarse run beside it."""
+    case = replace(fine(solid_fraction, seed), cell=cell, closure=closure, parcel=parcel, samples=False)
+    return case if parcel == 1 else replace(case, step=PARCEL_STEP, times=PARCEL_TIMES)
+
+
+def with_tuned(case: Case) -> Case:
+    """The case with the closure that is tuned for it."""
+    return replace(case, closure=tuned_name(case))
+
+
+def plan() -> dict[str, list[Case]]:
+    """All runs by what they are for, but those on the way to a tuned closure."""
+    grain = {"diameter": 100e-6}
+    parcels = [coarse(s, cell, model, 4) for cell in COARSE for model in MODELS for s in FRACTIONS]
+    return {
+        "fine": [*(fine(s) for s in FRACTIONS), fine(0.05, 1)],
+        "mesh": [coarse(0.05, cell) for cell in (2.0, 6.0, 12.0, 18.0, 24.0)],
+        "models": [coarse(s, cell, model) for cell in reversed(COARSE) for model in MODELS for s in FRACTIONS],
+        "parcels": [*parcels, *(coarse(0.05, 12.0, model, 2) for model in MODELS)],
+        "tuned": [with_tuned(coarse(s, cell, parcel=parcel)) for cell, parcel in TUNED for s in FRACTIONS],
+        "grain": [replace(fine(0.05), **grain), *(replace(coarse(0.05, 24.0, m), **grain) for m in MODELS)],
+    }
+
+
+def rows_of(cases: list[Case], folder: Path, until: float) -> Iterator[dict[str, Any]]:
+    """A row of the table for each run that is there or can begin before the time `until`, by `time.monotonic`."""
+    for case in cases:
+        kept = folder / f"{case.folder}.measures.json"
+        if not kept.exists():
+            if time.monotonic() > until:
+                continue
+            run = simulated(case, folder, closure_of(case, folder))
+            kept.write_text(json.dumps(measured(case, run)))
+        took = json.loads((folder / f"{case.folder}.time.json").read_text())
+        named = {name: getattr(case, name) for name in ("solid_fraction", "cell", "parcel", "closure", "seed", "times")}
+        yield {**named, "diameter": case.diameter, **took, **json.loads(kept.read_text())}
+
+
+def table_of(rows: list[dict[str, Any]]) -> str:
+    """One line a run; quotients are those to the fine run of the same mean solid fraction and grain."""
+    lines = [
+        "| solid fraction | cells [d] | parcels | closure | seed | slip / u_t | over fine | drag / uniform | over fine "
+        "| var. solids 24 d | var. grains 24 d | var. gas 24 d | cpu per relaxation time [s] |",
+        "| --- " * 13 + "|",
+    ]
+    for row in rows:
+        same = [r for r in rows if (r["solid_fraction"], r["diameter"]) == (row["solid_fraction"], row["diameter"])]
+        reference = next((r for r in same if r["cell"] == 3.0 and not r["closure"] and r["parcel"] == 1), row)
+        parts = [f"{row['solid_fraction']:g}", f"{row['cell']:g}", f"{row['parcel']}", row["closure"] or "none"]
+        parts.append(f"{row['seed']}")
+        for name in ("slip", "drag"):
+            parts.append(f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}")
+            parts.append(f"{row[name]['mean'] / reference[name]['mean']:.3f}")
+        parts += [f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}" for name in VARIANCES]
+        lines.append("| " + " | ".join([*parts, f"{row['cpu_s_per_relaxation_time']:.2f}"]) + " |")
+    return "\n".join(lines)
+
+
+VARIANCES = ("solids_24", "grains_24", "gas_24")
+"""Measures of the table beside slip and drag."""
+
+
+def main() -> None:
+    """The runs, the table, and the figures if they are wanted."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--runs", type=Path, required=True, help="folder in which the runs are kept")
+    parser.add_argument("--groups", default="", help="parts of the study; all by default")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="no run begins after so long")
+    parser.add_argument("--figures", type=Path, help="folder for the figures")
+    arguments = parser.parse_args()
+    until, groups = time.monotonic() + 60.0 * arguments.minutes, plan()
+    rows: list[dict[str, Any]] = []
+    for name in [part for part in arguments.groups.split(",") if part] or groups:
+        if name in ("models", "tuned") and time.monotonic() < until:
+            train([fine(s) for s in TRAINED_ON] + [fine(0.05, 1)], arguments.runs)
+        if name == "tuned" and time.monotonic() < until:
+            slips = [row["slip"]["mean"] for row in rows_of([fine(s) for s in TRAINED_ON], arguments.runs, until)]
+            for cell, parcel in TUNED:
+                tuned([coarse(s, cell, parcel=parcel) for s in TRAINED_ON], slips, arguments.runs)
+        for row in rows_of(groups[name], arguments.runs, until):
+            rows.append({"group": name, **row})
+            print(table_of(rows[-1:]).splitlines()[-1], flush=True)
+            harness.save("clusters", {"rows": rows}, table_of(rows))
+    if arguments.figures:
+        from benchmarks.clusters_figures import draw
+
+        draw(rows, arguments.runs, arguments.figures)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""The closures that `benchmarks/clusters.py` compares, and how they are trained on its fine runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.clusters_runs import Case, simulated, terminal_speed
+from jaxdem.closures import DragClosure, InvariantClosure, RadlSundaresan, load_closure, save_closure
+from jaxdem.closures.network import layer_name
+from jaxdem.errors import InputError
+from jaxdem.train.dataset import make_dataset
+from jaxdem.train.dataset_file import read_dataset
+from jaxdem.train.fit import fit_filtered
+from jaxdem.train.fit_settings import FitSettings
+
+COARSENED = (2, 4, 8)
+"""Fine cells along a side of the coarse cells that a closure is trained for: 6, 12 and 24 diameters."""
+HIDDEN = {"regression": (), "network": (8,)}
+"""Layers of what is fitted: without one the logarithm of the factor is linear in the features."""
+
+
+def closure_of(case: Case, folder: Path) -> DragClosure | None:
+    """What the case names: "" none, "radl" the model of Radl and Sundaresan for its grain, else NAME.closure.h5."""
+    if not case.closure:
+        return None
+    if case.closure == "radl":
+        return RadlSundaresan.of_grain(terminal_speed(case), case.diameter)
+    return load_closure(folder / f"{case.closure}.closure.h5")[0]
+
+
+def train(cases: Sequence[Case], folder: Path, seed: int = 0) -> None:
+    """Regression and network, fitted to all cases but the last, which is held out; what is there is not done again."""
+    files = []
+    for case in cases:
+        files.append(folder / f"{case.folder}.dataset.h5")
+        if not files[-1].exists():
+            make_dataset(simulated(case, folder).path, files[-1], COARSENED)
+    for name, hidden in HIDDEN.items():
+        path = folder / f"{name}.closure.h5"
+        if not path.exists():
+            settings = FitSettings.filtered(hidden=hidden, seed=seed, epochs=60)
+            found = fit_filtered([read_dataset(file) for file in files], settings)
+            save_closure(path, found.closure, found.metadata)
+
+
+def scaled(closure: DragClosure, strength: float) -> InvariantClosure:
+    """The closure with the logarithm of its factor times `strength`, as far as that is not bounded."""
+    if not isinstance(closure, InvariantClosure):
+        raise InputError("closure", type(closure).__name__, "has no last layer to scale", "Give an InvariantClosure.")
+    last = layer_name(len(closure.hidden))
+    layer = {name: strength * values for name, values in closure.weights[last].items()}
+    return dataclasses.replace(closure, weights=closure.weights | {last: layer})
+
+
+def tuned(cases: Sequence[Case], slips: Sequence[float], folder: Path, steps: int = 3) -> Path:
+    """The network with the strength that gives coarse runs the slip of the fine ones: a search by statistics alone.
+
+    With e(k) the mean over the cases of ln(slip / fine slip) at the strength k of `scaled`, k goes from 0 (no model)
+    and 1 (the network as it is) by the secant rule. The one with the smallest |e| becomes NAME.closure.h5, with the
+    NAME of `tuned_name` for the first case.
+
+    Args:
+        cases: coarse runs without closure.
+        slips: mean slip of the fine run of each, in terminal speeds.
+        folder: of all runs.
+        steps: further strengths after 0 and 1.
+    """
+    from benchmarks.clusters_measures import measured
+
+    name = tuned_name(cases[0])
+    path, network = folder / f"{name}.closure.h5", folder / "network.closure.h5"
+    if path.exists():
+        return path
+    closure, metadata = load_closure(network)
+    tried: dict[float, float] = {}
+    for step in range(2 + steps):
+        strength = float(step) if step < 2 else _secant(tried)
+        trial = f"{name}_k{strength:.3f}"
+        errors = []
+        for case, slip in zip(cases, slips, strict=True):
+            own = dataclasses.replace(case, closure=trial if strength else "")
+            run = simulated(own, folder, scaled(closure, strength) if strength else None)
+            errors.append(math.log(measured(own, run)["slip"]["mean"] / slip))
+        tried[strength] = float(np.mean(errors))
+    best = min(tried, key=lambda strength: abs(tried[strength]))
+    save_closure(path, scaled(closure, best), {**metadata, "strength": best, "tried": tried})
+    return path
+
+
+def tuned_name(case: Case) -> str:
+    """Of the closure that is tuned for runs on this mesh with these parcels."""
+    return f"tuned_c{case.cell:g}_l{case.parcel}"
+
+
+def _secant(tried: dict[float, float]) -> float:
+    """The next strength, between 0 and 3, by the two with the smallest errors."""
+    (a, e), (b, f) = sorted(tried.items(), key=lambda item: abs(item[1]))[:2]
+    return min(3.0, max(0.0, a - e * (b - a) / (f - e))) if f != e else a

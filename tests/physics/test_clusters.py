@@ -1,0 +1,143 @@
+"""The scene of clusters in small: its momentum, and what its benchmark measures, of fields whose values are known."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from benchmarks import clusters
+from benchmarks import clusters_measures as measures
+from benchmarks import clusters_runs as runs
+from benchmarks.clusters_closures import scaled
+from jaxdem.closures import DragInputs, InvariantClosure, WenYu
+
+CASE = runs.Case(0.05, 12.0, box=(48, 96), times=1)
+
+
+def test_the_terminal_speed_balances_weight_and_drag():
+    speed = runs.terminal_speed(CASE)
+    reynolds = speed * CASE.diameter / runs.VISCOSITY
+    drag = 3 * math.pi * runs.DENSITY * runs.VISCOSITY * CASE.diameter * speed * (1 + 0.15 * reynolds**0.687)
+    assert drag == pytest.approx(1498.7 * math.pi / 6 * CASE.diameter**3 * 9.81, rel=1e-6)
+    assert speed == pytest.approx(0.22, abs=0.002)
+
+
+@pytest.mark.parametrize("parcel", [1, 4])
+def test_the_gradient_carries_the_weight_and_parcels_keep_the_solid_fraction(parcel):
+    case = runs.Case(0.1, 12.0, box=(48, 96), parcel=parcel)
+    scene = case.scene()
+    volume = math.prod(scene.domain.size) * 75e-6
+    grains = case.count * parcel**2 * math.pi / 6 * 75e-6**3
+    weight = 9.81 * (grains * 1500 + (volume - grains) * 1.3)
+    assert -scene.fluid.pressure_gradient[1] * volume == pytest.approx(weight, rel=1e-6)
+    assert case.mean_solid_fraction == pytest.approx(0.1, rel=0.01)
+
+
+def test_momentum_does_not_drift_and_grains_fall_through_the_gas(tmp_path):
+    run = runs.simulated(CASE, tmp_path)
+    frame, fluid = run.particles(-1), run.fluid(-1)
+    mass = 1500 * math.pi / 6 * CASE.diameter**3
+    cell = math.prod(run.scene["domain"]["size"]) * CASE.diameter / fluid["void_fraction"].size
+
+    def gas(fields: dict[str, np.ndarray]) -> float:
+        return float((1.3 * cell * fields["void_fraction"] * fields["velocity"][..., 1]).sum())
+
+    moved = mass * frame["velocity"][:, 1].sum() + gas(fluid) - gas(run.fluid(0))
+    impulse = mass * CASE.count * 9.81 * runs.RELAXATION
+    assert abs(moved) < 1e-4 * impulse
+    result = measures.measured(CASE, run, dropped=0)
+    assert 0.6 < result["slip"]["mean"] < 1.1
+    assert (tmp_path / f"{CASE.folder}.time.json").is_file()
+
+
+class FakeRun(SimpleNamespace):
+    """Two frames: grains in every second column of cells of 24 diameters, two in each, all at the same velocity."""
+
+    def __init__(self, fall: float, rise: float, case: runs.Case):
+        x, z = np.meshgrid([0.25, 0.25, 0.75, 0.75], (np.arange(4) + 0.5) / 4, indexing="ij")
+        size = np.asarray(case.box) * case.diameter
+        place = np.stack([x.ravel() / 2, z.ravel()], axis=-1) * size
+        self.scene = {"domain": {"size": size.tolist()}}
+        self.times = np.array([10.0, 11.0]) * runs.RELAXATION
+        time = np.linspace(10.5, 12.0, 12) * runs.RELAXATION
+        self.probes = {"box": {"time": time, "fluid_velocity_z": np.full(12, rise), "velocity_z": np.full(12, fall)}}
+        force = float(runs.uniform_drag(case, rise - fall)) * case.parcel**2
+        count = len(place)
+        self._particles = {
+            "position": np.pad(place, ((0, 0), (0, 1))) - [0.0, size[1], 0.0],  # a period below the box
+            "velocity": np.tile([0.0, fall, 0.0], (count, 1)),
+            "drag_force": np.tile([0.0, force / 2.0, 0.0], (count, 1)),
+        }
+        cells = (4, 8)
+        self._fluid = {"void_fraction": np.full(cells, 0.9), "velocity": np.zeros((*cells, 3))}
+        self._fluid["velocity"][..., 1] = rise
+
+    def particles(self, index: int) -> dict[str, np.ndarray]:
+        return self._particles
+
+    def fluid(self, index: int) -> dict[str, np.ndarray]:
+        return self._fluid
+
+
+def test_measures_of_a_flow_in_columns():
+    case = runs.Case(0.05, 24.0, box=(96, 96), parcel=2)
+    result = measures.measured(case, FakeRun(-0.1, 0.2, case))
+    speed = runs.terminal_speed(case)
+    assert result["slip"]["mean"] == pytest.approx(0.3 / speed)
+    assert result["slip"]["error"] == pytest.approx(0.0, abs=1e-12)
+    assert result["drag"]["mean"] == pytest.approx(0.5)  # half of the uniform state's, as given
+    # two of four columns hold 2 each where the mean is 1: the variance over the mean squared is 1
+    assert result["solids_24"]["mean"] == pytest.approx(1.0)
+    assert result["grains_24"]["mean"] == pytest.approx(0.0, abs=1e-12)
+    assert result["gas_24"]["mean"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_grains_belong_to_the_cell_of_their_centre_over_the_seam_too():
+    size, cells = np.array([2.0, 4.0]), (2, 4)
+    place = np.array([[0.5, 0.5], [-1.5, 4.5], [1.5, 3.5], [3.9, -0.1]])
+    number, mean = measures.in_cells(place, np.array([1.0, 3.0, 5.0, 7.0]), size, cells)
+    assert number[0, 0] == 2 and number[1, 3] == 2 and number.sum() == 4
+    assert mean[0, 0] == 2.0 and mean[1, 3] == 6.0 and mean[0, 1] == 0.0
+
+
+def test_a_field_over_other_cells_keeps_its_mean():
+    field = np.arange(24.0).reshape(6, 4)
+    coarse = measures.over_cells(field, (2, 2))
+    assert coarse[0, 0] == pytest.approx(field[:3, :2].mean())
+    assert measures.over_cells(field, (4, 3)).mean() == pytest.approx(field.mean())
+    assert measures.over_cells(field, (12, 8))[::2, ::2] == pytest.approx(field)
+
+
+def test_the_error_of_a_mean_is_that_of_its_blocks():
+    series = np.repeat([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 7)
+    found = measures.with_error(series)
+    assert found["mean"] == pytest.approx(3.5)
+    assert found["error"] == pytest.approx(np.std([1, 2, 3, 4, 5, 6], ddof=1) / np.sqrt(6))
+
+
+def test_a_scaled_closure_has_the_logarithm_of_its_factor_scaled():
+    closure = InvariantClosure.initial(WenYu(), (), features=("solid_fraction",))
+    weights = {"Dense_0": {"kernel": jnp.zeros((1, 1)), "bias": jnp.full(1, -0.01)}}
+    closure = dataclasses.replace(closure, weights=weights)
+    rows = jnp.zeros((1, 2))
+    inputs = DragInputs(
+        rows, rows + 0.1, jnp.full(1, 0.1), rows, rows, *(jnp.asarray(value) for value in (75e-6, 1e-3, 1.3, 1.8e-5))
+    )
+    base = float(closure.base(inputs).coefficient[0])
+    once, twice = (math.log(float(scaled(closure, k)(inputs).coefficient[0]) / base) for k in (1.0, 2.0))
+    assert once < 0 and twice == pytest.approx(2.0 * once, rel=1e-3)
+
+
+def test_the_plan_has_a_fine_run_for_every_coarse_one_and_no_folder_twice():
+    cases = [case for group in clusters.plan().values() for case in group]
+    folders = [case.folder for case in set(cases)]
+    assert len(folders) == len(set(folders))
+    fine = {(case.solid_fraction, case.diameter) for case in cases if case.cell == 3.0 and not case.closure}
+    assert {(case.solid_fraction, case.diameter) for case in cases} == fine
+    assert Path(runs.SCENE).is_file()
