@@ -117,14 +117,14 @@ def import_command(
     deck: options.DeckFile,
     out: Annotated[Path, options.file_out("Scene file to write (TOML).")],
 ) -> None:
-    """Make a scene of a LIGGGHTS input script or a CFDEM case, and say line by line what was taken of it."""
+    """Make a scene of a script of LIGGGHTS or LAMMPS or a CFDEM case, and say line by line what became of it."""
     prepare_file(out, deck)
     from jaxdem.foreign import import_deck
 
     made = import_deck(deck, out)
-    out.write_text(made.toml, encoding="utf-8")
+    made.write(out)
     terminal.show_import(made.notes)
-    terminal.line(f"Wrote {out}")
+    terminal.line(f"Wrote {', '.join(str(place) for place in (out, *(out.parent / name for name in made.files)))}")
 
 
 @app.command()

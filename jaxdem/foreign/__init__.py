@@ -1,4 +1,4 @@
-"""Scenes from the input of other programs: LIGGGHTS scripts, and what it takes of them, line by line."""
+"""Scenes from the input of other programs: scripts of LIGGGHTS and LAMMPS and CFDEM cases, line by line."""
 
 from jaxdem.foreign.convert import Imported, import_deck
 

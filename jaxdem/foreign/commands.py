@@ -1,169 +1,172 @@
-"""What each command of LIGGGHTS says of the model. A handler gives the kind of note and its reason."""
+"""What each command of LIGGGHTS and LAMMPS says of the model. A handler gives the kind of note and its reason."""
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Callable
 
-from jaxdem.errors import InputError
-from jaxdem.foreign.model import AXES, Deck, Region
-from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Unknown
+from jaxdem.foreign import region as shapes
+from jaxdem.foreign.contact_lammps import gran_style, granular_style, pair_coefficients
+from jaxdem.foreign.contact_liggghts import LiggghtsContact, contact_words
+from jaxdem.foreign.files import read_data, read_dump
+from jaxdem.foreign.model import Deck, Segment
+from jaxdem.foreign.notes import LEFT, NOTHING, TAKEN, Answer, Unknown, joined_answer
+from jaxdem.foreign.particles import create_atoms, delete_atoms, displace_atoms, group, lattice, set_values, velocity
+from jaxdem.foreign.region import AXES
+from jaxdem.foreign.units import units_of
+from jaxdem.foreign.words import integer, numbers
 
-Answer = tuple[str, str]
 Handler = Callable[[Deck, list[str]], Answer]
 
 NO_EFFECT = {
-    "atom_modify", "communicate", "comm_modify", "newton", "processors", "neighbor", "neigh_modify", "compute",
-    "compute_modify", "thermo_style", "echo", "log", "print", "shell", "group", "pair_coeff", "dump_modify", "restart",
-    "write_restart", "write_data", "thermo_log", "info", "partition", "undump", "uncompute", "label", "clear",
+    "atom_modify", "communicate", "comm_modify", "comm_style", "newton", "processors", "neighbor", "neigh_modify",
+    "compute", "compute_modify", "thermo_style", "thermo", "echo", "log", "print", "shell", "dump_modify", "restart",
+    "write_restart", "write_data", "write_dump", "thermo_log", "info", "partition", "undump", "uncompute", "label",
+    "clear", "package", "suffix", "timer", "balance", "reset_timestep", "reset_atoms",
+    "soft_particles", "hard_particles", "fix_modify", "run_style", "mass",
 }  # fmt: skip
 """Commands about output and parallel work, which a scene does by itself."""
 
 REASONS = {
     "read_restart": "restart files are binary and of one version; write a dump or a data file from it, and name it in "
-    "particles.file",
-    "if": "conditions are not carried out; write the commands that hold into the deck",
+    "read_data, or in particles.file",
+    "rerun": "a rerun computes nothing; name its dump in particles.file (with frame), or in start.from of a run",
     "jump": "loops are not carried out; use `jaxdem sweep` for several runs",
     "next": "loops are not carried out; use `jaxdem sweep` for several runs",
-    "set": "write the values into the file of particles, or into [particles] of the scene",
-    "create_atoms": "write the particles into a text file with named columns, for particles.file",
-    "unfix": "a scene keeps its parts from the start to the end; give walls and inlets an end",
-    "velocity": "give particles.velocity in the scene, or columns vx vy vz in its file",
-    "displace_atoms": "move the particles in their file (particles.file.translate)",
     "change_box": "the box of a scene does not change; write its last size into domain.size",
-    "dimension": "a plane of LIGGGHTS has discs; make a scene with two numbers in domain.size by hand",
-}
-
-
-def numbers(words: list[str], count: int) -> list[float]:
-    """The first `count` words as finite numbers.
-
-    Raises:
-        Unknown: they are not.
-    """
-    try:
-        found = [float(word) for word in words[:count]]
-    except ValueError:
-        found = []
-    if len(found) < count or not all(math.isfinite(value) for value in found):
-        raise Unknown(f"needs {count} number(s), got {' '.join(words[:count]) or 'nothing'}")
-    return found
+    "minimize": "nothing is minimised; particles of a file that overlap are moved apart by start.relax",
+    "coarsegraining": "write particles.coarse_grain into the scene; it scales radii and laws by itself",
+    "replicate": "write the replicated particles into a data file",
+    "quit": "the script goes on here; remove what follows it",
+    "kspace_style": "spheres have no charges", "bond_style": "particles have no bonds", "bond_coeff": "no bonds",
+}  # fmt: skip
+NAME = re.compile(r"[^A-Za-z0-9_+=-]+")
+LONGEST_NAME = 40
 
 
 def units(deck: Deck, words: list[str]) -> Answer:
     """`units si`."""
-    if words[1] not in ("si", "cgs"):
-        limit = "all numbers of a scene are in SI units; only si and cgs are converted"
-        raise InputError("units", words[1], limit, "convert the deck to si")
-    deck.units = words[1]
+    deck.units = units_of(words[1])
     return TAKEN, "SI" if words[1] == "si" else "all numbers converted to SI"
+
+
+def dimension(deck: Deck, words: list[str]) -> Answer:
+    """`dimension 2|3`."""
+    deck.dimension = integer(words[1])
+    if deck.dimension not in (2, 3):
+        raise Unknown("a scene has two or three axes")
+    if deck.dimension == 3:
+        return TAKEN, "domain.size, three axes"
+    return TAKEN, "domain.size, two axes: x, and y upwards; domain.depth is the largest diameter"
 
 
 def boundary(deck: Deck, words: list[str]) -> Answer:
     """`boundary p f m`."""
     deck.boundary = [(word * 2)[:2] for word in words[1:4]]
-    return TAKEN, "periodic axes; the ends of the others are walls of the deck, or noted at the end"
+    if len(deck.boundary) != 3 or not all(set(ends) <= set("pfsm") for ends in deck.boundary):
+        raise Unknown("needs three of p, f, s, m or pairs of them")
+    return TAKEN, 'boundary.SIDE.kind = "periodic" where it is p; other ends are walls of the deck, or noted at the end'
 
 
 def region(deck: Deck, words: list[str]) -> Answer:
     """`region ID block|cylinder|sphere ...`."""
     name, style, rest = words[1], words[2], words[3:]
-    unit = deck.length
+    in_box = "units" in words and words[words.index("units") + 1] == "box"
+    scale = [deck.unit.length] * 3 if in_box or deck.lattice is None else list(deck.lattice.spacing)
     if style == "block":
-        ends = [_end(deck, word, k // 2, k % 2) for k, word in enumerate(rest[:6])]
-        deck.regions[name] = Region("block", [v * unit for v in ends[::2]], [v * unit for v in ends[1::2]])
+        ends = [_end(deck, word, k // 2, k % 2, scale) for k, word in enumerate(rest[:6])]
+        if len(ends) < 6:
+            raise Unknown("a block needs six numbers")
+        made, more = shapes.block(ends[::2], ends[1::2]), rest[6:]
     elif style == "cylinder":
         axis = AXES.index(rest[0])
-        first, second, radius, low, high = (value * unit for value in numbers(rest[1:], 5))
         others = [k for k in range(3) if k != axis]
-        center = [0.0] * 3
-        center[others[0]], center[others[1]] = first, second
-        lower, upper = [c - radius for c in center], [c + radius for c in center]
-        lower[axis], upper[axis] = low, high
-        deck.regions[name] = Region("cylinder", lower, upper, center, radius, axis)
+        first, second, radius = numbers(rest[1:], 3)
+        ends = [_end(deck, word, axis, upper, scale) for upper, word in enumerate(rest[4:6])]
+        middle = [first * scale[others[0]], second * scale[others[1]]]
+        made, more = shapes.cylinder(axis, middle, radius * scale[others[0]], ends), rest[6:]
     elif style == "sphere":
-        *center, radius = (value * unit for value in numbers(rest, 4))
-        deck.regions[name] = Region(
-            "sphere", [c - radius for c in center], [c + radius for c in center], center, radius
-        )
+        *center, radius = numbers(rest, 4)
+        made = shapes.sphere([c * s for c, s in zip(center, scale, strict=True)], radius * scale[0])
+        more = rest[4:]
     else:
         raise Unknown(f"regions of style {style} have no counterpart; use block, cylinder or sphere")
-    return TAKEN, f"region {name}"
+    options = dict(zip(more[::2], more[1::2], strict=False))
+    if set(options) & {"move", "rotate"}:
+        raise Unknown("a region that moves has no counterpart")
+    made.inside = options.get("side", "in") != "out"
+    deck.regions[name] = made
+    return TAKEN, f"the region {name} of what names it"
 
 
-def _end(deck: Deck, word: str, axis: int, upper: int) -> float:
+def _end(deck: Deck, word: str, axis: int, upper: int, scale: list[float]) -> float:
+    """The end of a region along an axis [m]."""
     if word in ("INF", "EDGE"):
         if not deck.lower:
             raise Unknown(f"{word} needs a box before it; write the number")
-        return (deck.upper if upper else deck.lower)[axis] / deck.length
-    return numbers([word], 1)[0]
+        return (deck.upper if upper else deck.lower)[axis]
+    return numbers([word], 1)[0] * scale[axis]
 
 
 def create_box(deck: Deck, words: list[str]) -> Answer:
     """`create_box N region-ID`."""
-    deck.types = int(numbers(words[1:], 1)[0])
     box = deck.regions.get(words[2])
     if box is None or box.shape != "block":
         raise Unknown("the box must be a block region that stands before it")
+    deck.types = integer(words[1])
     deck.lower, deck.upper = list(box.lower), list(box.upper)
     return TAKEN, "domain.size; the origin is moved to the lower corner"
 
 
 def timestep(deck: Deck, words: list[str]) -> Answer:
     """`timestep DT`."""
-    deck.time_step = numbers(words[1:], 1)[0]
-    return TAKEN, f"contact.time_step; at most {deck.time_step:g} s, so that steps divide the interval"
+    deck.model.time_step = numbers(words[1:], 1)[0] * deck.unit.time
+    return TAKEN, f"contact.time_step; at most {deck.model.time_step:g} s, so that steps divide the interval"
 
 
 def pair_style(deck: Deck, words: list[str]) -> Answer:
-    """`pair_style gran model hertz tangential history rolling_friction cdt`."""
-    if words[1:3] != ["gran", "model"]:
-        raise Unknown("only pair_style gran model ... is known; write the contact law into [contact] by hand")
-    given = dict(zip(words[2::2], words[3::2], strict=False))
-    answer = contact_words(given)
-    deck.contact = given
-    return answer
+    """`pair_style gran model ...`, `granular`, or `gran/hertz/history ...`."""
+    style = words[1].removesuffix("/omp").removesuffix("/gpu").removesuffix("/kk")
+    if words[1:3] == ["gran", "model"]:
+        given = dict(zip(words[2::2], words[3::2], strict=False))
+        answer = contact_words(given)
+        deck.model.contact = LiggghtsContact(given, deck.line)
+        return answer
+    if style == "granular":
+        return granular_style(deck, words)
+    if style in ("gran/hertz/history", "gran/hooke/history", "gran/hooke"):
+        return gran_style(deck, style, words[2:])
+    raise Unknown(f"pair_style {style} has no counterpart; write the contact law into [contact] by hand")
 
 
-def contact_words(given: dict[str, str]) -> Answer:
-    """What a contact model of LIGGGHTS becomes.
-
-    Raises:
-        Unknown: its normal law has no counterpart.
-    """
-    model, different = given.get("model", ""), []
-    if model not in ("hertz", "hooke"):
-        raise Unknown(f"the model {model} has no counterpart; use hertz or hooke")
-    if model == "hooke":
-        different.append("the stiffness from characteristicVelocity is one number, that of the largest particles")
-    if given.get("tangential") not in ("history",):
-        different.append("tangential springs keep their history here; it is off in the deck")
-    rolling = given.get("rolling_friction", "off")
-    if rolling not in ("off", "cdt"):
-        different.append(f"rolling friction {rolling} becomes 'epsd', with contact.rolling_damping at its default")
-    if given.get("cohesion", "off") != "off":
-        different.append("cohesion is left out")
-    others = set(given) - {"model", "tangential", "rolling_friction", "cohesion"}
-    if others:
-        different.append(f"{', '.join(sorted(others))} left out")
-    return (DIFFERS, "; ".join(different)) if different else (TAKEN, "contact.law and its parts")
+def pair_coeff(deck: Deck, words: list[str]) -> Answer:
+    """`pair_coeff I J ...`: the constants of `pair_style granular`."""
+    return pair_coefficients(deck, words)
 
 
 def run(deck: Deck, words: list[str]) -> Answer:
-    """`run N`, `run N upto`."""
-    steps = int(numbers(words[1:], 1)[0])
-    before = deck.steps
-    deck.steps = max(before, steps) if "upto" in words else before + steps
-    if before > 1 and deck.steps > before:
-        return DIFFERS, "added to the runs before it: a scene is one run, with the state of the deck at its end"
+    """`run N`, `run N upto`: a part of the scene, which ends then."""
+    steps = integer(words[1])
+    more = max(0, steps - deck.steps) if "upto" in words else steps
+    if not more:
+        return NOTHING, "no step is made"
+    if deck.model.time_step <= 0.0:
+        raise Unknown("there is no time step before it; add timestep")
+    duration = more * deck.model.time_step
+    deck.steps += more
+    if not deck.has_particles and not deck.segments:
+        return NOTHING, "there are no particles yet; the clock of the scene begins after it"
+    name = NAME.sub("_", deck.comment.strip())[:LONGEST_NAME].strip("_")
+    deck.segments.append(Segment(deck.line, name, deck.time, deck.time + duration, deck.frozen_model()))
+    deck.time += duration
     return TAKEN, "time.end"
 
 
 def dump(deck: Deck, words: list[str]) -> Answer:
     """`dump ID group style N file ...`: the first that writes particles gives the output interval."""
-    if words[3].startswith("mesh") or deck.output_steps:
-        return NOTHING, "output of a mesh, or a further dump"
-    deck.output_steps = int(numbers(words[4:], 1)[0])
+    if words[3].startswith(("mesh", "euler", "image", "movie")) or deck.model.output_steps:
+        return NOTHING, "output of a mesh or an image, or a further dump"
+    deck.model.output_steps = integer(words[4])
     return TAKEN, "time.output_interval; frames have all columns"
 
 
@@ -171,50 +174,46 @@ def thermo_modify(deck: Deck, words: list[str]) -> Answer:
     """`thermo_modify lost ignore`."""
     if "lost" in words[:-1]:
         deck.lost = words[words.index("lost") + 1]
-        return TAKEN, "whether particles may leave through ends of the box without a wall"
+        return TAKEN, "boundary.SIDE.particles: whether particles may leave through ends of the box without a wall"
     return NOTHING, "output"
-
-
-def thermo(deck: Deck, words: list[str]) -> Answer:
-    """`thermo N`."""
-    return NOTHING, "output; history.csv has a row for each frame"
 
 
 def atom_style(deck: Deck, words: list[str]) -> Answer:
     """`atom_style granular`."""
     if words[1] not in ("granular", "sphere"):
         raise Unknown(f"particles of style {words[1]} have no counterpart; a scene has spheres")
-    return TAKEN, "spheres"
-
-
-def read_data(deck: Deck, words: list[str]) -> Answer:
-    """`read_data FILE`."""
-    deck.data_file = words[1]
-    return TAKEN, "particles.file, and the box of that file"
+    return TAKEN, "spheres, as [particles] has them"
 
 
 HANDLERS: dict[str, Handler] = {
-    "units": units, "boundary": boundary, "region": region, "create_box": create_box, "timestep": timestep,
-    "pair_style": pair_style, "run": run, "dump": dump, "thermo_modify": thermo_modify, "thermo": thermo,
-    "atom_style": atom_style, "read_data": read_data,
+    "units": units, "dimension": dimension, "boundary": boundary, "region": region, "create_box": create_box,
+    "timestep": timestep, "pair_style": pair_style, "pair_coeff": pair_coeff, "run": run, "dump": dump,
+    "thermo_modify": thermo_modify, "atom_style": atom_style, "read_data": read_data, "read_dump": read_dump,
+    "lattice": lattice, "create_atoms": create_atoms, "set": set_values, "velocity": velocity, "group": group,
+    "delete_atoms": delete_atoms, "displace_atoms": displace_atoms,
 }  # fmt: skip
 
 
-def apply(deck: Deck, words: list[str], fix: Handler) -> Answer:
-    """Carry out one command; `fix` does those that begin with fix."""
+def apply(deck: Deck, words: list[str], fixes: dict[str, Handler]) -> Answer:
+    """Carry out one command; `fixes` has those that the room of fixes does, `fix` and `unfix`."""
     name = words[0]
-    if name == "dimension" and words[1:] == ["3"]:
-        return TAKEN, "three axes"
-    if name == "unfix" or name in REASONS:
+    if name in REASONS:
         return LEFT, REASONS[name]
     if name in NO_EFFECT:
-        return NOTHING, "output, groups or parallel work"
-    handler = fix if name == "fix" else HANDLERS.get(name)
+        return NOTHING, "output or parallel work"
+    if name == "variable":
+        return TAKEN, f"{words[1]} is defined"
+    handler = fixes.get(name) or HANDLERS.get(name)
     if handler is None:
         return LEFT, "there is no counterpart"
     try:
         return handler(deck, words)
     except Unknown as error:
         return LEFT, str(error)
-    except (IndexError, ValueError):
+    except (IndexError, ValueError, KeyError, ArithmeticError):
         return LEFT, "the command has not the form that is expected; correct the line"
+
+
+def apply_all(deck: Deck, parts: list[list[str]], fixes: dict[str, Handler]) -> Answer:
+    """Carry out the commands of a line."""
+    return joined_answer([apply(deck, part, fixes) for part in parts])

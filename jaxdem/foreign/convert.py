@@ -1,37 +1,49 @@
-"""A LIGGGHTS script as a scene, with a note on each of its lines."""
+"""A script of LIGGGHTS or LAMMPS, or a CFDEM case, as a scene, with a note on each of its lines."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import tomli_w
 
 from jaxdem.errors import InputError, visible
-from jaxdem.files.reading import TABLE_BYTES, read_text
-from jaxdem.foreign.case import Say, coupling_file, fluid_tables, script_of
-from jaxdem.foreign.commands import apply
-from jaxdem.foreign.fixes import fix
+from jaxdem.foreign.box import box_of
+from jaxdem.foreign.case import FluidCase, coupling_file, read_case, script_of
+from jaxdem.foreign.commands import apply_all
+from jaxdem.foreign.fixes import FIXES
 from jaxdem.foreign.model import Deck
-from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Note, unreadable
-from jaxdem.foreign.scene_tables import scene_tables
+from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Note, Notes, unreadable
+from jaxdem.foreign.scene_tables import Written, added_tables, inlet_tables, merged, model_tables, shared_tables
 from jaxdem.foreign.script import commands
+from jaxdem.foreign.stages import Part, joined, part_of, staged
 from jaxdem.scene import load_scene
-
-HEAD_LINES = 100
-"""Of a data file, in which its box stands."""
 
 
 class Imported(NamedTuple):
-    """A scene and what became of the lines of its deck."""
+    """A scene and what became of the lines of its deck.
+
+    Attributes:
+        toml: the scene.
+        notes: one on each line.
+        files: texts that belong beside the scene, by name: particles that the deck makes.
+    """
 
     toml: str
     notes: list[Note]
+    files: dict[str, str]
 
     def number(self, kind: str) -> int:
         """Number of lines of a kind."""
         return sum(note.kind == kind for note in self.notes)
+
+    def write(self, out: Path) -> None:
+        """Write the scene to `out`, and its files beside it."""
+        for name, text in self.files.items():
+            (out.parent / name).write_text(text, encoding="utf-8")
+        out.write_text(self.toml, encoding="utf-8")
 
 
 def import_deck(deck: Path, out: Path) -> Imported:
@@ -44,109 +56,114 @@ def import_deck(deck: Path, out: Path) -> Imported:
     Raises:
         InputError: the deck cannot be read, or has not enough for a scene: a box, particles, a time step and a run.
     """
-    found, notes = Deck(), list[Note]()
-
-    def say(what: str, kind: str, reason: str) -> None:
-        notes.append(Note("scene", what, kind, reason))
-
-    fluid: dict[str, Any] = {}
     properties = coupling_file(deck) if deck.is_dir() else None
     if deck.is_dir() and properties is None:
-        remedy = "give a LIGGGHTS script, or the folder of a CFDEM case"
+        remedy = "give a script of LIGGGHTS or LAMMPS, or the folder of a CFDEM case"
         raise unreadable(str(deck), "is a folder without constant/couplingProperties", remedy)
-    if properties is not None:
-        deck = script_of(properties)
-    for command in commands(deck, {}, notes):
-        kind, reason = (LEFT, command.problem) if command.problem else apply(found, command.words, fix)
-        notes.append(Note(command.place, command.text, kind, reason))
-        if command.words[:1] == ["read_data"] and kind == TAKEN:
-            _box_of_data_file(found, deck.parent / found.data_file)
-    if properties is not None:
-        fluid, found.lower, found.upper = _fluid(properties.parents[1], found, say)
-    _require_enough(found, deck, notes)
-    data_name = os.path.relpath(deck.parent / found.data_file, out.parent) if found.data_file else ""
-    tables = scene_tables(found, data_name, say)
-    tables |= fluid
-    _check(tables, out.parent, deck)
-    return Imported(_with_notes(deck, tables, notes), notes)
+    script = deck if properties is None else script_of(properties)
+    notes = Notes()
+    found = Deck(notes, script.parent)
+    for command in commands(script, {}, notes):
+        found.line, found.comment = len(notes), command.comment
+        notes.append(Note(command.place, command.text, NOTHING, ""))
+        notes.amend(found.line, *apply_all(found, command.parts, FIXES))
+    if properties is None:
+        _forget_what_follows(found)
+    case = None if properties is None else read_case(properties.parents[1], found)
+    _require_enough(found, script, case)
+    data_name = "" if not found.data_file else os.path.relpath(script.parent / found.data_file["name"], out.parent)
+    written = Written(out.stem)
+    tables = _tables(found, written, data_name, case)
+    _check(tables, written, out.parent, script)
+    return Imported(_with_notes(script, tables, notes), list(notes), written.texts)
 
 
-def _fluid(root: Path, found: Deck, say: Say) -> tuple[dict[str, Any], list[float], list[float]]:
-    """The tables of the fluid; the box is that of the mesh, and the sides are those of the fluid."""
-    try:
-        tables, lower, upper = fluid_tables(root, found.time_step, say)
-    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
-        limit = f"has not the form that is expected ({type(error).__name__}: {error})"
-        raise unreadable(str(root), limit, "correct the dictionaries") from None
-    found.planes = [[(c, t) for c, t in planes if low < c < high]
-                    for planes, low, high in zip(found.planes, lower, upper, strict=True)]  # fmt: skip
-    if any(found.planes):
-        say("wall/gran", LEFT, "plane walls within the mesh of the fluid; write them as [[walls]]")
-        found.planes = [[], [], []]
-    found.lost = "error"  # sides of a fluid hold the grains back
-    found.steps = max(found.steps, round(tables["time"]["end"] / found.time_step)) if found.time_step else 0
-    found.output_steps = found.steps  # the tables have the time of the fluid
-    return tables, lower, upper
+def _forget_what_follows(deck: Deck) -> None:
+    """Commands after the last run change nothing."""
+    if not deck.segments:
+        return
+    last = deck.segments[-1].line
+    deck.walls = [one for one in deck.walls if one.line < last]
+    deck.insertions = [one for one in deck.insertions if one.line < last]
+    for one in (*deck.walls, *deck.insertions):
+        one.end = None if one.end == deck.time else one.end
+    deck.atoms.pop(deck.segment, None)
+    for line in range(last + 1, len(deck.notes)):
+        if deck.notes[line].kind != NOTHING:
+            deck.notes.amend(line, NOTHING, "it stands after the last run")
 
 
-def _box_of_data_file(deck: Deck, path: Path) -> None:
-    """Box and number of types from the head of a data file."""
-    try:
-        lines = read_text(path, TABLE_BYTES).splitlines()[1:HEAD_LINES]
-    except (OSError, ValueError) as error:
-        limit = f"names the data file {path}, which cannot be read ({getattr(error, 'strerror', None) or error})"
-        raise unreadable(deck.data_file, limit, "put it where the deck says") from None
-    ends: dict[str, list[float]] = {}
-    for line in lines:
-        words = line.partition("#")[0].split()
-        if words[1:] == ["atom", "types"]:
-            deck.types = int(words[0])
-        if len(words) == 4 and words[2][1:] == "lo" and words[3][1:] == "hi":
-            ends[words[2][0]] = [float(words[0]) * deck.length, float(words[1]) * deck.length]
-    if set(ends) == set("xyz"):
-        deck.lower, deck.upper = [ends[a][0] for a in "xyz"], [ends[a][1] for a in "xyz"]
+def _tables(deck: Deck, written: Written, data_name: str, case: FluidCase | None) -> dict[str, Any]:
+    """The scene; each run of the deck is a part of it, and a case has one more, with the fluid."""
+    box = box_of(deck, is_mesh=case is not None)
+    shared = shared_tables(deck, box, written, data_name)
+    parts = []
+    for number, segment in enumerate(deck.segments):
+        tables = merged(shared, model_tables(deck, box, segment.model))
+        parts.append(part_of(segment, tables, added_tables(deck, box, written, number) if number else {}))
+    if case is not None:
+        tables = merged(merged(shared, model_tables(deck, box, deck.model)), case.tables)
+        start = added_tables(deck, box, written, deck.segment) if deck.segments else {}
+        lines = [case.line]
+        parts.append(Part("coupled", tables, deck.time, deck.time + case.duration, case.output, start, lines))
+    parts = joined(parts)
+    for part in parts:
+        inlets = inlet_tables(deck, box, part.end)
+        if inlets:
+            part.tables = merged(part.tables, {"particles": {"inlet": inlets}})
+    return staged(deck, parts)
 
 
-def _require_enough(found: Deck, deck: Path, notes: list[Note]) -> None:
+def _require_enough(found: Deck, deck: Path, case: FluidCase | None) -> None:
+    contact = found.model.contact
     lacking = {
+        "units (units si)": found.units is None,
         "a box (create_box or read_data)": not found.lower,
-        "a contact model (pair_style gran model ...)": not found.contact,
-        "particles (read_data, insert/pack or insert/rate/region)": not (found.data_file or found.insertions),
-        "a time step (timestep)": found.time_step <= 0.0,
-        "a run": found.steps <= 0,
+        "a contact model (pair_style)": contact is None,
+        "particles (read_data, create_atoms, insert/pack, insert/rate/region or pour)": not found.has_particles,
+        "a time step (timestep)": found.model.time_step <= 0.0,
+        "a run": not found.segments and case is None,
     }
-    hooke = ("characteristicVelocity",) if found.contact.get("model") == "hooke" else ()
-    for name in ("youngsModulus", "poissonsRatio", "coefficientRestitution", *hooke):
-        lacking[f"{name} (fix property/global)"] = name not in found.properties
-    if hooke:
-        lacking["a size for the stiffness of hooke (particletemplate/sphere)"] = not found.templates
     names = [name for name, lacks in lacking.items() if lacks]
+    names += [] if contact is None else contact.lacking(found, found.model)
     if names:
-        left = "; ".join(f"{note.place}: {note.reason}" for note in notes if note.kind == LEFT)
+        left = "; ".join(f"{note.place}: {note.reason}" for note in found.notes if note.kind == LEFT)
         limit = f"has nothing that a scene can take as {', nor as '.join(names)}. Left out: {left or 'nothing'}"
         raise unreadable(str(deck), limit, "add these lines, or write a scene by hand")
 
 
-def _check(tables: dict[str, Any], folder: Path, deck: Path) -> None:
+def _check(tables: dict[str, Any], written: Written, folder: Path, deck: Path) -> None:
     """Refuses tables that are no scene: the deck asks for something that a scene cannot have."""
-    given = {**tables, "particles": dict(tables["particles"])}
-    if "file" in given["particles"]:
-        file = given["particles"]["file"]
-        given["particles"]["file"] = {**file, "name": str((folder / file["name"]).resolve())}
-    try:
-        load_scene(given)
-    except InputError as error:
-        raise unreadable(str(deck), f"gives a scene that is refused: {error}", "correct the deck") from None
+    with tempfile.TemporaryDirectory() as aside:
+        for name, text in written.texts.items():
+            (Path(aside) / name).write_text(text, encoding="utf-8")
+        given = _with_places(tables, written, Path(aside), folder)
+        try:
+            load_scene(given)
+        except InputError as error:
+            raise unreadable(str(deck), f"gives a scene that is refused: {error}", "correct the deck") from None
 
 
-def _with_notes(deck: Path, tables: dict[str, Any], notes: list[Note]) -> str:
+def _with_places(value: Any, written: Written, aside: Path, folder: Path, key: str = "") -> Any:
+    """Tables with absolute names of files."""
+    if isinstance(value, list):
+        return [_with_places(one, written, aside, folder) for one in value]
+    if not isinstance(value, dict):
+        return value
+    if key == "file" and "name" in value:
+        name = value["name"]
+        return {**value, "name": str((aside if name in written.texts else folder) / name)}
+    return {name: _with_places(one, written, aside, folder, name) for name, one in value.items()}
+
+
+def _with_notes(deck: Path, tables: dict[str, Any], notes: Notes) -> str:
     """The scene as TOML, with the notes before it as comments."""
     lines = [f"# Made by `jaxdem import {deck.name}`. What became of each line:"]
     for kind in (LEFT, DIFFERS, TAKEN, NOTHING):
         some = [note for note in notes if note.kind == kind]
         if some:
             lines += ["#", f"# {kind}:"]
-            lines += [f"#   {n.place}: {_one_line(n.text)}" + (f": {_one_line(n.reason)}") for n in some]
+            lines += [f"#   {n.place}: {_one_line(n.text)}: {_one_line(n.reason)}" for n in some]
     return "\n".join(lines) + "\n\n" + tomli_w.dumps(tables)
 
 

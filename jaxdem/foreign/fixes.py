@@ -1,43 +1,118 @@
-"""What each fix of LIGGGHTS says of the model."""
+"""What each fix of LIGGGHTS and LAMMPS says of the model."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
-from jaxdem.foreign.commands import Answer, contact_words, numbers
-from jaxdem.foreign.model import AXES, Deck, Insertion, Template
-from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Unknown
+from jaxdem.foreign.contact_liggghts import PROPERTIES
+from jaxdem.foreign.faces import read_face
+from jaxdem.foreign.insertions import distribution, insert, template
+from jaxdem.foreign.model import Deck, DeckWall, Insertion
+from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Answer, Unknown
+from jaxdem.foreign.pour import pour
+from jaxdem.foreign.walls import NO_TRIANGLES, wall
+from jaxdem.foreign.words import integer, numbers
 
-Fix = Callable[[Deck, list[str]], Answer]
+Handler = Callable[[Deck, list[str]], Answer]
 
-PROPERTIES = (
-    "youngsModulus", "poissonsRatio", "coefficientRestitution", "coefficientFriction", "coefficientRollingFriction",
-    "characteristicVelocity",
-)  # fmt: skip
-NO_EFFECT = ("nve/sphere", "check/timestep/gran", "print", "ave/time", "ave/atom", "ave/spatial", "couple/cfd",
-             "couple/cfd/force", "couple/cfd/force/implicit", "property/atom", "store/state")  # fmt: skip
+GRAVITY = "gravity"
+"""What the fix of gravity has become."""
+
+MOVES = ("nve/sphere", "nve/sphere/omp", "nve", "nve/granular")
+NO_EFFECT = ("check/timestep/gran", "print", "ave/time", "ave/atom", "ave/spatial", "ave/chunk", "ave/histo",
+             "ave/euler", "couple/cfd", "couple/cfd/force", "couple/cfd/force/implicit", "property/atom",
+             "property/atom/tracer", "property/atom/tracer/stream", "store/state",
+             "massflow/mesh", "massflow/mesh/sieve", "enforce2d", "contacthistory", "balance", "dt/reset")  # fmt: skip
+"""Fixes about output and what a scene does by itself."""
+
 REASONS = {
-    "mesh/surface": "walls are planes, cylinders and wedges here, no triangles; write [[walls]] in their place",
-    "mesh/surface/stress": "walls are planes, cylinders and wedges here, no triangles; write [[walls]] in their place",
+    "mesh/surface": NO_TRIANGLES, "mesh/surface/stress": NO_TRIANGLES, "mesh/surface/stress/servo": NO_TRIANGLES,
+    "mesh/surface/stress/6dof": NO_TRIANGLES,
     "move/mesh": 'walls do not move, but for boundary.SIDE.kind = "moving_wall"',
-    "enforce2d": "a scene with two numbers in domain.size is a plane",
+    "move": "particles cannot be moved by hand; make a wall of them",
     "freeze": "particles cannot be held; make a wall of them",
-    "insert/stream": "its face is a mesh; write [[particles.inlet]] with start and stop of a box",
-}
+    "deposit": "it puts in points and takes their size from set; use fix pour, or write [[particles.inlet]]",
+    "nve/limit": "particles do not move by a limited distance; use start.relax for those that overlap",
+    "viscous": "there is no drag without a fluid; add [fluid] and coupling.drag",
+    "heat/gran": "there is no heat", "heat/gran/conduction": "there is no heat", "multisphere": "particles are spheres",
+    "rigid": "particles are spheres, not bound to each other",
+    "adapt": "constants do not change within a run; write a stage with [stages.contact]",
+}  # fmt: skip
 
 
 def fix(deck: Deck, words: list[str]) -> Answer:
     """`fix ID group STYLE ...`."""
     style = words[3]
-    if style in NO_EFFECT:
+    before = deck.fixes.pop(words[1], None)
+    if isinstance(before, list | Insertion):  # a fix of a name that is there takes its place
+        _end(deck, before)
+    deck.fixes[words[1]] = style
+    if style in MOVES:
         return NOTHING, "a scene does this by itself"
+    if style in NO_EFFECT:
+        return NOTHING, "output, or what a scene does by itself"
     if style in REASONS:
-        return LEFT, REASONS[style]
+        return LEFT, _reason(deck, words)
     handler = HANDLERS.get(style)
     if handler is None:
         raise Unknown(f"fix {style} has no counterpart")
-    return handler(deck, words)
+    kind, reason = handler(deck, words)
+    if style in OF_ALL and words[2] != "all" and deck.groups.get(words[2], [""])[0] not in ("region", ""):
+        return DIFFERS, f"{reason}; acts on all particles, not on the group {words[2]} alone"
+    return kind, reason
+
+
+def _reason(deck: Deck, words: list[str]) -> str:
+    """Why a fix is left out; a mesh may yet be the face of a stream, and is kept for it."""
+    if words[3].startswith("mesh/surface") and "file" in words:
+        try:
+            name = words[words.index("file") + 1]
+            deck.fixes[words[1]] = read_face(deck.folder / name, words, deck.unit.length, deck.line)
+        except (Unknown, IndexError, ValueError):
+            pass
+    return REASONS[words[3]]
+
+
+def planar(deck: Deck, words: list[str]) -> Answer:
+    """`fix ID all mesh/surface/planar file NAME type 1`: a face for insert/stream."""
+    name = words[words.index("file") + 1]
+    deck.fixes[words[1]] = read_face(deck.folder / name, words, deck.unit.length, deck.line)
+    return NOTHING, "a face that no insert/stream of the deck has taken"
+
+
+def unfix(deck: Deck, words: list[str]) -> Answer:
+    """`unfix ID`."""
+    found = deck.fixes.pop(words[1], None)
+    if found == GRAVITY:
+        deck.model.gravity = None
+        return TAKEN, "domain.gravity is zero from here on"
+    if isinstance(found, list | Insertion):
+        return _end(deck, found)
+    if found in MOVES:
+        return LEFT, "particles go on to move here"
+    if found == "property/global":
+        return NOTHING, "the constant stays as it is"
+    return NOTHING, "nothing of that fix is in the scene"
+
+
+def _end(deck: Deck, found: list[DeckWall] | Insertion) -> Answer:
+    """Walls that vanish, or an insertion that ends."""
+    if isinstance(found, Insertion):
+        if found.segment == deck.segment:
+            deck.insertions.remove(found)
+            deck.notes.amend(found.line, NOTHING, "its fix is taken back before a run")
+            return TAKEN, "the insertion is never carried out"
+        if not found.is_inlet:
+            return NOTHING, "its particles are in already"
+        found.end = deck.time
+        return TAKEN, "particles.inlet.end"
+    for one in found:
+        one.end = deck.time
+        if one.begin == one.end:
+            deck.walls.remove(one)
+            deck.notes.amend(one.line, NOTHING, "its fix is taken back before a run")
+    return TAKEN, "walls.end"
 
 
 def property_global(deck: Deck, words: list[str]) -> Answer:
@@ -46,118 +121,46 @@ def property_global(deck: Deck, words: list[str]) -> Answer:
     if name not in PROPERTIES:
         raise Unknown(f"the property {name} has no counterpart")
     if kind == "peratomtypepair":
-        types = int(numbers(values, 1)[0])
+        types = integer(values[0])
         found = numbers(values[1:], types * types)
     else:
         found = numbers(values, len(values))
-    pascal = deck.mass / deck.length  # kg/(m s2)
-    factor = {"youngsModulus": pascal, "characteristicVelocity": deck.length}.get(name, 1.0)
-    deck.properties[name] = [value * factor for value in found]
+    factor = {"youngsModulus": deck.unit.pressure, "characteristicVelocity": deck.unit.speed}.get(name, 1.0)
+    deck.model.properties[name] = [value * factor for value in found]
     return TAKEN, "[contact], or [[materials]] and [[material_pairs]]"
 
 
 def gravity(deck: Deck, words: list[str]) -> Answer:
-    """`fix ID all gravity G vector x y z` or `chute ANGLE`."""
-    size = numbers(words[4:], 1)[0] * deck.length
+    """`fix ID all gravity G vector x y z`, `chute ANGLE` or `spherical PHI THETA`."""
+    size = numbers(words[4:], 1)[0] * deck.unit.acceleration
     if words[5] == "vector":
         direction = numbers(words[6:], 3)
         length = math.hypot(*direction)
-        deck.gravity = [0.0 if size == 0.0 or not c else size * c / length for c in direction]
     elif words[5] == "chute":
         angle = math.radians(numbers(words[6:], 1)[0])
-        deck.gravity = [size * math.sin(angle), 0.0, -size * math.cos(angle)]
+        direction, length = [math.sin(angle), 0.0, -math.cos(angle)], 1.0
+        if deck.dimension == 2:
+            direction = [math.sin(angle), -math.cos(angle), 0.0]
+    elif words[5] == "spherical" and deck.dimension == 3:
+        phi, theta = (math.radians(value) for value in numbers(words[6:], 2))
+        direction, length = [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)], 1.0
     else:
         raise Unknown(f"gravity of style {words[5]} has no counterpart; use vector")
+    found = [0.0 if size == 0.0 or not c else size * c / length for c in direction]
+    if deck.dimension == 2 and found[2]:
+        raise Unknown("gravity across the plane of a two-dimensional deck has no counterpart")
+    deck.model.gravity, deck.fixes[words[1]] = found, GRAVITY
     return TAKEN, "domain.gravity"
 
 
-def wall(deck: Deck, words: list[str]) -> Answer:
-    """`fix ID all wall/gran model ... primitive type T xplane C` or `zcylinder R c1 c2`."""
-    if "primitive" not in words:
-        raise Unknown(REASONS["mesh/surface"])
-    at = words.index("primitive")
-    kind, reason = contact_words(dict(zip(words[4:at:2], words[5:at:2], strict=False)))
-    material, shape, rest = int(words[at + 2]), words[at + 3], words[at + 4 :]
-    axis = AXES.index(shape[0])
-    if shape[1:] == "plane":
-        deck.planes[axis].append((numbers(rest, 1)[0] * deck.length, material))
-        more, target = rest[1:], f"an end of the box along {AXES[axis]}"
-    elif shape[1:] == "cylinder":
-        radius, first, second = (value * deck.length for value in numbers(rest, 3))
-        deck.cylinders.append((axis, radius, (first, second), material))
-        more, target = rest[3:], '[[walls]], kind = "cylinder"'
-    else:
-        raise Unknown(f"walls of shape {shape} have no counterpart")
-    if more:
-        return DIFFERS, f"{target}; {' '.join(more)} left out: the wall does not move"
-    return (TAKEN, target) if kind == TAKEN else (DIFFERS, f"{target}; {reason}")
-
-
-def template(deck: Deck, words: list[str]) -> Answer:
-    """`fix ID all particletemplate/sphere SEED atom_type T density constant RHO radius constant R`."""
-    options = dict(zip(words[5:], words[6:], strict=False))
-    made = Template(type=int(options.get("atom_type", "1")))
-    for name, unit in (("radius", deck.length), ("density", deck.mass / deck.length**3)):
-        at = words.index(name)
-        if words[at + 1] != "constant":
-            raise Unknown(f"{name} {words[at + 1]} is not taken; write [particles.distribution] in the scene")
-        setattr(made, name, numbers(words[at + 2 :], 1)[0] * unit)
-    deck.templates[words[1]] = made
-    return TAKEN, "radius and density of [particles], or of a species"
-
-
-def distribution(deck: Deck, words: list[str]) -> Answer:
-    """`fix ID all particledistribution/discrete SEED N t1 w1 ...`: parts by mass, or by number if it says so."""
-    count = int(words[5])
-    pairs = words[6 : 6 + 2 * count]
-    by_mass = not words[3].endswith("numberbased")
-    deck.distributions[words[1]] = [
-        (name, numbers([part], 1)[0], by_mass) for name, part in zip(pairs[::2], pairs[1::2], strict=True)
-    ]
-    missing = [name for name in pairs[::2] if name not in deck.templates]
-    if missing:
-        raise Unknown(f"the template {missing[0]} was not taken")
-    return TAKEN, "shares by number, from those by mass" if by_mass and count > 1 else "species"
-
-
-def insert(deck: Deck, words: list[str]) -> Answer:
-    """`fix ID group insert/pack ...` and `insert/rate/region ...`."""
-    rate = words[3] == "insert/rate/region"
-    name = words[words.index("distributiontemplate") + 1]
-    if name not in deck.distributions:
-        raise Unknown(f"the distribution {name} was not taken")
-    where = deck.regions.get(words[words.index("region") + 1])
-    if where is None:
-        raise Unknown("its region was not taken")
-    made = Insertion(words[1], name, where, begin=deck.steps * deck.time_step)
-
-    def option(key: str, unit: float = 1.0) -> float | None:
-        return numbers(words[words.index(key) + 1 :], 1)[0] * unit if key in words else None
-
-    if "vel" in words and words[words.index("vel") + 1] == "constant":
-        made.velocity = tuple(v * deck.length for v in numbers(words[words.index("vel") + 2 :], 3))
-    if rate:
-        made.rate, made.mass_rate = option("particlerate"), option("massrate", deck.mass)
-        total = option("nparticles")
-        made.count = None if total is None else int(total)
-        if made.rate is None and made.mass_rate is None or where.shape != "block":
-            raise Unknown("an inlet needs particlerate or massrate and a block region")
-        deck.insertions.append(made)
-        return TAKEN, "[[particles.inlet]]; particles come one by one, not in batches"
-    if "insert_every" in words and words[words.index("insert_every") + 1] != "once":
-        raise Unknown("a pack that is filled again and again has no counterpart; use insert/rate/region")
-    count = option("particles_in_region")
-    made.count, made.solid_fraction = None if count is None else int(count), option("volumefraction_region")
-    if count is None and made.solid_fraction is None:
-        raise Unknown("only particles_in_region and volumefraction_region are taken")
-    deck.insertions.append(made)
-    if any(made.velocity):
-        return DIFFERS, '[[particles.pack]], kind = "random"; its velocity is left out, the particles start at rest'
-    return TAKEN, '[[particles.pack]], kind = "random"'
-
-
-HANDLERS: dict[str, Fix] = {
-    "property/global": property_global, "gravity": gravity, "wall/gran": wall, "particletemplate/sphere": template,
+HANDLERS: dict[str, Handler] = {
+    "property/global": property_global, "gravity": gravity, "wall/gran": wall, "wall/gran/region": wall,
+    "particletemplate/sphere": template, "mesh/surface/planar": planar, "pour": pour,
     "particledistribution/discrete": distribution, "particledistribution/discrete/massbased": distribution,
     "particledistribution/discrete/numberbased": distribution, "insert/pack": insert, "insert/rate/region": insert,
+    "insert/stream": insert,
 }  # fmt: skip
+OF_ALL = ("gravity", "wall/gran", "wall/gran/region")
+"""Fixes that act on a group in the deck, and on all particles here."""
+
+FIXES: dict[str, Handler] = {"fix": fix, "unfix": unfix}

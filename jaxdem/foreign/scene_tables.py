@@ -2,205 +2,200 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Any
 
-from jaxdem.foreign.model import AXES, SIDES, Deck, Insertion
-from jaxdem.foreign.notes import DIFFERS, LEFT, TAKEN
+import numpy as np
 
-Say = Callable[[str, str, str], None]
-"""Adds a note on the scene as a whole: what, kind, reason."""
-
-CONSTANTS = {
-    "youngsModulus": "young_modulus", "poissonsRatio": "poisson_ratio", "coefficientRestitution": "restitution",
-    "coefficientFriction": "friction", "coefficientRollingFriction": "rolling_friction",
-}  # fmt: skip
-PAIRS = ("coefficientRestitution", "coefficientFriction", "coefficientRollingFriction")
-LAST_DIGITS = 12
-"""Significant digits of numbers that are computed: sums of decimal fractions are decimal again."""
+from jaxdem.foreign.atoms import Atoms
+from jaxdem.foreign.box import Box, wall_tables
+from jaxdem.foreign.model import Deck, Insertion, Kind, Model
+from jaxdem.foreign.notes import DIFFERS, LEFT, Unknown
+from jaxdem.foreign.region import plain
+from jaxdem.particles.packing import random_pack
 
 
-def scene_tables(deck: Deck, data_name: str, say: Say) -> dict[str, Any]:
-    """The tables of a scene; what differs from the deck as a whole goes to `say`."""
-    lower, upper, boundary = _box(deck, say)
-    shift = [0.0 - value for value in lower]
-    tables: dict[str, Any] = {"domain": {"size": [_plain(b - a) for a, b in zip(lower, upper, strict=True)]}}
-    tables["domain"]["gravity"] = [_plain(c) for c in deck.gravity or [0.0, 0.0, 0.0]]
-    if any(shift):
-        moved = ", ".join(f"{value:g}" for value in shift)
-        say("origin", DIFFERS, f"all places are moved by ({moved}) m: the box of a scene begins at 0")
-    tables["particles"] = _particles(deck, data_name, shift, say)
-    tables["contact"], materials, pairs = _contact(deck)
-    if materials:
-        tables["materials"] = materials
-    if pairs:
-        tables["material_pairs"] = pairs
-    walls = [_cylinder(wall, shift, materials) for wall in deck.cylinders]
+class Written:
+    """Files that are written beside the scene, by name."""
+
+    def __init__(self, stem: str):
+        self.stem = stem
+        self.texts: dict[str, str] = {}
+
+    def add(self, segment: int, text: str) -> str:
+        """Take up the particles of a segment; the name of their file."""
+        name = f"{self.stem}.particles.csv" if not segment else f"{self.stem}.particles_{segment + 1}.csv"
+        self.texts[name] = text
+        return name
+
+
+def shared_tables(deck: Deck, box: Box, written: Written, data_name: str) -> dict[str, Any]:
+    """What holds in all stages: `domain`, `particles`, `walls` and `boundary`.
+
+    Args:
+        deck: all of it.
+        box: of it.
+        written: takes up the files of particles.
+        data_name: name of the data file, relative to the scene; "" without.
+    """
+    axes = deck.axes
+    tables: dict[str, Any] = {"domain": {"size": [plain(box.upper[k] - box.lower[k]) for k in axes]}}
+    if any(box.shift[k] for k in axes):
+        moved = ", ".join(f"{box.shift[k]:g}" for k in axes)
+        deck.notes.say("origin", DIFFERS, f"all places are moved by ({moved}) m: the box of a scene begins at 0")
+    largest = deck.largest()
+    if deck.dimension == 2 and largest is not None:
+        tables["domain"]["depth"] = plain(2.0 * largest[0])
+        reason = "domain.depth is the largest diameter; particles are discs with the mass of spheres, as in LAMMPS"
+        deck.notes.say("dimension 2", DIFFERS, f"{reason}; LIGGGHTS gives them that of discs 1 m thick")
+    tables["particles"] = _first_particles(deck, box, written, data_name)
+    walls = wall_tables(deck, box, deck.types > 1)
     if walls:
         tables["walls"] = walls
-    if boundary:
-        tables["boundary"] = boundary
-    tables["time"] = _time(deck, say)
+    if box.boundary:
+        tables["boundary"] = dict(box.boundary)
     return tables
 
 
-def _plain(value: float) -> float:
-    return float(f"{value:.{LAST_DIGITS}g}") + 0.0
+def model_tables(deck: Deck, box: Box, model: Model) -> dict[str, Any]:
+    """What may change between two runs: `domain.gravity`, `contact`, `materials`, `material_pairs`."""
+    gravity = model.gravity or [0.0, 0.0, 0.0]
+    tables: dict[str, Any] = {"domain": {"gravity": [plain(gravity[k]) for k in deck.axes]}}
+    if model.contact is None:
+        raise Unknown("there is no contact model")
+    tables |= model.contact.tables(deck, model)
+    if model.time_step:
+        tables["contact"]["time_step"] = plain(model.time_step)
+    if deck.types > 1:
+        tables["contact"]["wall_material"] = f"type{box.side_material or 1}"
+    return tables
 
 
-def _box(deck: Deck, say: Say) -> tuple[list[float], list[float], dict[str, Any]]:
-    """The box between the plane walls, and the sides that are no walls."""
-    lower, upper, boundary = list(deck.lower), list(deck.upper), {}
-    for axis in range(3):
-        middle = 0.5 * (deck.lower[axis] + deck.upper[axis])
-        ends = ([c for c, _ in deck.planes[axis] if c <= middle], [c for c, _ in deck.planes[axis] if c > middle])
-        lower[axis], upper[axis] = max(ends[0], default=lower[axis]), min(ends[1], default=upper[axis])
-        if deck.boundary[axis].startswith("p"):
-            boundary[SIDES[axis][0]] = {"kind": "periodic"}
-            continue
-        for side, given in zip(SIDES[axis], ends, strict=True):
-            if given:
-                continue
-            if deck.lost == "ignore" and "f" in deck.boundary[axis]:
-                boundary[side] = {"particles": "remove"}
-                say(side, TAKEN, f"no wall along {AXES[axis]} there: particles that leave are removed")
-            else:
-                reason = (
-                    f"the deck has no wall along {AXES[axis]} there; a side of a scene is one, and stays where it is"
-                )
-                say(side, DIFFERS, reason)
-    return lower, upper, boundary
+def inlet_tables(deck: Deck, box: Box, end: float) -> list[dict[str, Any]]:
+    """The inlets that have begun before a time [s]."""
+    return [_inlet(deck, one, box) for one in deck.insertions if one.is_inlet and one.begin < end]
 
 
-def _contact(deck: Deck) -> tuple[dict[str, Any], list[dict[str, Any]], list[dict[str, Any]]]:
-    """`[contact]`, and the materials and pairs of a deck with several types."""
-    contact: dict[str, Any] = {"law": "hertz_mindlin"}
-    given = {key: deck.properties[name] for name, key in CONSTANTS.items() if name in deck.properties}
-    contact |= {key: values[0] for key, values in given.items()}
-    rolling = deck.contact.get("rolling_friction", "off")
-    if rolling == "off":
-        contact["rolling_friction"] = 0.0
-        given.pop("rolling_friction", None)
-    elif rolling.startswith("epsd"):
-        contact["rolling_model"] = "epsd"
-    if "coefficientFriction" not in deck.properties or deck.contact.get("tangential") == "off":
-        contact["friction"] = 0.0
-        given.pop("friction", None)
-    if deck.contact.get("model") == "hooke":
-        contact |= {"law": "linear_spring_dashpot", "normal_stiffness": _plain(_hooke(deck))}
-    if deck.time_step:
-        contact["time_step"] = deck.time_step
-    if deck.types == 1:
-        return contact, [], []
-    materials: list[dict[str, Any]] = [{"name": f"type{k + 1}"} for k in range(deck.types)]
-    pairs: list[dict[str, Any]] = []
-    for name, key in CONSTANTS.items():
-        if key not in given:
-            continue
-        step = deck.types + 1 if name in PAIRS else 1
-        for k, material in enumerate(materials):
-            material[key] = given[key][k * step]
-    for a in range(deck.types):
-        for b in range(a + 1, deck.types):
-            found = {CONSTANTS[n]: given[CONSTANTS[n]][a * deck.types + b] for n in PAIRS if CONSTANTS[n] in given}
-            if found:
-                pairs.append({"materials": [f"type{a + 1}", f"type{b + 1}"], **found})
-    walls = [material for planes in deck.planes for _, material in planes]
-    contact["wall_material"] = f"type{walls[0] if walls else 1}"
-    return contact, materials, pairs
+def added_tables(deck: Deck, box: Box, written: Written, segment: int) -> dict[str, Any]:
+    """`start` of a stage: particles that are removed and added when it begins; empty without."""
+    start: dict[str, Any] = {}
+    if segment in deck.removals:
+        start["remove"] = [where.table(box.shift, deck.axes) for where in deck.removals[segment]]
+    packs, atoms = _packs(deck, segment), deck.atoms.get(segment)
+    if atoms is not None and len(atoms):
+        _left_out(deck, packs)
+        start["add"] = {"file": _written(deck, box, written, segment, atoms)}
+    elif packs:
+        start["add"] = {"pack": [_pack(deck, one, box) for one in packs]}
+    return start
 
 
-def _hooke(deck: Deck) -> float:
-    """Stiffness of LIGGGHTS' hooke of two equal particles, the largest: 16/15 sqrt(R) E (15 m v^2 / (16 sqrt(R) E))^0.2
-    with R, E and m those of the pair."""
-    largest = max(deck.templates.values(), key=lambda one: one.radius)
-    modulus = deck.properties["youngsModulus"][0] / (2.0 * (1.0 - deck.properties["poissonsRatio"][0] ** 2))
-    radius, mass, speed = 0.5 * largest.radius, 0.5 * largest.mass, deck.properties["characteristicVelocity"][0]
-    base = math.sqrt(radius) * modulus
-    return 16.0 / 15.0 * base * (15.0 * mass * speed**2 / (16.0 * base)) ** 0.2
+def _packs(deck: Deck, segment: int) -> list[Insertion]:
+    return [one for one in deck.insertions if not one.is_inlet and one.segment == segment]
 
 
-def _cylinder(
-    wall: tuple[int, float, tuple[float, float], int], shift: list[float], materials: list[dict[str, Any]]
-) -> dict[str, Any]:
-    axis, radius, middle, material = wall
-    others = [k for k in range(3) if k != axis]
-    center = [0.0, 0.0, 0.0]
-    for k, value in zip(others, middle, strict=True):
-        center[k] = _plain(value + shift[k])
-    table: dict[str, Any] = {"kind": "cylinder", "center": center, "radius": radius}
-    table["axis"] = [float(k == axis) for k in range(3)]
-    return table | ({"material": f"type{material}"} if materials else {})
+def _left_out(deck: Deck, packs: list[Insertion]) -> None:
+    for one in packs:
+        reason = "particles come from a file or from packs, and the file is taken; begin a stage with the pack"
+        deck.notes.amend(one.line, LEFT, reason)
 
 
-def _particles(deck: Deck, data_name: str, shift: list[float], say: Say) -> dict[str, Any]:
+def _first_particles(deck: Deck, box: Box, written: Written, data_name: str) -> dict[str, Any]:
     table: dict[str, Any] = {}
-    if data_name:
-        table["file"] = {"name": data_name}
-        if deck.units != "si":
-            table["file"]["units"] = deck.units
-        if any(shift):
-            table["file"]["translate"] = [_plain(value) for value in shift]
-        if deck.types > 1:
-            table["file"]["types"] = {str(k + 1): f"type{k + 1}" for k in range(deck.types)}
-    packs = [one for one in deck.insertions if one.rate is None and one.mass_rate is None]
-    if packs and data_name:
-        say("insert/pack", LEFT, "a scene has its first particles from a file or from packs; the file is taken")
-        packs = []
-    if packs:
-        table["pack"] = [_pack(deck, one, shift) for one in packs]
-    inlets = [one for one in deck.insertions if one.rate is not None or one.mass_rate is not None]
-    if inlets:
-        table["inlet"] = [_inlet(deck, one, shift) for one in inlets]
+    atoms, packs = deck.atoms.get(0), _packs(deck, 0)
+    if atoms is not None and len(atoms):
+        _left_out(deck, packs)
+        if atoms.from_file:
+            table["file"] = _of_data_file(deck, box, data_name)
+        else:
+            table["file"] = _written(deck, box, written, 0, atoms)
+    elif packs:
+        table["pack"] = [_pack(deck, one, box) for one in packs]
     return table
 
 
-def _pack(deck: Deck, one: Insertion, shift: list[float]) -> dict[str, Any]:
-    table: dict[str, Any] = {"kind": "random", "spacing": 1.0}
-    table["region"] = {k: _rounded(v) for k, v in one.region.table(shift).items()}
+def _of_data_file(deck: Deck, box: Box, data_name: str) -> dict[str, Any]:
+    """The file of the deck as it is."""
+    table: dict[str, Any] = {**(deck.data_file or {}), "name": data_name}
+    if deck.unit.name != "si":
+        table["units"] = deck.unit.name
+    if any(box.shift[k] for k in deck.axes) or "frame" in table:
+        table["translate"] = [plain(box.shift[k]) for k in deck.axes]
+    if deck.dimension == 2:
+        table["plane"] = "xy"
+    return table | _types(deck)
+
+
+def _types(deck: Deck) -> dict[str, Any]:
+    return {"types": {str(k + 1): f"type{k + 1}" for k in range(deck.types)}} if deck.types > 1 else {}
+
+
+def _written(deck: Deck, box: Box, written: Written, segment: int, atoms: Atoms) -> dict[str, Any]:
+    """Particles that the deck has made or changed, in a file of their own whose coordinates are those of the scene."""
+    _draw_places(deck, atoms)
+    moved = Atoms(**{name: getattr(atoms, name) for name in Atoms.COLUMNS})
+    moved.position = atoms.position + np.asarray(box.shift)
+    name = written.add(segment, moved.as_csv(deck.axes, deck.types > 1))
+    return {"name": name} | _types(deck)
+
+
+def _draw_places(deck: Deck, atoms: Atoms) -> None:
+    """Give those that lie at random their places, now that their sizes are known."""
+    axes = list(deck.axes)
+    for number, (where, seed) in enumerate(atoms.regions):
+        rows = np.flatnonzero(atoms.waiting == number)
+        if not len(rows):
+            continue
+        places, placed = random_pack(where.space(deck.axes), 0.5 * atoms.diameter[rows], 1.0, abs(seed))
+        if not placed.all():
+            count, name = int(placed.sum()), "particles at random places"
+            deck.notes.say(name, DIFFERS, f"{count} of {len(rows)} have room; the others are left out")
+        atoms.position[np.ix_(rows[placed], axes)] = places[placed]
+        atoms.waiting[rows[placed]] = -1
+    atoms.keep(atoms.waiting < 0)
+
+
+def _pack(deck: Deck, one: Insertion, box: Box) -> dict[str, Any]:
+    table: dict[str, Any] = {"kind": "random", "spacing": 1.0, "region": one.region.table(box.shift, deck.axes)}
     if one.count is not None:
         table["count"] = one.count
     else:
         table["solid_fraction"] = one.solid_fraction
-    return table | _kinds(deck, one.distribution)
+    if any(one.velocity):
+        table["velocity"] = [plain(one.velocity[k]) for k in deck.axes]
+    return table | kinds_table(one.kinds, deck.types > 1)
 
 
-def _inlet(deck: Deck, one: Insertion, shift: list[float]) -> dict[str, Any]:
-    where = one.region.table(shift)
-    table: dict[str, Any] = {"start": _rounded(where["start"]), "stop": _rounded(where["stop"])}
-    table |= {"rate": one.rate} if one.rate is not None else {"mass_flow": one.mass_rate}
-    table["velocity"] = list(one.velocity)
-    table |= {"begin": _plain(one.begin)} if one.begin else {}
+def _inlet(deck: Deck, one: Insertion, box: Box) -> dict[str, Any]:
+    where = one.region.table(box.shift, deck.axes)
+    table: dict[str, Any] = {"start": where["start"], "stop": where["stop"]} if where["shape"] == "box" else {
+        "region": where
+    }  # fmt: skip
+    table |= {"rate": plain(one.rate)} if one.rate is not None else {"mass_flow": plain(one.mass_rate or 0.0)}
+    table["velocity"] = [plain(one.velocity[k]) for k in deck.axes]
+    table |= {"begin": plain(one.begin)} if one.begin else {}
+    table |= {"end": plain(one.end)} if one.end is not None else {}
     table |= {"total": one.count} if one.count else {}
-    return table | _kinds(deck, one.distribution)
+    return table | kinds_table(one.kinds, deck.types > 1)
 
 
-def _rounded(value: Any) -> Any:
-    return [_plain(one) for one in value] if isinstance(value, list) else value
+def kinds_table(kinds: list[Kind], several: bool) -> dict[str, Any]:
+    """Radius or distribution, density and material of particles, or their species with shares by number."""
+    tables = []
+    for kind in kinds:
+        table: dict[str, Any] = {"density": plain(kind.density)}
+        table |= {"radius": plain(kind.radius)} if kind.distribution is None else {"distribution": kind.distribution}
+        table |= {"material": f"type{kind.type}"} if several else {}
+        tables.append(table)
+    if len(tables) == 1:
+        return tables[0]
+    return {"species": [{"share": kind.share, **table} for kind, table in zip(kinds, tables, strict=True)]}
 
 
-def _kinds(deck: Deck, name: str) -> dict[str, Any]:
-    """Radius, density and material of the particles of a distribution, or its species with shares by number."""
-    parts = deck.distributions[name]
-    kinds = []
-    for label, part, by_mass in parts:
-        made = deck.templates[label]
-        kind: dict[str, Any] = {"radius": made.radius, "density": made.density}
-        kind |= {"material": f"type{made.type}"} if deck.types > 1 else {}
-        kinds.append((part / made.mass if by_mass else part, kind))
-    if len(kinds) == 1:
-        return kinds[0][1]
-    total = sum(share for share, _ in kinds)
-    return {"species": [{"share": share / total, **kind} for share, kind in kinds]}
-
-
-def _time(deck: Deck, say: Say) -> dict[str, Any]:
-    steps = deck.steps
-    outputs = max(1, round(steps / (deck.output_steps or max(1, steps // 10))))
-    if not deck.output_steps:
-        say("output", DIFFERS, "the deck writes no particles: ten frames")
-    elif steps % deck.output_steps:
-        say("output", DIFFERS, f"{outputs} frames: the output interval must divide the time of the run")
-    end = _plain(steps * deck.time_step)
-    return {"end": end, "output_interval": _plain(end / outputs)}
+def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Two tables as one, key by key."""
+    found = dict(first)
+    for key, value in second.items():
+        known = found.get(key)
+        found[key] = merged(known, value) if isinstance(value, dict) and isinstance(known, dict) else value
+    return found

@@ -1,4 +1,5 @@
-"""Input scripts of LIGGGHTS: commands with their continuation lines joined and their variables put in."""
+"""Input scripts of LIGGGHTS and LAMMPS: commands with their continuation lines joined, their variables put in and their
+conditions decided."""
 
 from __future__ import annotations
 
@@ -9,52 +10,63 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jaxdem.files.reading import read_text
-from jaxdem.foreign.formula import evaluate
-from jaxdem.foreign.notes import TAKEN, Note, Unknown, unreadable
+from jaxdem.foreign.formula import evaluate, holds
+from jaxdem.foreign.notes import LEFT, NOTHING, TAKEN, Note, Notes, Unknown, unreadable
 
-FORM = re.compile(r"\$\{(\w+)\}|\$(\w)")
+FORM = re.compile(r"\$\{(\w+)\}|\$\(((?:[^()]|\([^()]*\))*)\)|\$(\w)")
 DEEPEST = 10
 """Files that include each other."""
 
 
+class Line(NamedTuple):
+    """A command of a file: the number of its first line, its text, and the comment in it or right above it."""
+
+    number: int
+    text: str
+    comment: str
+
+
 class Command(NamedTuple):
-    """A command: where it stands, its text with variables put in, its words, and what is wrong with it, if anything."""
+    """A line of a script: where it stands, its text with variables put in, the commands that it holds as words (several
+    where an `if` has them), what is wrong with it, if anything, and the comment in it or above it."""
 
     place: str
     text: str
-    words: list[str]
+    parts: list[list[str]]
     problem: str = ""
+    comment: str = ""
 
 
-def commands(path: Path, variables: dict[str, str], notes: list[Note], depth: int = 0) -> Iterator[Command]:
-    """The commands of a script in their order; `variable` and `include` are carried out.
+def commands(path: Path, variables: dict[str, str], notes: Notes, depth: int = 0) -> Iterator[Command]:
+    """The commands of a script in their order; `variable`, `include` and `if` are carried out.
 
     Raises:
         InputError: the file cannot be read as a script.
     """
-    for number, line in _joined(path):
-        place = f"{path.name}, line {number}"
+    for line in _joined(path):
+        place = f"{path.name}, line {line.number}"
         try:
-            text = FORM.sub(lambda match: _put_in(match, variables), line)
+            text = FORM.sub(lambda match: _put_in(match, variables), line.text)
             words = shlex.split(text, comments=False)
+            if words[:1] == ["variable"]:
+                notes.append(Note(place, text, TAKEN, _define(words, variables)))
+            elif words[:1] == ["include"] and len(words) == 2 and depth < DEEPEST:
+                notes.append(Note(place, text, TAKEN, f"the lines of {words[1]} follow"))
+                yield from commands(path.parent / words[1], variables, notes, depth + 1)
+            elif words[:1] == ["if"]:
+                parts = _decided(words, variables)
+                if parts:
+                    yield Command(place, text, parts, comment=line.comment)
+                else:
+                    notes.append(Note(place, text, NOTHING, "the condition does not hold, and there is no other part"))
+            elif words:
+                yield Command(place, text, [words], comment=line.comment)
         except (Unknown, ValueError) as error:
-            yield Command(place, line, line.split(), str(error))
-            continue
-        if words[:1] == ["variable"] and len(words) > 3:
-            try:
-                _define(words, variables)
-            except Unknown as error:
-                yield Command(place, text, words, str(error))
-            else:
-                notes.append(Note(place, text, TAKEN, f"{words[1]} = {variables[words[1]]}"))
-        elif words[:1] == ["include"] and len(words) == 2 and depth < DEEPEST:
-            yield from commands(path.parent / words[1], variables, notes, depth + 1)
-        elif words:
-            yield Command(place, text, words)
+            notes.append(Note(place, line.text, LEFT, str(error)))
 
 
-def _joined(path: Path) -> Iterator[tuple[int, str]]:
-    """Number and text of every command, without comments, with continuation lines (&) joined."""
+def _joined(path: Path) -> Iterator[Line]:
+    """Every command, without comments, with continuation lines (&) joined."""
     try:
         text = read_text(path)
     except FileNotFoundError:
@@ -62,44 +74,89 @@ def _joined(path: Path) -> Iterator[tuple[int, str]]:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "it is not text in UTF-8"
         raise unreadable(str(path), f"cannot be read ({reason})", "give the path of an input script") from None
-    begun, first = "", 0
+    begun, first, above = "", 0, ""
     for number, whole in enumerate(text.splitlines(), start=1):
-        line = _without_comment(whole).strip()
+        line, comment = _without_comment(whole)
         first = first if begun else number
         if line.endswith("&"):
             begun += line[:-1] + " "
             continue
         if joined := (begun + line).strip():
-            yield first, joined
-        begun = ""
+            yield Line(first, joined, comment or above)
+            comment = ""
+        begun, above = "", comment
     if begun.strip():
-        yield first, begun.strip()
+        yield Line(first, begun.strip(), above)
 
 
-def _without_comment(line: str) -> str:
-    """The line before a # that does not stand between quotes."""
+def _without_comment(line: str) -> tuple[str, str]:
+    """The line before a # that does not stand between quotes, and what stands after it."""
     quote = ""
     for position, character in enumerate(line):
         if character in "\"'" and quote in ("", character):
             quote = "" if quote else character
         elif character == "#" and not quote:
-            return line[:position]
-    return line
+            return line[:position].strip(), line[position:].strip("# \t")
+    return line.strip(), ""
 
 
 def _put_in(match: re.Match[str], variables: dict[str, str]) -> str:
-    name = match[1] or match[2]
+    if match[2] is not None:
+        return _short(evaluate(match[2].partition(":%")[0], variables))
+    name = match[1] or match[3]
     if name not in variables:
         raise Unknown(f"the variable {name} is not known; write its value into the line")
     return variables[name]
 
 
-def _define(words: list[str], variables: dict[str, str]) -> None:
+def _short(value: float) -> str:
+    """A number with the fewest digits that give it."""
+    return repr(value).removesuffix(".0")
+
+
+def _define(words: list[str], variables: dict[str, str]) -> str:
+    """Carry out a command `variable`, and say what the variable is.
+
+    Raises:
+        Unknown: it is of a style, or has a formula, that needs a running simulation.
+    """
+    if words[2:] == ["delete"]:
+        variables.pop(words[1], None)
+        return f"{words[1]} is no more"
+    if len(words) < 4:
+        raise Unknown("a variable has a name, a style and a value")
     _, name, style, *values = words
     if style in ("index", "string"):
         if style == "string" or name not in variables:  # an index keeps the value that it has
             variables[name] = values[0]
     elif style == "equal":
-        variables[name] = f"{evaluate(' '.join(values), variables):.17g}"
+        variables[name] = _short(evaluate(" ".join(values), variables))
     else:
         raise Unknown(f"variables of style {style} are not carried out; write the commands without them")
+    return f"{name} = {variables[name]}"
+
+
+def _decided(words: list[str], variables: dict[str, str]) -> list[list[str]]:
+    """The commands of an `if` that are carried out; those that define variables are.
+
+    Raises:
+        Unknown: a condition cannot be decided before the run, or what it holds cannot be carried out.
+    """
+    at = 0
+    while at < len(words):
+        word = words[at]
+        if word != "else" and (word not in ("if", "elif") or words[at + 2 : at + 3] != ["then"] and word == "if"):
+            raise Unknown("the command has not the form if CONDITION then COMMAND ... else COMMAND ...")
+        applies = word == "else" or holds(words[at + 1], variables)
+        begin = at + {"if": 3, "elif": 2, "else": 1}[word]
+        end = next((k for k in range(begin, len(words)) if words[k] in ("elif", "else")), len(words))
+        if applies:
+            parts = [shlex.split(text) for text in words[begin:end]]
+            for part in parts:
+                if part[:1] in (["include"], ["if"]):
+                    raise Unknown(f"{part[0]} within an if is not carried out; write what holds into the deck")
+                if part[:1] == ["variable"]:
+                    _define(part, variables)
+            return parts
+        at = end
+    return []

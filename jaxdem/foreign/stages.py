@@ -1,0 +1,111 @@
+"""The runs of a deck as one scene: alike ones are one run, others are its stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from jaxdem.foreign.model import Deck, Segment
+from jaxdem.foreign.notes import DIFFERS, TAKEN
+from jaxdem.foreign.region import plain
+
+FRAMES = 10
+"""Of a run whose deck writes no particles."""
+
+
+@dataclass
+class Part:
+    """A part of the run with one set of tables.
+
+    Attributes:
+        name: of the stage.
+        tables: without `time`.
+        end: [s].
+        begin: [s].
+        output: time between two outputs that the deck asks for; 0 without [s].
+        start: of the stage: what is done to the particles when it begins.
+        lines: numbers of the notes of its runs.
+    """
+
+    name: str
+    tables: dict[str, Any]
+    begin: float
+    end: float
+    output: float
+    start: dict[str, Any] = field(default_factory=dict)
+    lines: list[int] = field(default_factory=list)
+
+
+def part_of(segment: Segment, tables: dict[str, Any], start: dict[str, Any]) -> Part:
+    """A run as a part."""
+    output = segment.model.output_steps * segment.model.time_step
+    return Part(segment.name, tables, segment.begin, segment.end, output, start, [segment.line])
+
+
+def joined(parts: list[Part]) -> list[Part]:
+    """The parts with alike ones that follow each other as one; names are given to those that have none."""
+    found: list[Part] = []
+    for part in parts:
+        last = found[-1] if found else None
+        if last is not None and not part.start and last.tables == part.tables:
+            last.end, last.output = part.end, part.output or last.output
+            last.lines += part.lines
+        else:
+            found.append(part)
+    names: list[str] = []
+    for number, part in enumerate(found, start=1):
+        name = part.name or f"run_{number}"
+        names.append(name if name not in names else f"{name}_{number}")
+        part.name = names[-1]
+    return found
+
+
+def staged(deck: Deck, parts: list[Part]) -> dict[str, Any]:
+    """The tables of a scene of these parts; every run has a note on what it has become."""
+    times = [_time(deck, part) for part in parts]
+    for number, part in enumerate(parts):
+        for line in part.lines:
+            target = "time.end" if len(parts) == 1 else f"stages.{number}, {part.name}: time.end"
+            reason = f"{target} = {plain(part.end):g} s"
+            if line != part.lines[-1]:
+                reason = f"{target}, with the run after it: nothing changes between them"
+            if line >= 0:
+                deck.notes.amend(line, TAKEN, reason)
+    base = {**parts[0].tables, "time": times[0]}
+    if len(parts) == 1:
+        return base
+    stages: list[dict[str, Any]] = [{"name": parts[0].name, "time": {"end": times[0]["end"]}}]
+    for number in range(1, len(parts)):
+        before = {**parts[number - 1].tables, "time": times[number - 1]}
+        change = difference(before, {**parts[number].tables, "time": times[number]})
+        start = {"start": parts[number].start} if parts[number].start else {}
+        stages.append({"name": parts[number].name, **change, **start})
+    return {**base, "stages": stages}
+
+
+def difference(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """The tables that, laid over the first, give the second."""
+    found: dict[str, Any] = {}
+    for key, value in after.items():
+        known = before.get(key)
+        if isinstance(value, dict) and isinstance(known, dict):
+            inner = difference(known, value)
+            found |= {key: inner} if inner else {}
+        elif value != known:
+            found[key] = value
+    for key, value in before.items():
+        if key not in after:
+            found[key] = [] if isinstance(value, list) else False
+    return found
+
+
+def _time(deck: Deck, part: Part) -> dict[str, Any]:
+    """`[time]` of a part."""
+    duration = part.end - part.begin
+    outputs = max(1, round(duration / part.output)) if part.output else FRAMES
+    if not part.output:
+        if not any(note.text == "output" for note in deck.notes):
+            deck.notes.say("output", DIFFERS, f"the deck writes no particles: {FRAMES} frames of each run")
+    elif abs(duration / part.output - outputs) > 1e-6:
+        deck.notes.say("output", DIFFERS, f"{outputs} frames of {duration:g} s: the interval must divide the run")
+    return {"end": plain(part.end), "output_interval": plain(duration / outputs)}
