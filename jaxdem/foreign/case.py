@@ -55,9 +55,17 @@ def script_of(properties: Path) -> Path:
         InputError: it names none.
     """
     found = read_foam(properties)
-    for name in ("twoWayMPIProps", "twoWayM2MProps", "twoWayMany2ManyProps", "twoWayFilesProps"):
-        if isinstance(found.get(name), dict) and "liggghtsPath" in found[name]:
-            return Path(properties.parents[1] / found[name]["liggghtsPath"]).resolve()
+    for name in (
+        "twoWayMPIProps",
+        "twoWayMPI",
+        "twoWayM2MProps",
+        "M2MProps",
+        "twoWayMany2ManyProps",
+        "twoWayFilesProps",
+    ):
+        named = found.matching(name)
+        if isinstance(named, dict) and "liggghtsPath" in named:
+            return Path(properties.parents[1] / named["liggghtsPath"]).resolve()
     raise unreadable(str(properties), "names no script (liggghtsPath)", "add it to twoWayMPIProps")
 
 

@@ -85,8 +85,10 @@ def _forget_what_follows(deck: Deck) -> None:
     last = deck.segments[-1].line
     deck.walls = [one for one in deck.walls if one.line < last]
     deck.insertions = [one for one in deck.insertions if one.line < last]
-    for one in (*deck.walls, *deck.insertions):
+    for one in deck.walls:
         one.end = None if one.end == deck.time else one.end
+    for coming in deck.insertions:
+        coming.end = None if coming.end == deck.time else coming.end
     deck.atoms.pop(deck.segment, None)
     for line in range(last + 1, len(deck.notes)):
         if deck.notes[line].kind != NOTHING:

@@ -45,7 +45,7 @@ def coupling_of(sheet: Sheet, fluid: dict[str, Any], time_step: float, diameter:
     sheet.say("couplingInterval", TAKEN, "coupling.interval = couplingInterval times the time step of the script")
     coupling |= _void_fraction(sheet, diameter)
     coupling |= _forces(sheet)
-    parts = [key for key in sheet.entries if key.endswith("Props")]
+    parts = [key for key in sheet.entries if key.rstrip(")").endswith("Props")]
     for key in parts:
         used = "liggghtsPath" in sheet.get(key, {})
         reason = "names the script" if used else "numbers of a model: names of fields, limits and interpolation"
@@ -68,7 +68,7 @@ def _void_fraction(sheet: Sheet, diameter: float | None) -> dict[str, Any]:
     """
     name, smoothing = str(sheet.get("voidFractionModel", "")), str(sheet.get("smoothingModel", "off"))
     if smoothing == "constDiffSmoothing" and diameter:
-        length = float(sheet.get("constDiffSmoothingProps", {}).get("smoothingLength", 0.0))
+        length = float((sheet.entries.matching("constDiffSmoothingProps") or {}).get("smoothingLength", 0.0))
         sheet.say("voidFractionModel", TAKEN, 'coupling.void_fraction = "diffusion", which divides and then smooths')
         if length > 0.0:
             sheet.say("smoothingModel", TAKEN, "coupling.kernel_width, sqrt(12) smoothingLength")

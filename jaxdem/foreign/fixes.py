@@ -69,8 +69,8 @@ def _reason(deck: Deck, words: list[str]) -> str:
         try:
             name = words[words.index("file") + 1]
             deck.fixes[words[1]] = read_face(deck.folder / name, words, deck.unit.length, deck.line)
-        except (Unknown, IndexError, ValueError):
-            pass
+        except Unknown as error:
+            deck.fixes[words[1]] = str(error)
     return REASONS[words[3]]
 
 

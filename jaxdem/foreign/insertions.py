@@ -13,6 +13,9 @@ from jaxdem.foreign.notes import DIFFERS, TAKEN, Answer, Unknown
 from jaxdem.foreign.region import Region
 from jaxdem.foreign.words import integer, numbers, option
 
+SPREAD, SMALLEST = 3, 0.1
+"""Standard deviations at which a normal distribution is cut, and least part of the mean of a radius."""
+
 LAYER = 2.002
 """Thickness of the layer at the face of a stream, over the largest radius: a diameter, and room for rounding."""
 
@@ -20,14 +23,22 @@ LAYER = 2.002
 def template(deck: Deck, words: list[str]) -> Answer:
     """`fix ID all particletemplate/sphere SEED atom_type T density constant RHO radius constant R`."""
     options = dict(zip(words[5:], words[6:], strict=False))
-    found = {}
-    for name, unit in (("radius", deck.unit.length), ("density", deck.unit.density)):
-        at = words.index(name)
-        if words[at + 1] != "constant":
-            raise Unknown(f"{name} {words[at + 1]} is not taken; write [particles.distribution] in the scene")
-        found[name] = numbers(words[at + 2 :], 1)[0] * unit
-    deck.templates[words[1]] = Kind(1.0, found["density"], int(options.get("atom_type", "1")), found["radius"])
-    return TAKEN, "radius and density of [particles], or of a species"
+    at, unit = words.index("density"), deck.unit
+    if words[at + 1] != "constant":
+        raise Unknown(f"density {words[at + 1]} is not taken; write particles.density in the scene")
+    density = numbers(words[at + 2 :], 1)[0] * unit.density
+    kind, at = int(options.get("atom_type", "1")), words.index("radius")
+    if words[at + 1] == "constant":
+        deck.templates[words[1]] = Kind(1.0, density, kind, numbers(words[at + 2 :], 1)[0] * unit.length)
+        return TAKEN, "radius and density of [particles], or of a species"
+    if words[at + 1 : at + 3] != ["gaussian", "number"]:
+        raise Unknown(f"radius {words[at + 1]} is not taken; write [particles.distribution] in the scene")
+    mean, deviation = (value * unit.length for value in numbers(words[at + 3 :], 2))
+    low, high = max(mean - SPREAD * deviation, SMALLEST * mean), mean + SPREAD * deviation
+    table = {"kind": "normal", "by": "number", "mean": mean, "standard_deviation": deviation}
+    table |= {"lower": low, "upper": high}
+    deck.templates[words[1]] = Kind(1.0, density, kind, high, table, mean**3 + 3.0 * mean * deviation**2)
+    return DIFFERS, f"distribution of [particles]; it is cut at {SPREAD} standard deviations"
 
 
 def distribution(deck: Deck, words: list[str]) -> Answer:
@@ -43,6 +54,9 @@ def distribution(deck: Deck, words: list[str]) -> Answer:
         made = deck.templates[name]
         share = numbers([part], 1)[0] / (made.mass if by_mass else 1.0)
         kinds.append(Kind(share, made.density, made.type, made.radius))
+        if made.distribution is not None and count > 1:
+            raise Unknown("a species has one radius; write [particles.distribution] in the scene")
+        kinds[-1].distribution, kinds[-1].mean_cube = made.distribution, made.mean_cube
     total = sum(kind.share for kind in kinds)
     for kind in kinds:
         kind.share /= total
@@ -66,7 +80,7 @@ def insert(deck: Deck, words: list[str]) -> Answer:
     if "omega" in words:
         different.append("omega is left out, the particles do not spin")
     if style == "pack":
-        _fill(deck, words, made)
+        different += _fill(deck, words, made)
         target = '[[particles.pack]], kind = "random"' if not deck.segment else "stages.start.add.pack"
         if deck.segment:
             different.append("the region must be free of other particles then")
@@ -89,10 +103,9 @@ def _velocity(deck: Deck, words: list[str]) -> tuple[tuple[float, ...], list[str
     return found, [] if words[at + 1] == "constant" else [f"the spread of vel {words[at + 1]} is left out"]
 
 
-def _fill(deck: Deck, words: list[str], made: Insertion) -> None:
-    """How many particles a pack has."""
-    if "insert_every" in words and words[words.index("insert_every") + 1] not in ("once", "0"):
-        raise Unknown("a pack that is filled again and again has no counterpart; use insert/rate/region")
+def _fill(deck: Deck, words: list[str], made: Insertion) -> list[str]:
+    """How many particles a pack has; what is left out."""
+    every = words[words.index("insert_every") + 1] if "insert_every" in words else "once"
     count = option(words, "particles_in_region")
     made.count, made.solid_fraction = None if count is None else int(count), option(words, "volumefraction_region")
     mass = option(words, "mass_in_region", deck.unit.mass)
@@ -101,6 +114,9 @@ def _fill(deck: Deck, words: list[str], made: Insertion) -> None:
         made.count = max(1, round(mass / mean))
     if made.count is None and made.solid_fraction is None:
         raise Unknown("only particles_in_region, mass_in_region and volumefraction_region are taken")
+    if every in ("once", "0"):
+        return []
+    return [f"it is filled once; that it is filled again every {every} steps is left out (use [[particles.inlet]])"]
 
 
 def _flow(deck: Deck, words: list[str], made: Insertion) -> None:
@@ -124,7 +140,8 @@ def _layer(deck: Deck, words: list[str], kinds: list[Kind], velocity: tuple[floa
     name = words[words.index("insertion_face") + 1]
     face = deck.fixes.get(name)
     if not isinstance(face, Face):
-        raise Unknown(f"its face {name} was not taken; write [[particles.inlet]] with start and stop of a box")
+        why = f" ({face})" if isinstance(face, str) and " " in face else ""
+        raise Unknown(f"its face {name} was not taken{why}; write [[particles.inlet]] with start and stop of a box")
     along = velocity[face.axis]
     if along == 0.0:
         raise Unknown("its particles do not move away from the face; give vel constant across it")

@@ -31,6 +31,7 @@ class Kind:
         type: of the deck.
         radius: [m]; the largest where there is a distribution.
         distribution: of the radii, as a table of a scene; None for one radius.
+        mean_cube: of the radii of a distribution [m3]; 0 for one radius.
     """
 
     share: float
@@ -38,11 +39,12 @@ class Kind:
     type: int
     radius: float
     distribution: dict[str, Any] | None = None
+    mean_cube: float = 0.0
 
     @property
     def mass(self) -> float:
-        """Of a particle of its radius [kg]."""
-        return 4.0 / 3.0 * math.pi * self.radius**3 * self.density
+        """Mean of its particles [kg]."""
+        return 4.0 / 3.0 * math.pi * (self.mean_cube or self.radius**3) * self.density
 
 
 @dataclass

@@ -1,9 +1,9 @@
 """`fix pour` of LAMMPS: particles that fall from a region, as many at once as it has room for.
 
-A batch fills the region to the volume fraction of the option vol, 0.25 by default; the next one comes when the last
-one has left it in free fall, after t with H = (-v) t + g t^2 / 2, H the height of the region and v the vertical
-velocity. A scene brings the same number of particles a second, one after the other. Source: LAMMPS documentation, `fix
-pour`; the size of a batch and its interval from memory of its source.
+A batch fills the region to the volume fraction of the option vol, 0.25 by default; the next one comes when the last one
+has left it in free fall, after t with H = (-v) t + g t^2 / 2, H the height of the region and v the vertical velocity.
+A scene brings the same number of particles a second, one after the other. Source: LAMMPS documentation, `fix pour`; the
+size of a batch and its interval as in fix_pour.cpp, but for a thickness along y under 1, which it takes for 1.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ def _options(words: list[str], dimension: int) -> dict[str, list[str]]:
     while words:
         name, count = words[0], OPTIONS.get(words[0])
         if name == "diam":
-            count = {"one": 2, "range": 3, "poly": 2 + 2 * integer(words[2])}[words[1]]
+            many = integer(words[2]) if words[1] == "poly" else 0
+            count = {"one": 2, "range": 3, "poly": 2 + 2 * many}.get(words[1], 2)
         elif name == "vel":
             count = 5 if dimension == 3 else 3
         elif count is None:
@@ -68,12 +69,12 @@ def _kinds(words: list[str], unit: float, density: float, kind: int) -> list[Kin
     """`one D`, `range D1 D2` evenly by number, or `poly N D1 P1 ...` by number."""
     if words[0] == "one":
         return [Kind(1.0, density, kind, 0.5 * unit * numbers(words[1:], 1)[0])]
-    if words[0] == "range":
-        low, high = (0.5 * unit * value for value in numbers(words[1:], 2))
+    if words[0] != "poly":  # an old form has the two numbers alone
+        low, high = (0.5 * unit * value for value in numbers(words[-2:], 2))
         if low == high:
             return [Kind(1.0, density, kind, low)]
         table = {"kind": "table", "by": "number", "radii": [low, high], "cumulative": [0.0, 1.0]}
-        return [Kind(1.0, density, kind, high, table)]
+        return [Kind(1.0, density, kind, high, table, (high**4 - low**4) / (4.0 * (high - low)))]
     values = numbers(words[2:], 2 * integer(words[1]))
     total = sum(values[1::2])
     pairs = zip(values[::2], values[1::2], strict=True)
@@ -100,8 +101,8 @@ def _rate(deck: Deck, kinds: list[Kind], where: Region, fraction: float, velocit
     height = where.upper[axis] - where.lower[axis]
     down = -velocity[axis]
     time = (-down + math.sqrt(down**2 + 2.0 * gravity * height)) / gravity
-    largest = max(kind.radius for kind in kinds)
-    one = 4.0 / 3.0 * math.pi * largest**3 if deck.dimension == 3 else math.pi * largest**2
+    power = deck.dimension
+    one = sum(kind.share * kind.radius**power for kind in kinds) * (4.0 / 3.0 * math.pi if power == 3 else math.pi)
     batch = int(fraction * where.space(deck.axes).volume / one)
     if batch < 1:
         raise Unknown("its region has no room for a particle at that volume fraction; enlarge it")

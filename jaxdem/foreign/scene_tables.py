@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,8 @@ def _first_particles(deck: Deck, box: Box, written: Written, data_name: str) -> 
             table["file"] = _written(deck, box, written, 0, atoms)
     elif packs:
         table["pack"] = [_pack(deck, one, box) for one in packs]
+    else:  # all come through inlets, whose particles stand for those that others would be
+        table |= kinds_table([replace(deck.insertions[0].kinds[0], share=1.0)], deck.types > 1)
     return table
 
 

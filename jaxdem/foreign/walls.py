@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jaxdem.foreign.contact_lammps import granular_model, old_model
+from jaxdem.foreign.contact_lammps import LammpsContact, granular_model, old_model
 from jaxdem.foreign.contact_liggghts import contact_words
 from jaxdem.foreign.model import Deck, DeckWall
 from jaxdem.foreign.notes import DIFFERS, TAKEN, Answer, Unknown
@@ -53,6 +53,11 @@ def _lammps(deck: Deck, words: list[str]) -> Answer:
     if not at:
         raise Unknown("its shape has no counterpart; use xplane, yplane, zplane or zcylinder")
     style, shape, rest = words[4], words[at], words[at + 1 :]
+    if style[0].isdigit():  # an old form, whose style is that of the particles
+        pairs = deck.model.contact.pairs if isinstance(deck.model.contact, LammpsContact) else {}
+        style = "hooke/history" if pairs and pairs[1, 1].normal == "hooke" else "hertz/history"
+        words = [*words[:4], style, *words[4:]]
+        at += 1
     if style == "granular":
         model = granular_model(words[5:at], deck.unit)
     elif style in OLD:

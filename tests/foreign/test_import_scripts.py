@@ -14,7 +14,7 @@ from jaxdem.cli.main import app
 from jaxdem.errors import InputError
 from jaxdem.foreign import import_deck
 from jaxdem.foreign.formula import evaluate
-from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Unknown
+from jaxdem.foreign.notes import LEFT, NOTHING, TAKEN, Unknown
 from jaxdem.setup.particles import particle_setup
 
 DRUM = """# grains of two materials in an upright tube
