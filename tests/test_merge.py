@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import jax
 import numpy as np
 import pytest
 
@@ -200,3 +201,27 @@ def test_what_cannot_be_merged_is_named():
         begin(0.5, *rows)
     with pytest.raises(InputError, match=r"particles\.coarse_grain.*number"):
         begin("two", *rows)
+
+
+@pytest.mark.parametrize("double", [True, False])
+def test_parcels_are_moved_out_of_walls(double):
+    """A cylinder and an inclined floor: grains touch them, and their parcels, twice as large, must not reach into
+    them. A wall that comes later is not there yet."""
+    floor = {"kind": "plane", "point": [0.0, 0.1], "normal": [0.3, 1.0]}
+    walls = {"walls": [floor, {"kind": "cylinder", "center": [0.5, 0.5], "radius": 0.4, "inside": True}]}
+    walls["walls"].append({"kind": "plane", "point": [0.0, 0.6], "normal": [0.0, 1.0], "begin": 1.5})
+    unit = np.array([0.3, 1.0]) / np.hypot(0.3, 1.0)
+
+    def room(position, radius):
+        """Least distance from the first two walls, less the radius."""
+        below = (position - [0.0, 0.1]) @ unit
+        return min(below.min(), (0.4 - np.linalg.norm(position - 0.5, axis=1)).min()) - radius
+
+    grid = hexagonal_rows(np.full(2, RADIUS), np.array([1.0, 0.45]), 2.05 * RADIUS)
+    inside = (np.linalg.norm(grid - 0.5, axis=1) < 0.4 - RADIUS) & ((grid - [0.0, 0.1]) @ unit > RADIUS)
+    grid = grid[inside]
+    with jax.enable_x64(double):
+        parcels, figures = begin(2.0, grid, np.zeros_like(grid), np.zeros((len(grid), 1)), (1.0, 1.0), **walls)
+    assert room(grid, RADIUS) < 0.5 * RADIUS
+    assert room(parcels["position"], 2.0 * RADIUS) > -1e-6 * RADIUS
+    assert figures["largest_overlap"] == 0.0

@@ -44,7 +44,8 @@ class Particles(StartOfFile):
             2-D also in the form of a run's frames, (0, 0, scalar). Default: no rotation [rad/s].
         coarse_grain: l: every particle is a parcel of l^D grains in D dimensions, a sphere of l times their radius.
             `radius`, `distribution` and `density` are those of the grains; `count`, `position`, packs, and `rate` and
-            `total` of inlets are of parcels; see docs/theory.md, "Parcels" [-].
+            `total` of inlets are of parcels; see docs/theory.md, "Parcels". In a scene with `[start]` it may be larger
+            than in the run, whose particles are then merged; see docs/how-to/stages.md [-].
         inlet: inlets through which particles enter during the run.
     """
 

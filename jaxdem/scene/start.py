@@ -15,8 +15,9 @@ class Start(Section):
     """A run from whose state this scene begins. Its clock goes on: `time.end` counts from the very first run.
 
     Particles with their sizes, densities, materials and identities are those of that run, and so are the keys of
-    `[particles]`, inlets apart: they need not be repeated, and must not differ. What is changed of the particles at the
-    start is given here, in the order remove, add, relax.
+    `[particles]`: they need not be repeated, and must not differ. Inlets may, and `coarse_grain` may be larger: then
+    the particles are merged into parcels first. What else is changed of the particles at the start is given here, in
+    the order remove, add, relax.
 
     Attributes:
         from_: the run directory, relative to the scene file (key `from`).
