@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import Vector
+
+SHORT = 1e-30
+"""Extents below this are none; its inverse is finite in float32 [m]."""
 
 
 @static
@@ -42,6 +48,12 @@ def slices(size: tuple[float, ...], axis: int, edges: tuple[float, ...], depth: 
     return Boxes(lower, upper, (axis,), depth)
 
 
+AT_ONCE = 1 << 20
+"""Numbers of the weights of the boxes that are treated at once."""
+
+Result = TypeVar("Result")
+
+
 class Box(NamedTuple):
     """One of the boxes, traced.
 
@@ -51,6 +63,24 @@ class Box(NamedTuple):
 
     lower: Array
     upper: Array
+
+
+def of_boxes(in_box: Callable[[Box], Result], boxes: Boxes, like: Array) -> Result:
+    """What a function gives for each box; for as many at once as their weights take little memory.
+
+    Args:
+        in_box: pure, of one box.
+        boxes: R of them.
+        like: (P,) of the type and the size of the weights of a box.
+
+    Returns:
+        its results with R in front.
+    """
+    corners = Box(jnp.asarray(boxes.lower, like.dtype), jnp.asarray(boxes.upper, like.dtype))
+    count, most = len(boxes.lower), max(AT_ONCE // max(like.shape[0], 1), 1)
+    blocks = -(-count // most)
+    result: Result = lax.map(in_box, corners, batch_size=-(-count // blocks))
+    return result
 
 
 @static
@@ -94,29 +124,44 @@ class Parts:
             part = part + _below((upper[axis] - place) / radius) - _below((lower[axis] - place) / radius)
         return part
 
-    def of_branches(self, box: Box, start: Array, branch: Array) -> Array:
-        """(P,) part of the length of each straight branch [-].
+    def of_branches(self, box: Box, start: Vector, branch: Vector) -> Array:
+        """(P,) part of the length of each straight branch; of one along the side of a box all or nothing [-].
 
         Args:
             box: the box.
-            start: (P, D) one end, in the domain [m].
-            branch: (P, D) from there to the other end [m].
+            start: D arrays (P,), one end, in the domain [m].
+            branch: D arrays (P,), from there to the other end [m].
         """
-        zero = jnp.zeros(start.shape[0], start.dtype)
+        if len(self.cut) == 1:
+            return self._between(box, self.cut[0], start, branch)
+        zero = jnp.zeros_like(start[0])
         return self._clipped(box, self.cut, (start, branch), (zero, zero + 1.0))
 
+    def _between(self, box: Box, axis: int, start: Vector, branch: Vector) -> Array:
+        """Part of each branch between two planes; from its lower end at a to a + b it has (e - a) / b below a plane at
+        e, within 0 and 1."""
+        along, total = jnp.abs(branch[axis]), jnp.zeros_like(start[axis])
+        lower_end = start[axis] + jnp.minimum(branch[axis], 0.0)
+        # Of a branch along the plane the part jumps from 0 to 1; the clamp then has no slope.
+        inverse = 1.0 / jnp.maximum(along, SHORT)
+        for image in self._images(axis):
+            place = lower_end + image
+            upper, lower = (lax.clamp(0.0, (end[axis] - place) * inverse, 1.0) for end in (box.upper, box.lower))
+            total = total + (upper - lower)
+        return total
+
     def _clipped(
-        self, box: Box, cut: tuple[int, ...], line: tuple[Array, Array], between: tuple[Array, Array]
+        self, box: Box, cut: tuple[int, ...], line: tuple[Vector, Vector], between: tuple[Array, Array]
     ) -> Array:
         """What is left of the lines start + s branch, between two values of s, in the box and all its images."""
         if not cut:
             return jnp.maximum(between[1] - between[0], 0.0)
         axis, (start, branch) = cut[0], line
-        lower, upper, along = box.lower[axis], box.upper[axis], branch[:, axis]
+        lower, upper, along = box.lower[axis], box.upper[axis], branch[axis]
         total, moves = jnp.zeros_like(along), along != 0
         inverse = 1.0 / jnp.where(moves, along, 1.0)
         for image in self._images(axis):
-            place = start[:, axis] + image
+            place = start[axis] + image
             ends = (lower - place) * inverse, (upper - place) * inverse
             # A line along the side of the box lies in it as a whole or not at all.
             outside = jnp.where((place >= lower) & (place < upper), 0.0, 1.0)
@@ -126,16 +171,23 @@ class Parts:
             total = total + self._clipped(box, cut[1:], line, inner)
         return total
 
-    def of_cells(self, box: Box, grid: Grid) -> Array:
-        """Part of every cell of the fluid, in the shape of the cells [-]."""
+    def sum_over_cells(self, box: Box, grid: Grid, fields: Array) -> Array:
+        """(K,) integral of fields over the part of every cell that lies in the box.
+
+        Args:
+            box: the box.
+            grid: of the fluid.
+            fields: (K, *cells) with the axes that the box does not cut summed over, of size 1.
+        """
         dtype = box.lower.dtype
-        part = jnp.ones(grid.cells, dtype)
-        for k in self.cut:
+        for k in reversed(range(grid.dimension)):
+            if k not in self.cut:
+                fields = fields[..., 0]
+                continue
             faces = grid.spacing[k] * jnp.arange(grid.cells[k] + 1, dtype=dtype)
             covered = jnp.minimum(faces[1:], box.upper[k]) - jnp.maximum(faces[:-1], box.lower[k])
-            share = jnp.clip(covered / grid.spacing[k], 0.0, 1.0)
-            part = part * share.reshape((1,) * k + (-1,) + (1,) * (grid.dimension - 1 - k))
-        return part
+            fields = jnp.matmul(fields, jnp.clip(covered / grid.spacing[k], 0.0, 1.0), precision=PRECISION)
+        return fields * jnp.asarray(grid.cell_volume, dtype)
 
     def _images(self, axis: int) -> tuple[float, ...]:
         """By how much what reaches over a periodic side is moved to be seen at the other one [m]."""
