@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxdem.io.lines import LineFile, read_columns
+from jaxdem.numerics.axes import AXES
 
 COLUMNS = (
     "time",
@@ -23,13 +24,11 @@ COLUMNS = (
 )
 POPULATION_COLUMNS = ("present", "removed")
 """Numbers of particles, in runs in which they change."""
-AXES = {2: "xz", 3: "xyz"}
-"""Names of the axes in columns, by dimension."""
 DRIVE_COLUMNS = ("pressure_gradient", "bulk_velocity")
 """Of the fluid along each periodic axis, `pressure_gradient_x` and so on, in runs in which something drives it."""
 
 _HEADER = ",".join(COLUMNS)
-_EXTRA = {*POPULATION_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in "xyz")}
+_EXTRA = {*POPULATION_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
 
 
 class History(LineFile):

@@ -10,7 +10,8 @@ from typing import Any
 
 from jaxdem.errors import InputError
 from jaxdem.files.reading import parse_toml, read_text
-from jaxdem.io.history import AXES, DRIVE_COLUMNS, POPULATION_COLUMNS
+from jaxdem.io.history import DRIVE_COLUMNS, POPULATION_COLUMNS
+from jaxdem.numerics.axes import AXES
 
 LOWER_SIDES = {2: ("left", "bottom"), 3: ("left", "front", "bottom")}
 """By dimension the names of the sides at the lower ends of the axes."""

@@ -11,6 +11,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.axes import AXES
 from jaxdem.numerics.vectors import Vector
 from jaxdem.observables.contacts import contacts
 from jaxdem.particles.forces import Touching
@@ -114,7 +115,7 @@ def contact_table(
     Columns are those of `ContactTable`, a vector one for each axis; arguments are those of `contact_rows`.
     """
     found = jax.device_get(jax.jit(contact_rows, static_argnums=0)(structure, parameters, state, neighbors))
-    touches, axes = found.overlap > 0, "xz" if len(structure.box) == 2 else "xyz"
+    touches, axes = found.overlap > 0, AXES[len(structure.box)]
     return {name: np.asarray(column)[touches] for name, column in columns_of(found, axes).items()}
 
 

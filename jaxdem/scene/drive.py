@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jaxdem.errors import InputError
+from jaxdem.numerics.axes import AXES
 from jaxdem.scene.base import at_all_times
 from jaxdem.scene.domain import Domain
 from jaxdem.scene.fluid import Fluid
-
-AXES = {2: "xz", 3: "xyz"}
-"""Names of the axes; the last one is up."""
 
 
 def is_driven(fluid: Fluid, domain: Domain, periodic: Sequence[bool]) -> bool:

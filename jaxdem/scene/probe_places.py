@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from jaxdem.errors import InputError
+from jaxdem.numerics.axes import AXES
 from jaxdem.scene.base import nearest
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.domain import Box
-from jaxdem.scene.probes import AXIS_NAMES, CLOSED, MEANS, Probe
+from jaxdem.scene.probes import CLOSED, MEANS, Probe
 from jaxdem.scene.walls import Wall
 
 
@@ -38,7 +39,7 @@ class ProbePlace:
     @property
     def axes(self) -> str:
         """Names of the axes."""
-        return AXIS_NAMES[len(self.box.size)]
+        return AXES[len(self.box.size)]
 
 
 def completed_probes(probes: tuple[Probe, ...], place: ProbePlace) -> tuple[Probe, ...]:

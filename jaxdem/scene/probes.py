@@ -10,9 +10,6 @@ from pydantic import AfterValidator, Field, model_validator
 from jaxdem.scene.base import Corner, Finite, NonNegative, Positive, Section, Vector, wrong
 from jaxdem.scene.walls import Direction
 
-AXIS_NAMES = {2: "xz", 3: "xyz"}
-"""By dimension the names of the axes; the last is up."""
-
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 """Names of probes: each is the name of a file."""
 

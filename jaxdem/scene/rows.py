@@ -10,8 +10,8 @@ import numpy as np
 from jaxdem.errors import InputError, cut
 from jaxdem.files.reading import TABLE_BYTES, parse_array, read_bytes, read_text
 from jaxdem.files.text_table import fields_of, lines_of, number_of
+from jaxdem.numerics.axes import AXES
 
-AXES = {2: "xz", 3: "xyz"}
 UNITS = {"position": "m", "velocity": "m/s", "angular_velocity": "rad/s", "radius": "m", "density": "kg/m3"}
 PREFIXES = {"position": "", "velocity": "v", "angular_velocity": "w"}
 """Before the name of the axis, in the name of a column."""

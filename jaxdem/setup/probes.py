@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.numerics.axes import AXES
 from jaxdem.probes.base import Probe, Schedule, ScheduledProbe
 from jaxdem.probes.contacts import ContactsProbe
 from jaxdem.probes.plane import PlaneProbe
@@ -18,7 +19,6 @@ from jaxdem.probes.wall import WallProbe
 from jaxdem.scene import Scene
 from jaxdem.scene import probes as described
 from jaxdem.scene.probe_places import measured_at, torque_axes
-from jaxdem.scene.probes import AXIS_NAMES
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.structure import Clock, TimeSteps
 
@@ -78,7 +78,7 @@ def _schedule(key: str, probe: described.Probe, interval: float, clock: Clock | 
 
 
 def _plane(scene: Scene, probe: described.Probe) -> PlaneProbe:
-    axes = AXIS_NAMES[scene.dimension]
+    axes = AXES[scene.dimension]
     has = scene.particles is not None, scene.fluid is not None
     if probe.normal is not None and probe.point is not None:
         size = math.hypot(*probe.normal)
@@ -91,7 +91,7 @@ def _plane(scene: Scene, probe: described.Probe) -> PlaneProbe:
 
 
 def _profile(scene: Scene, probe: described.Probe) -> ProfileProbe:
-    axes, size = AXIS_NAMES[scene.dimension], scene.domain.size
+    axes, size = AXES[scene.dimension], scene.domain.size
     start, stop = probe.from_ or (0.0,) * len(size), probe.to or size
     lower, upper = [low for low, _ in probe.regions or ()], [high for _, high in probe.regions or ()]
     if probe.axis is not None:
@@ -110,11 +110,11 @@ def _profile(scene: Scene, probe: described.Probe) -> ProfileProbe:
 
 
 def _point(scene: Scene, probe: described.Probe) -> PointProbe:
-    return PointProbe(probe.name, AXIS_NAMES[scene.dimension], probe.points or ())
+    return PointProbe(probe.name, AXES[scene.dimension], probe.points or ())
 
 
 def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
-    axes, turning = AXIS_NAMES[scene.dimension], torque_axes(scene.periodic)
+    axes, turning = AXES[scene.dimension], torque_axes(scene.periodic)
     has = scene.particles is not None, scene.fluid is not None
     if probe.wall is not None:
         before = [surface for wall in scene.walls[: probe.wall] for surface in surfaces_of(wall)]
@@ -140,6 +140,6 @@ BUILDERS: dict[str, Callable[[Scene, described.Probe], Probe]] = {
     "profile": _profile,
     "point": _point,
     "wall": _wall,
-    "contacts": lambda scene, probe: ContactsProbe(probe.name, AXIS_NAMES[scene.dimension]),
+    "contacts": lambda scene, probe: ContactsProbe(probe.name, AXES[scene.dimension]),
 }
 """By kind, what makes the probe of a scene."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run
-from jaxdem.io.history import AXES
+from jaxdem.numerics.axes import AXES
 
 NEAR = 1e-6
 """Of the output interval, by which a time may miss that of a frame."""

@@ -19,7 +19,7 @@ from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.io import Run
-from jaxdem.io.history import AXES
+from jaxdem.numerics.axes import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
