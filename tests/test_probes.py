@@ -19,7 +19,7 @@ from jaxdem.io.outputs import refuse_what_is_read
 from jaxdem.probes.contacts import ContactsProbe
 from jaxdem.run import chunk
 from jaxdem.run.numbers import NO_NUMBERS, loop_numbers, with_numbers
-from jaxdem.run.observer import Observer
+from jaxdem.run.observer import Observer, probe_marks
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.probes import scene_probes
 
@@ -225,3 +225,63 @@ def test_a_profiled_run_has_the_same_rows(run, tmp_path):
     for name in run.probes:
         for column, values in run.probes[name].items():
             np.testing.assert_allclose(profiled.probes[name][column], values, rtol=1e-9, atol=1e-15)
+
+
+AVERAGED = [
+    PLANE | {"interval": 0.06},
+    {
+        "name": "mean", "kind": "profile", "axis": "x", "cells": 2, "interval": 0.07, "average": True,
+        "window": 0.04, "sample_interval": 0.02,
+    },
+    {"name": "wall", "kind": "wall", "side": "left", "interval": 0.08, "begin": 0.04},
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def in_two(tmp_path_factory):
+    """A run whose probes have rows at times that no stage ends at, and the same in two stages."""
+    path, tables = tmp_path_factory.mktemp("in_two"), SHEET | {"probes": AVERAGED}
+    whole = jaxdem.simulate(jaxdem.load_scene(tables), path / "whole")
+    stages = [{"name": "first", "time": {"end": 0.2}}, {"name": "second", "time": {"end": 0.5}}]
+    jaxdem.simulate(jaxdem.load_scene(tables | {"stages": stages}), path / "stages")
+    return whole, *(jaxdem.load_run(path / "stages" / stage["name"]) for stage in stages)
+
+
+def test_sums_go_on_over_a_start(in_two):
+    """Sums that the first stage has begun, rows of the second have: the same bits as in one run."""
+    whole, first, second = in_two
+    for name, table in whole.probes.items():
+        assert len(first.probes[name]["time"]) and len(second.probes[name]["time"])
+        for column, values in table.items():
+            both = np.concatenate([first.probes[name][column], second.probes[name][column]])
+            np.testing.assert_array_equal(both, values, err_msg=f"{name}.{column}")
+    assert whole.probes["middle"]["number"][3] > 0  # that of the row at 0.24 s, which both stages have counted for
+
+
+@pytest.mark.parametrize(
+    ("start", "change"),
+    [({}, {"at": 0.1}), ({}, {"window": 0.05}), ({"time": 0.2}, {})],
+    ids=["another place", "another window", "a frame"],
+)
+def test_other_probes_begin_anew(in_two, start, change):
+    """One that was changed, and those of a run that begins from a frame: no sum belongs to them."""
+    tables = SHEET | {"start": {"from": str(in_two[1].path), **start}, "probes": [AVERAGED[0] | change]}
+    case = build_case(jaxdem.load_scene(tables))
+    observer = Observer(case.probes)
+    observer.fit(*case.initial_state(), case.parameters.gravity.dtype)
+    blank = observer.save()
+    observer.go_on(case.start, probe_marks(case))
+    assert observer.save().keys() == blank.keys()
+    assert all(np.array_equal(array, blank[name]) for name, array in observer.save().items())
+
+
+def test_check_counts_the_rows_of_a_run_that_begins_from_another(in_two):
+    """As many as it writes: 0.24 to 0.48, 0.21 to 0.49 and 0.28 to 0.44 s. Of the two
+    measurements of the row at 0.21 s one was in the first stage."""
+    tables = SHEET | {"start": {"from": str(in_two[1].path)}, "probes": AVERAGED}
+    report = check_scene(jaxdem.load_scene(tables))
+    for name, text in report.probes:
+        assert f", {len(set(in_two[2].probes[name]['time']))} rows of " in text
+    assert "measured in 9 of 30 coupling intervals" in dict(report.probes)["mean"]
+    late = [text for text in report.warnings if text.startswith("probes.")]
+    assert [text.split("at ")[1].split(" s")[0] for text in late] == ["0.48", "0.49", "0.44"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -112,11 +113,20 @@ def contact_table(
 ) -> dict[str, np.ndarray]:
     """What touches in a state, as columns of a table: `pandas.DataFrame(contact_table(...))`. Not for `jit`.
 
-    Columns are those of `ContactTable`, a vector one for each axis; arguments are those of `contact_rows`.
+    Columns are those of `ContactTable`, a vector one for each axis; rows are sorted by `first`, `second` and `wall`.
+    Arguments are those of `contact_rows`.
     """
     found = jax.device_get(jax.jit(contact_rows, static_argnums=0)(structure, parameters, state, neighbors))
-    touches, axes = found.overlap > 0, AXES[len(structure.box)]
-    return {name: np.asarray(column)[touches] for name, column in columns_of(found, axes).items()}
+    columns = {name: np.asarray(column) for name, column in columns_of(found, AXES[len(structure.box)]).items()}
+    rows = touching_in_order(columns)
+    return {name: column[rows] for name, column in columns.items()}
+
+
+def touching_in_order(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Numbers of the rows that touch, sorted by `first`, `second` and `wall`: the order of a list depends on its
+    room."""
+    touching = np.flatnonzero(columns["overlap"] > 0)
+    return np.asarray(touching[np.lexsort([columns[name][touching] for name in ("wall", "second", "first")])])
 
 
 def columns_of(table: ContactTable, axes: str) -> dict[str, Array]:

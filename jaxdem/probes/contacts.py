@@ -7,7 +7,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics.static import static
-from jaxdem.observables.contact_table import columns_of, contact_rows
+from jaxdem.observables.contact_table import columns_of, contact_rows, touching_in_order
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.probes.base import Column, Interval, Probe
 from jaxdem.state import Parameters, State
@@ -61,7 +61,5 @@ class ContactsProbe(Probe):
         return {name: column.astype(dtype) for name, column in columns_of(table, self.axes).items()}
 
     def written(self, means: dict[str, np.ndarray]) -> np.ndarray | slice:
-        """See `Probe`: what touches, sorted by its numbers; the order of the list depends on its room."""
-        touching = np.flatnonzero(means["overlap"] > 0)
-        order = np.lexsort([means[name][touching] for name in ("wall", "second", "first")])
-        return np.asarray(touching[order])
+        """See `Probe`."""
+        return touching_in_order(means)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Callable, Mapping
 
 import jax
@@ -13,9 +14,15 @@ from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.probes.base import ScheduledProbe
+from jaxdem.probes.wall import WallProbe
 from jaxdem.run.chunk import CHUNK
 from jaxdem.run.probing import Memory, Probed, Watch, empty_memory, probing_of, rows_held, unpacked
+from jaxdem.setup.builder import Case
+from jaxdem.setup.start_point import StartPoint, walls_of
 from jaxdem.state import State
+
+PROBES = "probes"
+"""Attribute of a checkpoint with `probe_marks`."""
 
 PENDING = 200_000
 """Numbers that wait for the next output before they are written at once."""
@@ -101,6 +108,29 @@ class Observer:
             found |= {_key(one, path): np.asarray(leaf) for path, leaf in leaves}
         return found
 
+    def go_on(self, start: StartPoint, marks: Mapping[str, str]) -> None:
+        """Takes over what the run before has summed since its last rows, of the probes that go on as they were.
+
+        Args:
+            start: where that run had got to.
+            marks: `probe_marks` of this run.
+        """
+        if self.watch is None or PROBES not in start.attributes:
+            return
+        before: dict[str, str] = json.loads(str(start.attributes[PROBES]))
+        memory = []
+        for one, blank in zip(self.scheduled, self.watch.memory, strict=True):
+            name = one.probe.name
+            paths, tree = jax.tree_util.tree_flatten_with_path(blank)
+            kept = [start.arrays.get(_key(one, path)) for path, _ in paths]
+            fits = all(
+                old is not None and old.shape == new.shape and old.dtype == new.dtype
+                for old, (_, new) in zip(kept, paths, strict=True)
+            )
+            goes_on = fits and before.get(name) == marks[name]
+            memory.append(jax.tree.unflatten(tree, [jax.device_put(array) for array in kept]) if goes_on else blank)
+        self.watch = self.watch._replace(memory=tuple(memory))
+
     def load(self, arrays: Mapping[str, np.ndarray]) -> None:
         """The inverse of `save`, for memories that `fit` has made.
 
@@ -114,6 +144,22 @@ class Observer:
             for one, blank in zip(self.scheduled, self.watch.memory, strict=True)
         )
         self.watch = self.watch._replace(memory=memory)
+
+
+def probe_marks(case: Case) -> dict[str, str]:
+    """By name of the probe, what it measures and when: in a run that begins from another one with the same mark the
+    sums of that one go on.
+
+    The mark has the probe, the coupling interval, and the clock that its intervals are counted on. Of a wall of the
+    scene its number is not enough.
+    """
+    simulation = case.simulation
+    walls = walls_of(case.scene, simulation)
+    shared = f"{simulation.interval!r} {simulation.clock!r}"
+    return {
+        one.probe.name: f"{one!r} {shared}" + (f" {walls}" if isinstance(one.probe, WallProbe) else "")
+        for one in case.probes
+    }
 
 
 def columns_of(scheduled: tuple[ScheduledProbe, ...]) -> dict[str, tuple[tuple[str, str], ...]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
 import time as clock
 from collections.abc import Callable
 from fractions import Fraction
@@ -20,7 +21,7 @@ from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program
 from jaxdem.run.diagnosis import diagnosis
-from jaxdem.run.observer import Observer
+from jaxdem.run.observer import PROBES, Observer, probe_marks
 from jaxdem.run.probing import Probed
 from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
 from jaxdem.run.restart import about, from_arrays, origin, require_same_origin, require_same_rows, to_arrays
@@ -82,6 +83,8 @@ class TimeLoop:
     def __post_init__(self) -> None:
         self.observer = Observer(self.case.probes)
         self._fit_probes()
+        if self.case.start is not None:
+            self.observer.go_on(self.case.start, probe_marks(self.case))
 
     @property
     def simulation(self) -> Simulation:
@@ -278,7 +281,8 @@ class TimeLoop:
             rows, known = about(self.case, self._time_after(self.done))
             arrays = to_arrays(self.state, self.neighbors, extra) | rows | self.observer.save()
             written = {"frames": self.directory.frames, "samples": self.directory.samples}
-            attributes = written | known | self._origin()
+            marks = {PROBES: json.dumps(probe_marks(self.case))} if self.case.probes else {}
+            attributes = written | known | marks | self._origin()
             self.directory.write_checkpoint(arrays, attributes)
 
     def _origin(self) -> dict[str, str]:

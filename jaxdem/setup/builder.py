@@ -37,7 +37,7 @@ from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.start_point import StartPoint, read_start
 from jaxdem.setup.started import Beginning, require_particles
 from jaxdem.setup.started_particles import StartedParticles
-from jaxdem.setup.time_steps import clock_of, time_steps
+from jaxdem.setup.time_steps import time_steps
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -180,7 +180,7 @@ def build_case(
     particles, fluid = _particles(scene, start), fluid_setup(scene)
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
     steps = time_steps(scene, fluid, particles, Fraction(0) if start is None else start.time)
-    clock = None if start is None else clock_of(start.time, start.step, steps.interval)
+    clock = None if start is None else start.clock(steps.interval)
     population = contact = interval = coupling = None
     if particles is not None:
         check_settling_time(particles, steps.interval)

@@ -19,8 +19,10 @@ from jaxdem.scene.domain import SIDES
 from jaxdem.setup.arrivals import Queue
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.start_frame import arrays_of_frame
+from jaxdem.setup.time_steps import clock_of
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.simulation import Simulation
+from jaxdem.structure import Clock
 
 ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "coupling")
 """Tables of its scene that a checkpoint knows."""
@@ -53,6 +55,18 @@ class StartPoint:
     def step(self) -> int:
         """Number of coupling intervals since the very first run began."""
         return int(self.arrays["state.step"])
+
+    def clock(self, interval: float) -> Clock | None:
+        """The clock of a run that begins here; that of the run before goes on with the same coupling interval.
+
+        Args:
+            interval: coupling interval of the run that begins [s].
+        """
+        if interval == self.attributes.get("interval"):
+            before = json.loads(str(self.attributes.get("clock", "null")))
+            if before is not None:
+                return Clock(*before)
+        return clock_of(self.time, self.step, interval)
 
     @property
     def tables(self) -> dict[str, Any]:

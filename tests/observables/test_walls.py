@@ -221,6 +221,8 @@ def test_rows_of_contacts_of_bouncing_grains(bouncing):
     for state, neighbors in zip(states, lists, strict=True):
         table = contact_table(simulation, parameters, state, neighbors)
         found += len(table["first"])
+        numbers = list(zip(table["first"], table["second"], table["wall"], strict=True))
+        assert numbers == sorted(numbers)
         force = np.stack([table[f"force_{axis}"] for axis in "xyz"], axis=1)
         normal = np.stack([table[f"normal_{axis}"] for axis in "xyz"], axis=1)
         position = np.stack([table[f"position_{axis}"] for axis in "xyz"], axis=1)
@@ -239,7 +241,8 @@ def test_contacts_of_a_grain_add_up_to_the_contact_force_of_a_frame(column):
     simulation, parameters, states, _, lists = column
     state, neighbors = states[-1], lists[-1]
     table = contact_table(simulation, parameters, state, neighbors)
-    assert table["first"].tolist()[-1] == 0 and sorted(table["wall"].tolist()) == [-1, -1, 2]
+    assert (table["first"].tolist(), table["second"].tolist()) == ([0, 0, 1], [-1, 1, 2])
+    assert table["wall"].tolist() == [2, -1, -1]
     total = np.zeros((3, 2))
     for i, j, *force in zip(*(table[name] for name in ("first", "second", "force_x", "force_z")), strict=True):
         total[i] += force
