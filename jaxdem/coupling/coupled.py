@@ -109,7 +109,7 @@ class Coupling:
         fluid = carry.fluid._replace(
             pressure=carry.pressure / exchange.substeps.number, void_fraction=exchange.void_fraction
         )
-        report = diagnostics(exchange.substeps, record, fluid, carry.side_force)
+        report = diagnostics(exchange.substeps, record, fluid, carry.of_fluid, mixture.properties)
         return fluid, exchange.forces(carry), report, exchange.diagnostics(carry)
 
     def begin(self, mixture: Mixture, fluid: FluidState, particles: ParticleState, time: Array) -> Exchange:

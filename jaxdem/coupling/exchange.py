@@ -32,8 +32,8 @@ from jaxdem.fluid.grid import FaceField, Grid, cell_average, face_total, gradien
 from jaxdem.fluid.interval import (
     FluidInterval,
     SolverRecord,
+    StepSums,
     Substeps,
-    added_side_force,
     solver_record,
 )
 from jaxdem.fluid.momentum import FaceExchange, FluidState, FluidStep, pressure_slope
@@ -104,7 +104,7 @@ class _Carry(NamedTuple):
         balance: (2, D) impulse given to the particles, and lost by the faces [kg m/s].
         terms: () sizes of the terms that make it [kg m/s].
         further: impulses of the further forces that have a slip mass.
-        side_force: (2 D, D) sum over the steps of the force on the sides of the box; None where it is not measured [N].
+        of_fluid: sums over the steps.
     """
 
     fluid: FluidState
@@ -116,7 +116,7 @@ class _Carry(NamedTuple):
     balance: Array
     terms: Array
     further: dict[str, _Sums]
-    side_force: Array | None
+    of_fluid: StepSums
 
 
 class _Motion(NamedTuple):
@@ -202,7 +202,7 @@ class Exchange:
         }
         return _Carry(
             fluid, jnp.zeros_like(fluid.pressure), velocity, zero, zero, zero,
-            jnp.zeros((2, dimension), dtype), jnp.zeros((), dtype), sums, self.interval.no_side_force(fluid),
+            jnp.zeros((2, dimension), dtype), jnp.zeros((), dtype), sums, self.interval.no_sums(fluid),
         )  # fmt: skip
 
     def fluid_step(self, carry: _Carry, k: Array, begin: Array) -> tuple[_Carry, SolverRecord]:
@@ -284,7 +284,7 @@ class Exchange:
             carry.balance + totals,
             carry.terms + jnp.sum(sizes),
             further,
-            added_side_force(carry.side_force, result),
+            carry.of_fluid.plus(result),
         )
 
     def _further(

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.grid import along
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState, FluidStep
@@ -43,8 +44,10 @@ class FluidDiagnostics(NamedTuple):
         divergence: largest after projection, in units of U/h.
         converged: bool, every pressure solve reached its tolerance.
         finite: bool, no velocity and no pressure is NaN or infinite.
-        side_force: (2 D, D) mean force on every side of the box, lower before upper, axis by axis; None where nothing
-            asks for it [N].
+        side_load: (2 D, D, 1 + D) mean load on every side of the box, lower before upper, axis by axis; see
+            `fluid.side_forces`; None where nothing asks for it [N], [N m].
+        pressure_gradient: (D,) mean gradient of the pressure along periodic axes, without a meaning along others; None
+            where nothing drives the fluid [Pa/m].
     """
 
     substeps: Array
@@ -54,7 +57,8 @@ class FluidDiagnostics(NamedTuple):
     divergence: Array
     converged: Array
     finite: Array
-    side_force: Array | None = None
+    side_load: Array | None = None
+    pressure_gradient: Array | None = None
 
 
 class Substeps(NamedTuple):
@@ -78,6 +82,25 @@ class SolverRecord(NamedTuple):
     iterations: Array
     divergence: Array
     converged: Array
+
+
+class StepSums(NamedTuple):
+    """Sums over the fluid steps of an interval.
+
+    Attributes:
+        side_load: see `FluidStep`; None where it is not measured.
+        mean_gradient: see `FluidState`; None where nothing drives the fluid.
+    """
+
+    side_load: Array | None
+    mean_gradient: Array | None
+
+    def plus(self, result: FluidStep) -> StepSums:
+        """With one step more."""
+        load, gradient = self
+        load = None if load is None or result.side_load is None else load + result.side_load
+        added = result.state.mean_gradient
+        return StepSums(load, None if gradient is None or added is None else gradient + added)
 
 
 @static
@@ -104,18 +127,19 @@ class FluidInterval:
         """A fluid without particles after the interval that begins at `time` [s]."""
         substeps = self.choose(properties, state, time)
 
-        def step(carry: tuple[FluidState, Array | None], k: Array) -> tuple[Any, SolverRecord]:
-            state, force = carry
+        def step(carry: tuple[FluidState, StepSums], k: Array) -> tuple[Any, SolverRecord]:
+            state, sums = carry
             result = self.solver.step(properties, state, None, time + k * substeps.step, substeps.step)
-            return (result.state, added_side_force(force, result)), solver_record(result)
+            return (result.state, sums.plus(result)), solver_record(result)
 
-        (state, force), record = self.loop(substeps.number, step, (state, self.no_side_force(state)))
-        return state, diagnostics(substeps, record, state, force)
+        (state, sums), record = self.loop(substeps.number, step, (state, self.no_sums(state)))
+        return state, diagnostics(substeps, record, state, sums, properties)
 
-    def no_side_force(self, state: FluidState) -> Array | None:
-        """(2 D, D) zeros to add up forces on the sides of the box; None where they are not measured [N]."""
-        dimension = self.solver.grid.dimension
-        return jnp.zeros((2 * dimension, dimension), state.pressure.dtype) if self.solver.measures_sides else None
+    def no_sums(self, state: FluidState) -> StepSums:
+        """Zeros to add up over the fluid steps."""
+        size, dtype = self.solver.grid.dimension, state.pressure.dtype
+        load = jnp.zeros((2 * size, size, 1 + size), dtype) if self.solver.measures_sides else None
+        return StepSums(load, None if state.mean_gradient is None else jnp.zeros_like(state.mean_gradient))
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:
         """The fluid steps that Courant and viscosity number ask for, at least `substeps` of them."""
@@ -184,16 +208,13 @@ def solver_record(result: FluidStep) -> SolverRecord:
     return SolverRecord(result.solver.iterations, result.divergence, result.solver.converged)
 
 
-def added_side_force(total: Array | None, result: FluidStep) -> Array | None:
-    """The sum of the forces on the sides with that of one fluid step more; None where they are not measured [N]."""
-    return None if total is None or result.side_force is None else total + result.side_force
-
-
 def diagnostics(
-    substeps: Substeps, record: SolverRecord, state: FluidState, side_force: Array | None
+    substeps: Substeps, record: SolverRecord, state: FluidState, sums: StepSums, properties: FluidProperties
 ) -> FluidDiagnostics:
-    """Figures of an interval that ends with `state`; `side_force` is the sum over its fluid steps."""
+    """Figures of an interval that ends with `state`."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
-    mean = None if side_force is None else side_force / substeps.number
+    load, gradient = (None if total is None else total / substeps.number for total in sums)
+    if gradient is not None:  # of the pressure itself, with the weight that the reduced one leaves out
+        gradient = gradient + properties.density * required(properties.gravity, "gravity of the fluid")
     sound = jnp.all(jnp.asarray(finite))
-    return FluidDiagnostics(substeps.number, substeps.courant, substeps.viscous, *record, sound, mean)
+    return FluidDiagnostics(substeps.number, substeps.courant, substeps.viscous, *record, sound, load, gradient)

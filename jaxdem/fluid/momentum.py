@@ -117,15 +117,15 @@ class FluidStep(NamedTuple):
         viscous_acceleration: div(tau)/rho that acted during the step, on the faces [m/s2].
         solver: how the pressure solve went.
         divergence: () largest |d(g)/dt + div(g u)| after the projection, times h/U [-].
-        side_force: (2 D, D) mean force on every side of the box, see `side_forces`; None unless the solver measures it
-            [N].
+        side_load: (2 D, D, 1 + D) mean load on every side of the box, see `side_forces`; None unless the solver
+            measures it [N], [N m].
     """
 
     state: FluidState
     viscous_acceleration: FaceField
     solver: SolverReport
     divergence: Array
-    side_force: Array | None = None
+    side_load: Array | None = None
 
 
 class _Rates(NamedTuple):
@@ -134,7 +134,7 @@ class _Rates(NamedTuple):
     Attributes:
         total: rate of change of g u by advection and stress.
         stress: divergence of the stress over density.
-        on_sides: (2 D, D) force of stress and advection on the sides over density [m4/s2]; None unless measured.
+        on_sides: load of stress and advection on the sides over density, see `side_forces`; None unless measured.
     """
 
     total: FaceField
@@ -261,8 +261,8 @@ class FluidSolver:
         exchange: FaceExchange,
         time_step: Array,
     ) -> Array:
-        """(2 D, D) force on the sides of what particles hand to the boundary faces: what these lose, and the part of
-        pressure gradient and stress that the particles take there [N]."""
+        """Load on the sides of what particles hand to the boundary faces: what these lose, and the part of pressure
+        gradient and stress that the particles take there."""
         grid, force = self.grid, []
         for axis, u in enumerate(fluid.face_velocity):
             volume = face_control_volume(grid, axis).astype(u.dtype)

@@ -9,9 +9,15 @@ on the wall. So for a box of walls
 
 holds to rounding in every fluid step. The pressure is the reduced one: the weight of the fluid is not in it, and in a
 box without an outlet it is known but for a constant.
+
+A load is the force on every side and its first moments, (2 D, D, 1 + D): of component k on a side sum f_k, then
+sum x_j f_k for every axis j, from which follows the torque about any point. x is where the force acts: on the side, and
+along it in the middle of a cell. Along j = k, which no torque needs, it is not the place of the face but of its cell.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import jax.numpy as jnp
 from jax import Array
@@ -41,7 +47,7 @@ def viscous_stresses(
 
 
 def stress_on_sides(grid: Grid, boundary: Boundary, stresses: Stresses) -> Array:
-    """(2 D, D) force of a stress over density on every side [m4/s2]."""
+    """Load of a stress over density: force [m4/s2] and moments."""
     return _of_sides(
         grid,
         lambda axis, upper, which: _stress_on_side(grid, boundary, stresses, axis, upper, which),
@@ -54,43 +60,62 @@ def _stress_on_side(grid: Grid, boundary: Boundary, stresses: Stresses, axis: in
     if which != axis:
         at_side = at_side * _solved(grid, boundary, which, at_side)
     area = grid.cell_volume / grid.spacing[axis]
-    return (-area if upper else area) * jnp.sum(at_side)
+    return (-area if upper else area) * at_side
 
 
 def pressure_on_sides(grid: Grid, pressure: Array) -> Array:
-    """(2 D, D) force of the pressure of the first cells on every side [N]."""
+    """Load of the pressure of the first cells: force [N] and moments [N m]."""
 
-    def on_side(axis: int, upper: bool, which: int) -> Array:
+    def on_side(axis: int, upper: bool, which: int) -> Array | None:
         if which != axis:
-            return jnp.zeros((), pressure.dtype)
+            return None
         area = grid.cell_volume / grid.spacing[axis]
-        return (area if upper else -area) * jnp.sum(along(pressure, axis, *_end(upper)))
+        return (area if upper else -area) * along(pressure, axis, *_end(upper))
 
     return _of_sides(grid, on_side, pressure)
 
 
 def gained_at_sides(grid: Grid, acceleration: FaceField) -> Array:
-    """(2 D, D) volume of the boundary faces of every side times a quantity on them, such as an acceleration [m4/s2]."""
+    """Load of the volume of the boundary faces times a quantity on them, such as an acceleration: [m4/s2]; moments."""
 
-    def of_side(axis: int, upper: bool, which: int) -> Array:
+    def of_side(axis: int, upper: bool, which: int) -> Array | None:
         if which != axis:
-            return jnp.zeros((), acceleration[0].dtype)
+            return None
         own = acceleration[axis]
         volume = along(face_control_volume(grid, axis), axis, *_end(upper)).astype(own.dtype)
-        return jnp.sum(volume * along(own, axis, *_end(upper)))
+        return volume * along(own, axis, *_end(upper))
 
     return _of_sides(grid, of_side, acceleration[0])
 
 
-def _of_sides(grid, force, like):  # type: ignore[no-untyped-def]
-    """Array of `force(axis, upper, which)`, zero for the sides of periodic axes."""
-    dimension, zero = grid.dimension, jnp.zeros((), like.dtype)
+def _of_sides(grid: Grid, force: Callable[[int, bool, int], Array | None], like: Array) -> Array:
+    """(2 D, D, 1 + D) loads of `force(axis, upper, which)` on the faces of a side, None for none; zero for the sides of
+    periodic axes."""
+    dimension = grid.dimension
+    nothing = jnp.zeros(1 + dimension, like.dtype)
+
+    def load(axis: int, upper: bool, which: int) -> Array:
+        found = None if grid.periodic[axis] else force(axis, upper, which)
+        if found is None:
+            return nothing
+        moments = [jnp.sum(found * _coordinate(grid, axis, upper, j, found)) for j in range(dimension)]
+        return jnp.stack([jnp.sum(found), *moments])
+
     rows = [
-        jnp.stack([zero if grid.periodic[axis] else force(axis, upper, which) for which in range(dimension)])
+        jnp.stack([load(axis, upper, which) for which in range(dimension)])
         for axis in range(dimension)
         for upper in (False, True)
     ]
     return jnp.stack(rows)
+
+
+def _coordinate(grid: Grid, axis: int, upper: bool, along_axis: int, like: Array) -> Array:
+    """Coordinate along an axis of the faces of a side, in a shape that goes with theirs [m]."""
+    if along_axis == axis:
+        return jnp.asarray(grid.size[axis] if upper else 0.0, like.dtype)
+    count = like.shape[along_axis]
+    middle = grid.spacing[along_axis] * (jnp.arange(count, dtype=like.dtype) + 0.5)
+    return middle.reshape([-1 if a == along_axis else 1 for a in range(grid.dimension)])
 
 
 def _end(upper: bool) -> tuple[int | None, int | None]:

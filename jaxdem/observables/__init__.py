@@ -6,7 +6,15 @@ from jaxdem.observables.contacts import Contacts, contacts
 from jaxdem.observables.flow import FluidFlow, ParticleFlow, Plane, fluid_flow, particle_flow
 from jaxdem.observables.point import FluidAt, fluid_at
 from jaxdem.observables.profile import FluidProfile, ParticleProfile, fluid_profile, particle_profile
-from jaxdem.observables.walls import WallLoad, fluid_force, measuring_walls, side_walls, surface_walls, wall_load
+from jaxdem.observables.walls import (
+    WallLoad,
+    fluid_force,
+    fluid_torque,
+    measuring_walls,
+    side_walls,
+    surface_walls,
+    wall_load,
+)
 
 __all__ = [
     "Boxes",
@@ -26,6 +34,7 @@ __all__ = [
     "fluid_flow",
     "fluid_force",
     "fluid_profile",
+    "fluid_torque",
     "measuring_walls",
     "particle_flow",
     "particle_profile",

@@ -87,5 +87,31 @@ def fluid_force(diagnostics: Diagnostics, axis: int, upper: bool) -> Array:
         axis: that the side is normal to.
         upper: whether it is the upper one.
     """
-    forces = required(required(diagnostics.fluid, "fluid").side_force, "side_force of the diagnostics")
-    return forces[2 * axis + upper]
+    return _side_load(diagnostics, axis, upper)[:, 0]
+
+
+def fluid_torque(diagnostics: Diagnostics, axis: int, upper: bool, about: Array) -> Array:
+    """(A,) mean torque of the fluid on a side of the box over an interval, about a point a [N m]:
+
+        T = sum (x - a) cross f,
+
+    over the faces of the side, with f the force of `fluid_force` on each, at its middle x. In 2-D it turns from the
+    first axis to the second. For components with an arm along a periodic axis see `wall_load`.
+
+    Args:
+        diagnostics: of a step of a simulation from `measuring_walls`.
+        axis: that the side is normal to.
+        upper: whether it is the upper one.
+        about: (D,) the point a [m].
+    """
+    load = _side_load(diagnostics, axis, upper)
+    moment, dimension = load[:, 1:] - load[:, :1] * about[None], load.shape[0]
+    # moment[k, j] is the sum of (x_j - a_j) f_k.
+    planes = ((0, 1),) if dimension == 2 else ((1, 2), (2, 0), (0, 1))
+    return jnp.stack([moment[k, j] - moment[j, k] for j, k in planes])
+
+
+def _side_load(diagnostics: Diagnostics, axis: int, upper: bool) -> Array:
+    """(D, 1 + D), see `fluid.side_forces`."""
+    loads = required(required(diagnostics.fluid, "fluid").side_load, "side_load of the diagnostics")
+    return loads[2 * axis + upper]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics.static import static
-from jaxdem.observables.walls import fluid_force, side_walls, surface_walls, wall_load
+from jaxdem.observables.walls import fluid_force, fluid_torque, side_walls, surface_walls, wall_load
 from jaxdem.probes.base import Column, Interval, Probe
 from jaxdem.state import Parameters
 from jaxdem.structure import Structure
@@ -47,6 +47,7 @@ class WallProbe(Probe):
             found += [Column(self._torque(k), "N m") for k in self.turning]
         if self.with_fluid:
             found += [Column(f"fluid_force_{axis}", "N") for axis in self.axes]
+            found += [Column(f"fluid_{self._torque(k)}", "N m") for k in self.turning]
         return tuple(found)
 
     def measure(self, structure: Structure, parameters: Parameters, interval: Interval) -> dict[str, Array]:
@@ -59,7 +60,9 @@ class WallProbe(Probe):
             found |= {self._torque(k): load.torque[k] for k in self.turning}
         if self.with_fluid and self.side is not None:
             force = fluid_force(interval.diagnostics, *self.side)
+            torque = fluid_torque(interval.diagnostics, *self.side, jnp.asarray(self.about))
             found |= {f"fluid_force_{axis}": force[k] for k, axis in enumerate(self.axes)}
+            found |= {f"fluid_{self._torque(k)}": torque[k] for k in self.turning}
         return {name: value[None] for name, value in found.items()}
 
     def _torque(self, component: int) -> str:

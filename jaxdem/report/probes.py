@@ -13,7 +13,7 @@ from jaxdem.report.runs import Array
 
 SHOWN = {
     "plane": ("number_flow", "mass_flow", "fluid_volume_flow"),
-    "wall": ("force", "torque", "fluid_force"),
+    "wall": ("force", "torque", "fluid_force", "fluid_torque"),
     "point": ("fluid_velocity", "fluid_pressure"),
     "profile": ("solid_fraction", "velocity", "granular_temperature", "stress", "fluid_velocity", "void_fraction"),
 }

@@ -33,11 +33,11 @@ LONGEST = 0.5
 
 
 class Records(NamedTuple):
-    """Figures of every interval of a chunk, (CHUNK,) each; None for a part that the scene has not.
+    """Figures of every interval of a chunk, (CHUNK, ...) each; None for a part that the scene has not.
 
     Attributes:
         collision_force, fastest, builds, waiting: see `ParticleDiagnostics`.
-        substeps, courant, iterations, divergence: see `FluidDiagnostics`.
+        substeps, courant, iterations, divergence, pressure_gradient: see `FluidDiagnostics`.
         momentum, volume, out_of_range: see `ExchangeDiagnostics`.
     """
 
@@ -49,6 +49,7 @@ class Records(NamedTuple):
     courant: Array | None = None
     iterations: Array | None = None
     divergence: Array | None = None
+    pressure_gradient: Array | None = None
     momentum: Array | None = None
     volume: Array | None = None
     out_of_range: Array | None = None

@@ -92,7 +92,9 @@ def _further_forces(case: Case, instant: Instant, like: np.ndarray) -> dict[str,
     return found
 
 
-def history_of(case: Case, instant: Instant, frame: Frame, collision: float) -> dict[str, float]:
+def history_of(
+    case: Case, instant: Instant, frame: Frame, collision: float, gradient: np.ndarray | None
+) -> dict[str, float]:
     """The row of history.csv of an instant.
 
     Args:
@@ -100,6 +102,7 @@ def history_of(case: Case, instant: Instant, frame: Frame, collision: float) -> 
         instant: of the frame.
         frame: the arrays that go into the metrics.
         collision: mean collision force since the last output [N].
+        gradient: (D,) mean gradient of the pressure since then, see `Totals`; None for that of the state [Pa/m].
     """
     particles, fluid, bodies = frame.particles, frame.fluid, case.parameters.bodies
     arrays: dict[str, np.ndarray] = {}
@@ -119,18 +122,18 @@ def history_of(case: Case, instant: Instant, frame: Frame, collision: float) -> 
     row = metrics.history_row(instant.time, collision_force=None if particles is None else collision, **arrays)
     counts = particle_counts(case.simulation, instant.state)
     numbers = {name: float(counts[name]) for name in ("present", "removed") if name in counts}
-    return row | numbers | drive_figures(case, instant.state)
+    return row | numbers | drive_figures(case, instant.state, gradient)
 
 
-def drive_figures(case: Case, state: State) -> dict[str, float]:
+def drive_figures(case: Case, state: State, gradient: np.ndarray | None) -> dict[str, float]:
     """Mean gradient of the pressure and bulk velocity along the periodic axes; {} where nothing drives the fluid."""
     interval, fluid = case.simulation.fluid, state.fluid
     if interval is None or interval.solver.drive is None or fluid is None or fluid.mean_gradient is None:
         return {}
     grid, drive = interval.solver.grid, interval.solver.drive
-    # Gravity is that of the interval in which the gradient acted.
-    parameters = case.simulation.during(case.parameters, jnp.maximum(state.step - 1, 0))
-    gradient = np.asarray(fluid.mean_gradient + parameters.flow.density * parameters.gravity)
+    if gradient is None:  # gravity is that of the interval in which the gradient acted
+        parameters = case.simulation.during(case.parameters, jnp.maximum(state.step - 1, 0))
+        gradient = np.asarray(fluid.mean_gradient + parameters.flow.density * parameters.gravity)
     whole = (1.0,) * grid.dimension
     on_faces = whole if fluid.void_fraction is None else face_average(grid, fluid.void_fraction)
     bulk = np.asarray(bulk_velocity(drive, fluid.face_velocity, on_faces))

@@ -268,7 +268,8 @@ class TimeLoop:
         with self.totals.timed("output"):
             self.observer.write(self.directory, self.time)
             frame = frame_of(self.case, self.instant)
-            row = history_of(self.case, self.instant, frame, self.totals.collision_mean())
+            means = self.totals.collision_mean(), self.totals.gradient_mean()
+            row = history_of(self.case, self.instant, frame, *means)
             if self.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
                 spread, force = ensemble_spread(self.parameters.closure, self.forces)
                 self.totals.add_spread(float(spread), float(force))

@@ -40,6 +40,8 @@ class Totals:
     fluid_steps: int = 0
     collision: float = 0.0
     collision_intervals: int = 0
+    gradient: tuple[float, ...] = ()
+    gradient_intervals: int = 0
     out_of_range: float = 0.0
     spread: float = 0.0
     ensemble_force: float = 0.0
@@ -76,6 +78,12 @@ class Totals:
                 self.collision += float(force)
             self.collision_intervals += count
             self.builds = int(told["builds"][-1])
+        if records.pressure_gradient is not None:
+            rows = told["pressure_gradient"].astype(float)
+            before = np.asarray(self.gradient) if self.gradient_intervals else np.zeros(rows.shape[1])
+            for row in rows:  # one after the other: the sum is the same however the intervals are cut into chunks
+                before = before + row
+            self.gradient, self.gradient_intervals = tuple(before.tolist()), self.gradient_intervals + count
         if records.waiting is not None:
             self.waiting = int(told["waiting"][-1])
             self.waiting_most = max(self.waiting_most, int(told["waiting"].max()))
@@ -99,6 +107,15 @@ class Totals:
         """Mean collision force since the last call [N]; zero before the first interval."""
         mean = self.collision / self.collision_intervals if self.collision_intervals else 0.0
         self.collision, self.collision_intervals = 0.0, 0
+        return mean
+
+    def gradient_mean(self) -> np.ndarray | None:
+        """Mean gradient of the pressure along periodic axes since the last call [Pa/m]; None before the first interval,
+        and where nothing drives the fluid."""
+        if not self.gradient_intervals:
+            return None
+        mean = np.asarray(self.gradient) / self.gradient_intervals
+        self.gradient, self.gradient_intervals = (), 0
         return mean
 
     def elapsed(self) -> float:

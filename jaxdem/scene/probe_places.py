@@ -141,11 +141,9 @@ def _check_wall(key: str, probe: Probe, place: ProbePlace) -> None:
         raise InputError(f"{key}.wall", probe.wall, limit, "give the number of one of them, or a side")
     if probe.side is not None:
         _check_side(f"{key}.side", probe.side, place)
-    if probe.about is not None:
-        turning = torque_axes(place.box.periodic)
-        if not place.with_particles or not turning:
-            limit = "there is no torque to measure: it needs particles, and axes across it that are not periodic"
-            raise InputError(f"{key}.about", probe.about, limit, "remove this key")
+    if probe.about is not None and not torque_axes(place.box.periodic):
+        limit = "there is no torque to measure: it needs axes across it that are not periodic"
+        raise InputError(f"{key}.about", probe.about, limit, "remove this key")
 
 
 def _check_side(key: str, side: str, place: ProbePlace) -> None:

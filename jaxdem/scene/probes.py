@@ -64,7 +64,7 @@ class Probe(Section):
         side: of kind "wall": a side of the box, such as "bottom". The force of the fluid is measured where the whole
             side is a wall or a free-slip side.
         wall: of kind "wall", in place of `side`: number of the table of `[[walls]]`, from 0.
-        about: of kind "wall": point of the torque of the particles, one number per axis. Default: the middle of the
+        about: of kind "wall": point of the torque, one number per axis. Default: the middle of the
             side; `point`, `center` or `apex` of the wall [m].
         interval: time between two rows; a multiple of the coupling interval. Default: `time.output_interval` [s].
         begin: start; nothing before it is measured, and the first row is at begin + interval [s].

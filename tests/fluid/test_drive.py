@@ -89,6 +89,28 @@ def test_bulk_velocity_is_held():
     assert float(state.fluid.mean_gradient[1]) == 0.0
 
 
+@pytest.mark.parametrize(("precision", "within"), [("float32", 0.01), ("float64", 0.001)])
+def test_the_gradient_of_a_held_flow_at_every_output(precision, within, tmp_path):
+    """12 mu U / H^2 once the flow is steady, after ten times H^2 / (4 pi^2 nu) of the slowest wave that holds U; with
+    several fluid steps in an interval."""
+    tables = channel(bulk_velocity=[0.03, 0.0], velocity=[0.03, 0.0], end=1.5, cells=[2, 48])
+    tables |= {"precision": precision, "time": {"end": 1.5, "output_interval": 0.1}}
+    run = jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "run")
+    assert run.summary["counts"]["fluid_steps"] >= 4 * run.summary["counts"]["coupling_intervals"]
+    steady = run.history["pressure_gradient_x"][run.history["time"] > 1.05]
+    gradient = 12.0 * DENSITY * VISCOSITY * 0.03 / HEIGHT**2
+    assert len(steady) == 5
+    np.testing.assert_allclose(steady, -gradient, rtol=within)
+
+
+def test_the_history_has_the_mean_gradient_since_the_last_output(tmp_path):
+    """Of a ramp to 80 Pa/m within the first of two outputs: half of it, then all; at the start what acts there."""
+    ramp = channel(AROUND, drive_times=[0.0, 0.02], pressure_gradient=[[-8.0, 0.0], [-80.0, 16.0]], end=0.04)
+    history = jaxdem.simulate(jaxdem.load_scene(ramp), tmp_path / "run").history
+    np.testing.assert_allclose(history["pressure_gradient_x"], [-8.0, -44.0, -80.0], rtol=1e-12)
+    np.testing.assert_allclose(history["pressure_gradient_z"], [0.0, 8.0, 16.0], rtol=1e-12)
+
+
 def test_tables_in_time():
     """A ramp of the gradient, and a bulk velocity that changes: the mean flow is the integral, or the table."""
     ramp = channel(AROUND, drive_times=[0.0, 0.02, 0.04], pressure_gradient=[[0.0, 0.0], [-80.0, 16.0], [-80.0, 16.0]])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,16 @@ import pytest
 
 import jaxdem
 from jaxdem.fluid.grid import along, face_average, face_control_volume
-from jaxdem.observables import contact_table, fluid_force, measuring_walls, side_walls, surface_walls, wall_load
+from jaxdem.fluid.side_forces import pressure_on_sides
+from jaxdem.observables import (
+    contact_table,
+    fluid_force,
+    fluid_torque,
+    measuring_walls,
+    side_walls,
+    surface_walls,
+    wall_load,
+)
 
 MASS = 2500.0 * 4.0 / 3.0 * np.pi * 0.01**3
 
@@ -172,8 +183,8 @@ def test_momentum_of_grains_and_fluid_in_a_closed_box():
         np.testing.assert_allclose(change, simulation.interval * forces, atol=1e-9 * mass)
 
 
-def channel(height, top, pressure_gradient):
-    """Force on the bottom and the top per area once the flow is steady."""
+def channel_report(height, top, pressure_gradient):
+    """The report of a step once the flow is steady."""
     tables = {
         **LIQUID,
         "domain": {"size": [0.1, 0.1, height]},
@@ -187,8 +198,7 @@ def channel(height, top, pressure_gradient):
         },
         "time": {"end": 0.04, "output_interval": 0.04},
     }  # fmt: skip
-    report = after_some_time(tables, 400)
-    return [np.asarray(fluid_force(report, 2, upper)) / 0.01 for upper in (False, True)]
+    return after_some_time(tables, 400)
 
 
 def after_some_time(tables, number):
@@ -207,11 +217,50 @@ def after_some_time(tables, number):
 def test_couette_and_poiseuille_flow():
     """Shear of a moving top, mu U / h, and half of the pressure drop at either wall, G h / 2; together in one flow."""
     viscosity, height, top, gradient = 2.0 * 0.5, 0.1, 0.3, -5.0
-    bottom, upper = channel(height, top, gradient)
+    report = channel_report(height, top, gradient)
+    bottom, upper = (np.asarray(fluid_force(report, 2, upper)) / 0.01 for upper in (False, True))
     shear, drop = viscosity * top / height, -gradient * height / 2.0
     np.testing.assert_allclose(bottom[0], shear + drop, rtol=1e-6)
     np.testing.assert_allclose(upper[0], drop - shear, rtol=1e-6)
     np.testing.assert_allclose([bottom[1], upper[1]], 0.0, atol=1e-12)
+
+
+def test_torque_of_couette_flow():
+    """Shear mu U / h on either plate, at its height, and no pressure: the arm in height times the force along x."""
+    report, area = channel_report(0.1, 0.3, 0.0), 0.01
+    force, about = 1.0 * 0.3 / 0.1 * area, np.array([0.02, 0.07, 0.03])
+    for upper, sign, height in ((False, 1.0, 0.0), (True, -1.0, 0.1)):
+        torque = fluid_torque(report, 2, upper, jnp.asarray(about))
+        np.testing.assert_allclose(fluid_force(report, 2, upper), [sign * force, 0.0, 0.0], rtol=1e-6, atol=1e-9)
+        # (x - a) cross (F, 0, 0) = (0, (z - a_z) F, -(y - a_y) F), with the middle of the plate at y = 0.05.
+        expected = [0.0, (height - about[2]) * sign * force, -(0.05 - about[1]) * sign * force]
+        np.testing.assert_allclose(torque, expected, rtol=1e-6, atol=1e-10)
+
+
+def test_torque_of_a_pressure_on_the_sides_of_a_box():
+    """Hydrostatic, p = c (H - z): force c H^2 b / 2 on a side, at a third of its height; on the bottom in its middle.
+
+    The sum over 40 cells is off by 1 / (2 n^2) of the torque."""
+    scene = jaxdem.load_scene({**LIQUID, "fluid": {**LIQUID["fluid"], "cells": [6, 40]}})
+    simulation, _ = jaxdem.build(scene)
+    grid, head, depth = simulation.fluid.solver.grid, 9810.0, 0.1
+    height = (np.arange(40) + 0.5) * 0.2 / 40
+    load = pressure_on_sides(grid, jnp.broadcast_to(head * (0.2 - height), (6, 40)))
+    report = jaxdem.state.Diagnostics(None, Reported(load), None, None)
+    push = 0.5 * head * 0.2**2 * depth
+    for upper, sign in ((False, -1.0), (True, 1.0)):
+        np.testing.assert_allclose(fluid_force(report, 0, upper), [sign * push, 0.0], rtol=1e-12)
+        torque = fluid_torque(report, 0, upper, jnp.asarray([0.7, 0.05]))
+        np.testing.assert_allclose(torque, [-(0.2 / 3.0 - 0.05) * sign * push], rtol=2e-3)
+    weight = head * 0.2 * 0.3 * depth * (1.0 - 0.5 / 40)  # the pressure in the middle of the lowest cells
+    bottom = fluid_torque(report, 1, False, jnp.asarray([0.04, 0.9]))
+    np.testing.assert_allclose(bottom, [-(0.15 - 0.04) * weight], rtol=1e-12)
+
+
+class Reported(NamedTuple):
+    """What a fluid reports of its sides."""
+
+    side_load: jax.Array
 
 
 def test_rows_of_contacts_of_bouncing_grains(bouncing):
