@@ -23,9 +23,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 import jaxdem
+from benchmarks import harness
+from jaxdem import metrics
 from jaxdem.io import Run
 from jaxdem.run.scene_run import simulate_once
 from jaxdem.study import SHARP, fit_to_files
@@ -152,15 +156,19 @@ def run_of(scene: jaxdem.Scene, folder: Path) -> Run:
 
 def reaches_the_end(folder: Path) -> bool:
     """Whether there is a run that has come to `END` at least."""
-    return (folder / "history.csv").exists() and float(jaxdem.load_run(folder).times[-1]) > END - 1e-9
+    if not (folder / "history.csv").exists():
+        return False
+    times = jaxdem.load_run(folder).times
+    return len(times) > 0 and float(times[-1]) > END - 1e-9
 
 
 def processor_time(folder: Path) -> float:
-    """Of a whole run without compiling [s]: from the first output of a process, when all is compiled, to its last one,
-    times the part of the time that this is. NaN for a run of which less than half was measured."""
+    """Of a run up to `END` without compiling [s]: from the first output of a process, when all is compiled, to its last
+    one, times the part of the time that this is. NaN for a run of which less than half was measured."""
     log, simulated, used = folder.with_name(folder.name + ".clock.json"), 0.0, 0.0
     for clock in json.loads(log.read_text()) if log.exists() else []:
-        (begin, first), (end, last) = clock[min(1, len(clock) - 1)], clock[-1]
+        within = [(now, spent) for now, spent in clock if now < END + 1e-9]
+        (begin, first), (end, last) = within[min(1, len(within) - 1)], within[-1]
         simulated, used = simulated + end - begin, used + last - first
     return used * END / simulated if simulated > 0.5 * END else float("nan")
 
@@ -179,7 +187,7 @@ def train(ratio: int, fluid: str, runs: Path) -> None:
     if not dataset.exists():
         make_dataset(runs / name, dataset, (1, 2, 4), overrides=kernel)
     fit_to_files("filtered", [dataset], FIT, out, lambda _: None)
-    print(f"{out.name}: {time.process_time() - begin:.0f} s of processor", flush=True)
+    (runs / f"{out.name}.json").write_text(json.dumps(time.process_time() - begin))
 
 
 def make(runs: Path, patterns: list[str]) -> None:
@@ -199,14 +207,130 @@ def make(runs: Path, patterns: list[str]) -> None:
             print(f"{name}: {told}, {time.process_time() - begin:.0f} s, {processor_time(runs / name):.1f}", flush=True)
 
 
+def history_of(folder: Path) -> dict[str, np.ndarray]:
+    """What is compared of a run: its history up to `END`."""
+    history = {name: np.asarray(column) for name, column in jaxdem.load_run(folder).history.items()}
+    return {name: column[history["time"] < END + 1e-9] for name, column in history.items()}
+
+
+def rows_of(runs: Path) -> list[dict[str, Any]]:
+    """One row a case of which there is a run: nine errors and their mean [-] by pack, processor time by pack [s]."""
+    reference, rows = history_of(runs / "l1_4cm"), []
+    for case in cases():
+        packs = [seed for seed in case.seeds if reaches_the_end(runs / case.folder(seed))]
+        packs = [seed for seed in packs if seed or case.name != "l1_4cm"]  # not the reference itself
+        if not packs:
+            continue
+        errors = [metrics.errors(history_of(runs / case.folder(seed)), reference) for seed in packs]
+        row = {"name": case.name, "l": case.ratio, "cells_cm": case.mesh, "packs": packs, "errors": errors}
+        row["mean_errors"] = [float(np.mean(list(one.values()))) for one in errors]
+        row["processor_s"] = [processor_time(runs / case.folder(seed)) for seed in packs]
+        if case.trained:
+            row["training_s"] = json.loads((runs / f"{closure_name(case.ratio, case.fluid)}.json").read_text())
+        if case.more == "merged":
+            row["merged"] = jaxdem.load_run(runs / case.name).summary["start"]["merged"]
+        rows.append(row)
+    return rows
+
+
+def table_of(rows: list[dict[str, Any]], reference_s: float) -> str:
+    """One line a case; the first is the noise."""
+    noise = next((np.mean(row["mean_errors"]) for row in rows if row["name"] == "l1_4cm"), float("nan"))
+    names = list(rows[0]["errors"][0])
+    heads = ["run", "packs", "time [s]", "times faster", "mean error (range) [%]", "over noise"]
+    lines = [f"| {' | '.join([*heads, *(name.replace('_mean', '').replace('_', ' ') for name in names)])} |"]
+    lines += ["| --- " * (len(heads) + len(names)) + "|"]
+    for row in rows:
+        time_s, mean = float(np.nanmedian(row["processor_s"])), float(np.mean(row["mean_errors"]))
+        low, high = (100.0 * f(row["mean_errors"]) for f in (min, max))
+        spread = f" ({low:.1f}-{high:.1f})" if len(row["packs"]) > 1 else ""
+        name = row["name"] + (", noise" if row["name"] == "l1_4cm" else "")
+        cells = [name, str(len(row["packs"])), f"{time_s:.1f}", f"{reference_s / time_s:.1f}"]
+        cells += [f"{100.0 * mean:.1f}{spread}", f"{mean / noise:.2f}"]
+        cells += [f"{100.0 * np.mean([one[name] for one in row['errors']]):.1f}" for name in names]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def draw(rows: list[dict[str, Any]], reference_s: float, path: Path) -> None:
+    """Mean error over processor time; bars are the range over the packs."""
+    from jaxdem.report import style
+
+    noise = 100.0 * float(np.mean(next(row["mean_errors"] for row in rows if row["name"] == "l1_4cm")))
+    with style.look():
+        figure = style.new_figure(7.5, 4.4)
+        axes = figure.subplots()
+        axes.axhline(noise, color=style.NOISE, label="noise")
+        axes.axhline(1.5 * noise, color=style.NOISE, linestyle="--", label="1.5 times the noise")
+        axes.axvline(reference_s / 5.0, color="black", linestyle=":", label="5 times faster than the fine run")
+        shown = [row for row in rows if row["name"].count("_") <= 3 and not row["name"].endswith(tuple(MORE))]
+        for row in shown:
+            mean = 100.0 * np.array(row["mean_errors"])
+            look = {4: "o", 8: "s", 16: "^"}[row["cells_cm"]]
+            colour = style.COLOURS[{1: 0, 2: 1, 4: 2}[row["l"]]]
+            fluid = next((name for name in ("sharp", "deconvolved") if name in row["name"]), "plain")
+            full = {"plain": "none", "sharp": colour, "deconvolved": "black"}[fluid]
+            size, middle = 9 if "trained" in row["name"] else 6, mean.mean()
+            axes.errorbar(
+                np.nanmedian(row["processor_s"]), middle, [[middle - mean.min()], [mean.max() - middle]],
+                fmt=look, color=colour, markerfacecolor=full, capsize=3, markersize=size,
+            )  # fmt: skip
+        for ratio, colour in zip((1, 2, 4), style.COLOURS, strict=False):
+            axes.plot([], [], "o", color=colour, label=f"l = {ratio}")
+        for mesh, look in ((4, "o"), (8, "s"), (16, "^")):
+            axes.plot([], [], look, color="black", markerfacecolor="none", label=f"cells of {mesh} cm")
+        axes.plot([], [], "o", color="black", label="filled: sharp fluid; large: trained closure")
+        axes.set(xscale="log", ylim=(0.0, None), xlabel=f"processor time of {END:g} s, one core [s]")
+        axes.set(ylabel="mean error of nine metrics [%]")
+        axes.legend(fontsize=8, ncols=2)
+        style.save(figure, path, dpi=110)
+
+
+def draw_packs(runs: Path, path: Path, at: float = 1.0) -> None:
+    """Grains and parcels at a time [s], coloured by their speed."""
+    from matplotlib.collections import EllipseCollection
+
+    from jaxdem.report import style
+
+    names = {"l1_4cm": "grains, cells of 4 cm", "l2_8cm_sharp": "l = 2, cells of 8 cm, sharp fluid"}
+    names |= {"l4_16cm_sharp": "l = 4, cells of 16 cm, sharp fluid"}
+    with style.look():
+        figure = style.new_figure(8.0, 6.2)
+        for axes, (name, title) in zip(figure.subplots(3, 1, sharex=True), names.items(), strict=True):
+            run = jaxdem.load_run(runs / name)
+            frame = run.particles(int(np.argmin(np.abs(np.asarray(run.times) - at))))
+            size = 2.0 * np.broadcast_to(frame["radius"], len(frame["position"]))
+            discs = EllipseCollection(
+                size, size, np.zeros(len(size)), units="xy", offsets=frame["position"][:, :2],
+                transOffset=axes.transData, array=np.linalg.norm(frame["velocity"], axis=1), cmap="viridis",
+            )  # fmt: skip
+            discs.set_clim(0.0, 2.0)
+            axes.add_collection(discs)
+            axes.set(xlim=(0.0, 8.0), ylim=(0.0, 2.0), aspect="equal", ylabel="z [m]")
+            axes.set_title(f"{title}, {len(size):,} particles", fontsize=9)
+        axes.set_xlabel("x [m]")
+        figure.colorbar(discs, ax=figure.axes, label="speed [m/s]", shrink=0.6)
+        style.save(figure, path, dpi=100)
+
+
 def main() -> None:
-    """The runs, then the tables and the pictures."""
+    """The runs, then the table and the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--runs", type=Path, required=True, help="folder in which the runs are kept")
     parser.add_argument("--only", nargs="*", default=[], help="patterns of the names of runs that are made")
+    parser.add_argument("--table", action="store_true", help="no run; the table of those that are there")
+    parser.add_argument("--pictures", type=Path, help="folder for parcels_error.png and parcels_packs.png")
     arguments = parser.parse_args()
     arguments.runs.mkdir(parents=True, exist_ok=True)
-    make(arguments.runs, arguments.only)
+    if not arguments.table:
+        make(arguments.runs, arguments.only)
+    if arguments.only:
+        return
+    rows, reference_s = rows_of(arguments.runs), processor_time(arguments.runs / "l1_4cm")
+    harness.write("parcels", {"end": END, "reference_s": reference_s, "rows": rows}, table_of(rows, reference_s))
+    if arguments.pictures:
+        draw(rows, reference_s, arguments.pictures / "parcels_error.png")
+        draw_packs(arguments.runs, arguments.pictures / "parcels_packs.png")
 
 
 if __name__ == "__main__":

@@ -113,10 +113,10 @@ def history_of(
         bodies = jax.tree.map(np.asarray, bodies)
         for name, value in (("mass", bodies.mass), ("inertia", bodies.inertia)):
             arrays[name] = value[present] if value.ndim else value
-        if bodies.parcels is not None:  # forces of a grain: those of contacts go with its cross-section
+        if bodies.parcels is not None:  # forces of a grain: its share of that on the parcel, as of its momentum
             if "drag_force" in arrays:
                 arrays["drag_force"] = arrays["drag_force"] / bodies.parcels.grains
-            collision = collision * float(bodies.parcels.ratio / bodies.parcels.grains)
+            collision = collision / float(bodies.parcels.grains)
     if fluid is not None:
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
     row = metrics.history_row(instant.time, collision_force=None if particles is None else collision, **arrays)

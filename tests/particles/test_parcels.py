@@ -162,3 +162,17 @@ def test_a_warning_about_the_radius_is_about_that_of_the_scene(radius, warnings)
     found = [text for text in unit_warnings(jaxdem.load_scene(tables)) if "diameter. If" in text]
     assert len(found) == warnings
     assert all("particles.radius = 0.3 m: this is a grain of 0.6 m" in text for text in found)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_contact_force_in_the_history_is_that_of_a_grain(dimension, tmp_path):
+    """A parcel at rest on the floor: each of its grains is carried by its own weight."""
+    weight = 4.0 / 3.0 * np.pi * RADIUS**3 * 2500.0 * 9.81
+    # Linear contact, k z = m g: both have the factor l^(D-2) of stiffness and l^D of mass.
+    depth = 2.0**dimension * weight / (2.0 ** (dimension - 2) * 2e3)
+    middle = [12.0 * RADIUS] * (dimension - 1) + [2.0 * RADIUS - depth]
+    tables = crowd(dimension, 2.0, "linear")
+    tables["domain"]["gravity"] = [0.0] * (dimension - 1) + [-9.81]
+    tables["particles"] |= {"position": [middle], "velocity": [[0.0] * dimension]}
+    run = jaxdem.simulate(scene_of(tables), tmp_path / "run")
+    np.testing.assert_allclose(run.history["collision_force_mean"][1:], weight, rtol=1e-6)
