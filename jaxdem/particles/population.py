@@ -21,6 +21,7 @@ from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.static import static
+from jaxdem.particles.inlet_regions import InletRegion
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import Neighbors, carry_history
@@ -59,6 +60,7 @@ class Inlet:
         upper: D, opposite corner [m].
         batch: most that come in at the end of an interval.
         rows: M, of its particles; None where they follow the first.
+        region: from which places are drawn; None for the box between the corners.
     """
 
     first: int
@@ -67,6 +69,7 @@ class Inlet:
     upper: tuple[float, ...]
     batch: int
     rows: tuple[int, ...] | None = None
+    region: InletRegion | None = None
 
     def row(self, number: Array) -> Array:
         """() int32, row of its particle `number` (), the last one beyond the end."""
@@ -224,8 +227,12 @@ class _Insertion:
             position, active, count = carry
             row = inlet.row(count)
             own = radius if radius.ndim == 0 else radius[row]
-            places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
-            free = self._free(places, own, position, active) & (count < due)
+            if inlet.region is None:
+                places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
+                free = self._free(places, own, position, active) & (count < due)
+            else:
+                places, inside = inlet.region.places(u, own)
+                free = inside & self._free(places, own, position, active) & (count < due)
             chosen = places[jnp.argmax(free)]
             comes = jnp.any(free)
             position = position.at[row].set(jnp.where(comes, chosen, position[row]))

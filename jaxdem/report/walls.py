@@ -117,8 +117,25 @@ def openings(scene: Mapping[str, Any], box: Sequence[float]) -> list[Opening]:
         if kind in (INLET, OUTLET) or side.get("particles") == "remove":
             found.append(_patch(INLET if kind == INLET else OUTLET, name, side, (box[0], box[-1])))
     regions = lookup(scene, "particles.inlet", ())
-    found += [Opening(INLET, *((r[key][0], r[key][-1]) for key in ("start", "stop"))) for r in regions]
+    found += [Opening(INLET, *((corner[0], corner[-1]) for corner in _ends(inlet))) for inlet in regions]
     return found
+
+
+def _ends(inlet: Mapping[str, Any]) -> tuple[Sequence[float], Sequence[float]]:
+    """Lower and upper corner of the box round an inlet of particles [m]."""
+    region = inlet.get("region")
+    if region is None:
+        return inlet["start"], inlet["stop"]
+    if region["shape"] == "polygon":
+        corners = np.asarray(region["vertices"])
+        return corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    if region["shape"] == "sphere":
+        center, reach = np.asarray(region["center"]), np.full(len(region["center"]), region["radius"])
+        return (center - reach).tolist(), (center + reach).tolist()
+    along = _unit(region["axis"])
+    ends = np.asarray(region["base"]) + np.outer([0.0, region["length"]], along)
+    reach = region["radius"] * np.sqrt(np.maximum(1.0 - along**2, 0.0))
+    return (ends.min(axis=0) - reach).tolist(), (ends.max(axis=0) + reach).tolist()
 
 
 def _patch(kind: str, name: str, side: Mapping[str, Any], size: tuple[float, float]) -> Opening:

@@ -21,6 +21,7 @@ from jaxdem.scene.base import (
 )
 from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.materials import Mixture, Species
+from jaxdem.scene.regions import Region
 
 
 class ParticleInlet(Section):
@@ -28,9 +29,10 @@ class ParticleInlet(Section):
 
     Attributes:
         side: side of the box; particles enter in a layer beside it that is one (largest) diameter thick. Give either
-            this or `start` and `stop`.
+            this, or `start` and `stop`, or `region`.
         start: lower corner of a box in which particles enter; they lie wholly inside it [m].
         stop: upper corner of this box [m].
+        region: part of the box in which particles enter, wholly inside it: a cylinder, sphere or polygon.
         from_: corner of a patch of the side, in the other axes (key `from`) [m].
         to: opposite corner of the patch [m].
         rate: particles per second. Give either this or `mass_flow`; with `times` one number for each time [1/s].
@@ -52,6 +54,7 @@ class ParticleInlet(Section):
     side: str | None = None
     start: Vector | None = None
     stop: Vector | None = None
+    region: Region | None = None
     from_: Corner | None = Field(default=None, alias="from")
     to: Corner | None = None
     rate: Positive | tuple[NonNegative, ...] | None = None
@@ -76,9 +79,10 @@ class ParticleInlet(Section):
             raise wrong("species", "...", "have their own radius, density and material", remedy)
         given = {"radius": self.radius} | {f"species.{k}.radius": one.radius for k, one in enumerate(self.species)}
         check_no_radius(self.distribution, given)
-        if (self.side is None) == (self.start is None) or (self.start is None) != (self.stop is None):
-            limit = "an inlet needs either a side, or start and stop of a box"
-            raise wrong("side", self.side, limit, "give one of the two")
+        places = sum(given is not None for given in (self.side, self.start, self.region))
+        if places != 1 or (self.start is None) != (self.stop is None):
+            limit = "an inlet needs either a side, or start and stop of a box, or a region"
+            raise wrong("side", self.side, limit, "give one of the three")
         if self.side is None and (self.from_ is not None or self.to is not None):
             raise wrong("from", self.from_ or self.to, "is only used with a side", "remove from and to")
         if (self.from_ is None) != (self.to is None):

@@ -23,19 +23,25 @@ def completed_inlets(particles: Particles, box: Box, end: float) -> tuple[Partic
     for k, inlet in enumerate(particles.inlet):
         key = f"particles.inlet.{k}"
         largest = largest_arrival(particles, inlet)
-        region = _region(key, inlet, box, largest)
+        is_box = inlet.region is None or inlet.region.shape == "box"
+        corners = _region(key, inlet, box, largest) if is_box else None
         velocity = _velocity(key, inlet, box)
         last = end if inlet.end is None else inlet.end
         if last <= inlet.begin:
             raise InputError(f"{key}.end", last, f"must be after begin = {inlet.begin} s", "raise the end")
-        _check_room(f"{key}.stop", region, box.size, largest)
-        found = {"start": region[0], "stop": region[1], "velocity": velocity, "end": last}
-        result.append(inlet.model_copy(update=found | {"side": None, "from_": None, "to": None}))
+        found: dict[str, object] = {"velocity": velocity, "end": last}
+        if corners is not None:
+            _check_room(f"{key}.stop" if inlet.region is None else f"{key}.region", corners, box.size, largest)
+            found |= {"start": corners[0], "stop": corners[1], "region": None}
+            found |= {"side": None, "from_": None, "to": None}
+        result.append(inlet.model_copy(update=found))
     return tuple(result)
 
 
 def _region(key: str, inlet: ParticleInlet, box: Box, largest: float) -> Region:
     """Corners of the box in which the particles come in."""
+    if inlet.region is not None and inlet.region.start is not None and inlet.region.stop is not None:
+        return inlet.region.start, inlet.region.stop
     if inlet.start is not None and inlet.stop is not None:
         return inlet.start, inlet.stop
     side = inlet.side or ""

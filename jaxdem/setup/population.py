@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from jaxdem.particles.population import Exit, Inlet, Population
+from jaxdem.scene.particles import largest_arrival
 from jaxdem.setup.inlet_flow import ROUNDING
+from jaxdem.setup.inlet_regions import inlet_region
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.structure import Clock
 
@@ -28,7 +30,7 @@ def population_of(particles: ParticleSetup, interval: float, clock: Clock | None
     )
     begin, first = (0.0, 0) if clock is None else (clock.start, clock.step)
     inlets = []
-    for inlet, queue in zip(particles.table.inlet, particles.queues, strict=True):
+    for k, (inlet, queue) in enumerate(zip(particles.table.inlet, particles.queues, strict=True)):
         steps = np.ceil((queue.time - begin) / interval * (1.0 - ROUNDING) - ROUNDING)
         due = first + np.maximum(steps, 1.0).astype(np.int32)
         most = int(np.unique(due, return_counts=True)[1].max())
@@ -37,6 +39,10 @@ def population_of(particles: ParticleSetup, interval: float, clock: Clock | None
         # Twice as many as come at once, so that those who had to wait can catch up.
         batch = min(2 * most + 2, len(due))
         rows = None if in_order else tuple(queue.rows.tolist())
-        inlets.append(Inlet(int(queue.rows[0]), tuple(due.tolist()), start, stop, batch, rows))
+        region = None
+        if inlet.region is not None:
+            largest = largest_arrival(particles.table, inlet)
+            region = inlet_region(f"particles.inlet.{k}", inlet.region, scene.box, largest)
+        inlets.append(Inlet(int(queue.rows[0]), tuple(due.tolist()), start, stop, batch, rows, region))
     size, never = scene.domain.size, particles.never
     return Population(exits, tuple(inlets), size, scene.periodic, scene.seed, never)

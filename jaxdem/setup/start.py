@@ -22,6 +22,7 @@ from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.fluid import fluid_velocity
+from jaxdem.setup.inlet_regions import inlet_space
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.simulation import Simulation
@@ -75,9 +76,13 @@ def inlet_places(scene: Scene, particles: ParticleSetup) -> list[np.ndarray]:
     """(M, D) for each inlet, where its particles wait: in the middle of it [m]."""
     if not scene.comes_and_goes:
         return []
-    tables = zip(particles.table.inlet, particles.arrivals, strict=True)
-    middles = [(0.5 * np.add(inlet.start or (), inlet.stop or ()), len(coming.time)) for inlet, coming in tables]
-    return [np.tile(middle, (count, 1)) for middle, count in middles]
+    found = []
+    for k, (inlet, coming) in enumerate(zip(particles.table.inlet, particles.arrivals, strict=True)):
+        ends = (inlet.start or (), inlet.stop or ())
+        if inlet.region is not None:
+            ends = inlet_space(f"particles.inlet.{k}", inlet.region, scene.box).bounds
+        found.append(np.tile(0.5 * np.add(*ends), (len(coming.time), 1)))
+    return found
 
 
 def _full(shape: tuple[int, ...], value: float, dtype: DTypeLike) -> Array:
