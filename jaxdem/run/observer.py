@@ -150,12 +150,13 @@ def probe_marks(case: Case) -> dict[str, str]:
     """By name of the probe, what it measures and when: in a run that begins from another one with the same mark the
     sums of that one go on.
 
-    The mark has the probe, the coupling interval, and the clock that its intervals are counted on. Of a wall of the
-    scene its number is not enough.
+    The mark has the probe, the coupling interval, the clock that its intervals are counted on, and how many grains a
+    particle stands for. Of a wall of the scene its number is not enough.
     """
     simulation = case.simulation
     walls = walls_of(case.scene, simulation)
-    shared = f"{simulation.interval!r} {simulation.clock!r}"
+    ratio = 1.0 if case.scene.particles is None else case.scene.particles.coarse_grain
+    shared = f"{simulation.interval!r} {simulation.clock!r} {ratio!r}"
     return {
         one.probe.name: f"{one!r} {shared}" + (f" {walls}" if isinstance(one.probe, WallProbe) else "")
         for one in case.probes
