@@ -8,8 +8,8 @@ would do the same, but each would compile a program of its own.)
 
 All is measured in the middle half of the cell, by the probe `layers`: stress of Love and Weber and of the velocity
 fluctuations, solid fraction, and the slope of the velocity. With P the normal stress on the plates, friction is
-mu = |tau| / P and the inertial number I = shear rate x d / sqrt(P / rho). The means over the times between two lines of
-the probe give standard errors.
+mu = |tau| / P and the inertial number I = shear rate x d / sqrt(P / rho). The means over five parts of the time give
+standard errors.
 """
 
 from __future__ import annotations
@@ -45,6 +45,14 @@ def friction_law(inertial_number: np.ndarray | float) -> np.ndarray:
     low, high = np.tan(np.radians([20.9, 32.76]))
     inertial_number = np.asarray(inertial_number)
     return low + (high - low) * inertial_number / (0.279 + inertial_number)
+
+
+def solid_fraction_law(inertial_number: np.ndarray | float) -> np.ndarray:
+    """phi = 0.6 - 0.1 I, for glass beads.
+
+    Source: O. Pouliquen, C. Cassar, P. Jop, Y. Forterre, M. Nicolas, J. Stat. Mech. (2006) P07020.
+    """
+    return 0.6 - 0.1 * np.asarray(inertial_number)
 
 
 def measure(run: Run) -> dict[str, Any]:
@@ -92,8 +100,9 @@ def sheared(size: float, seed: int, path: Path) -> dict[str, Any]:
     scene = jaxdem.load_scene(SCENE, {"seed": seed, "particles.distribution.radii": radii})
     run = jaxdem.simulate(scene, path, resume=path.exists())
     found = measure(run)
-    law = float(friction_law(found["inertial_number"]))
-    return {"valid": run.summary["valid"], "law": law} | found | {"wall_s": harness.time_of(run)}
+    inertial = found["inertial_number"]
+    found |= {"law": float(friction_law(inertial)), "solid_fraction_law": float(solid_fraction_law(inertial))}
+    return found | {"valid": run.summary["valid"], "wall_s": harness.time_of(run)}
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
@@ -112,6 +121,8 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             error = [row["friction_error"] for row in some]
             left.errorbar(x, [row["friction"] for row in some], xerr=x_error, yerr=error, **how)
             middle.errorbar(x, [row["solid_fraction"] for row in some], xerr=x_error, **how)
+        middle.plot(inertial, solid_fraction_law(inertial), color="black", label="Pouliquen et al. 2006, glass beads")
+        middle.legend(loc="lower left")
         left.set(xscale="log", xlabel="inertial number I [-]", ylabel="friction tau / P [-]", ylim=(0.2, 0.8))
         middle.set(xscale="log", xlim=(3e-3, 2.0), xlabel="inertial number I [-]", ylabel="solid fraction [-]")
         left.legend(loc="upper left")
@@ -133,10 +144,11 @@ STUDY = harness.Study(
     {
         "radii over those of the scene": "{size:g}",
         "pack": "{seed}",
-        "solid fraction": "{solid_fraction:.4f}",
         "I": "{inertial_number:.4f} +- {inertial_number_error:.4f}",
         "mu": "{friction:.3f} +- {friction_error:.3f}",
-        "law": "{law:.3f}",
+        "law of mu": "{law:.3f}",
+        "solid fraction": "{solid_fraction:.4f}",
+        "law of it": "{solid_fraction_law:.3f}",
         "pressure [Pa]": "{pressure_pa:.3g}",
         "pressure / E": "{pressure_over_modulus:.1e}",
         "contacts a grain": "{coordination:.2f}",

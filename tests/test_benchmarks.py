@@ -5,6 +5,9 @@ import json
 import subprocess
 import sys
 
+import numpy as np
+import pytest
+
 from benchmarks import against, contact, harness
 
 WORDS = "ERROR: Unrecognized pair style 'granular' is part of the GRANULAR package"
@@ -45,6 +48,35 @@ def test_the_reason_of_a_program_without_words():
     silent = subprocess.CalledProcessError(3, ["lmp"], output="", stderr="")
     assert "exit status 3" in harness.reason_of(silent)
     assert harness.reason_of(subprocess.CalledProcessError(1, ["lmp"], output="a\nb | c\n", stderr=None)) == "b / c"
+
+
+def test_a_study_saves_each_row_when_it_is_there(tmp_path, monkeypatch):
+    """Every value with every pack, in a folder of its own; the table is written by the format strings."""
+    monkeypatch.setattr(harness, "RESULTS", tmp_path / "results")
+
+    def run_of(value, seed, folder):
+        if value == 2.0 and seed == 1:
+            kept = json.loads((tmp_path / "results" / "toy.json").read_text())
+            assert [row["seed"] for row in kept["rows"]] == [0, 1, 0] and kept["mean"] == pytest.approx(0.5 / 3.0)
+        assert folder == tmp_path / f"{value:g}_{seed}"
+        return {"flux": value * seed}
+
+    columns = {"value": "{value:.1f}", "pack": "{seed}", "flux": "{flux:.2f}"}
+
+    def mean(rows):
+        return {"mean": sum(row["flux"] for row in rows) / len(rows)}
+
+    study = harness.Study("toy", "value", (0.5, 2.0), run_of, columns, mean)
+    rows = study.run(study.arguments("").parse_args(["--runs", str(tmp_path)]))
+    assert [row["flux"] for row in rows] == [0.0, 0.5, 0.0, 2.0]
+    assert (tmp_path / "results" / "toy.md").read_text().startswith(study.table(rows))
+    assert study.table(rows).splitlines()[-1] == "| 2.0 | 1 | 2.00 |"
+
+
+def test_standard_error_is_that_of_the_means_of_equal_parts():
+    """Parts with means 1, 2, 3, 4, 5: standard deviation sqrt(2.5), over sqrt(5); what is within a part is not seen."""
+    values = np.repeat([1.0, 2.0, 3.0, 4.0, 5.0], 4) + np.tile([-1.0, 1.0], 10)
+    assert harness.standard_error(values) == pytest.approx(np.sqrt(0.5))
 
 
 WORKER = """

@@ -39,14 +39,16 @@ def cautions(
         return tuple(wall_times_beyond_the_end(scene))
     smallest, largest = 2.0 * float(np.min(bodies.radius)), 2.0 * float(np.max(bodies.radius))
     return (
-        *_cells(spacing, largest),
+        *_cells(scene, spacing, largest),
         *_sizes(scene, smallest, largest, cost),
         *_screen(scene, load),
         *wall_times_beyond_the_end(scene),
     )
 
 
-def _cells(spacing: tuple[float, ...] | None, diameter: float) -> Iterator[str]:
+def _cells(scene: Scene, spacing: tuple[float, ...] | None, diameter: float) -> Iterator[str]:
+    if spacing is not None and scene.fluid is not None and scene.fluid.bed_mixing is not None:
+        spacing = spacing[:-1]  # over a bed the mean velocity changes within a diameter of height
     if spacing is not None and min(spacing) < diameter:
         yield (
             f"fluid.cells: the cell side is {min(spacing) / diameter:.2g} of the largest diameter. The equations of "

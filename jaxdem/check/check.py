@@ -182,8 +182,8 @@ def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | N
 
     nu_t = (C_s Delta)^2 sqrt(2 S:S) for a shear of the largest boundary speed over the smallest cell side, where
     sqrt(2 S:S) = U/h; model B: over the smallest void fraction of the start. A learned stress is taken at its bounds,
-    over that void fraction in either model. A mixing length over a bed is taken as kappa H for a shear U/H, H the
-    height of the box. While running, the true ones decide.
+    over that void fraction in either model. Over a bed: the largest of an open channel, 2/(3 sqrt(3)) kappa u_* H, with
+    H the height of the box and a shear velocity u_* of U/5. While running, the true ones decide.
     """
     fluid = scene.fluid
     model_b = simulation.fluid is not None and not simulation.fluid.solver.shares_stress and lowest is not None
@@ -195,7 +195,8 @@ def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | N
     shear = boundary_speed(scene) / min(grid.spacing)
     eddies = (fluid.smagorinsky * width) ** 2 * shear
     if fluid.bed_mixing is not None:
-        eddies = fluid.bed_mixing.von_karman**2 * boundary_speed(scene) * scene.domain.size[-1]
+        shear_velocity = boundary_speed(scene) / 5.0
+        eddies = 2.0 / math.sqrt(27.0) * fluid.bed_mixing.von_karman * shear_velocity * scene.domain.size[-1]
     viscosity = (fluid.viscosity + eddies) / (lowest if model_b and lowest else 1.0)
     if fluid.subgrid is not None:
         largest = LARGEST_VISCOSITY * width**2 + 2.0 * LARGEST_GRADIENT * max(grid.spacing) ** 2

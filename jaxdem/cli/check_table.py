@@ -114,7 +114,7 @@ def _steps(report: CheckReport) -> Iterable[tuple[str, str]]:
         if name == "contact_stability":
             text += " with every contact for which there is room, at the largest expected overlap"
         if name == "viscous_model" and math.isfinite(value):
-            text += " at the largest boundary speed over a cell; the run stops if the flow needs a shorter step"
+            text += " at the largest boundary speed; the run stops if the flow needs a shorter step"
         yield LIMIT_NAMES.get(name, name), text
     if "contact" in steps:
         duration = report.limits["contact_duration"] / steps["contact"]

@@ -88,6 +88,11 @@ def test_friction_law():
     assert shear_cell.friction_law(1e9) == pytest.approx(0.6434, abs=1e-4)
 
 
+def test_solid_fraction_law():
+    """0.6 at rest, 0.55 half way to I = 1, where it is 0.5."""
+    assert shear_cell.solid_fraction_law(np.array([0.0, 0.5, 1.0])) == pytest.approx([0.6, 0.55, 0.5])
+
+
 def test_friction_and_inertial_number_of_a_uniform_flow():
     """Shear of 10 per second, 1 mm, 2,500 kg/m3, 250 Pa: I = 10 x 1e-3 / sqrt(250 / 2500); tau / P = 100 / 250."""
     layers, times = 8, np.arange(1, 11) * 0.1
