@@ -73,6 +73,11 @@ def box_of(deck: Deck, is_mesh: bool = False) -> Box:
 def _along(deck: Deck, box: Box, axis: int, planes: list[DeckWall], content: Region | None) -> None:
     """Sides and planes across one axis."""
     names = SIDES[deck.dimension][axis]
+    tubes = [one for one in box.walls if one.shape == "cylinder" and one.axis != axis]
+    if deck.boundary[axis].startswith("p") and not box.is_mesh and tubes:
+        reason = "the deck is periodic there, but a tube stands across it: the sides are walls behind the tube"
+        deck.notes.say(" and ".join(names), DIFFERS, reason)
+        return
     if deck.boundary[axis].startswith("p") and not box.is_mesh:
         box.boundary[names[0]] = {"kind": "periodic"}
         for one in planes:

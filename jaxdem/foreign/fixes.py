@@ -16,6 +16,9 @@ from jaxdem.foreign.words import integer, numbers
 
 Handler = Callable[[Deck, list[str]], Answer]
 
+ROUNDING = 1e-12
+"""Part of gravity that is the rounding of an angle."""
+
 GRAVITY = "gravity"
 """What the fix of gravity has become."""
 
@@ -146,7 +149,7 @@ def gravity(deck: Deck, words: list[str]) -> Answer:
         direction, length = [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)], 1.0
     else:
         raise Unknown(f"gravity of style {words[5]} has no counterpart; use vector")
-    found = [0.0 if size == 0.0 or not c else size * c / length for c in direction]
+    found = [0.0 if size == 0.0 or abs(c) < ROUNDING * length else size * c / length for c in direction]
     if deck.dimension == 2 and found[2]:
         raise Unknown("gravity across the plane of a two-dimensional deck has no counterpart")
     deck.model.gravity, deck.fixes[words[1]] = found, GRAVITY

@@ -44,7 +44,8 @@ def restitution(
             step / 6.0 * (a + 2.0 * b + 2.0 * c + d) for a, b, c, d in zip(first, second, third, last, strict=True)
         ]
         if overlap + changes[0] <= 0.0 and rate < 0.0:
-            return min(1.0, -rate / speed)
+            part = overlap / -changes[0]  # of the last step, up to the end of the contact
+            return min(1.0, -(rate + part * changes[1]) / speed)
         overlap, rate = overlap + changes[0], rate + changes[1]
     return 0.0
 
