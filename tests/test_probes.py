@@ -183,6 +183,7 @@ PROFILE = {"name": "a", "kind": "profile"}
         ({"name": "a", "kind": "wall", "side": "front"}, "the box has no such side"),
         ({"name": "a", "kind": "wall", "side": "right"}, "is no wall: the fluid passes through it"),
         ({"name": "a", "kind": "wall", "wall": 0}, "the scene has 0 tables"),
+        ({"name": "a", "kind": "wall", "wall": "gate"}, r"wall = 'gate': no wall has this name; named are none"),
         ({"name": "a", "kind": "wall", "side": "left", "about": [0.0, 0.0]}, "there is no torque to measure"),
         ({"name": "a", "kind": "contacts", "average": True}, "contacts are those at a time"),
         ({"name": "a", "kind": "contacts", "window": 0.01}, r"window = 0\.01: contacts are those at a time"),
@@ -192,6 +193,21 @@ PROFILE = {"name": "a", "kind": "profile"}
 def test_wrong_probes_are_refused(probe, match):
     with pytest.raises(InputError, match=match):
         build_case(jaxdem.load_scene({**SHEET, "probes": [PLANE, probe]}))
+
+
+def test_walls_have_names():
+    """A probe by the name of a wall is that by its number; two walls of one name are refused."""
+    plane = {"kind": "plane", "point": [0.39, 0.0], "normal": [-1.0, 0.0]}
+    walls = [{"kind": "plane", "point": [0.01, 0.0], "normal": [1.0, 0.0]}, plane | {"name": "gate"}]
+    probes = [{"name": name, "kind": "wall", "wall": wall} for name, wall in (("a", "gate"), ("b", 1))]
+    scene = jaxdem.load_scene(SHEET | {"walls": walls, "probes": probes})
+    by_name, by_number = (one.probe for one in build_case(scene).probes)
+    assert by_name.surfaces == by_number.surfaces == (1,) and by_name.about == (0.39, 0.0)
+    assert jaxdem.load_scene(scene.tables()).probes[0].wall == "gate"
+    with pytest.raises(InputError, match=r"probes\.0\.wall = 'door': no wall has this name; named are gate"):
+        jaxdem.load_scene(SHEET | {"walls": walls, "probes": [probes[0] | {"wall": "door"}]})
+    with pytest.raises(InputError, match=r"walls\.1\.name = 'gate': is the name of another wall too"):
+        jaxdem.load_scene(SHEET | {"walls": [walls[0] | {"name": "gate"}, walls[1]]})
 
 
 def test_contacts_in_single_precision_have_exact_numbers(monkeypatch):

@@ -224,6 +224,7 @@ def plot(
     out: options.PlotOut = None,
     time: options.SnapshotTime = None,
     color: options.Colour = options.Color.velocity,
+    forces: options.Forces = False,
 ) -> None:
     """Draw the metrics of a run over time, and its particles and fluid at one time."""
     place = run / "plots" if out is None else out
@@ -234,7 +235,7 @@ def plot(
         prepare_file(place, run)
     else:
         prepare_folder(place)
-    files = plot_run(loaded, place, time=time, color=color.value)
+    files = plot_run(loaded, place, time=time, color=color.value, forces=forces)
     for file in files:
         terminal.line(f"Wrote {file}")
 

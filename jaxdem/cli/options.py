@@ -118,6 +118,9 @@ PlotOut = Annotated[
 SnapshotTime = Annotated[
     float | None, Option("--time", metavar="T", help="Time of the snapshot [s]; the last output by default.")
 ]
+Forces = Annotated[
+    bool, Option("--forces", help="Draw forces in contacts as lines; of a run with a probe of kind contacts.")
+]
 FrameRate = Annotated[float, Option("--fps", metavar="N", help="Outputs per second of film.")]
 StudyScale = Annotated[
     Scale, Option("--scale", help="demo: a few minutes. paper: that of the source paper; needs the source code.")

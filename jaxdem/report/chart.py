@@ -23,6 +23,10 @@ from jaxdem.report import style
 from jaxdem.report.runs import Array
 
 COLUMNS = 3
+LABEL = 2.0
+"""Longest label beside an axis [inch]."""
+X_TICKS = 5
+"""Most intervals between the numbers of an x axis: more of them touch."""
 MAX_POINTS = 2000
 """Longer series are thinned evenly for the page; errors are taken of every output."""
 
@@ -44,6 +48,7 @@ class Series:
         marker: a key of `style.MARKERS`, "" for a line alone.
         size: of the markers [pt].
         note: more to read under the pointer.
+        place: what tells it from other series of its label; a file lists the places within the panel.
     """
 
     label: str
@@ -57,6 +62,7 @@ class Series:
     hollow: bool = False
     steps: bool = False
     note: str = ""
+    place: str = ""
 
 
 @dataclass(frozen=True)
@@ -95,22 +101,27 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
     for number, panel in enumerate(panels):
         shared = axes[0] if axes and shares else None
         axis = figure.add_subplot(math.ceil(len(panels) / columns), columns, number + 1, sharex=shared)
+        places: dict[str, Artist] = {}
         for one in panel.series:
-            axis.plot(
+            (line,) = axis.plot(
                 one.x, one.y, color=one.color, linestyle=style.DASHES.get(one.line, ""), linewidth=one.width,
                 marker=style.MARKERS.get(one.marker, ""), markersize=one.size, label=style.escaped(one.label),
                 markerfacecolor="white" if one.hollow else one.color, markeredgewidth=one.width if one.hollow else 0.8,
                 markeredgecolor=one.color if one.hollow else "white", drawstyle="steps-post" if one.steps else None,
             )  # fmt: skip
+            places.setdefault(one.place, line)
         lowest = number + columns >= len(panels) or not shares
-        axis.set(xlabel=panel.x_label if lowest else "", ylabel=panel.y_label)
+        axis.set(xlabel=panel.x_label if lowest else "", ylabel=_in_lines(panel.y_label))
         axis.tick_params(labelbottom=lowest)
         if not panel.series:
             axis.text(0.5, 0.5, panel.note, transform=axis.transAxes, ha="center", va="center", color="#666666")
             axis.set_yticks([])
         else:
             axis.set_title(panel.note, color=style.INVALID)
-            axis.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
+            axis.ticklabel_format(axis="both", scilimits=(-3, 4), useMathText=True)
+            axis.locator_params(axis="x", nbins=X_TICKS)
+            if len(places) > 1:
+                axis.legend(places.values(), places.keys(), fontsize=7, ncols=1 + len(places) // 6)
         if panel.logarithmic:
             axis.set(xscale="log", yscale="log")
         if panel.x_limits:
@@ -125,6 +136,11 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
                 which.set_minor_locator(NullLocator())
         axes.append(axis)
     return axes
+
+
+def _in_lines(label: str) -> str:
+    """A label that is longer than a panel is high, in two lines: what measures, and what is measured."""
+    return label.replace(": ", ":\n", 1) if style.text_width(label) > LABEL else label
 
 
 def log_ticks(low: float, high: float) -> list[float]:

@@ -16,6 +16,8 @@ from matplotlib.lines import Line2D
 
 from jaxdem.errors import InputError
 from jaxdem.io import Run
+from jaxdem.report import force_lines
+from jaxdem.report.force_lines import ForceLines, draw_force_lines
 from jaxdem.report.runs import Array, domain_size
 from jaxdem.report.walls import INLET, OUTLET, Opening, Solid, openings, solid
 
@@ -65,6 +67,7 @@ class Picture:
         speed: fluid speed (nx, nz) [m/s], in 3-D averaged over the depth; None without fluid.
         walls: beside the box's sides; None without.
         openings: where fluid or grains come in or leave.
+        forces: in contacts, drawn as lines; None for none.
     """
 
     time: float
@@ -74,6 +77,7 @@ class Picture:
     speed: Array | None
     walls: Solid | None = None
     openings: Sequence[Opening] = ()
+    forces: ForceLines | None = None
 
 
 def nearest(run: Run, time: float, until: float) -> int | None:
@@ -222,6 +226,8 @@ def draw(
     )  # fmt: skip
     discs.set_array(picture.values.get(color, np.zeros_like(picture.radius)))
     axis.add_collection(discs, autolim=False)
+    if picture.forces is not None:
+        draw_force_lines(axis, picture.forces)
 
 
 def _draw_walls(axis: Axes, walls: Solid, box: tuple[float, float]) -> None:
@@ -254,8 +260,10 @@ def add_legends(
                 aspect=min(inches, 7.0) / 0.14,
             )  # fmt: skip
     kinds = {opening.kind for picture in shown for opening in picture.openings}
-    if kinds:
-        handles = [
-            Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds
-        ]
+    handles = [Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds]
+    for picture in shown:
+        if picture.forces is not None:
+            label = f"normal force in a contact, up to {picture.forces.largest:.3g} N"
+            handles.append(Line2D([], [], color=force_lines.COLOR, linewidth=force_lines.WIDEST, label=label))
+    if handles:
         figure.legend(handles=handles, loc="outside lower right", ncols=2)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxdem.report import style
 from jaxdem.report.chart import Panel, Series
 from jaxdem.report.comparison import Row
 from jaxdem.report.runs import Array
@@ -32,7 +33,7 @@ def probe_panels(rows: Sequence[Row]) -> list[Panel]:
             for column in _shown(described, table):
                 panel = found.setdefault(f"{name}/{column}", _axes(row, name, column, described))
                 if panel.x_label == _axes(row, name, column, described).x_label:
-                    found[f"{name}/{column}"] = _with(panel, _series(row, table, column, described))
+                    found[f"{name}/{column}"] = _with(panel, _series(row, table, column, described, len(rows) == 1))
     return list(found.values())
 
 
@@ -80,21 +81,32 @@ def _with(panel: Panel, series: Iterator[Series]) -> Panel:
     return Panel(panel.x_label, panel.y_label, [*panel.series, *series])
 
 
-def _series(row: Row, table: dict[str, Array], column: str, described: dict[str, Any]) -> Iterator[Series]:
-    """The last profile; else a line over time for every place."""
+def _series(row: Row, table: dict[str, Array], column: str, described: dict[str, Any], alone: bool) -> Iterator[Series]:
+    """The last profile; else a line over time for every place: by the dash, of a run alone by the colour."""
     look, axis = row.look, described.get("axis") if described.get("kind") == "profile" else None
     if axis:
         last = table["time"] == table["time"][-1]
         known = table[column][last]
         yield Series(row.label, known, table[axis][last], look.color, look.dash, look.width, _marker(known))
         return
-    places = len(table["time"]) // len(np.unique(table["time"]))
-    for place in range(places):
-        values = slice(place, None, places)
+    number = len(table["time"]) // len(np.unique(table["time"]))
+    for index in range(number):
+        values, place = slice(index, None, number), _place(table, index, number)
         time, known = table["time"][values], table[column][values]
-        note = f"place {place + 1} of {places}" if places > 1 else ""
-        marker = _marker(known)
-        yield Series(row.label, time, known, look.color, look.dash, look.width, marker, note=note)
+        around, color, dash = divmod(index, len(style.COLOURS)), look.color, look.dash
+        if alone and number > 1:
+            color, dash = style.COLOURS[around[1]], style.RUN_DASHES[around[0] % len(style.RUN_DASHES)]
+        elif number > 1:
+            dash = style.RUN_DASHES[(style.RUN_DASHES.index(dash) + index) % len(style.RUN_DASHES)]
+        yield Series(row.label, time, known, color, dash, look.width, _marker(known), 6.0, note=place, place=place)
+
+
+def _place(table: dict[str, Array], index: int, number: int) -> str:
+    """What tells a place of a probe from its others: where it is; of its only place nothing."""
+    if number == 1:
+        return ""
+    where = ", ".join(f"{table[axis][index]:g}" for axis in "xyz" if axis in table)
+    return f"({where}) m" if where else f"place {index + 1} of {number}"
 
 
 def _marker(values: Array) -> str:

@@ -6,6 +6,7 @@ Example:
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from jaxdem.report import chart, pictures, style
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import folder_name, row_of_one
 from jaxdem.report.figures import metrics_panels
+from jaxdem.report.force_lines import force_lines
 from jaxdem.report.pictures import Picture, Tops
 from jaxdem.report.probes import probe_panels
 
@@ -27,7 +29,9 @@ LONG_SIDE, SHORTEST = 8.0, 5.2
 """Longer side of the picture of a frame and least width of its figure [inch]."""
 
 
-def plot_run(run: Run, out: Path, *, time: float | None = None, color: str = "velocity") -> list[Path]:
+def plot_run(
+    run: Run, out: Path, *, time: float | None = None, color: str = "velocity", forces: bool = False
+) -> list[Path]:
     """Draw the metrics of a run over time, its particles over the fluid's speed at one time, and its probes if any.
 
     Args:
@@ -36,16 +40,20 @@ def plot_run(run: Run, out: Path, *, time: float | None = None, color: str = "ve
             snapshot.png and, of a run with probes, probes.png.
         time: of the snapshot [s], the nearest output is taken; the last one if None.
         color: of the particles, "velocity" or "drag".
+        forces: in contacts, as lines in the snapshot; of a run with a probe of kind "contacts".
 
     Returns:
         The files written.
 
     Raises:
-        InputError: no output yet, a time outside the run, a colour or ending that is not known.
+        InputError: no output yet, a time outside the run, a colour or ending that is not known, or no list of contacts
+            to draw.
     """
     pictures.require(run, color)
-    single = is_file(out)
-    picture = pictures.take(run, frame_at(run, time))
+    single, index = is_file(out), frame_at(run, time)
+    picture = pictures.take(run, index)
+    if forces:
+        picture = dataclasses.replace(picture, forces=force_lines(run, index))
     panels, probes = metrics_panels([row_of_one(run)]), probe_panels([row_of_one(run)])
     (out.parent if single else out).mkdir(parents=True, exist_ok=True)
     with style.look():

@@ -135,15 +135,24 @@ def _check_wall(key: str, probe: Probe, place: ProbePlace) -> None:
         raise InputError(
             f"{key}.side", probe.side, "a probe of kind wall needs either side or wall", "give one of them"
         )
-    if probe.wall is not None and probe.wall >= len(place.walls):
-        number = len(place.walls)
+    if probe.wall is not None and number_of(probe.wall, place.walls) is None:
+        number, names = len(place.walls), [wall.name for wall in place.walls if wall.name is not None]
         limit = f"the scene has {number} tables [[walls]]" + (f", numbered 0 to {number - 1}" if number else "")
-        raise InputError(f"{key}.wall", probe.wall, limit, "give the number of one of them, or a side")
+        if isinstance(probe.wall, str):
+            limit = f"no wall has this name; named are {', '.join(names) or 'none'}"
+        raise InputError(f"{key}.wall", probe.wall, limit, "give the name or the number of one of them, or a side")
     if probe.side is not None:
         _check_side(f"{key}.side", probe.side, place)
     if probe.about is not None and not torque_axes(place.box.periodic):
         limit = "there is no torque to measure: it needs axes across it that are not periodic"
         raise InputError(f"{key}.about", probe.about, limit, "remove this key")
+
+
+def number_of(wall: int | str, walls: tuple[Wall, ...]) -> int | None:
+    """Number of the wall of a scene that has a name, or is known by its number; None where there is none."""
+    if isinstance(wall, str):
+        return next((k for k, one in enumerate(walls) if one.name == wall), None)
+    return wall if wall < len(walls) else None
 
 
 def _check_side(key: str, side: str, place: ProbePlace) -> None:

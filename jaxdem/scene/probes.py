@@ -63,7 +63,7 @@ class Probe(Section):
         points: of kind "point": points, each as a list of one number per axis [m].
         side: of kind "wall": a side of the box, such as "bottom". The force of the fluid is measured where the whole
             side is a wall or a free-slip side.
-        wall: of kind "wall", in place of `side`: number of the table of `[[walls]]`, from 0.
+        wall: of kind "wall", in place of `side`: name of one of `[[walls]]`, or number of its table, from 0.
         about: of kind "wall": point of the torque, one number per axis. Default: the middle of the
             side; `point`, `center` or `apex` of the wall [m].
         interval: time between two rows; a multiple of the coupling interval. Default: `time.output_interval` [s].
@@ -89,7 +89,7 @@ class Probe(Section):
     regions: Annotated[tuple[tuple[Vector, Vector], ...], Field(min_length=1)] | None = None
     points: Annotated[tuple[Vector, ...], Field(min_length=1)] | None = None
     side: Literal["left", "right", "front", "back", "bottom", "top"] | None = None
-    wall: Annotated[int, Field(ge=0, strict=True)] | None = None
+    wall: Annotated[int, Field(ge=0, strict=True)] | Annotated[str, Field(strict=True)] | None = None
     about: Vector | None = None
     interval: Positive | None = None
     begin: NonNegative = 0.0

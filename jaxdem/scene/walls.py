@@ -24,7 +24,7 @@ NEEDED = {
 }
 """Keys that each kind of wall must have, and what they are."""
 
-OF_ALL = ("material", "begin", "end")
+OF_ALL = ("name", "material", "begin", "end")
 OPTIONAL = {"plane": OF_ALL, "cylinder": ("axis", "inside", *OF_ALL), "wedge": OF_ALL}
 """Keys that it may have."""
 
@@ -33,6 +33,7 @@ class Wall(Section):
     """A wall that does not move. It has the constants of the walls of the box, or its own material.
 
     Attributes:
+        name: by which a probe finds it, different for each. Default: it has its number alone.
         kind: "plane", "cylinder" (of infinite length; in 2-D a circle) or "wedge" (two planes with the particles
             between them).
         point: a point of the plane [m].
@@ -52,6 +53,7 @@ class Wall(Section):
             [s].
     """
 
+    name: Annotated[str, Field(strict=True, min_length=1, max_length=100)] | None = None
     kind: Literal["plane", "cylinder", "wedge"]
     point: Vector | None = None
     normal: Direction | None = None
@@ -103,11 +105,14 @@ def check_walls(walls: tuple[Wall, ...], box: Box) -> None:
     """Refuses walls that do not fit the box.
 
     Raises:
-        InputError: a cylinder without an axis in 3-D or with one in 2-D, or a wall that changes along a periodic axis.
+        InputError: a cylinder without an axis in 3-D or with one in 2-D, a wall that changes along a periodic axis, or
+            a name that two have.
     """
     solid = len(box.size) == 3
     for k, wall in enumerate(walls):
         key = f"walls.{k}"
+        if wall.name is not None and wall.name in [other.name for other in walls[:k]]:
+            raise InputError(f"{key}.name", wall.name, "is the name of another wall too", "give each its own name")
         if wall.kind == "plane":
             box.check_same_along_periodic_axes(f"{key}.normal", wall.normal or ())
         elif wall.kind == "wedge":

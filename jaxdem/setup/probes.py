@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.numerics.axes import AXES
 from jaxdem.probes.base import Probe, Schedule, ScheduledProbe
 from jaxdem.probes.contacts import ContactsProbe
@@ -18,7 +18,7 @@ from jaxdem.probes.profile import ProfileProbe
 from jaxdem.probes.wall import WallProbe
 from jaxdem.scene import Scene
 from jaxdem.scene import probes as described
-from jaxdem.scene.probe_places import measured_at, torque_axes
+from jaxdem.scene.probe_places import measured_at, number_of, torque_axes
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.structure import Clock, TimeSteps
 
@@ -117,8 +117,9 @@ def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
     axes, turning = AXES[scene.dimension], torque_axes(scene.periodic)
     has = scene.particles is not None, scene.fluid is not None
     if probe.wall is not None:
-        before = [surface for wall in scene.walls[: probe.wall] for surface in surfaces_of(wall)]
-        wall = scene.walls[probe.wall]
+        number = required(number_of(probe.wall, scene.walls), "wall of the probe")
+        before = [surface for wall in scene.walls[:number] for surface in surfaces_of(wall)]
+        wall = scene.walls[number]
         own = tuple(range(len(before), len(before) + len(surfaces_of(wall))))
         about = probe.about or wall.point or wall.center or wall.apex or ()
         return WallProbe(probe.name, axes, None, own, about, turning, has[0], False)

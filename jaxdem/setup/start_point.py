@@ -138,7 +138,7 @@ def walls_of(scene: Scene, simulation: Simulation) -> list[str]:
     model = simulation.contact.model
     found = [scene.sides[2 * side.axis + (side.inward < 0)] for side in model.sides]
     for wall in scene.walls:
-        text = json.dumps(wall.model_dump(mode="json", exclude_none=True), sort_keys=True)
+        text = json.dumps(wall.model_dump(mode="json", exclude_none=True, exclude={"name"}), sort_keys=True)
         found += [f"{text} {part}" for part in range(len(surfaces_of(wall)))]
     functions = range(model.walls - len(found))
     return found + [f"function {k}" for k in functions]
