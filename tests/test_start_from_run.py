@@ -308,3 +308,23 @@ def test_initial_state_of_python_and_a_scene_without_particles_written(half):
     assert check_scene(scene).start["from"] == str(half.path)
     json.dumps(case.start_figures)
     assert Path(scene.start.from_).is_absolute()
+
+
+def test_a_merge_with_an_inlet(half):
+    """Those that have come in are merged; the inlet goes on with parcels, and those that wait never come."""
+    before = read_checkpoint(half.path / "checkpoint.h5")[0]
+    there = np.count_nonzero(before["state.particles.active"])
+    with pytest.raises(InputError, match=r"particles\.inlet\.0\.stop.*no particle of radius 0\.02"):
+        later(half, {"particles.coarse_grain": 2.0})
+    inlet = [SCENE["particles"]["inlet"][0] | {"start": [0.02, 0.15]}]
+    scene = later(half, {"particles.coarse_grain": 2.0, "particles.inlet": inlet, "coupling.virtual_mass": 0.0})
+    case, (state, _) = first_state(scene)
+    told, active = case.start_figures["merged"], np.asarray(state.particles.active)
+    assert told["particles"] == there and told["parcels"] == there // 4 == np.count_nonzero(active)
+    waiting = len(before["inlet/0/rows"]) - int(before["state.particles.inserted"][0])
+    assert told.get("never_inserted", 0) == waiting
+    # As many parcels as grains come in a time; each is due after the start.
+    assert len(active) - there // 4 == pytest.approx(90.0 * (END - HALF), abs=1.0)
+    assert (np.asarray(case.simulation.population.inlets[0].due) > int(state.step)).all()
+    solids = (1.0 - np.asarray(state.fluid.void_fraction, float)).sum() * 0.05**2 * 0.04
+    assert solids == pytest.approx(there // 4 * 4 * 4.0 / 3.0 * np.pi * RADIUS**3, rel=1e-5)
