@@ -34,7 +34,8 @@ def closure_of(case: Case, folder: Path) -> DragClosure | None:
 
 
 def train(cases: Sequence[Case], folder: Path, seed: int = 0) -> None:
-    """Regression and network, fitted to all cases but the last, which is held out; what is there is not done again."""
+    """Regression and network, fitted to fine runs; of a single one the last part of its time is held out,
+    of several the last. What is there is not done again."""
     files = []
     for case in cases:
         files.append(folder / f"{case.folder}.dataset.h5")
@@ -43,7 +44,7 @@ def train(cases: Sequence[Case], folder: Path, seed: int = 0) -> None:
     for name, hidden in HIDDEN.items():
         path = folder / f"{name}.closure.h5"
         if not path.exists():
-            settings = FitSettings.filtered(hidden=hidden, seed=seed, epochs=60)
+            settings = FitSettings.filtered(hidden=hidden, seed=seed, epochs=40)
             found = fit_filtered([read_dataset(file) for file in files], settings)
             save_closure(path, found.closure, found.metadata)
 
