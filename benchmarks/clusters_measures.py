@@ -14,6 +14,8 @@ from jaxdem.io import Run
 
 DROPPED = 10
 """Relaxation times at the start that are not measured."""
+FRAMES = 50
+"""Largest number of frames from which drag and variances are taken, evenly over the time."""
 BLOCKS = 6
 """Equal parts of the rest, whose means give the standard error of the mean."""
 SCALES = (12, 24)
@@ -31,7 +33,8 @@ def measured(case: Case, run: Run, dropped: float = DROPPED) -> dict[str, Any]:
     lines, terminal = run.probes["box"], terminal_speed(case)
     slip = lines["fluid_velocity_z"] - lines["velocity_z"]
     steady = lines["time"] > (dropped + 0.25) * RELAXATION
-    frames = [n for n, now in enumerate(run.times) if now > (dropped - 0.5) * RELAXATION]
+    late = [n for n, now in enumerate(run.times) if now > (dropped - 0.5) * RELAXATION]
+    frames = late[:: math.ceil(len(late) / FRAMES)]
     series: dict[str, list[float]] = {"drag": []}
     for frame in frames:
         particles, fluid = run.particles(frame), run.fluid(frame)
@@ -41,7 +44,7 @@ def measured(case: Case, run: Run, dropped: float = DROPPED) -> dict[str, Any]:
         now = float((void * fluid["velocity"][..., 1]).sum() / void.sum() - particles["velocity"][:, 1].mean())
         series["drag"].append(force / float(uniform_drag(case, now)))
         for scale in SCALES:
-            for name, value in variances(case, run, frame, scale, terminal).items():
+            for name, value in variances(case, particles, fluid, scale).items():
                 series.setdefault(f"{name}_{scale}", []).append(value)
     result = {"slip": with_error(slip[steady] / terminal)}
     return result | {name: with_error(np.asarray(values)) for name, values in series.items()}
@@ -53,26 +56,21 @@ def with_error(values: np.ndarray) -> dict[str, float]:
     return {"mean": float(values.mean()), "error": float(np.std(blocks, ddof=1) / math.sqrt(len(blocks)))}
 
 
-def variances(case: Case, run: Run, frame: int, scale: int, terminal: float) -> dict[str, float]:
-    """Of the fields over cells of `scale` diameters, see `measured`."""
+def variances(
+    case: Case, particles: dict[str, np.ndarray], fluid: dict[str, np.ndarray], scale: int
+) -> dict[str, float]:
+    """Of the fields of a frame over cells of `scale` diameters, see `measured`."""
     cells = (round(case.box[0] / scale), round(case.box[1] / scale))
-    particles, fluid = run.particles(frame), run.fluid(frame)
-    assert fluid is not None
-    number, velocity = in_cells(particles["position"][:, :2], particles["velocity"][:, 1], run_size(run), cells)
+    size, terminal = case.diameter * np.asarray(case.box), terminal_speed(case)
+    number, velocity = in_cells(particles["position"][:, :2], particles["velocity"][:, 1], size, cells)
     void = over_cells(fluid["void_fraction"], cells)
     gas = over_cells(fluid["void_fraction"] * fluid["velocity"][..., 1], cells) / void
     mean = float((number * velocity).sum() / number.sum())
-    solids = number / number.mean()
     return {
-        "solids": float(np.var(solids)),
+        "solids": float(np.var(number / number.mean())),
         "grains": float((number * (velocity - mean) ** 2).sum() / number.sum()) / terminal**2,
         "gas": float(np.average((gas - np.average(gas, weights=void)) ** 2, weights=void)) / terminal**2,
     }
-
-
-def run_size(run: Run) -> np.ndarray:
-    """Width and height of the box [m]."""
-    return np.asarray(run.scene["domain"]["size"], float)
 
 
 def in_cells(

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import time
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +130,7 @@ def uniform_drag(case: Case, slip: np.ndarray | float) -> np.ndarray:
     return 3.0 * math.pi * viscosity * case.diameter * multiple * slip
 
 
+@cache
 def terminal_speed(case: Case) -> float:
     """Of a single grain, by the law of the scene [m/s]."""
     single = dataclasses.replace(case, solid_fraction=0.0)
