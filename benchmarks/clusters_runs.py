@@ -20,6 +20,8 @@ from jaxdem.scene import Scene
 SCENE = Path(__file__).parents[1] / "scenes" / "clusters.toml"
 GRAVITY, GRAIN_DENSITY, DENSITY, VISCOSITY = 9.81, 1500.0, 1.3, 1.38e-5
 """Of the scene [m/s2], [kg/m3], [kg/m3], [m2/s]."""
+MODULUS = 2e4
+"""Of the runs, softer than in the scene: the contact step is longer [Pa]."""
 RELAXATION = 0.022
 """Time in which frames follow each other, one relaxation time of the scene's grain [s]."""
 
@@ -90,6 +92,7 @@ class Case:
                 "particles.radius": self.diameter / 2.0,
                 "particles.coarse_grain": float(self.parcel),
                 "particles.pack.stop": size,
+                "contact.young_modulus": MODULUS,
                 "fluid.cells": [round(side / self.cell) for side in self.box],
                 "fluid.pressure_gradient": [0.0, -weight],
                 "fluid.time_step": self.step,
