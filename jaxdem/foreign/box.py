@@ -101,10 +101,10 @@ def _end(deck: Deck, box: Box, axis: int, upper: bool, planes: list[DeckWall]) -
     """One end of the box along an axis, with the planes that the particles lie on one side of."""
     name = SIDES[deck.dimension][axis][upper]
     corner = box.upper if upper else box.lower
-    near = AT_THE_END * (deck.upper[axis] - deck.lower[axis])
     if box.is_mesh:
-        _end_of_mesh(deck, box, name, corner[axis], upper, planes, near)
+        _end_of_mesh(deck, box, axis, upper, planes)
         return
+    near = AT_THE_END * (deck.upper[axis] - deck.lower[axis])
     reach = corner[axis] if deck.boundary[axis][upper] == "f" else None
     lasting = []
     for one in planes:
@@ -160,12 +160,17 @@ def _open(deck: Deck, box: Box, axis: int, upper: bool, vanishes: bool) -> None:
         box.boundary[name] = {"particles": "remove"}
         deck.notes.say(name, TAKEN, f"no wall along {AXES[axis]} there: particles that leave are removed")
         return
+    if any(one.shape == "cylinder" and one.inside and one.axis != axis for one in box.walls):
+        deck.notes.say(name, NOTHING, "the side stands behind a tube")
+        return
     reason = f"the deck has no wall along {AXES[axis]} there; a side of a scene is one, and stays where it is"
     deck.notes.say(name, DIFFERS, reason)
 
 
-def _end_of_mesh(deck: Deck, box: Box, name: str, end: float, upper: bool, planes: list[DeckWall], near: float) -> None:
+def _end_of_mesh(deck: Deck, box: Box, axis: int, upper: bool, planes: list[DeckWall]) -> None:
     """Planes at a side of the mesh of a fluid, which holds the particles back itself."""
+    name, end = SIDES[deck.dimension][axis][upper], (box.upper if upper else box.lower)[axis]
+    near = AT_THE_END * (deck.upper[axis] - deck.lower[axis])
     for one in planes:
         inwards = end - one.coordinate if upper else one.coordinate - end
         if inwards > near:

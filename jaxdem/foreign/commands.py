@@ -121,6 +121,7 @@ def create_box(deck: Deck, words: list[str]) -> Answer:
 def timestep(deck: Deck, words: list[str]) -> Answer:
     """`timestep DT`."""
     deck.model.time_step = numbers(words[1:], 1)[0] * deck.unit.time
+    deck.model.time_step_line = deck.line
     return TAKEN, f"contact.time_step; at most {deck.model.time_step:g} s, so that steps divide the interval"
 
 
@@ -181,6 +182,7 @@ def thermo_modify(deck: Deck, words: list[str]) -> Answer:
 def atom_style(deck: Deck, words: list[str]) -> Answer:
     """`atom_style granular`."""
     if words[1] not in ("granular", "sphere"):
+        deck.odd_particles = words[1]
         raise Unknown(f"particles of style {words[1]} have no counterpart; a scene has spheres")
     return TAKEN, "spheres, as [particles] has them"
 

@@ -19,7 +19,8 @@ from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Note, Notes, unr
 from jaxdem.foreign.scene_tables import Written, added_tables, inlet_tables, merged, model_tables, shared_tables
 from jaxdem.foreign.script import commands
 from jaxdem.foreign.stages import Part, joined, part_of, staged
-from jaxdem.scene import load_scene
+from jaxdem.foreign.steps import check_steps
+from jaxdem.scene import Scene, load_scene
 
 
 class Imported(NamedTuple):
@@ -73,8 +74,11 @@ def import_deck(deck: Path, out: Path) -> Imported:
     _require_enough(found, script, case)
     data_name = "" if not found.data_file else os.path.relpath(script.parent / found.data_file["name"], out.parent)
     written = Written(out.stem)
-    tables = _tables(found, written, data_name, case)
-    _check(tables, written, out.parent, script)
+    try:
+        tables = _tables(found, written, data_name, case, out.parent)
+        _loaded(tables, written, out.parent)
+    except InputError as error:
+        raise unreadable(str(script), f"gives a scene that is refused: {error}", "correct the deck") from None
     return Imported(_with_notes(script, tables, notes), list(notes), written.texts)
 
 
@@ -95,7 +99,7 @@ def _forget_what_follows(deck: Deck) -> None:
             deck.notes.amend(line, NOTHING, "it stands after the last run")
 
 
-def _tables(deck: Deck, written: Written, data_name: str, case: FluidCase | None) -> dict[str, Any]:
+def _tables(deck: Deck, written: Written, data_name: str, case: FluidCase | None, folder: Path) -> dict[str, Any]:
     """The scene; each run of the deck is a part of it, and a case has one more, with the fluid."""
     box = box_of(deck, is_mesh=case is not None)
     shared = shared_tables(deck, box, written, data_name)
@@ -107,12 +111,14 @@ def _tables(deck: Deck, written: Written, data_name: str, case: FluidCase | None
         tables = merged(merged(shared, model_tables(deck, box, deck.model)), case.tables)
         start = added_tables(deck, box, written, deck.segment) if deck.segments else {}
         lines = [case.line]
-        parts.append(Part("coupled", tables, deck.time, deck.time + case.duration, case.output, start, lines))
+        step = deck.model.time_step_line
+        parts.append(Part("coupled", tables, deck.time, deck.time + case.duration, case.output, start, lines, step))
     parts = joined(parts)
     for part in parts:
         inlets = inlet_tables(deck, box, part.end)
         if inlets:
             part.tables = merged(part.tables, {"particles": {"inlet": inlets}})
+    check_steps(deck, parts, lambda tables: _loaded(tables, written, folder))
     return staged(deck, parts)
 
 
@@ -120,6 +126,7 @@ def _require_enough(found: Deck, deck: Path, case: FluidCase | None) -> None:
     contact = found.model.contact
     lacking = {
         "units (units si)": found.units is None,
+        f"spheres (the atom style is {found.odd_particles})": bool(found.odd_particles),
         "a box (create_box or read_data)": not found.lower,
         "a contact model (pair_style)": contact is None,
         "particles (read_data, create_atoms, insert/pack, insert/rate/region or pour)": not found.has_particles,
@@ -134,16 +141,12 @@ def _require_enough(found: Deck, deck: Path, case: FluidCase | None) -> None:
         raise unreadable(str(deck), limit, "add these lines, or write a scene by hand")
 
 
-def _check(tables: dict[str, Any], written: Written, folder: Path, deck: Path) -> None:
-    """Refuses tables that are no scene: the deck asks for something that a scene cannot have."""
+def _loaded(tables: dict[str, Any], written: Written, folder: Path) -> Scene:
+    """The scene of tables that will stand in a folder, with files that are not there yet."""
     with tempfile.TemporaryDirectory() as aside:
         for name, text in written.texts.items():
             (Path(aside) / name).write_text(text, encoding="utf-8")
-        given = _with_places(tables, written, Path(aside), folder)
-        try:
-            load_scene(given)
-        except InputError as error:
-            raise unreadable(str(deck), f"gives a scene that is refused: {error}", "correct the deck") from None
+        return load_scene(_with_places(tables, written, Path(aside), folder))
 
 
 def _with_places(value: Any, written: Written, aside: Path, folder: Path, key: str = "") -> Any:

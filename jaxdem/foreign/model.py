@@ -141,6 +141,7 @@ class Model:
         contact: the contact law; None before it is given.
         properties: by name of LIGGGHTS: values for each type, or for each pair of types.
         time_step: [s].
+        time_step_line: number of the note on it.
         output_steps: steps between two outputs; 0 without.
     """
 
@@ -148,6 +149,7 @@ class Model:
     contact: ContactModel | None = None
     properties: dict[str, list[float]] = field(default_factory=dict)
     time_step: float = 0.0
+    time_step_line: int = 0
     output_steps: int = 0
 
 
@@ -181,6 +183,7 @@ class Deck:
         boundary: kinds of both ends of each axis, such as "ff".
         lower, upper: corners of the box [m]; empty before it is known.
         types: number of types of particles.
+        odd_particles: style of the particles if they are no spheres.
         lost: "error" or "ignore": what happens to particles that leave the box.
         walls: of the grains, in the order of the deck.
         wall_models: number of the note of each wall of LAMMPS, and its contact model.
@@ -206,6 +209,7 @@ class Deck:
     lower: list[float] = field(default_factory=list)
     upper: list[float] = field(default_factory=list)
     types: int = 1
+    odd_particles: str = ""
     lost: str = "error"
     walls: list[DeckWall] = field(default_factory=list)
     wall_models: list[tuple[int, Any]] = field(default_factory=list)

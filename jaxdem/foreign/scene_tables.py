@@ -13,7 +13,8 @@ from jaxdem.foreign.box import Box, wall_tables
 from jaxdem.foreign.model import Deck, Insertion, Kind, Model
 from jaxdem.foreign.notes import DIFFERS, LEFT, Unknown
 from jaxdem.foreign.region import plain
-from jaxdem.particles.packing import random_pack
+from jaxdem.particles.packing import REACHABLE, random_pack
+from jaxdem.particles.regions import ball_size
 
 
 class Written:
@@ -160,6 +161,9 @@ def _draw_places(deck: Deck, atoms: Atoms) -> None:
 
 def _pack(deck: Deck, one: Insertion, box: Box) -> dict[str, Any]:
     table: dict[str, Any] = {"kind": "random", "spacing": 1.0, "region": one.region.table(box.shift, deck.axes)}
+    if _fraction(deck, one) > REACHABLE[deck.dimension]:
+        table["kind"] = "grown"
+        deck.notes.differ(one.line, 'kind = "grown", because a random pack is not so dense')
     if one.count is not None:
         table["count"] = one.count
     else:
@@ -167,6 +171,17 @@ def _pack(deck: Deck, one: Insertion, box: Box) -> dict[str, Any]:
     if any(one.velocity):
         table["velocity"] = [plain(one.velocity[k]) for k in deck.axes]
     return table | kinds_table(one.kinds, deck.types > 1)
+
+
+def _fraction(deck: Deck, one: Insertion) -> float:
+    """Solid fraction of a pack [-]."""
+    if one.solid_fraction is not None:
+        return one.solid_fraction
+    power = deck.dimension
+    size = sum(
+        kind.share * (kind.mean_cube if power == 3 and kind.mean_cube else kind.radius**power) for kind in one.kinds
+    )
+    return (one.count or 0) * ball_size(power) * size / one.region.space(deck.axes).volume
 
 
 def _inlet(deck: Deck, one: Insertion, box: Box) -> dict[str, Any]:

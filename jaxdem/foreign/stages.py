@@ -9,6 +9,9 @@ from jaxdem.foreign.model import Deck, Segment
 from jaxdem.foreign.notes import DIFFERS, TAKEN
 from jaxdem.foreign.region import plain
 
+CLOSE = 0.02
+"""Part by which the time between two outputs may differ without a word on it."""
+
 FRAMES = 10
 """Of a run whose deck writes no particles."""
 
@@ -25,6 +28,7 @@ class Part:
         output: time between two outputs that the deck asks for; 0 without [s].
         start: of the stage: what is done to the particles when it begins.
         lines: numbers of the notes of its runs.
+        step_line: number of the note on its time step.
     """
 
     name: str
@@ -34,12 +38,14 @@ class Part:
     output: float
     start: dict[str, Any] = field(default_factory=dict)
     lines: list[int] = field(default_factory=list)
+    step_line: int = 0
 
 
 def part_of(segment: Segment, tables: dict[str, Any], start: dict[str, Any]) -> Part:
     """A run as a part."""
     output = segment.model.output_steps * segment.model.time_step
-    return Part(segment.name, tables, segment.begin, segment.end, output, start, [segment.line])
+    line = segment.model.time_step_line
+    return Part(segment.name, tables, segment.begin, segment.end, output, start, [segment.line], line)
 
 
 def joined(parts: list[Part]) -> list[Part]:
@@ -107,5 +113,7 @@ def _time(deck: Deck, part: Part) -> dict[str, Any]:
         if not any(note.text == "output" for note in deck.notes):
             deck.notes.say("output", DIFFERS, f"the deck writes no particles: {FRAMES} frames of each run")
     elif abs(duration / part.output - outputs) > 1e-6:
-        deck.notes.say("output", DIFFERS, f"{outputs} frames of {duration:g} s: the interval must divide the run")
+        close = abs(duration / part.output / outputs - 1.0) < CLOSE
+        reason = f"time.output_interval is {duration / outputs:.6g} s, so that it divides the run of {duration:g} s"
+        deck.notes.say("output", TAKEN if close else DIFFERS, reason)
     return {"end": plain(part.end), "output_interval": plain(duration / outputs)}

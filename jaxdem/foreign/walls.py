@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from jaxdem.foreign.contact_lammps import LammpsContact, granular_model, old_model
-from jaxdem.foreign.contact_liggghts import contact_words
+from jaxdem.foreign.contact_lammps import LammpsContact
+from jaxdem.foreign.contact_liggghts import LiggghtsContact, contact_words
+from jaxdem.foreign.gran_models import granular_model, old_model
 from jaxdem.foreign.model import Deck, DeckWall
 from jaxdem.foreign.notes import DIFFERS, TAKEN, Answer, Unknown
 from jaxdem.foreign.region import AXES
@@ -40,7 +41,9 @@ def _liggghts(deck: Deck, words: list[str]) -> Answer:
     else:
         raise Unknown(f"walls of shape {shape} have no counterpart")
     made.material = material
-    different = [] if kind == TAKEN else [reason.removeprefix("contact.law; ")]
+    of_pairs = deck.model.contact
+    alike = isinstance(of_pairs, LiggghtsContact) and of_pairs.words == given
+    different = [] if alike or kind == TAKEN else [reason.removeprefix("contact.law; ")]
     different += _moving(deck, [made], more)
     deck.walls.append(made)
     deck.fixes[words[1]] = [made]
