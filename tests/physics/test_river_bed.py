@@ -20,7 +20,7 @@ SMALL = {
     "domain.size": [LENGTH, WIDTH, HEIGHT],
     "particles.count": 75,
     "particles.pack.stop": [LENGTH, WIDTH, 0.0068],
-    "fluid.cells": [4, 4, 6],
+    "fluid.cells": [4, 4, 12],
     "fluid.bulk_velocity": None,
     "fluid.drive_times": None,
     "fluid.pressure_gradient": [0.0, 0.0, 0.0],
@@ -41,7 +41,7 @@ def small():
         gradient = -shields * WEIGHT * DIAMETER / DEPTH
         drive = parameters.fluid.drive._replace(pressure_gradient=jnp.asarray([gradient, 0.0, 0.0], jnp.float32))
         changed = parameters._replace(fluid=parameters.fluid._replace(drive=drive))
-        end = run(simulation, changed, state, neighbors, steps=200, reversible=False)
+        end = run(simulation, changed, state, neighbors, steps=100, reversible=False)
         assert int(end.failures) == 0
         return end.state, end.neighbors
 
