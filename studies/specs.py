@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 
 import jax
 
-from jaxdem.closures import SubgridClosure, load_closure, save_closure
-from jaxdem.closures.file import load_single
+from jaxdem.closures import SubgridClosure, save_closure
+from jaxdem.closures.file import load_single, load_stored
 from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory, load_run
 from jaxdem.io.run_directory import SCENE
@@ -222,7 +222,7 @@ class SmallerSpec(ClosureSpec):
     def make(self, folder: Folder, report: Report) -> None:
         begin, file, data = clock.perf_counter(), folder.closure(self.teacher), folder.data(self.datasets)
         if self.hidden is not None:
-            teacher = load_closure(file)[0]
+            teacher = load_stored(file)[0]
             settings = settings_for(teacher, hidden=self.hidden, epochs=self.epochs)
             found = distill(teacher, data, settings, lambda epoch, *_: report(epoch))
         else:

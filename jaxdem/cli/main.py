@@ -172,6 +172,7 @@ def dataset(
 
 
 app.command()(networks.train)
+app.command()(networks.evaluate)
 app.command()(networks.distill)
 app.command()(networks.prune)
 app.command()(networks.finetune)

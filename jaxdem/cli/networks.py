@@ -1,4 +1,4 @@
-"""The commands that make networks: train (one, or an ensemble), distill, prune, finetune.
+"""The commands that make networks: train (one, or an ensemble), evaluate, distill, prune, finetune.
 
 A command has a parameter for every option, however many.
 """
@@ -46,14 +46,21 @@ def train(
     loss: options.LossName = None,
     terms: options.Terms = None,
     ensemble: options.Members = None,
+    size: options.SizeName = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Train a drag closure on datasets. The run of the last dataset is held out for testing."""
+    """Train a drag closure on datasets; for testing the run of the last one is held out, or a tenth of the arrays of
+    spheres."""
     changes: dict[str, Any] = {
         "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
         "hidden": _widths(hidden), "terms": None if terms is None else tuple(terms.split(",")),
     }  # fmt: skip
     prepare_file(out, *datasets)
+    if recipe is options.Recipe.neighbours:
+        _train_neighbours(datasets, out, {**changes, "ensemble": ensemble, "size": size}, quiet)
+        return
+    if size is not None:
+        raise InputError("--size", size.value, "belongs to --recipe neighbours", "Give --hidden, or the recipe.")
     require_datasets(datasets)
     start_jax()
     from jaxdem.cli import progress
@@ -76,6 +83,41 @@ def train(
         )
 
 
+def _train_neighbours(data: Sequence[Path], out: Path, given: dict[str, Any], quiet: bool) -> None:
+    """Train a closure of neighbours on forces on spheres."""
+    chosen = {name: value for name, value in given.items() if value is not None}
+    for name in ("activation", "loss", "terms", "ensemble"):
+        if name in chosen:
+            limit = "is of the other recipes; a closure of neighbours has its own"
+            raise InputError(f"--{name}", chosen[name], limit, f"Leave out --{name}.")
+    if len(data) != 1:
+        raise InputError("DATA", list(map(str, data)), "must be one file", "Put all groups into one file.")
+    start_jax()
+    from jaxdem.cli import progress
+    from jaxdem.closures import save_closure
+    from jaxdem.train.neighbors import NeighborSettings, fit_neighbors
+
+    settings = NeighborSettings(**{**chosen, **({"size": chosen["size"].value} if "size" in chosen else {})})
+    with progress.counted("epoch", quiet) as report:
+        trained = fit_neighbors(data[0], settings, report)
+    save_closure(out, trained.closure, trained.metadata)
+    terminal.show(terminal.sphere_table(trained.metadata["r2"], trained.metadata["r2_linear"]))
+    terminal.line(f"Wrote {out} after {trained.metadata['seconds']:.3g} s of training")
+
+
+def evaluate(
+    closure: options.Closure,
+    data: options.SphereData,
+) -> None:
+    """Compare a closure of neighbours with the forces on spheres in a file, all its arrays."""
+    require_closure("CLOSURE", closure)
+    start_jax()
+    from jaxdem.closures.file import load_neighbors
+    from jaxdem.train.neighbor_scores import evaluate_neighbours
+
+    terminal.show(terminal.sphere_table(evaluate_neighbours(load_neighbors(closure)[0], data)))
+
+
 def distill(
     closure: options.Closure,
     datasets: options.Datasets,
@@ -91,10 +133,10 @@ def distill(
     layers = _widths(hidden) or (32, 16)
     _prepare(out, closure, datasets)
     from jaxdem.cli import progress
-    from jaxdem.closures import load_closure
+    from jaxdem.closures.file import load_stored
     from jaxdem.train import compress
 
-    teacher, _ = load_closure(closure)
+    teacher, _ = load_stored(closure)
     changes = {"seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "hidden": layers}
     chosen, data = compress.settings_for(teacher, **changes), _read(datasets)
     with progress.counted("epoch", quiet) as report:

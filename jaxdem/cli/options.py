@@ -36,6 +36,15 @@ class Recipe(StrEnum):
 
     paper = "paper"
     filtered = "filtered"
+    neighbours = "neighbours"
+
+
+class Size(StrEnum):
+    """How large a closure of neighbours is; names of `jaxdem.train.neighbors.SIZES`."""
+
+    large = "large"
+    medium = "medium"
+    small = "small"
 
 
 class Method(StrEnum):
@@ -74,7 +83,14 @@ RunFolder = Annotated[Path, Argument(metavar="RUN", help="Run directory.", show_
 SampledRun = Annotated[Path, Argument(metavar="RUN", help="Run directory with samples.h5.")]
 ReferenceRun = Annotated[Path, Argument(metavar="REFERENCE", help="Run directory of the reference.")]
 ComparedRuns = Annotated[list[Path], Argument(metavar="RUN...", help="Run directories that are compared with it.")]
-Datasets = Annotated[list[Path], Argument(metavar="DATASET...", help="Dataset files written by `jaxdem dataset`.")]
+Datasets = Annotated[
+    list[Path],
+    Argument(
+        metavar="DATASET...",
+        help="Dataset files written by `jaxdem dataset`; for --recipe neighbours one file of forces on spheres.",
+    ),
+]
+SphereData = Annotated[Path, Argument(metavar="DATA", help="File of forces on spheres (HDF5).", show_default=False)]
 Closure = Annotated[Path, Argument(metavar="CLOSURE", help="Closure file.", show_default=False)]
 FilteredClosure = Annotated[Path, Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")]
 StudyName = Annotated[str, Argument(metavar="NAME", help="Name of the study, e.g. injection.")]
@@ -163,8 +179,12 @@ RecipeName = Annotated[
     Recipe,
     Option(
         "--recipe",
-        help="paper: method of the source paper. filtered: learns a factor on the base law, from filtered inputs.",
+        help="paper: method of the source paper. filtered: learns a factor on the base law, from filtered inputs. "
+        "neighbours: learns force and torque from the places of the neighbours.",
     ),
+]
+SizeName = Annotated[
+    Size | None, Option("--size", help="How large a closure of neighbours is, for the neighbours recipe. [large]")
 ]
 Seed = Annotated[int | None, Option("--seed", min=0, help="Random seed of weights, shuffling and choice of rows.")]
 Epochs = Annotated[int | None, Option("--epochs", min=1, help="Number of passes through the data.")]

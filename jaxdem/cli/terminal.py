@@ -100,6 +100,23 @@ def fit_table(metadata: dict[str, Any]) -> Table:
     return table
 
 
+def sphere_table(scores: dict[str, dict[str, Any]], linear: dict[str, dict[str, Any]] | None = None) -> Table:
+    """R2 of the fluctuations by Re and solid fraction, of a closure of neighbours and of pairwise least squares."""
+    from rich.table import Table
+
+    compared = () if linear is None else ("along", "across", "torque")
+    table = Table(title="R2 of the fluctuations of force and torque", title_justify="left")
+    table.add_column("group")
+    headings = ("arrays", "along", "across", "torque", "mean factor", *(f"pairwise {name}" for name in compared))
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for name, row in scores.items():
+        values = [f"{row[key]:.3f}" for key in ("along", "across", "torque")]
+        others = [f"{linear[name][key]:.3f}" for key in compared] if linear is not None else []
+        table.add_row(name, str(row["arrays"]), *values, f"{row['mean_factor']:.4f}", *others)
+    return table
+
+
 def show_import(notes: list[Note]) -> None:
     """What became of every line of a deck."""
     for note in notes:

@@ -13,6 +13,7 @@ from jaxdem.closures.file import load_closure, load_subgrid, save_closure
 from jaxdem.closures.gidaspow import Gidaspow, GidaspowBlended
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.koch_hill import KochHill
+from jaxdem.closures.neighbors import NeighborClosure
 from jaxdem.closures.network import ACTIVATIONS, PaperNetwork
 from jaxdem.closures.radl_sundaresan import RadlSundaresan
 from jaxdem.closures.registry import DRAG_LAWS, drag_law, drag_law_name
@@ -38,6 +39,7 @@ __all__ = [
     "GidaspowBlended",
     "InvariantClosure",
     "KochHill",
+    "NeighborClosure",
     "PaperNetwork",
     "RadlSundaresan",
     "Rong",

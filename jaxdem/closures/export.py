@@ -11,9 +11,11 @@ from typing import Any
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.export_c import c_header
+from jaxdem.closures.export_neighbors import neighbor_module
 from jaxdem.closures.export_onnx import onnx_model
 from jaxdem.closures.export_stablehlo import stablehlo_module
-from jaxdem.closures.file import StoredClosure
+from jaxdem.closures.file import AnyClosure, StoredClosure
+from jaxdem.closures.neighbors import NeighborClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law_name
 from jaxdem.errors import InputError
@@ -24,12 +26,13 @@ FORMATS = ("c", "onnx", "stablehlo")
 
 
 def export_closure(
-    closure: StoredClosure, metadata: dict[str, Any], form: str, path: str | os.PathLike[str], version: str
+    closure: AnyClosure, metadata: dict[str, Any], form: str, path: str | os.PathLike[str], version: str
 ) -> tuple[Path, ...]:
     """Write the whole evaluation of a closure: normalisation, network, base law, fallback out of range.
 
     Sizes are fixed but for the number of particles. Vectors have D components: those of the training for the
-    paper's network; three for the invariant closure, which gives the same with a third component of zero.
+    paper's network; three for the invariant closure, which gives the same with a third component of zero. A closure of
+    neighbours is a function of arrays of all spheres, in StableHLO alone, see `neighbor_module`.
 
     Args:
         closure: from `load_closure`.
@@ -43,11 +46,18 @@ def export_closure(
         The files written.
 
     Raises:
-        InputError: unknown format, the package onnx is missing, or the place cannot be written.
+        InputError: unknown format, one that a closure of neighbours has not, the package onnx is missing, or the place
+            cannot be written.
     """
     if form not in FORMATS:
         raise InputError("--format", form, "is not known", f"Use one of {', '.join(FORMATS)}.")
     target = Path(path)
+    if isinstance(closure, NeighborClosure):
+        if form != "stablehlo":
+            limit = "has functions of one particle, and a closure of neighbours is one of all particles"
+            raise InputError("--format", form, limit, "Use stablehlo.")
+        artifact, text = neighbor_module(closure)
+        return _written(dict(zip(files_written(form, target), (artifact, text.encode()), strict=True)))
     dimension = getattr(closure, "dimension", 3)
     about = describe(closure, metadata, dimension)
     law: DragClosure = closure.one_by_one() if isinstance(closure, EnsembleClosure) else closure
@@ -59,6 +69,11 @@ def export_closure(
     else:
         artifact, text = stablehlo_module(law, dimension)
         contents = dict(zip(files_written(form, target), (artifact, text.encode()), strict=True))
+    return _written(contents)
+
+
+def _written(contents: dict[Path, bytes]) -> tuple[Path, ...]:
+    """The files, written."""
     for file, content in contents.items():
         write_whole(file, content, "--out")
     return tuple(contents)

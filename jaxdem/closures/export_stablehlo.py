@@ -12,7 +12,7 @@ from jax import export
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.export_trace import ExportedDrag, input_shapes, one_particle
 
-_LOCATION = re.compile(r" loc\([^()]*(\([^()]*\))*[^()]*\)|^#loc.*\n", re.MULTILINE)
+LOCATION = re.compile(r" loc\([^()]*(\([^()]*\))*[^()]*\)|^#loc.*\n", re.MULTILINE)
 """Marks of places in the text of a module; without the lines of the source they only name values."""
 
 
@@ -36,15 +36,15 @@ def stablehlo_module(closure: DragClosure, dimension: int) -> tuple[bytes, str]:
 
     batch = export.symbolic_shape("particles")
     anywhere = [export.DisabledSafetyCheck.platform()]
-    with _without_source_lines():
+    with without_source_lines():
         exported = export.export(jax.jit(drag), platforms=("cpu",), disabled_checks=anywhere)(
             *input_shapes(dimension, batch)
         )
-    return bytes(exported.serialize()), _LOCATION.sub("", exported.mlir_module())
+    return bytes(exported.serialize()), LOCATION.sub("", exported.mlir_module())
 
 
 @contextmanager
-def _without_source_lines() -> Iterator[None]:
+def without_source_lines() -> Iterator[None]:
     """Programs that are made meanwhile do not name the files of this machine."""
     before = jax.config.jax_traceback_in_locations_limit  # type: ignore[attr-defined]
     jax.config.update("jax_traceback_in_locations_limit", 0)

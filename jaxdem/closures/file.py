@@ -12,9 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
+from jaxdem.closures.moments import MomentBasis
+from jaxdem.closures.neighbors import ORDER, NeighborClosure, Width
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.closures.subgrid import SubgridClosure
@@ -29,23 +32,25 @@ SMALLEST_FLOAT = 2
 LearnedClosure = PaperNetwork | InvariantClosure
 """A closure with one network."""
 StoredClosure = LearnedClosure | EnsembleClosure
+"""A drag closure that is trained on datasets of runs."""
+AnyClosure = StoredClosure | NeighborClosure
 """A drag closure in a file."""
 
 
-def save_closure(
-    path: str | os.PathLike[str], closure: StoredClosure | SubgridClosure, metadata: dict[str, Any]
-) -> None:
+def save_closure(path: str | os.PathLike[str], closure: AnyClosure | SubgridClosure, metadata: dict[str, Any]) -> None:
     """Write a closure; an earlier file is replaced in one step, only when the new one is complete.
 
-    Layout: attributes format, version, kind ("paper", "invariant", "ensemble" or "subgrid"), base (scene name of the
-    base law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features (invariant), members
-    and member_kind (ensemble); dataset `metadata` (JSON in UTF-8, as bytes); group `arrays` with every data field, the
-    weights below `arrays/weights/<layer>/<kernel or bias>`, those of an ensemble below `arrays/members/` with the
-    members along their first axis.
+    Layout: attributes format, version, kind ("paper", "invariant", "ensemble", "neighbors" or "subgrid"), base (scene
+    name of the base law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features
+    (invariant), members and member_kind (ensemble), scalars, channels, basis and carried (neighbors: reach, number of
+    radial functions and degree); dataset `metadata` (JSON in UTF-8, as bytes); group `arrays` with every data field,
+    the weights below `arrays/weights/<layer>/<kernel or bias>`, those of an ensemble below `arrays/members/` with the
+    members along their first axis, those of a closure of neighbours below `arrays/levels/<number>/`.
 
     Args:
         path: file to write; its folder must exist.
-        closure: a `PaperNetwork`, an `InvariantClosure`, an ensemble of one of them, or a `SubgridClosure`.
+        closure: a `PaperNetwork`, an `InvariantClosure`, an ensemble of one of them, a `NeighborClosure`, or a
+            `SubgridClosure`.
         metadata: anything JSON can hold (numpy numbers and arrays included): recipe, R2, datasets, seed,
             seconds.
 
@@ -63,7 +68,7 @@ def save_closure(
     write_whole(path, content, (SUBGRID if isinstance(closure, SubgridClosure) else CLOSURE).key)
 
 
-def load_closure(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str, Any]]:
+def load_closure(path: str | os.PathLike[str]) -> tuple[AnyClosure, dict[str, Any]]:
     """Read a drag closure and its metadata; the weights are those written, bit for bit.
 
     Raises:
@@ -100,6 +105,8 @@ def _load(path: str | os.PathLike[str], kind: Kind) -> tuple[Any, dict[str, Any]
 def _check_sizes(own: dict[str, Any], size: int, path: str | os.PathLike[str], kind: Kind) -> None:
     """Refuse a structure whose weights a file of `size` bytes cannot hold, before anything of it is made."""
     hidden, _ = _network(own)
+    if own["kind"] == "neighbors":
+        hidden = (*hidden, *map(int, own["scalars"]), int(own["channels"]))
     members = int(own["members"]) if own["kind"] == "ensemble" else 1
     weights = members * (sum(hidden) + sum(one * other for one, other in itertools.pairwise(hidden)))
     least = weights * SMALLEST_FLOAT
@@ -132,11 +139,19 @@ def _bytes(stored: Any) -> bytes:
     return stored if isinstance(stored, bytes) else stored.tobytes()
 
 
-def _structure(closure: StoredClosure | SubgridClosure) -> dict[str, Any]:
+def _structure(closure: AnyClosure | SubgridClosure) -> dict[str, Any]:
     """The static part as HDF5 attributes."""
     if isinstance(closure, EnsembleClosure):
         one = _structure(closure.members)
         return {**one, "kind": "ensemble", "member_kind": one["kind"], "members": closure.count}
+    if isinstance(closure, NeighborClosure):
+        level = closure.levels[0]
+        return {
+            "kind": "neighbors", "base": drag_law_name(closure.base), "activation": level.activation,
+            "scalars": [one.width.scalars for one in closure.levels], "channels": level.channels,
+            "hidden": np.asarray(level.width.hidden, np.int64),
+            "basis": _numbers(closure.basis), "carried": _numbers(closure.carried),
+        }  # fmt: skip
     network = {"hidden": np.asarray(closure.hidden, np.int64), "activation": closure.activation}
     if isinstance(closure, SubgridClosure):
         return {"kind": "subgrid", **network}
@@ -147,7 +162,7 @@ def _structure(closure: StoredClosure | SubgridClosure) -> dict[str, Any]:
     return {"kind": "invariant", **names, **common}
 
 
-def _template(attributes: Any, path: str) -> StoredClosure | SubgridClosure:
+def _template(attributes: Any, path: str) -> AnyClosure | SubgridClosure:
     """The shapes of a closure of the stored structure."""
     if attributes["kind"] == "subgrid":
         return jax.eval_shape(lambda: SubgridClosure.initial(*_network(attributes)))
@@ -160,7 +175,7 @@ def _template(attributes: Any, path: str) -> StoredClosure | SubgridClosure:
     return EnsembleClosure(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((count, *leaf.shape), leaf.dtype), single))
 
 
-def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
+def _single(attributes: Any, kind: str, path: str) -> LearnedClosure | NeighborClosure:
     base = drag_law(str(attributes["base"]), CLOSURE.key)
     hidden, activation = _network(attributes)
     if kind == "paper":
@@ -168,6 +183,10 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
         if dimension not in (2, 3):
             raise CLOSURE.refusal(path, f"is of {dimension} dimensions")
         return PaperNetwork.initial(dimension, base, hidden, activation)
+    if kind == "neighbors":
+        basis, carried = (_basis(attributes[name], order, path) for name, order in (("basis", ORDER), ("carried", 2)))
+        widths = [Width(int(scalars), int(attributes["channels"]), hidden) for scalars in attributes["scalars"]]
+        return NeighborClosure.initial(basis, carried, widths, 0, base)
     if kind == "invariant":
         terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
         # Files of the first versions do not name their features.
@@ -176,24 +195,69 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure:
     raise InputError(CLOSURE.key, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
 
 
+def _numbers(basis: MomentBasis | None) -> NDArray[np.float64]:
+    """Reach, number of radial functions and degree; nothing for none."""
+    return np.asarray([] if basis is None else [basis.reach, basis.radial, basis.degree], np.float64)
+
+
+def _basis(numbers: Any, order: int, path: str) -> Any:
+    """The inverse of `_numbers`: a `MomentBasis`, or None.
+
+    Raises:
+        InputError: the numbers cannot be those of one.
+    """
+    found = np.ravel(numbers)
+    if order == 2 and not len(found):
+        return None
+    if len(found) != 3 or not (1.5 <= found[0] <= 10.0 and 2 <= found[1] <= 100 and order <= found[2] <= 20):
+        raise CLOSURE.refusal(path, f"has moments that cannot be ({found.tolist()})")
+    return MomentBasis(float(found[0]), int(found[1]), int(found[2]), order)
+
+
 def _network(attributes: Any) -> tuple[tuple[int, ...], str]:
     """Widths of the hidden layers, and the activation."""
     return tuple(int(width) for width in attributes["hidden"]), str(attributes["activation"])
 
 
-def load_single(path: str | os.PathLike[str], remedy: str) -> tuple[LearnedClosure, dict[str, Any]]:
-    """`load_closure` where an ensemble will not do; `remedy` says what to do instead.
+def load_neighbors(path: str | os.PathLike[str]) -> tuple[NeighborClosure, dict[str, Any]]:
+    """`load_closure` of a closure of neighbours.
 
     Raises:
-        InputError: as `load_closure`, or the file holds an ensemble.
+        InputError: as `load_closure`, or the file holds another closure.
     """
     closure, metadata = load_closure(path)
+    if not isinstance(closure, NeighborClosure):
+        limit = "is not a closure of neighbours"
+        raise InputError("CLOSURE", str(path), limit, "Give a file of `jaxdem train --recipe neighbours`.")
+    return closure, metadata
+
+
+def load_stored(path: str | os.PathLike[str]) -> tuple[StoredClosure, dict[str, Any]]:
+    """`load_closure` where the inputs are those that datasets of runs have.
+
+    Raises:
+        InputError: as `load_closure`, or the file holds a closure of neighbours.
+    """
+    closure, metadata = load_closure(path)
+    if isinstance(closure, NeighborClosure):
+        limit = "is a closure of neighbours, whose inputs are not in datasets of runs"
+        raise InputError("CLOSURE", str(path), limit, "Train another size with `jaxdem train --recipe neighbours`.")
+    return closure, metadata
+
+
+def load_single(path: str | os.PathLike[str], remedy: str) -> tuple[LearnedClosure, dict[str, Any]]:
+    """`load_stored` where an ensemble will not do; `remedy` says what to do instead.
+
+    Raises:
+        InputError: as `load_stored`, or the file holds an ensemble.
+    """
+    closure, metadata = load_stored(path)
     if isinstance(closure, EnsembleClosure):
         raise InputError("CLOSURE", str(path), f"is an ensemble of {closure.count}", remedy)
     return closure, metadata
 
 
-def _named_leaves(closure: StoredClosure | SubgridClosure) -> dict[str, Any]:
+def _named_leaves(closure: AnyClosure | SubgridClosure) -> dict[str, Any]:
     """Every array of the closure by its path, such as weights/Dense_0/kernel, in tree order."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(closure)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}

@@ -49,6 +49,7 @@ ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
     "softsign": jax.nn.soft_sign,
     "softplus": jax.nn.softplus,
     "selu": jax.nn.selu,
+    "silu": jax.nn.silu,
 }
 """Activation functions by the names of the settings."""
 

@@ -166,8 +166,10 @@ class Coupling:
         if self.interval.solver.shares_stress:
             others = others - as_column(bodies.volume) * sampled.inputs.pressure_gradient
         mass = plus(bodies.mass, total(c.slip_mass for c in contributions.values()))
-        law = self.drag.law(mixture.closure, mixture.drag_scale, start)
-        return interval_drag(law, start, sampled.inputs, sampled.law_inputs, mass, others)
+        neighbors = self.drag.neighbors(mixture.closure, mixture.drag_scale, start, sampled.law_inputs)
+        law = self.drag.law(mixture.closure, mixture.drag_scale, start, neighbors)
+        drag = interval_drag(law, start, sampled.inputs, sampled.law_inputs, mass, others)
+        return drag if neighbors is None else drag._replace(torque=neighbors.torque)
 
     def remember(
         self, mixture: Mixture, forces: FluidForces, before: ParticleState, after: ParticleState

@@ -8,6 +8,8 @@ from typing import NamedTuple
 from jax import Array
 
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.closures.neighbor_effect import NeighborEffect
+from jaxdem.closures.neighbors import NeighborClosure
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.forces.protocol import IntervalStart
 from jaxdem.coupling.inputs import deconvolved
@@ -15,6 +17,7 @@ from jaxdem.coupling.model_b import drag_of_model_b
 from jaxdem.coupling.presence import present_drag
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
+from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import as_column
@@ -31,12 +34,14 @@ class DragModel:
         self_disturbance: correction that gives the law the undisturbed slip, None for none.
         coarse_inputs: coarser mesh through which the law sees the fluid, None for the fluid's own.
         deconvolution: see `deconvolved`, 0 for none; without `coarse_inputs`, which have their own [-].
+        surroundings: finds the neighbours that a `NeighborClosure` asks for, None for other laws.
     """
 
     form: str = "A"
     self_disturbance: SelfDisturbance | None = None
     coarse_inputs: CoarseInputs | None = None
     deconvolution: float = 0.0
+    surroundings: Surroundings | None = None
 
     def law_inputs(self, start: IntervalStart, inputs: DragInputs, fluid: FluidState, solids: Array) -> DragInputs:
         """The fluid as the law sees it.
@@ -53,10 +58,20 @@ class DragModel:
             return deconvolved(start.grid, start.weights, inputs, start.face_velocity, self.deconvolution)
         return inputs
 
-    def law(self, closure: DragClosure, scale: Array, start: IntervalStart) -> Law:
+    def neighbors(
+        self, closure: DragClosure, scale: Array, start: IntervalStart, law_inputs: DragInputs
+    ) -> NeighborEffect | None:
+        """What the neighbours add in the interval; None for a law that does not ask for them."""
+        if self.surroundings is None or not isinstance(closure, NeighborClosure):
+            return None
+        return self.surroundings.effect(closure, self.form, start, law_inputs, scale)
+
+    def law(
+        self, closure: DragClosure, scale: Array, start: IntervalStart, neighbors: NeighborEffect | None = None
+    ) -> Law:
         """The drag law in the form of the equations, scaled, and of the undisturbed slip if asked for.
 
-        A law is of a grain; a parcel has the force of all its grains.
+        A law is of a grain; a parcel has the force of all its grains. What the `neighbors` add is that of the interval.
         """
         scale = start.bodies.of_all_grains(scale)
 
@@ -65,7 +80,10 @@ class DragModel:
             if self.form == "B":
                 drag = drag_of_model_b(drag, inputs.solid_fraction)
             remainder = None if drag.remainder is None else scale * drag.remainder
-            return Drag(scale * drag.coefficient, remainder, drag.out_of_range)
+            if neighbors is None:
+                return Drag(scale * drag.coefficient, remainder, drag.out_of_range)
+            outside = drag.out_of_range | neighbors.out_of_range
+            return Drag(scale * neighbors.multiple * drag.coefficient, neighbors.across, outside)
 
         correction, volume = self.self_disturbance, start.bodies.volume
         if correction is None:
@@ -82,12 +100,14 @@ class IntervalDrag(NamedTuple):
         remainder: (N, D) explicit; None for none [N].
         law: (N, D) the force that the law gave at the start of the interval [N].
         out_of_range: (N,) bool, see `Drag`.
+        torque: (N, 3) that comes with the drag; None for none [N m].
     """
 
     coefficient: Array
     remainder: Array | None
     law: Array
     out_of_range: Array
+    torque: Array | None = None
 
 
 def interval_drag(

@@ -338,7 +338,7 @@ class Exchange:
             self.inputs,
             self.drag.law,
             further,
-            total(c.torque for c in self.contributions.values()),
+            total((self.drag.torque, *(c.torque for c in self.contributions.values()))),
         )
 
     def diagnostics(self, carry: _Carry) -> ExchangeDiagnostics:

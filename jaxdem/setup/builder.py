@@ -37,6 +37,7 @@ from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.start_point import StartPoint, read_start
 from jaxdem.setup.started import Beginning, require_particles
 from jaxdem.setup.started_particles import StartedParticles
+from jaxdem.setup.surroundings import surroundings_of
 from jaxdem.setup.time_steps import time_steps
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -189,8 +190,9 @@ def build_case(
     if fluid is not None:
         interval = fluid_interval(fluid, boundary, steps)
     if interval is not None and particles is not None and scene.coupling is not None:
-        coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter)
         closure = drag_closure(scene, scene.coupling, closure)
+        surroundings = surroundings_of(scene, particles, closure)
+        coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter, surroundings)
     simulation = Simulation(
         interval=steps.interval,
         steps=steps,

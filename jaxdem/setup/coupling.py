@@ -13,6 +13,7 @@ from jaxdem.coupling.forces import FORCES, Basset, FluidForce, RotationalDrag, V
 from jaxdem.coupling.forces.lift import Lift
 from jaxdem.coupling.interpolation import KernelWidth, cells_under
 from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
+from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import Grid
@@ -26,13 +27,16 @@ MOST_KERNEL_CELLS = 8000
 """A cube of 20: each takes some operations of the program, which would not be compiled within minutes."""
 
 
-def fluid_coupling(table: CouplingTable, fluid: FluidInterval, diameter: float) -> Coupling:
+def fluid_coupling(
+    table: CouplingTable, fluid: FluidInterval, diameter: float, surroundings: Surroundings | None = None
+) -> Coupling:
     """The exchange between fluid and particles.
 
     Args:
         table: `[coupling]` of the scene.
         fluid: solver and its steps.
         diameter: of the largest particle [m].
+        surroundings: finds the neighbours for a drag law that asks for them.
 
     Raises:
         InputError: the kernel is too wide or too narrow for what is wanted.
@@ -44,6 +48,7 @@ def fluid_coupling(table: CouplingTable, fluid: FluidInterval, diameter: float) 
         _self_disturbance(table, deposition, grid, diameter) if table.self_disturbance else None,
         _coarse_inputs(table, grid, fluid.solver.boundary, diameter) if table.drag_inputs_coarsened > 1 else None,
         _deconvolution(table, deposition, grid),
+        surroundings,
     )
     return Coupling(fluid, deposition, drag, _further_forces(table))
 

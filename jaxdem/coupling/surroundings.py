@@ -1,0 +1,69 @@
+"""What the neighbours of the particles add to the mean drag over a coupling interval."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.closures.base import DragInputs
+from jaxdem.closures.neighbor_effect import NeighborEffect, neighbor_effect
+from jaxdem.closures.neighbor_places import Places, axes_along, fluctuation
+from jaxdem.closures.neighbors import NeighborClosure, Response
+from jaxdem.coupling.forces.protocol import IntervalStart
+from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import components
+from jaxdem.particles.cells import CellGrid, neighbors_in_cells
+from jaxdem.particles.integrate import centres_in_box
+
+AT_ONCE = 128
+"""Particles whose neighbours are treated at once: their pairs then stay in the cache."""
+
+
+@static
+class Surroundings:
+    """Finds the neighbours within the reach of a `NeighborClosure`, farther than contacts reach; static.
+
+    It is a search of its own, once an interval, on the cells of the neighbour list: a wider list of contacts would cost
+    its pairs in every contact step.
+
+    Attributes:
+        box: side lengths [m].
+        periodic: whether each axis is periodic.
+        reach: of the closure [m].
+        slots: room for neighbours of a particle.
+        cell_slots: room for particles in a column of the search's table.
+    """
+
+    box: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    reach: float
+    slots: int
+    cell_slots: int
+
+    def effect(
+        self, closure: NeighborClosure, form: str, start: IntervalStart, inputs: DragInputs, scale: Array
+    ) -> NeighborEffect:
+        """What the neighbours do in the interval.
+
+        Args:
+            closure: gives it.
+            form: of the equations, "A" or "B".
+            start: of the interval.
+            inputs: the fluid as the law sees it.
+            scale: () factor on the drag [-].
+        """
+        others, crowded = self.neighbors(start)
+        centres = centres_in_box(start.particles, self.box, self.periodic)
+        periods = [side if wraps else 0.0 for side, wraps in zip(self.box, self.periodic, strict=True)]
+        places = Places(centres, others.T, 2.0 * start.bodies.radius, jnp.asarray(periods, centres.dtype))
+        frame = axes_along(inputs.slip_velocity)
+        found = fluctuation(closure, places, frame, inputs.reynolds, inputs.solid_fraction, AT_ONCE)
+        found = Response(*(jnp.where(crowded, 0.0, part) for part in found))  # without room for all, none counts
+        return neighbor_effect(closure.base, form, found, frame, inputs, scale)
+
+    def neighbors(self, start: IntervalStart) -> tuple[Array, Array]:
+        """(K, N) int32, who is in reach of every particle, itself in an empty slot; and () bool, there was no room."""
+        centres = components(centres_in_box(start.particles, self.box, self.periodic))
+        grid = CellGrid(self.box, self.periodic, self.reach, len(centres[0]))
+        given = lax.stop_gradient(centres)
+        return neighbors_in_cells(grid, given, self.slots, self.cell_slots, start.particles.active)

@@ -1,0 +1,200 @@
+"""The closure of neighbours: its symmetries, its limits, its slopes."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import export
+
+from jaxdem.closures import DragInputs, NeighborClosure, load_closure, save_closure
+from jaxdem.closures.export import export_closure
+from jaxdem.closures.moments import MomentBasis, angular_functions, carried_moments, moments, radial_functions
+from jaxdem.closures.neighbor_effect import neighbor_effect
+from jaxdem.closures.neighbor_places import Places, axes_along, fluctuation
+from jaxdem.closures.neighbors import (
+    FADING,
+    REYNOLDS,
+    SMALLEST_MULTIPLE,
+    SOLID_FRACTION,
+    Width,
+    conditions,
+    positive_multiple,
+    range_weight,
+)
+from jaxdem.errors import InputError
+
+BASIS, CARRIED = MomentBasis(2.5, 4, 4, 3), MomentBasis(2.2, 3, 3, 2)
+SPHERES, NEIGHBORS = 5, 7
+
+
+@pytest.fixture(scope="module")
+def closure():
+    """Random weights, larger than those of a trained one, so that nothing is small by chance."""
+    found = NeighborClosure.initial(BASIS, CARRIED, [Width(5, 3, (8,)), Width(4, 3, (8,))], seed=1)
+    levels = tuple(dataclasses.replace(level, direct=level.direct + 0.1) for level in found.levels)
+    return dataclasses.replace(found, levels=levels, mean=jnp.linspace(-0.1, 0.1, 6))
+
+
+@jax.jit
+def response(closure, offset, reynolds=10.0, solid_fraction=0.2, carried=None):
+    """Force and torque (N, 3) of spheres with neighbours at (N, K, 3) diameters, NaN for none; the weight.
+
+    The neighbours carry the vectors (N, K, 3), by default their own places.
+    """
+    present = jnp.isfinite(offset[..., 0])
+    vector = jnp.where(present[..., None], offset, 0.0) if carried is None else carried
+    place, vector = (tuple(jnp.moveaxis(rows, 2, 0)) for rows in (offset, vector))
+    sums = moments(closure.basis, place, present)
+    zero, one = carried_moments(closure.carried, place, present, vector)
+    both = (jnp.concatenate([sums[0], zero], axis=2), jnp.concatenate([sums[1], one], axis=2), *sums[2:])
+    flow = [jnp.full(len(offset), value, offset.dtype) for value in (reynolds, solid_fraction)]
+    level = closure.levels[1]
+    found = closure.response(level.values(level.mixed(both), conditions(*flow)), sums[0][:, 0, 0], *flow)
+    return jnp.concatenate([found.along[:, None], found.across], axis=1), found.torque, found.weight
+
+
+@pytest.fixture(scope="module")
+def offset():
+    """Neighbours between contact and beyond the reach; one slot is empty."""
+    generator = np.random.default_rng(2)
+    direction = generator.normal(size=(SPHERES, NEIGHBORS, 3))
+    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+    placed = direction * generator.uniform(1.0, 2.8, (SPHERES, NEIGHBORS, 1))
+    placed[:, -1] = np.nan
+    return jnp.asarray(placed)
+
+
+def test_functions_of_the_direction_are_orthonormal():
+    """Mean of Y_lm Y_kn over the sphere is one for equal ones, and zero else: by the rule of Gauss and the trapezoidal
+    rule, which are exact for these polynomials."""
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    angle = 2 * np.pi * np.arange(16) / 16
+    x, f = (a.ravel() for a in np.meshgrid(nodes, angle, indexing="ij"))
+    sine = np.sqrt(1 - x**2)
+    share = np.repeat(weights, 16) / 32
+    functions = angular_functions(BASIS, (jnp.asarray(x), jnp.asarray(sine * np.cos(f)), jnp.asarray(sine * np.sin(f))))
+    parts = [part for m, pairs in enumerate(functions) for pair in pairs for part in pair[: 1 + (m > 0)]]
+    values = np.stack([np.asarray(part) for part in parts])
+    product = (values * share) @ values.T
+    np.testing.assert_allclose(product, np.eye(len(values)), atol=1e-12)
+
+
+def test_functions_of_the_distance_end_with_slope_zero():
+    for order in (0, 1):
+        function = lambda r: radial_functions(BASIS, r)  # noqa: E731
+        for _ in range(order):
+            function = jax.jacfwd(function)
+        np.testing.assert_allclose(function(jnp.asarray(BASIS.reach)), 0.0, atol=1e-12)
+        assert np.abs(function(jnp.asarray(1.2))).min() > 1e-3
+
+
+def test_turning_and_mirroring_the_neighbours_about_the_slip(closure, offset):
+    force, torque, _ = response(closure, offset)
+    assert np.abs(force).min() > 1e-5 and np.abs(torque).min() > 1e-8
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    turned = response(closure, offset @ turn.T)
+    np.testing.assert_allclose(turned[0], force @ turn.T, atol=1e-10)
+    np.testing.assert_allclose(turned[1], torque @ turn.T, atol=1e-10)
+    mirror = np.diag([1.0, 1.0, -1.0])
+    mirrored = response(closure, offset @ mirror)
+    np.testing.assert_allclose(mirrored[0], force @ mirror, atol=1e-10)
+    np.testing.assert_allclose(mirrored[1], -torque @ mirror, atol=1e-10)  # an axial vector
+    swapped = response(closure, offset[:, ::-1])
+    np.testing.assert_allclose(swapped[0], force, atol=1e-10)
+
+
+def test_a_turn_in_single_precision(closure, offset):
+    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), (closure, offset))
+    force = response(*single)[0]
+    assert force.dtype == jnp.float32
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)
+    np.testing.assert_allclose(response(single[0], single[1] @ turn.T)[0], force @ turn.T, atol=1e-6)
+
+
+def test_nothing_without_neighbours_and_none_beyond_the_reach(closure, offset):
+    nobody = response(closure, jnp.full_like(offset, jnp.nan))
+    for part in nobody:
+        np.testing.assert_array_equal(part, 0.0)
+    far = offset.at[:, 0].set(jnp.asarray([BASIS.reach + 1e-9, 0.0, 0.0])[None])
+    near = offset.at[:, 0].set(jnp.asarray([BASIS.reach - 1e-5, 0.0, 0.0])[None])
+    gone = offset.at[:, 0].set(jnp.nan)
+    np.testing.assert_array_equal(response(closure, far)[0], response(closure, gone)[0])
+    # Value and slope are zero at the reach: the step is of the square of the distance to it.
+    np.testing.assert_allclose(response(closure, near)[0], response(closure, gone)[0], atol=1e-8)
+
+
+def test_slopes_are_those_of_differences(closure, offset):
+    placed = offset.at[:, -1].set(jnp.asarray([1.0, 1.0, 1.0])[None])
+    way = jnp.asarray(np.random.default_rng(3).normal(size=placed.shape))
+
+    def total(place):
+        force, torque, _ = response(closure, place)
+        return jnp.sum(force * jnp.asarray([[1.0, 2.0, -1.0]])) + jnp.sum(torque * jnp.asarray([[1.0, -3.0, 2.0]]))
+
+    slope = jnp.sum(jax.jit(jax.grad(total))(placed) * way)
+    step = 1e-6
+    difference = (total(placed + step * way) - total(placed - step * way)) / (2 * step)
+    assert float(slope) == pytest.approx(float(difference), rel=1e-6)
+
+
+def test_the_fluctuation_fades_beyond_the_data(closure, offset):
+    for reynolds in (REYNOLDS[0], 10.0, REYNOLDS[1]):
+        for solid_fraction in SOLID_FRACTION:
+            assert float(range_weight(jnp.asarray(reynolds), jnp.asarray(solid_fraction))) == pytest.approx(1.0)
+    (slowest, fastest), (thinnest, densest) = FADING
+    for flow in ((slowest, 0.2), (fastest, 0.2), (10.0, thinnest), (10.0, densest), (0.0, 0.2), (10.0, 0.0)):
+        assert float(range_weight(*map(jnp.asarray, flow))) == 0.0
+        for part in response(closure, offset, *flow):
+            np.testing.assert_array_equal(part, 0.0)
+    half = float(np.sqrt(slowest * REYNOLDS[0]))
+    assert float(range_weight(jnp.asarray(half), jnp.asarray(0.2))) == pytest.approx(0.5)
+
+
+def test_the_multiple_of_the_drag_is_positive_and_smooth():
+    values = jnp.linspace(-5.0, 3.0, 801)
+    found, slopes = jax.vmap(jax.value_and_grad(positive_multiple))(values)
+    assert float(found.min()) > 0.0
+    np.testing.assert_array_equal(found[values >= SMALLEST_MULTIPLE], values[values >= SMALLEST_MULTIPLE])
+    assert float(jnp.abs(jnp.diff(slopes)).max()) < 0.06  # 0.01 over 0.2 in a step: the slope does not jump
+
+
+def test_a_file_gives_the_same_closure(closure, offset, tmp_path):
+    path = tmp_path / "neighbours.closure.h5"
+    save_closure(path, closure, {"recipe": "neighbours"})
+    loaded, metadata = load_closure(path)
+    assert metadata == {"recipe": "neighbours"}
+    assert loaded.basis == BASIS and loaded.base == closure.base
+    for found, given in zip(response(loaded, offset), response(closure, offset), strict=True):
+        np.testing.assert_array_equal(found, given)
+
+
+def test_the_exported_module_gives_the_same(closure, tmp_path):
+    """Both levels and the mean law, for spheres of two slots among which one is alone; other formats are refused."""
+    centres = np.array([[0.0, 0, 0], [1.1, 0.3, 0.2], [9.6, 0.1, -0.4], [5.0, 5.0, 5.0]], np.float32)
+    others = np.array([[1, 2], [0, 1], [0, 2], [3, 3]], np.int32)
+    slip = np.array([[1.0, 0.2, 0.1]] * 4, np.float32) * 0.01
+    flow = (np.full(4, 0.2, np.float32), np.ones(4, np.float32), np.array([10.0, 0, 0], np.float32))
+    arguments = (centres, others, slip, *flow, np.float32(1000.0), np.float32(1.0))
+    path = tmp_path / "neighbours.bin"
+    files = export_closure(closure, {}, "stablehlo", path, "0")
+    assert [file.suffix for file in files] == [".bin", ".mlir"]
+    found = export.deserialize(bytearray(path.read_bytes())).call(*arguments)
+    given = jax.tree.map(jnp.asarray, arguments)
+    none = jnp.zeros((4, 3), jnp.float32)
+    inputs = DragInputs(none, given[2], given[3], none, none, given[4], given[4], given[6], given[7])
+    frame = axes_along(given[2])
+    response = fluctuation(closure, Places(*given[:2], *given[4:6]), frame, inputs.reynolds, given[3], at_once=3)
+    effect = neighbor_effect(closure.base, "A", response, frame, inputs)
+    law = closure.base(inputs)
+    np.testing.assert_allclose(found[0], effect.multiple * law.coefficient, rtol=1e-5)
+    np.testing.assert_allclose(found[1], effect.across, atol=1e-6 * float(jnp.abs(effect.across).max()))
+    np.testing.assert_allclose(found[2], effect.torque, atol=1e-6 * float(jnp.abs(effect.torque).max()))
+    assert float(effect.multiple[3]) == 1.0 and np.abs(np.asarray(effect.multiple[:3]) - 1).min() > 1e-4
+    assert not np.asarray(effect.across[3]).any()
+    assert np.abs(np.asarray(effect.across[:3])).max() > 0  # neighbours across a periodic side count
+    for form in ("c", "onnx"):
+        with pytest.raises(InputError, match="Use stablehlo"):
+            export_closure(closure, {}, form, path, "0")
