@@ -131,7 +131,7 @@ class Closure(Section):
     """A learned drag closure.
 
     Attributes:
-        file: closure file written by `jaxdem train`; it is used in place of `coupling.drag`.
+        file: closure file written by `jaxdem train`, of any recipe; it is used in place of `coupling.drag`.
     """
 
     file: str | None = None

@@ -222,7 +222,9 @@ def test_scenes_that_it_is_not_for_are_refused(closure, changes, key, words):
 
 def test_a_scene_in_two_dimensions_is_refused(closure):
     walls = {side: {"kind": "wall"} for side in ("left", "right", "bottom", "top")}
-    tables = {**SMALL_INJECTION, "boundary": walls, "time": {"end": 1.0, "output_interval": 1.0}}
+    domain = SMALL_INJECTION["domain"] | {"gravity": [0.0, -9.81]}
+    tables = {**SMALL_INJECTION, "domain": domain, "boundary": walls, "coupling": {}}
+    tables |= {"time": {"end": 1.0, "output_interval": 1.0}}
     flat = jaxdem.Scene.model_validate(tables)
     with pytest.raises(InputError, match="spheres in 3-D"):
         jaxdem.build(flat, closure=closure)
