@@ -12,7 +12,7 @@ EXAMPLES := column_collapse settling fluidised_bed injection friction_calibratio
 .PHONY: demo test lint docs examples coverage dist dist-check clean
 
 demo: $(VENV)/run.done
-	$(BIN)/jaxdem study injection --scale demo --out runs/demo
+	$(BIN)/jaxdem study clusters --scale demo --out runs/demo
 
 test: $(VENV)/test.done lint
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --durations 10

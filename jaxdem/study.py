@@ -13,7 +13,8 @@ import math
 import time as clock
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,37 +40,80 @@ SHARP: dict[str, Any] = {"fluid.advection": "central", "coupling.kernel_width": 
 """A coarse fluid that smears less: of its own momentum, and of what the particles do to it (kernels half as wide)."""
 
 
+class Coarse(NamedTuple):
+    """A cheap way to run the scene.
+
+    Attributes:
+        folder: of its runs.
+        label: in tables and figures.
+        keys: what differs from the scene, beside the mesh.
+    """
+
+    folder: str
+    label: str
+    keys: Mapping[str, Any] = MappingProxyType({})
+
+
 @dataclasses.dataclass(frozen=True)
 class Plan:
     """What a demonstration does.
 
     Attributes:
         scene: name of the scene's file.
+        title: of the page.
         factor: of the coarse mesh on the cell side.
+        coarse: the cheap runs, on that mesh; the closure is trained and run for the last of them.
         samples: time between samples of the reference run [s].
-        seeds: of further packs, which differ in their jitter alone; every run is done with each of them too, so that
-            the noise is known.
+        seeds: of further packs, which differ in their random numbers alone; every run is done with each of them too, so
+            that the noise is known.
         settings: of the recipe `filtered`.
-        sharp: keys of a coarse fluid that smears less, which the closure is trained and run for; without any it is
-            run on the scene's own.
+        kernel: keys with which the reference's grains are seen as the last of the coarse runs sees its particles.
+        notes: sentences for the page.
     """
 
     scene: str
+    title: str
     factor: int
+    coarse: tuple[Coarse, ...]
     samples: float
     seeds: tuple[int, ...]
     settings: FitSettings
-    sharp: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    kernel: Mapping[str, Any]
+    notes: tuple[str, ...]
 
 
 DEMOS: dict[str, Plan] = {
+    "clusters": Plan(
+        scene="clusters_demo.toml",
+        title="Clusters of grains in a gas: parcels on a coarse mesh, with a learned drag closure",
+        factor=4,
+        coarse=(
+            Coarse("coarse", "coarse mesh"),
+            Coarse("parcels", "parcels", {"particles.coarse_grain": 2.0, "particles.count": 688}),
+        ),
+        samples=0.005,
+        seeds=(1, 2),
+        settings=FitSettings.filtered(epochs=60),
+        kernel={"coupling.kernel_width": {"diameters": 6.0, "cells": 0.5}},
+        notes=(
+            "Coarse mesh: cells four times as wide, of 12 diameters. Parcels: the same mesh, and every particle stands "
+            "for four grains.",
+        ),
+    ),
     "injection": Plan(
         scene="injection_demo.toml",
+        title="Injection: a learned drag closure on a coarse mesh",
         factor=4,
+        coarse=(Coarse("coarse_4", "coarse 4x"), Coarse("coarse_4_sharp", "coarse 4x, sharp", SHARP)),
         samples=0.02,
         seeds=(1, 2),
         settings=FitSettings.filtered(epochs=60, samples=60_000),
-        sharp=SHARP,
+        kernel={key: value for key, value in SHARP.items() if key.startswith(SEEING)},
+        notes=(
+            "Sharp is a coarse fluid that smears less: "
+            + ", ".join(f"{key} = {value}" for key, value in SHARP.items())
+            + ".",
+        ),
     ),
 }
 """Demonstrations by the study's name."""
@@ -86,21 +130,17 @@ class Study:
 
     def run(self) -> Comparison:
         """All stages; returns the comparison that the report shows."""
-        factor, sharp = self.plan.factor, "_sharp" if self.plan.sharp else ""
         reference, *noise = self._packs("fine", {}, {"output.samples": self.plan.samples})
         closure = self._closure(self._dataset(reference))
         metadata = load_closure(closure)[1]
         fine = required(self.scene.fluid, "fluid").cells
-        cells = {"fluid.cells": [max(1, round(count / factor)) for count in fine]}
-        on_sharp, name = {**cells, **self.plan.sharp}, f"coarse_{factor}"
-        best = f"coarse {factor}x, sharp" if sharp else f"coarse {factor}x"
-        candidates = [_candidate(f"coarse {factor}x", self._packs(name, cells))]
-        if sharp:
-            candidates.append(_candidate(best, self._packs(f"{name}_sharp", on_sharp)))
-        learned = self._packs(f"{name}{sharp}_filtered", {**on_sharp, "closure.file": str(closure)})
-        candidates.append(_candidate(f"{best} + filtered", learned, float(metadata["study_seconds"])))
-        title = f"{Path(self.plan.scene).stem}: a learned drag closure on coarse meshes"
-        page = Page(title, self._notes(metadata), parity_figures(read_stored(parity_file(closure))))
+        cells = {"fluid.cells": [max(1, round(count / self.plan.factor)) for count in fine]}
+        candidates = [_candidate(one.label, self._packs(one.folder, {**cells, **one.keys})) for one in self.plan.coarse]
+        last = self.plan.coarse[-1]
+        keys = {**cells, **last.keys, "closure.file": str(closure)}
+        learned = self._packs(f"{last.folder}_closure", keys)
+        candidates.append(_candidate(f"{last.label} + closure", learned, float(metadata["study_seconds"])))
+        page = Page(self.plan.title, self._notes(metadata), parity_figures(read_stored(parity_file(closure))))
         return compare(Candidate(reference, "fine"), candidates, self.out, noise=noise, page=page)
 
     def _packs(self, name: str, overrides: Mapping[str, Any], first: Mapping[str, Any] | None = None) -> list[Run]:
@@ -125,8 +165,7 @@ class Study:
         if not path.is_file():
             times = required(reference.samples, "samples").times
             advance = self.listener.stage("dataset", len(factors) * len(times))
-            kernel = {key: value for key, value in self.plan.sharp.items() if key.startswith(SEEING)}
-            make_dataset(reference.path, path, factors, lambda done, _: advance(done), overrides=kernel)
+            make_dataset(reference.path, path, factors, lambda done, _: advance(done), overrides=dict(self.plan.kernel))
         return path
 
     def _closure(self, dataset: Path) -> Path:
@@ -140,11 +179,9 @@ class Study:
     def _notes(self, metadata: dict[str, Any]) -> list[str]:
         notes = [
             "The closures are trained on the fine run that is also the reference: what is tested is whether they give "
-            "back what they have seen, not whether they hold elsewhere."
+            "back what they have seen, not whether they hold elsewhere.",
+            *self.plan.notes,
         ]
-        if self.plan.sharp:
-            settings = ", ".join(f"{key} = {value}" for key, value in self.plan.sharp.items())
-            notes.append(f"Sharp is a coarse fluid that smears less: {settings}.")
         for factor, figures in metadata.get("r2", {}).items():
             notes.append(
                 f"Recipe filtered, inputs averaged {factor}x, held out ({metadata.get('split', '')}): "
@@ -217,7 +254,8 @@ def run_study(name: str, out: str | Path, listener: Listener) -> Comparison:
     if name not in DEMOS:
         raise InputError("NAME", name, "is not known", f"known: {', '.join(DEMOS)}")
     plan, out, begin = DEMOS[name], Path(out), clock.perf_counter()
-    claim(out, {"study": name, "scale": "demo", "sharp": dict(plan.sharp), "seeds": list(plan.seeds)})
+    runs = {coarse.folder: dict(coarse.keys) for coarse in plan.coarse}
+    claim(out, {"study": name, "scale": "demo", "runs": runs, "seeds": list(plan.seeds)})
     with locked(out):
         comparison = Study(plan, load_scene(SCENES / plan.scene), out, listener).run()
     listener.say(f"The study took {clock.perf_counter() - begin:.0f} s.")

@@ -10,7 +10,7 @@ import pytest
 import jaxdem
 from jaxdem.closures import KochHill
 from jaxdem.errors import InputError
-from jaxdem.study import DEMOS, SCENES, Plan, Study, run_study
+from jaxdem.study import DEMOS, SCENES, Coarse, Plan, Study, run_study
 from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
 from jaxdem.train.fit import FitSettings
@@ -37,10 +37,14 @@ class Recorder:
 def study(tmp_path_factory):
     plan = Plan(
         scene="tiny.toml",
+        title="tiny",
         factor=2,
+        coarse=(Coarse("coarse_2", "coarse"),),
         samples=0.01,
         seeds=(1,),
         settings=FitSettings.filtered(epochs=3, samples=500, batch=50),
+        kernel={},
+        notes=(),
     )
     out = tmp_path_factory.mktemp("study")
     result = Study(plan, jaxdem.load_scene(SCENE), out, Recorder())
@@ -57,15 +61,15 @@ def test_chain_leaves_every_file(study):
         "train filtered",
         "run coarse_2",
         "run coarse_2_seed_1",
-        "run coarse_2_filtered",
-        "run coarse_2_filtered_seed_1",
+        "run coarse_2_closure",
+        "run coarse_2_closure_seed_1",
     ]
     for name in ("report.html", "comparison.csv", "metrics.png", "dataset.h5", "filtered.closure.h5"):
         assert (done.out / name).stat().st_size > 0
-    for run in ("fine", "coarse_2", "coarse_2_filtered"):
+    for run in ("fine", "coarse_2", "coarse_2_closure"):
         assert jaxdem.load_run(done.out / run).summary["valid"] is True
     assert jaxdem.load_run(done.out / "coarse_2").cells == (5, 3)
-    closure = jaxdem.load_run(done.out / "coarse_2_filtered").summary["closure"]
+    closure = jaxdem.load_run(done.out / "coarse_2_closure").summary["closure"]
     assert closure["file"].endswith("filtered.closure.h5")
     assert [len(row.trials) for row in comparison.rows] == [1, 2, 2] and len(comparison.noise_rows) == 1
     learned = comparison.rows[2]
@@ -188,7 +192,7 @@ def test_dataset_needs_samples(study, tmp_path):
 
 def test_an_unknown_study_is_refused(tmp_path):
     """With the known names."""
-    with pytest.raises(InputError, match="injction.*Known: injection"):
+    with pytest.raises(InputError, match="injction.*Known: clusters, injection"):
         run_study("injction", tmp_path, Recorder())
 
 

@@ -13,7 +13,9 @@ from jaxdem.cli import options, terminal
 from jaxdem.cli.inputs import prepare_folder, start_jax, this_command
 from jaxdem.errors import InputError
 
-STUDIES = ("injection",)
+STUDIES = ("clusters", "injection")
+FULL_SIZE = ("injection",)
+"""Studies that `--scale paper` is for."""
 SOURCE = Path(__file__).parents[2]
 """The checkout, where the package is in one."""
 
@@ -33,6 +35,9 @@ def study(
     """
     if name not in STUDIES:
         raise InputError("NAME", name, "is not known", f"known: {', '.join(STUDIES)}")
+    if scale is options.Scale.paper and name not in FULL_SIZE:
+        remedy = "`python benchmarks/clusters.py` in the source code has the larger runs."
+        raise InputError("--scale", scale.value, f"is for {', '.join(FULL_SIZE)} only", remedy)
     if scale is options.Scale.paper:
         given = [name, "--out", str(out), *(["--parts", parts] if parts else []), *(["--quiet"] if quiet else [])]
         _full_size([*given, *(["--jobs", str(jobs)] if jobs is not None else [])], this_command(context))

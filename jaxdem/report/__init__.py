@@ -54,6 +54,7 @@ def compare(
     candidates = [run if isinstance(run, Candidate) else Candidate(run) for run in (reference, *runs)]
     result = build(candidates[0], candidates[1:], noise, until)
     result.sentences, result.warnings = findings.sentences(result), findings.warnings(result)
+    result.warnings += filter(None, [figures.left_out(result.every)])
     _write(result, page, Path(out))
     return result
 
@@ -64,7 +65,7 @@ def _write(result: Comparison, page: Page, out: Path) -> None:
     error, metrics, files = figures.error_panel(result), figures.metrics_panels(result.every), result.files
     files["csv"] = out / "comparison.csv"
     write_csv(result, files["csv"])
-    files["metrics"] = chart.write_png(metrics, out / "metrics.png")
+    files["metrics"] = chart.write_png(metrics, out / "metrics.png", figures.left_out(result.every))
     probes = probe_panels(result.every)
     if probes:
         files["probes"] = chart.write_png(probes, out / "probes.png")

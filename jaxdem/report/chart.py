@@ -153,8 +153,8 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [float(tick) for tick in locator.tick_values(low, high) if low <= tick <= high]
 
 
-def write_png(panels: Sequence[Panel], path: Path) -> Path:
-    """Draw into a file, with a legend below."""
+def write_png(panels: Sequence[Panel], path: Path, note: str = "") -> Path:
+    """Draw into a file, with a note above and a legend below."""
     with style.look():
         alone = len(panels) == 1
         width = 9.0 if alone else 4.2 * min(COLUMNS, len(panels))
@@ -163,6 +163,7 @@ def write_png(panels: Sequence[Panel], path: Path) -> Path:
         height = 5.4 if alone else 3.0 * math.ceil(len(panels) / COLUMNS)
         figure = style.new_figure(width, height + style.LEGEND_LINE * math.ceil(len(names) / columns))
         axes = draw_panels(figure, panels)
+        figure.suptitle(note, fontsize=9, color="#666666", wrap=True)
         handles: dict[str, Artist] = {}
         for axis in axes:
             for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):

@@ -8,35 +8,48 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from jaxdem.metrics import METRICS, Metric
+from jaxdem.report import runs as read
 from jaxdem.report import style
 from jaxdem.report.chart import Panel, Series, log_limits
 from jaxdem.report.comparison import Comparison, Row
-from jaxdem.report.runs import PRESSURE, Array, without_outlet
+from jaxdem.report.runs import Array
 
 OFF_SCALE = 3.0
 """An unsound run may stretch an axis by this factor; beyond, it leaves the panel, and the panel says so."""
 
-NO_PRESSURE = "not shown: no side fixes the pressure,\nits mean is zero by convention"
 FRONT = "Pareto front: none is both faster and better"
 
 
 def metrics_panels(rows: Sequence[Row]) -> list[Panel]:
-    """The metrics that the runs have, over time; an unsound run ends in a cross."""
+    """The metrics that the runs have, over time; an unsound run ends in a cross. Those without meaning in the box are
+    left out; `left_out` says why.
+    """
     panels = [panel for metric in METRICS if (panel := _metric_panel(metric, rows))]
     return panels or [Panel("time [s]", "", note="no output yet")]
 
 
+def left_out(rows: Sequence[Row]) -> str:
+    """A sentence on the metrics that the runs have and that tell nothing in their box; empty without any."""
+    reasons = {
+        metric.label: why
+        for row in rows
+        for metric in METRICS
+        if _has(row.run.history, metric.name) and (why := read.without_meaning(row.run).get(metric.name))
+    }
+    listed = ", ".join(f"{label} ({why})" for label, why in reasons.items())
+    return f"Left out: {listed}." if listed else ""
+
+
 def _metric_panel(metric: Metric, rows: Sequence[Row]) -> Panel | None:
-    """None for a metric that no run has; of a box without an outlet the panel says why it has no mean pressure."""
+    """None for a metric that no run has."""
     y_label = f"{metric.label} [{metric.unit}]"
     shown = [(row, row.history[metric.name]) for row in rows if _has(row.history, metric.name)]
     if not shown:
-        left_out = any(without_outlet(row.run) and _has(row.run.history, metric.name) for row in rows)
-        return Panel("time [s]", y_label, note=NO_PRESSURE) if metric.name == PRESSURE and left_out else None
+        return None
     series = []
     # Noise runs lie behind the others.
     for row, values in sorted(shown, key=lambda pair: pair[0].role != "noise"):
-        name = "reference, jittered pack" if row.role == "noise" else row.label
+        name = "reference, other packs" if row.role == "noise" else row.label
         times, look = row.history["time"], row.look
         series.append(Series(name, times, values, look.color, look.dash, look.width))
         if not row.ranked and row.role != "noise":
@@ -63,6 +76,8 @@ def sound_limits(sound: Sequence[Array], every: Sequence[Array]) -> tuple[float,
 
 def error_panel(comparison: Comparison) -> Panel:
     """Mean error against run time, both logarithmic: runs, their packs and training, noise, reference, Pareto front.
+
+    Of a run with several packs there are bars over the range of both, and a small point for each.
 
     An error of zero is drawn at half of the smallest other one.
     """
@@ -100,4 +115,6 @@ def _marks(row: Row, floor: float) -> Iterator[Series]:
     yield Series(name, [time], [error], look.color, marker=look.marker if row.ranked else "x", note=note)
     if len(row.trials) > 1:
         x, y = zip(*((trial.run_time_s, max(trial.mean_error, floor)) for trial in row.trials), strict=True)
+        yield Series(name, [time, time], [min(y), max(y)], look.color, "solid", 1.6)
+        yield Series(name, [min(x), max(x)], [error, error], look.color, "solid", 1.6)
         yield Series(name, x, y, look.color, marker="circle", size=4.0, note="one pack")

@@ -264,9 +264,9 @@ def _unlike(comparison: Comparison) -> list[str]:
     rows, result = comparison.rows, []
     if len({read.domain_size(row.run) for row in comparison.every} - {None}) > 1:
         result.append("The runs have boxes of different size, so the errors compare different scenes.")
-    counts = sorted({row.particles for row in rows if math.isfinite(row.particles)})
+    counts = sorted({row.particles * read.grains_per_particle(row.run) for row in rows if math.isfinite(row.particles)})
     if len(counts) > 1:
-        result.append(f"The runs have different numbers of particles ({', '.join(f'{n:.0f}' for n in counts)}).")
+        result.append(f"The runs have different numbers of grains ({', '.join(f'{n:.0f}' for n in counts)}).")
     devices = {read.text(read.lookup(row.run.summary, "device")) for row in comparison.every}
     if len(devices) > 1:
         result.append(f"Run times are from different machines ({'; '.join(sorted(devices))}) and cannot be compared.")

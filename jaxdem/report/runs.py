@@ -14,7 +14,6 @@ from jaxdem.metrics import METRICS
 Array = NDArray[np.float64]
 
 NAMES = tuple(metric.name for metric in METRICS)
-PRESSURE = "fluid_pressure_mean"
 
 
 def lookup(mapping: Mapping[str, Any] | None, dotted: str, default: Any = None) -> Any:
@@ -57,32 +56,46 @@ def text(value: object, fallback: str = "not recorded") -> str:
 def history_until(run: Run, until: float | None) -> dict[str, Array]:
     """The history up to and including the time `until` [s]; columns (T,), with `time` first.
 
-    Columns of another length than the time are left out (a history cut by a kill), and so is the mean pressure of a
-    box `without_outlet`.
+    Columns of another length than the time are left out (a history cut by a kill), and so are those that tell nothing
+    in the run's box, `without_meaning`.
     """
-    history = run.history or {}
+    history, left_out = run.history or {}, without_meaning(run)
     times = np.asarray(history.get("time", run.times), dtype=np.float64)
     keep = np.ones(len(times), bool) if until is None else times <= until * (1 + 1e-9)
     result = {"time": times[keep]}
     for name in NAMES:
         values = history.get(name)
-        if values is not None and len(values) == len(times) and not (name == PRESSURE and without_outlet(run)):
+        if values is not None and len(values) == len(times) and name not in left_out:
             result[name] = np.asarray(values, dtype=np.float64)[keep]
     return result
 
 
-def without_outlet(run: Run) -> bool:
-    """Whether no side of the run's box fixes the pressure, as far as is known.
+def without_meaning(run: Run) -> dict[str, str]:
+    """Metrics that tell nothing in the run's box, each with the reason, as far as is known.
 
-    Its mean pressure is zero by convention, and what is written is rounding.
+    Where no side fixes the pressure its mean is zero by convention, and what is written is rounding. Along a periodic
+    axis particles are anywhere in the box, so that they have neither a front nor a top.
     """
     sides = lookup(run.scene, "boundary", {})
-    return bool(sides) and all(lookup(side, "kind") != "outlet" for side in sides.values())
+    kinds = {name: lookup(side, "kind") for name, side in sides.items()}
+    result = {}
+    if kinds and "outlet" not in kinds.values():
+        result["fluid_pressure_mean"] = "no side fixes the pressure, its mean is zero by convention"
+    if kinds.get("left") == "periodic":
+        result["runoff"] = "the box is periodic along x"
+    if kinds.get("bottom") == "periodic":
+        result["height"] = "the box is periodic along the vertical"
+    return result
 
 
 def cells(run: Run) -> tuple[int, ...] | None:
     """Number of fluid cells along each axis; None without fluid."""
     return tuple(map(int, lookup(run.scene, "fluid.cells", ()))) or None
+
+
+def grains_per_particle(run: Run) -> float:
+    """Number of grains that one particle of the run stands for, l^D with `particles.coarse_grain` = l."""
+    return float(lookup(run.scene, "particles.coarse_grain", 1.0)) ** len(domain_size(run) or ())
 
 
 def domain_size(run: Run) -> tuple[float, ...] | None:

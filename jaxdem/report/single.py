@@ -17,7 +17,7 @@ from jaxdem.io import Run
 from jaxdem.report import chart, pictures, style
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import folder_name, row_of_one
-from jaxdem.report.figures import metrics_panels
+from jaxdem.report.figures import left_out, metrics_panels
 from jaxdem.report.force_lines import force_lines
 from jaxdem.report.pictures import Picture, Tops
 from jaxdem.report.probes import probe_panels
@@ -64,11 +64,11 @@ def plot_run(
             figure = style.new_figure(max(width, 12.5), tall + height)
             upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[tall, height]).flat
             _snapshot(upper, run, picture, color)
-            _metrics(lower, run, panels, picture.time)
+            _metrics(lower, run, panels, picture.time, left_out([row_of_one(run)]))
             return [style.save(figure, out)]
         still, lines = style.new_figure(width, tall), style.new_figure(*_size(panels))
         _snapshot(still, run, picture, color)
-        _metrics(lines, run, panels, picture.time)
+        _metrics(lines, run, panels, picture.time, left_out([row_of_one(run)]))
         files = [style.save(lines, out / "metrics.png"), style.save(still, out / "snapshot.png")]
         if probes:
             measured = style.new_figure(*_size(probes))
@@ -111,12 +111,13 @@ def frame_at(run: Run, time: float | None) -> int:
     return index
 
 
-def _metrics(figure: Figure | SubFigure, run: Run, panels: list[chart.Panel], time: float) -> None:
-    """The panels, with the time of the snapshot marked."""
+def _metrics(figure: Figure | SubFigure, run: Run, panels: list[chart.Panel], time: float, note: str = "") -> None:
+    """The panels, with the time of the snapshot marked, and a note above."""
     for axis, panel in zip(chart.draw_panels(figure, panels), panels, strict=True):
         if panel.x_label == "time [s]":
             axis.axvline(time, color=style.NOISE, linewidth=1.0, linestyle=":", zorder=1)
     row = row_of_one(run)
+    figure.suptitle(note, fontsize=9, color="#666666", wrap=True)
     if row.status != "valid":
         status = style.escaped(f"{row.name}: {row.status}", math.inf)
         figure.suptitle(status, color=style.INVALID, fontsize=10, wrap=True)

@@ -129,18 +129,21 @@ def test_sound_runs_choose_the_axis(make: Any) -> None:
     assert height.y_limits is None and not height.note
 
 
-def test_a_pressure_that_is_left_out_is_said(make: Any, saved: list[Any]) -> None:
-    """In a closed box the panel says why it is empty, in the file and on the page; without fluid it is not there."""
-    closed = make("closed")
-    closed.scene["boundary"] = {side: {"kind": "no_slip"} for side in ("left", "right", "bottom", "top")}
-    panels = figures.metrics_panels(compared(closed, closed).every)
-    assert len(panels) == 9 and not panels[6].series and "zero by convention" in panels[6].note
-    chart.write_png(panels, Path("x.png"))
-    texts = [[text.get_text() for text in axis.texts] for axis in saved[0].axes]
-    assert texts[6] == [panels[6].note] and not any(texts[:6])
-    page = chart.to_html(panels, "metrics")
-    note = re.search(r'"text":"not shown[^}]*', page)
-    assert note is not None and '"xref":"x7 domain"' in note[0]
+def test_metrics_without_meaning_are_left_out_and_named(make: Any, saved: list[Any], tmp_path: Path) -> None:
+    """In file, page and error: the mean pressure of a closed box, the front and the top of a periodic one."""
+    closed, periodic = make("closed"), make("periodic")
+    walls = {side: {"kind": "no_slip"} for side in ("left", "right", "bottom", "top")}
+    closed.scene["boundary"] = walls
+    periodic.scene["boundary"] = {side: {"kind": "periodic"} for side in walls}
+    for run, number, words in ((closed, 8, ["zero by convention"]), (periodic, 6, ["zero by", "along x", "vertical"])):
+        rows = compared(run, run).every
+        panels, note = figures.metrics_panels(rows), figures.left_out(rows)
+        assert len(panels) == number and all(word in note for word in words) and all(one.series for one in panels)
+        assert sum(np.isfinite(list(rows[1].errors.values()))) == number
+        saved.clear()
+        comparison = compare(run, [Candidate(run, "copy")], tmp_path)
+        assert note in comparison.warnings and note in {figure.get_suptitle() for figure in saved}
+    assert not figures.left_out(compared(make("open"), make("open")).every)
     assert len(figures.metrics_panels(compared(*[make("dry", cells=None)] * 2).every)) == 5
 
 
