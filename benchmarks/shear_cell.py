@@ -112,8 +112,8 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     with style.look():
         figure = style.new_figure(10.0, 3.4)
         left, middle, right = figure.subplots(1, 3)
-        inertial = np.geomspace(3e-3, 2.0, 200)
-        left.plot(inertial, friction_law(inertial), color="black", label="Jop et al. 2006, glass beads")
+        inertial = np.geomspace(0.01, 1.0, 200)
+        left.plot(inertial, friction_law(inertial), color="black", label="glass beads, Jop 2006")
         for number, seed in enumerate(sorted({row["seed"] for row in rows})):
             some = [row for row in rows if row["seed"] == seed]
             x, x_error = ([row[name] for row in some] for name in ("inertial_number", "inertial_number_error"))
@@ -121,17 +121,29 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             error = [row["friction_error"] for row in some]
             left.errorbar(x, [row["friction"] for row in some], xerr=x_error, yerr=error, **how)
             middle.errorbar(x, [row["solid_fraction"] for row in some], xerr=x_error, **how)
-        middle.plot(inertial, solid_fraction_law(inertial), color="black", label="Pouliquen et al. 2006, glass beads")
+        middle.plot(inertial, solid_fraction_law(inertial), color="black", label="glass beads, Pouliquen 2006")
         middle.legend(loc="lower left")
-        left.set(xscale="log", xlabel="inertial number I [-]", ylabel="friction tau / P [-]", ylim=(0.2, 0.8))
-        middle.set(xscale="log", xlim=(3e-3, 2.0), xlabel="inertial number I [-]", ylabel="solid fraction [-]")
+        left.set(
+            xscale="log",
+            xlim=(0.01, 1.0),
+            xlabel="inertial number I [-]",
+            ylabel="friction tau / P [-]",
+            ylim=(0.2, 0.8),
+        )
+        middle.set(
+            xscale="log",
+            xlim=(0.01, 1.0),
+            ylim=(0.48, 0.62),
+            xlabel="inertial number I [-]",
+            ylabel="solid fraction [-]",
+        )
         left.legend(loc="upper left")
         for number, row in enumerate(row for row in rows if row["seed"] == rows[0]["seed"]):
             right.plot(
                 row["velocity"], np.array(row["z_m"]) / row["height_m"], color=style.COLOURS[number % 6],
                 label=f"I = {row['inertial_number']:.2f}",
             )  # fmt: skip
-        right.set(xlabel="velocity [m/s]", ylabel="height over the distance of the plates [-]", ylim=(0.0, 1.0))
+        right.set(xlabel="velocity [m/s]", ylabel="height / distance of the plates [-]", ylim=(0.0, 1.0))
         right.legend(loc="lower right")
         style.save(figure, path, dpi=110)
 
