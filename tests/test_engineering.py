@@ -195,6 +195,12 @@ def test_what_looks_like_another_unit_is_named_with_what_was_meant(tables, key, 
     assert meant in found[0]
 
 
+def test_a_soft_contact_on_purpose_is_no_mistake():
+    """A larger limit of the overlap says so."""
+    contact = {"young_modulus": 1e4, "maximum_overlap": 0.4}
+    assert not [said for said in unit_warnings(scene_with(contact=contact)) if "young_modulus" in said]
+
+
 @pytest.mark.parametrize("name", sorted(path.name for path in SCENES.glob("*.toml")))
 def test_shipped_scenes_look_like_what_they_are(name):
     assert unit_warnings(load_scene(SCENES / name)) == ()

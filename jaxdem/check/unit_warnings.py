@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from jaxdem.scene import Scene
+from jaxdem.scene.contact import Contact
 from jaxdem.scene.particles import radius_key, radius_range
 from jaxdem.scene.sizes import column
 
@@ -126,7 +127,8 @@ def _moduli(scene: Scene) -> Iterator[str]:
     for key, value in given:
         if not isinstance(value, float):
             continue
-        if value < SOFT:
+        # Who lets grains overlap by more than the default has soft contacts on purpose.
+        if value < SOFT and contact.maximum_overlap <= Contact.model_fields["maximum_overlap"].default:
             meant = [f"{unit}, write {value * f:.3g}" for unit, f in _multiples(value)]
             yield _warning(key, value, "Pa", "this is softer than any solid grain", "in " + "; in ".join(meant))
         elif value > STIFF:
