@@ -225,6 +225,17 @@ def test_particles_are_removed_added_and_moved_apart(half):
     assert 0.0 < case.start_figures["largest_move"] < 0.1 * RADIUS
     assert float(np.abs(state.particles.contact_spring[0]).max()) == 0.0
 
+    # A wall that stands now, through the middle of the lowest grains; one that has vanished moves nothing.
+    height = float(np.sort(moved[:, 1])[2])
+    wall = {"kind": "plane", "point": [0.0, height], "normal": [0.0, 1.0]}
+    case, (state, _) = first_state(later(half, {"start.relax": True, "walls": [wall]}))
+    above = np.asarray(state.particles.position, float)[there]
+    assert above[:, 1].min() >= height + RADIUS * (1.0 - 1e-5)
+    assert deepest_overlap(above, np.full(len(above), RADIUS), (0.2, 0.2), (False, False))[0] < 1e-6
+    assert case.start_figures["largest_move"] >= 0.9 * RADIUS
+    gone, (state, _) = first_state(later(half, {"start.relax": True, "walls": [wall | {"end": 0.5 * HALF}]}))
+    np.testing.assert_array_equal(np.asarray(state.particles.position, float)[there], moved)
+
 
 def test_a_frame_in_place_of_the_checkpoint(half):
     """Positions and velocities are the frame's; faces are means of cells, made to satisfy the sides and continuity."""

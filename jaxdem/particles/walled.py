@@ -34,6 +34,8 @@ class WalledRegion(Region):
 
     def _contacts(self, points: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(S, N) how far spheres reach into the walls [m], and (S, N, D) the normals there."""
+        if not len(points):
+            return np.zeros((len(self.surfaces), 0)), np.zeros((len(self.surfaces), 0, self.dimension))
         # As many as a power of two: one program for all numbers up to it.
         rows = np.resize(np.arange(len(points)), 1 << max(len(points) - 1, 0).bit_length())
         # Leading and trailing parts, as the contacts see them in float32.

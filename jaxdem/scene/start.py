@@ -27,8 +27,8 @@ class Start(Section):
         remove: regions; particles whose centres lie in one of them are removed.
         add: particles to be added, with the keys of `[particles]` except `inlet`. They must not overlap those that are
             there.
-        relax: whether particles that overlap each other or a side of the box are moved apart. Their contact springs
-            start at rest.
+        relax: whether particles that overlap each other, a side of the box or one of `[[walls]]` are moved apart. Their
+            contact springs start at rest.
         absent: whether some particles of the run may have left, or have still to come in. Default: what the scene of
             that run says.
     """

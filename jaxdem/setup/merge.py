@@ -15,23 +15,20 @@ class. That need not be a whole number: a particle on the border of two clusters
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.numerics.tables import Window
 from jaxdem.particles.clusters import Membership, equal_clusters
 from jaxdem.particles.growth import moved_apart_nearby
 from jaxdem.particles.packing import deepest_overlap
-from jaxdem.particles.regions import Region, box, into_period
-from jaxdem.particles.walled import WalledRegion
+from jaxdem.particles.regions import into_period
 from jaxdem.scene import Scene
 from jaxdem.setup.bodies import Bodies, collapsed
+from jaxdem.setup.free_space import free_space
 from jaxdem.setup.parcels import share_of_sphere
 from jaxdem.setup.start_point import StartPoint
-from jaxdem.setup.walls import surfaces_of
 
 CLASS_WIDTH = 1.1
 """Largest over smallest radius in a size class. What is left of a class goes to the next larger one."""
@@ -236,21 +233,13 @@ def _largest_inertia(
 def _apart(scene: Scene, parcels: Grains, time: float) -> tuple[Grains, dict[str, object]]:
     """The parcels moved until they overlap neither each other nor a side of the box, as far as there is room."""
     size, radius = scene.domain.size, parcels.bodies.radius
-    position, clear = moved_apart_nearby(_free(scene, time), parcels.position, radius)
+    position, clear = moved_apart_nearby(free_space(scene, time), parcels.position, radius)
     way = position - parcels.position
     way = np.where(scene.periodic, way - np.asarray(size) * np.round(way / np.asarray(size)), way)
     length = np.linalg.norm(way, axis=1)
     overlap = 0.0 if clear else deepest_overlap(position, radius, size, scene.periodic)[0]
     figures: dict[str, object] = {"largest_move": float(length.max()), "mean_move": float(length.mean())}
     return dataclasses.replace(parcels, position=position), figures | {"largest_overlap": overlap}
-
-
-def _free(scene: Scene, time: float) -> Region:
-    """Where particles may be: the box, before the walls of the scene that are there at a time [s]."""
-    whole = box((0.0,) * len(scene.domain.size), scene.domain.size, scene.periodic)
-    there = [wall for wall in scene.walls if Window(wall.begin or 0.0, wall.end or math.inf).holds(time)]
-    surfaces = tuple(surface for wall in there for surface in surfaces_of(wall))
-    return WalledRegion(whole.parts, whole.bounds, surfaces=surfaces) if surfaces else whole
 
 
 def _stored(start: StartPoint, parcels: Grains) -> StartPoint:

@@ -10,10 +10,11 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.particles.growth import moved_apart
-from jaxdem.particles.regions import box, into_period
+from jaxdem.particles.regions import into_period
 from jaxdem.scene.scene import Start
 from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
 from jaxdem.setup.bodies import Bodies, joined
+from jaxdem.setup.free_space import free_space
 from jaxdem.setup.packs import PackSetup
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.regions import region_space
@@ -151,8 +152,7 @@ class StartedParticles(ParticleSetup):
         if not self.settings.relax:
             return self._at_first
         rows, radius = np.flatnonzero(self.active), np.broadcast_to(self.present.radius, self.count)
-        size, moved = self.scene.domain.size, self._at_first.copy()
-        whole = box((0.0,) * len(size), size, self.scene.periodic)
+        whole, moved = free_space(self.scene, float(self.start.time)), self._at_first.copy()
         moved[rows], clear = moved_apart(whole, moved[rows], radius[rows])
         if not clear:
             limit = "some particles still overlap; there is no room to move them apart"

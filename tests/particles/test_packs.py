@@ -11,6 +11,8 @@ from scipy import stats
 import jaxdem
 from jaxdem.errors import InputError
 from jaxdem.particles import growth, packing, regions
+from jaxdem.particles.surfaces import Cylinder, Plane
+from jaxdem.particles.walled import WalledRegion
 from jaxdem.setup.contact_step import expected_speed
 from jaxdem.setup.overlaps import check_initial_positions
 from jaxdem.setup.particles import particle_setup
@@ -234,3 +236,19 @@ def test_packs_whose_particles_overlap_are_named():
     with pytest.raises(InputError, match=r"one is of particles\.pack\.0") as caught:
         check_initial_positions(found)
     assert caught.value.key == "particles.pack.1"
+
+
+def test_particles_are_moved_out_of_walls():
+    """A tube that leans in a box, cut by a plane: all are inside of both, and clear of each other."""
+    tube = Cylinder((0.05, 0.05, 0.0), 0.04, (0.0, 0.3, 1.0), True)
+    cut, peg = Plane((0.0, 0.0, 0.03), (0.0, 0.2, 1.0)), Cylinder((0.05, 0.06, 0.0), 0.01, (0.0, 0.0, 1.0), False)
+    whole = regions.box((0.0,) * 3, (0.1,) * 3)
+    space = WalledRegion(whole.parts, whole.bounds, surfaces=(tube, cut, peg))
+    start = np.random.default_rng(2).uniform(0.0, 0.1, (120, 3))
+    found, clear = growth.moved_apart(space, start, np.full(120, 0.003))
+    assert clear and packing.deepest_overlap(found, np.full(120, 0.003), (0.1,) * 3, (False,) * 3)[0] < 1e-9
+    axis = np.asarray(tube.axis) / np.linalg.norm(tube.axis)
+    away = np.linalg.norm(np.cross(found - tube.center, axis), axis=1)
+    height = (found - cut.point) @ np.asarray(cut.normal) / np.linalg.norm(cut.normal)
+    assert away.max() <= 0.037 + 1e-9 and height.min() >= 0.003 - 1e-9
+    assert np.hypot(*(found[:, :2] - [0.05, 0.06]).T).min() >= 0.013 - 1e-9
