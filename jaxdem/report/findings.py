@@ -117,7 +117,7 @@ def _noise_sentences(comparison: Comparison) -> list[str]:
     if math.isfinite(floor):
         used = sum(row.ranked for row in comparison.noise_rows)
         result.append(
-            f"Reference runs that differ only in a small jitter of the pack differ by {percent(floor)} "
+            f"Reference runs that differ only in the random numbers of their packs differ by {percent(floor)} "
             f"({used} run(s)). This is the noise; no model can be expected to have a smaller error."
         )
     result.append(f"Two mean errors that differ by {percent(noise)} or less count as equal within the noise.")
