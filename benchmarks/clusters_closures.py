@@ -11,17 +11,25 @@ import numpy as np
 
 from benchmarks.clusters_runs import Case, simulated, terminal_speed
 from jaxdem.closures import DragClosure, InvariantClosure, RadlSundaresan, load_closure, save_closure
+from jaxdem.closures.invariant import FEATURES
 from jaxdem.closures.network import layer_name
 from jaxdem.errors import InputError
 from jaxdem.train.dataset import make_dataset
-from jaxdem.train.dataset_file import read_dataset
+from jaxdem.train.dataset_file import Dataset, read_dataset
 from jaxdem.train.fit import fit_filtered
 from jaxdem.train.fit_settings import FitSettings
 
 COARSENED = (2, 4, 8)
 """Fine cells along a side of the coarse cells that a closure is trained for: 6, 12 and 24 diameters."""
-HIDDEN = {"regression": (), "network": (8,)}
-"""Layers of what is fitted: without one the logarithm of the factor is linear in the features."""
+FITS: dict[str, tuple[tuple[int, ...], tuple[str, ...], int]] = {
+    "regression": ((), FEATURES, 1),
+    "network": ((8,), FEATURES, 1),
+    "fraction": ((8,), ("solid_fraction", "log_filter_over_diameter"), 2),
+}
+"""What is fitted: hidden layers, features, and on how many of the training runs. Without a hidden layer the logarithm
+of the factor is linear in the features."""
+HELD_OUT = 0.15
+"""Part of the time of the first training run, at its end, on which closures are judged and not trained."""
 
 
 def closure_of(case: Case, folder: Path) -> DragClosure | None:
@@ -34,19 +42,31 @@ def closure_of(case: Case, folder: Path) -> DragClosure | None:
 
 
 def train(cases: Sequence[Case], folder: Path, seed: int = 0) -> None:
-    """Regression and network, fitted to fine runs; of a single one the last part of its time is held out,
-    of several the last. What is there is not done again."""
-    files = []
+    """The closures of `FITS`, fitted to samples of fine runs; what is there is not done again."""
+    datasets: list[Dataset] = []
     for case in cases:
-        files.append(folder / f"{case.folder}.dataset.h5")
-        if not files[-1].exists():
-            make_dataset(simulated(case, folder).path, files[-1], COARSENED)
-    for name, hidden in HIDDEN.items():
+        file = folder / f"{case.folder}.dataset.h5"
+        if not file.exists():
+            make_dataset(simulated(case, folder).path, file, COARSENED)
+        datasets.append(read_dataset(file))
+    early, late = parted(datasets[0])
+    for name, (hidden, features, number) in FITS.items():
         path = folder / f"{name}.closure.h5"
         if not path.exists():
-            settings = FitSettings.filtered(hidden=hidden, seed=seed, epochs=40)
-            found = fit_filtered([read_dataset(file) for file in files], settings)
+            settings = FitSettings.filtered(hidden=hidden, features=features, seed=seed, epochs=40)
+            found = fit_filtered([early, *datasets[1:number], late], settings)
             save_closure(path, found.closure, found.metadata)
+
+
+def parted(dataset: Dataset) -> tuple[Dataset, Dataset]:
+    """The samples of a run before and in the last part `HELD_OUT` of its time, as datasets of two runs."""
+    end = (1.0 - HELD_OUT) * max(float(group.time.max()) for group in dataset.groups.values())
+    early = {n: group.select(group.time <= end) for n, group in dataset.groups.items()}
+    late = {n: group.select(group.time > end) for n, group in dataset.groups.items()}
+    return (
+        dataclasses.replace(dataset, groups=early),
+        dataclasses.replace(dataset, groups=late, run=f"{dataset.run} (end)"),
+    )
 
 
 def scaled(closure: DragClosure, strength: float) -> InvariantClosure:

@@ -18,6 +18,7 @@ NAMES = {
     "radl": "Radl & Sundaresan",
     "regression": "regression",
     "network": "network",
+    "fraction": "network of the solid fraction",
     "tuned": "tuned",
 }
 """Of the closures."""

@@ -14,8 +14,9 @@ import pytest
 from benchmarks import clusters
 from benchmarks import clusters_measures as measures
 from benchmarks import clusters_runs as runs
-from benchmarks.clusters_closures import scaled
+from benchmarks.clusters_closures import parted, scaled
 from jaxdem.closures import DragInputs, InvariantClosure, WenYu
+from jaxdem.train.dataset_file import VECTORS, Dataset, Group
 
 CASE = runs.Case(0.05, 12.0, box=(48, 96), times=1)
 
@@ -138,6 +139,16 @@ def test_the_plan_has_a_fine_run_for_every_coarse_one_and_no_folder_twice():
     cases = [case for group in clusters.plan().values() for case in group]
     folders = [case.folder for case in set(cases)]
     assert len(folders) == len(set(folders))
-    fine = {(case.solid_fraction, case.diameter) for case in cases if case.cell == 3.0 and not case.closure}
-    assert {(case.solid_fraction, case.diameter) for case in cases} == fine
+    fine = {(case.solid_fraction, case.box) for case in cases if case.cell == 3.0 and not case.closure}
+    assert {(case.solid_fraction, case.box) for case in cases} == fine
     assert Path(runs.SCENE).is_file()
+
+
+def test_the_end_of_a_run_is_held_out():
+    time = np.linspace(0.0, 1.0, 11)
+    arrays = {name: np.zeros((11, 2)) for name in VECTORS} | {"solid_fraction": time, "diameter": time + 1.0}
+    group = Group(4, 1e-3, 1e-3, 1.3, 1.8e-5, time=time, **arrays)
+    early, late = parted(Dataset("wen_yu", 1.3, 1.8e-5, 2, "run", "", {4: group}))
+    assert (early.groups[4].time <= 0.85).all() and (late.groups[4].time > 0.85).all()
+    assert len(early.groups[4]) + len(late.groups[4]) == 11 and len(late.groups[4]) == 2
+    assert early.run != late.run
