@@ -8,13 +8,14 @@ from collections.abc import Callable
 from jaxdem.foreign import region as shapes
 from jaxdem.foreign.contact_lammps import gran_style, granular_style, pair_coefficients
 from jaxdem.foreign.contact_liggghts import LiggghtsContact, contact_words
+from jaxdem.foreign.ends import end_of_script
 from jaxdem.foreign.files import read_data, read_dump
 from jaxdem.foreign.model import Deck, Segment
 from jaxdem.foreign.notes import LEFT, NOTHING, TAKEN, Answer, Unknown, joined_answer
 from jaxdem.foreign.particles import create_atoms, delete_atoms, displace_atoms, group, lattice, set_values, velocity
 from jaxdem.foreign.region import AXES
 from jaxdem.foreign.units import units_of
-from jaxdem.foreign.words import integer, numbers
+from jaxdem.foreign.words import integer, numbers, positive
 
 Handler = Callable[[Deck, list[str]], Answer]
 
@@ -28,8 +29,6 @@ NO_EFFECT = {
 """Commands about output and parallel work, which a scene does by itself."""
 
 REASONS = {
-    "read_restart": "restart files are binary and of one version; write a dump or a data file from it, and name it in "
-    "read_data, or in particles.file",
     "rerun": "a rerun computes nothing; name its dump in particles.file (with frame), or in start.from of a run",
     "jump": "loops are not carried out; use `jaxdem sweep` for several runs",
     "next": "loops are not carried out; use `jaxdem sweep` for several runs",
@@ -62,9 +61,10 @@ def dimension(deck: Deck, words: list[str]) -> Answer:
 
 def boundary(deck: Deck, words: list[str]) -> Answer:
     """`boundary p f m`."""
-    deck.boundary = [(word * 2)[:2] for word in words[1:4]]
-    if len(deck.boundary) != 3 or not all(set(ends) <= set("pfsm") for ends in deck.boundary):
+    found = [(word * 2)[:2] for word in words[1:4]]
+    if len(found) != 3 or not all(set(ends) <= set("pfsm") and len(ends) == 2 for ends in found):
         raise Unknown("needs three of p, f, s, m or pairs of them")
+    deck.boundary = found
     return TAKEN, 'boundary.SIDE.kind = "periodic" where it is p; other ends are walls of the deck, or noted at the end'
 
 
@@ -94,6 +94,8 @@ def region(deck: Deck, words: list[str]) -> Answer:
     options = dict(zip(more[::2], more[1::2], strict=False))
     if set(options) & {"move", "rotate"}:
         raise Unknown("a region that moves has no counterpart")
+    if not all(low < high for low, high in zip(made.lower, made.upper, strict=True)):
+        raise Unknown("its upper ends must be above its lower ends")
     made.inside = options.get("side", "in") != "out"
     deck.regions[name] = made
     return TAKEN, f"the region {name} of what names it"
@@ -113,14 +115,14 @@ def create_box(deck: Deck, words: list[str]) -> Answer:
     box = deck.regions.get(words[2])
     if box is None or box.shape != "block":
         raise Unknown("the box must be a block region that stands before it")
-    deck.types = integer(words[1])
+    deck.types = int(positive([str(integer(words[1]))], 1)[0])
     deck.lower, deck.upper = list(box.lower), list(box.upper)
     return TAKEN, "domain.size; the origin is moved to the lower corner"
 
 
 def timestep(deck: Deck, words: list[str]) -> Answer:
     """`timestep DT`."""
-    deck.model.time_step = numbers(words[1:], 1)[0] * deck.unit.time
+    deck.model.time_step = positive(words[1:], 1)[0] * deck.unit.time
     deck.model.time_step_line = deck.line
     return TAKEN, f"contact.time_step; at most {deck.model.time_step:g} s, so that steps divide the interval"
 
@@ -153,6 +155,8 @@ def run(deck: Deck, words: list[str]) -> Answer:
         return NOTHING, "no step is made"
     if deck.model.time_step <= 0.0:
         raise Unknown("there is no time step before it; add timestep")
+    if deck.model.contact is None:
+        raise Unknown("there is no contact model before it; add pair_style")
     duration = more * deck.model.time_step
     deck.steps += more
     if not deck.has_particles and not deck.segments:
@@ -161,6 +165,15 @@ def run(deck: Deck, words: list[str]) -> Answer:
     deck.segments.append(Segment(deck.line, name, deck.time, deck.time + duration, deck.frozen_model()))
     deck.time += duration
     return TAKEN, "time.end"
+
+
+def read_restart(deck: Deck, words: list[str]) -> Answer:
+    """`read_restart FILE`: the state that another script has written; that script has been carried out before."""
+    if len(words) < 3 or not deck.has_particles:
+        reason = "restart files are binary and of one version, and no script beside this one writes it"
+        raise Unknown(f"{reason}; write a dump or a data file from it, and name it in read_data or in particles.file")
+    end_of_script(deck)
+    return TAKEN, f"the particles as {words[-1]} leaves them: its lines are carried out before"
 
 
 def dump(deck: Deck, words: list[str]) -> Answer:
@@ -192,7 +205,7 @@ HANDLERS: dict[str, Handler] = {
     "timestep": timestep, "pair_style": pair_style, "pair_coeff": pair_coeff, "run": run, "dump": dump,
     "thermo_modify": thermo_modify, "atom_style": atom_style, "read_data": read_data, "read_dump": read_dump,
     "lattice": lattice, "create_atoms": create_atoms, "set": set_values, "velocity": velocity, "group": group,
-    "delete_atoms": delete_atoms, "displace_atoms": displace_atoms,
+    "delete_atoms": delete_atoms, "displace_atoms": displace_atoms, "read_restart": read_restart,
 }  # fmt: skip
 
 

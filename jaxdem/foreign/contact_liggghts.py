@@ -63,6 +63,10 @@ class LiggghtsContact:
         needed = ["youngsModulus", "poissonsRatio", "coefficientRestitution"]
         needed += ["characteristicVelocity"] if hooke else []
         found = [f"{name} (fix property/global)" for name in needed if name not in model.properties]
+        for name, values in model.properties.items():
+            count = deck.types**2 if name in PAIRS else deck.types
+            if len(values) < count and name != "characteristicVelocity":
+                found.append(f"{count} numbers of {name} (fix property/global) for {deck.types} types")
         if hooke and deck.largest() is None:
             found.append("a size for the stiffness of hooke (particletemplate/sphere)")
         return found

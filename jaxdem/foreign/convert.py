@@ -123,18 +123,20 @@ def _tables(deck: Deck, written: Written, data_name: str, case: FluidCase | None
 
 
 def _require_enough(found: Deck, deck: Path, case: FluidCase | None) -> None:
-    contact = found.model.contact
     lacking = {
         "units (units si)": found.units is None,
         f"spheres (the atom style is {found.odd_particles})": bool(found.odd_particles),
         "a box (create_box or read_data)": not found.lower,
-        "a contact model (pair_style)": contact is None,
+        "a contact model (pair_style)": found.model.contact is None,
         "particles (read_data, create_atoms, insert/pack, insert/rate/region or pour)": not found.has_particles,
         "a time step (timestep)": found.model.time_step <= 0.0,
         "a run": not found.segments and case is None,
     }
     names = [name for name, lacks in lacking.items() if lacks]
-    names += [] if contact is None else contact.lacking(found, found.model)
+    models = [segment.model for segment in found.segments] + ([found.model] if case is not None else [])
+    for model in [] if names else models:
+        names += [] if model.contact is None else model.contact.lacking(found, model)
+    names = list(dict.fromkeys(names))
     if names:
         left = "; ".join(f"{note.place}: {note.reason}" for note in found.notes if note.kind == LEFT)
         limit = f"has nothing that a scene can take as {', nor as '.join(names)}. Left out: {left or 'nothing'}"

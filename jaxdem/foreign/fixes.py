@@ -6,9 +6,10 @@ import math
 from collections.abc import Callable
 
 from jaxdem.foreign.contact_liggghts import PROPERTIES
+from jaxdem.foreign.ends import GRAVITY, end
 from jaxdem.foreign.faces import read_face
 from jaxdem.foreign.insertions import distribution, insert, template
-from jaxdem.foreign.model import Deck, DeckWall, Insertion
+from jaxdem.foreign.model import Deck, Insertion
 from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Answer, Unknown
 from jaxdem.foreign.pour import pour
 from jaxdem.foreign.walls import NO_TRIANGLES, wall
@@ -18,9 +19,6 @@ Handler = Callable[[Deck, list[str]], Answer]
 
 ROUNDING = 1e-12
 """Part of gravity that is the rounding of an angle."""
-
-GRAVITY = "gravity"
-"""What the fix of gravity has become."""
 
 MOVES = ("nve/sphere", "nve/sphere/omp", "nve", "nve/granular")
 NO_EFFECT = ("check/timestep/gran", "print", "ave/time", "ave/atom", "ave/spatial", "ave/chunk", "ave/histo",
@@ -49,7 +47,7 @@ def fix(deck: Deck, words: list[str]) -> Answer:
     style = words[3]
     before = deck.fixes.pop(words[1], None)
     if isinstance(before, list | Insertion):  # a fix of a name that is there takes its place
-        _end(deck, before)
+        end(deck, before)
     deck.fixes[words[1]] = style
     if style in MOVES:
         return NOTHING, "a scene does this by itself"
@@ -91,31 +89,12 @@ def unfix(deck: Deck, words: list[str]) -> Answer:
         deck.model.gravity = None
         return TAKEN, "domain.gravity is zero from here on"
     if isinstance(found, list | Insertion):
-        return _end(deck, found)
+        return end(deck, found)
     if found in MOVES:
         return LEFT, "particles go on to move here"
     if found == "property/global":
         return NOTHING, "the constant stays as it is"
     return NOTHING, "nothing of that fix is in the scene"
-
-
-def _end(deck: Deck, found: list[DeckWall] | Insertion) -> Answer:
-    """Walls that vanish, or an insertion that ends."""
-    if isinstance(found, Insertion):
-        if found.segment == deck.segment:
-            deck.insertions.remove(found)
-            deck.notes.amend(found.line, NOTHING, "its fix is taken back before a run")
-            return TAKEN, "the insertion is never carried out"
-        if not found.is_inlet:
-            return NOTHING, "its particles are in already"
-        found.end = deck.time
-        return TAKEN, "particles.inlet.end"
-    for one in found:
-        one.end = deck.time
-        if one.begin == one.end:
-            deck.walls.remove(one)
-            deck.notes.amend(one.line, NOTHING, "its fix is taken back before a run")
-    return TAKEN, "walls.end"
 
 
 def property_global(deck: Deck, words: list[str]) -> Answer:

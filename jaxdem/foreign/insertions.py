@@ -11,7 +11,7 @@ from jaxdem.foreign.faces import Face
 from jaxdem.foreign.model import Deck, Insertion, Kind
 from jaxdem.foreign.notes import DIFFERS, TAKEN, Answer, Unknown
 from jaxdem.foreign.region import Region
-from jaxdem.foreign.words import integer, numbers, option
+from jaxdem.foreign.words import integer, numbers, option, positive
 
 SPREAD, SMALLEST = 3, 0.1
 """Standard deviations at which a normal distribution is cut, and least part of the mean of a radius."""
@@ -26,14 +26,14 @@ def template(deck: Deck, words: list[str]) -> Answer:
     at, unit = words.index("density"), deck.unit
     if words[at + 1] != "constant":
         raise Unknown(f"density {words[at + 1]} is not taken; write particles.density in the scene")
-    density = numbers(words[at + 2 :], 1)[0] * unit.density
+    density = positive(words[at + 2 :], 1)[0] * unit.density
     kind, at = int(options.get("atom_type", "1")), words.index("radius")
     if words[at + 1] == "constant":
-        deck.templates[words[1]] = Kind(1.0, density, kind, numbers(words[at + 2 :], 1)[0] * unit.length)
+        deck.templates[words[1]] = Kind(1.0, density, kind, positive(words[at + 2 :], 1)[0] * unit.length)
         return TAKEN, "radius and density of [particles], or of a species"
     if words[at + 1 : at + 3] != ["gaussian", "number"]:
         raise Unknown(f"radius {words[at + 1]} is not taken; write [particles.distribution] in the scene")
-    mean, deviation = (value * unit.length for value in numbers(words[at + 3 :], 2))
+    mean, deviation = (value * unit.length for value in positive(words[at + 3 :], 2))
     low, high = max(mean - SPREAD * deviation, SMALLEST * mean), mean + SPREAD * deviation
     table = {"kind": "normal", "by": "number", "mean": mean, "standard_deviation": deviation}
     table |= {"lower": low, "upper": high}
@@ -52,7 +52,7 @@ def distribution(deck: Deck, words: list[str]) -> Answer:
     kinds = []
     for name, part in zip(pairs[::2], pairs[1::2], strict=True):
         made = deck.templates[name]
-        share = numbers([part], 1)[0] / (made.mass if by_mass else 1.0)
+        share = positive([part], 1)[0] / (made.mass if by_mass else 1.0)
         kinds.append(Kind(share, made.density, made.type, made.radius))
         if made.distribution is not None and count > 1:
             raise Unknown("a species has one radius; write [particles.distribution] in the scene")

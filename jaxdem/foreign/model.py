@@ -114,6 +114,12 @@ class DeckWall:
     end: float | None = None
 
     @property
+    def place(self) -> tuple[object, ...]:
+        """Where it is, of what material, and how it moves."""
+        where = (self.shape, self.axis, self.coordinate, self.middle, self.radius, self.inside, self.upper)
+        return (*where, self.material, self.shear)
+
+    @property
     def is_permanent(self) -> bool:
         """Whether it is there all the time."""
         return self.begin == 0.0 and self.end is None

@@ -13,7 +13,7 @@ import math
 from jaxdem.foreign.model import Deck, Insertion, Kind
 from jaxdem.foreign.notes import DIFFERS, Answer, Unknown
 from jaxdem.foreign.region import Region
-from jaxdem.foreign.words import integer, numbers
+from jaxdem.foreign.words import integer, numbers, positive
 
 OPTIONS = {"region": 1, "var": 1, "set": 2, "id": 1, "ignore": 0, "mol": 1, "rigid": 1, "shake": 1, "vol": 2, "rate": 1,
            "dens": 2, "molfrac": 1, "units": 1}  # fmt: skip
@@ -31,7 +31,7 @@ def pour(deck: Deck, words: list[str]) -> Answer:
             raise Unknown(f"{name} is not carried out; write [[particles.inlet]] by hand")
     where, unit, different = deck.region(given["region"][0]), deck.unit, list[str]()
     where.space(deck.axes)
-    low, high = (value * unit.density for value in numbers(given.get("dens", ["1", "1"]), 2))
+    low, high = (value * unit.density for value in positive(given.get("dens", ["1", "1"]), 2))
     if low != high:
         different.append("all have the mean density")
     kinds = _kinds(given.get("diam", ["one", "1"]), unit.length, 0.5 * (low + high), kind)
@@ -68,14 +68,14 @@ def _options(words: list[str], dimension: int) -> dict[str, list[str]]:
 def _kinds(words: list[str], unit: float, density: float, kind: int) -> list[Kind]:
     """`one D`, `range D1 D2` evenly by number, or `poly N D1 P1 ...` by number."""
     if words[0] == "one":
-        return [Kind(1.0, density, kind, 0.5 * unit * numbers(words[1:], 1)[0])]
+        return [Kind(1.0, density, kind, 0.5 * unit * positive(words[1:], 1)[0])]
     if words[0] != "poly":  # an old form has the two numbers alone
-        low, high = (0.5 * unit * value for value in numbers(words[-2:], 2))
+        low, high = (0.5 * unit * value for value in positive(words[-2:], 2))
         if low == high:
             return [Kind(1.0, density, kind, low)]
         table = {"kind": "table", "by": "number", "radii": [low, high], "cumulative": [0.0, 1.0]}
         return [Kind(1.0, density, kind, high, table, (high**4 - low**4) / (4.0 * (high - low)))]
-    values = numbers(words[2:], 2 * integer(words[1]))
+    values = positive(words[2:], 2 * integer(words[1]))
     total = sum(values[1::2])
     pairs = zip(values[::2], values[1::2], strict=True)
     return [Kind(part / total, density, kind, 0.5 * unit * size) for size, part in pairs]

@@ -14,6 +14,7 @@ from jaxdem.foreign.formula import evaluate, holds
 from jaxdem.foreign.notes import LEFT, NOTHING, TAKEN, Note, Notes, Unknown, unreadable
 
 FORM = re.compile(r"\$\{(\w+)\}|\$\(((?:[^()]|\([^()]*\))*)\)|\$(\w)")
+WRITES = re.compile(r"^[ \t]*(?:write_restart|restart[ \t]+\d+)[ \t]+([^\s#]+)", re.M)
 DEEPEST = 10
 """Files that include each other."""
 
@@ -53,6 +54,9 @@ def commands(path: Path, variables: dict[str, str], notes: Notes, depth: int = 0
             elif words[:1] == ["include"] and len(words) == 2 and depth < DEEPEST:
                 notes.append(Note(place, text, TAKEN, f"the lines of {words[1]} follow"))
                 yield from commands(path.parent / words[1], variables, notes, depth + 1)
+            elif words[:1] == ["read_restart"] and (writer := _writer(path, words)) and depth < DEEPEST:
+                yield from commands(writer, {}, notes, depth + 1)
+                yield Command(place, text, [[*words, writer.name]])
             elif words[:1] == ["if"]:
                 parts = _decided(words, variables)
                 if parts:
@@ -63,6 +67,19 @@ def commands(path: Path, variables: dict[str, str], notes: Notes, depth: int = 0
                 yield Command(place, text, [words], comment=line.comment)
         except (Unknown, ValueError) as error:
             notes.append(Note(place, line.text, LEFT, str(error)))
+
+
+def _writer(path: Path, words: list[str]) -> Path | None:
+    """The script beside this one that writes a restart file; None without, or where there are several."""
+    found = []
+    for other in sorted(path.parent.glob("in.*")):
+        try:
+            text = "" if other == path else read_text(other)
+        except (OSError, ValueError):
+            continue
+        if Path(words[1]).name in [Path(name).name for name in WRITES.findall(text)]:
+            found.append(other)
+    return found[0] if len(found) == 1 else None
 
 
 def _joined(path: Path) -> Iterator[Line]:

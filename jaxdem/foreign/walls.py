@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from jaxdem.foreign.contact_lammps import LammpsContact
 from jaxdem.foreign.contact_liggghts import LiggghtsContact, contact_words
+from jaxdem.foreign.ends import goes_on
 from jaxdem.foreign.gran_models import granular_model, old_model
 from jaxdem.foreign.model import Deck, DeckWall
 from jaxdem.foreign.notes import DIFFERS, TAKEN, Answer, Unknown
@@ -46,6 +47,7 @@ def _liggghts(deck: Deck, words: list[str]) -> Answer:
     different = [] if alike or kind == TAKEN else [reason.removeprefix("contact.law; ")]
     different += _moving(deck, [made], more)
     deck.walls.append(made)
+    goes_on(deck, made)
     deck.fixes[words[1]] = [made]
     return (DIFFERS, "; ".join([target, *different])) if different else (TAKEN, target)
 
@@ -81,6 +83,8 @@ def _lammps(deck: Deck, words: list[str]) -> Answer:
         more = rest[1:]
     different = _moving(deck, made, more)
     deck.walls += made
+    for one in made:
+        goes_on(deck, one)
     deck.fixes[words[1]] = made
     deck.wall_models.append((deck.line, model))
     target = "a side of the box, or [[walls]]"

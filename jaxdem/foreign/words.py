@@ -22,6 +22,18 @@ def numbers(words: list[str], count: int) -> list[float]:
     return found
 
 
+def positive(words: list[str], count: int) -> list[float]:
+    """The first `count` words as numbers above 0.
+
+    Raises:
+        Unknown: they are not.
+    """
+    found = numbers(words, count)
+    if min(found) <= 0.0:
+        raise Unknown(f"needs {count} number(s) above 0, got {' '.join(words[:count])}")
+    return found
+
+
 def integer(word: str) -> int:
     """A word as a whole number.
 
