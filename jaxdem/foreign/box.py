@@ -127,9 +127,10 @@ def _end(deck: Deck, box: Box, axis: int, upper: bool, planes: list[DeckWall]) -
         if one is not inner:
             deck.notes.amend(one.line, NOTHING, f"it stands behind the plane at {inner.coordinate:g} m")
     for one in [one for one in box.walls if one in planes]:
-        if abs(one.coordinate - inner.coordinate) <= near:
+        outwards = one.coordinate - inner.coordinate if upper else inner.coordinate - one.coordinate
+        if outwards >= -near:
             box.walls.remove(one)
-            deck.notes.amend(one.line, NOTHING, "there is a wall at its place all the time")
+            deck.notes.amend(one.line, NOTHING, f"it stands at or behind the plane at {inner.coordinate:g} m")
 
 
 def _side(deck: Deck, box: Box, one: DeckWall, name: str) -> None:

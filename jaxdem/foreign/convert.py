@@ -103,6 +103,10 @@ def _tables(deck: Deck, written: Written, data_name: str, case: FluidCase | None
     """The scene; each run of the deck is a part of it, and a case has one more, with the fluid."""
     box = box_of(deck, is_mesh=case is not None)
     shared = shared_tables(deck, box, written, data_name)
+    sides = {} if case is None else case.tables["boundary"]
+    periodic = {name: table for name, table in sides.items() if table == {"kind": "periodic"}}
+    if periodic:  # in the parts without fluid too
+        shared = merged(shared, {"boundary": periodic})
     parts = []
     for number, segment in enumerate(deck.segments):
         tables = merged(shared, model_tables(deck, box, segment.model))

@@ -180,6 +180,15 @@ def test_times(tmp_path):
     assert kinds == {"adjustTimeStep": DIFFERS, "stopAt": LEFT, "wonder": LEFT, "writeControl": DIFFERS}
 
 
+def test_cyclic_patches_are_periodic_before_the_fluid_too(tmp_path):
+    ends = "ends { type cyclic; faces ((0 3 7 4) (1 2 6 5)); } sides { type wall; faces (("
+    mesh = MESH.replace("sides { type wall; faces ((0 3 7 4) (1 2 6 5) (", ends)
+    script = decks.CASE["DEM/in.run"].replace("run 1\n", "run 1000\n").replace("boundary f", "boundary p")
+    tables, _ = tables_of(tmp_path, **{"CFD/system/blockMeshDict": mesh, "DEM/in.run": script})
+    assert tables["boundary"]["left"] == {"kind": "periodic"} and "right" not in tables["boundary"]
+    assert "left" not in tables["stages"][1]["boundary"]
+
+
 def test_plane_walls_and_the_mesh(tmp_path):
     """At its end a side, outside of it noted, inside a wall with the particles on one side."""
     wall = "fix {} all wall/gran model hertz primitive type 1 {}plane {}\n"

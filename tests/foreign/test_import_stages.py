@@ -86,6 +86,30 @@ def test_a_chain_of_stages_runs(tmp_path):
     assert frame["velocity"][:8, 0].min() > 0.0
 
 
+RESTART = f"""{decks.BOX.partition("region")[0]}read_restart ../post/filled.restart
+{decks.MATERIAL}fix x1 all {decks.WALL} xplane -0.03
+fix x2 all {decks.WALL} xplane 0.03
+fix y1 all {decks.WALL} yplane -0.02
+fix y2 all {decks.WALL} yplane 0.02
+fix top all {decks.WALL} zplane 0.09
+run 500
+"""
+
+
+def test_a_restart_that_a_script_beside_writes(tmp_path):
+    """That script comes first. Walls that are given anew go on; the gate is not, and so it ends."""
+    before = decks.HOPPER.partition("unfix gate")[0] + "write_restart post/filled.restart\n"
+    tables, _, made = decks.imported(tmp_path, RESTART, **{"in.fill": before})
+    assert "stages" not in tables and tables["time"]["end"] == pytest.approx(0.03)
+    (gate,) = tables["walls"]
+    assert gate["end"] == 0.02 and tables["domain"]["size"] == [0.06, 0.04, 0.14]
+    note = decks.note_on(made, "read_restart")
+    assert note.kind == TAKEN and "as in.fill leaves them" in note.reason
+    first, second = [note for note in made.notes if note.text.startswith("fix x1")]
+    assert first.reason == f"goes on as the wall of {second.place}" and second.reason == "boundary.left, at -0.03 m"
+    assert {note.place.partition(",")[0] for note in made.notes} == {"in.fill", "in.deck", "scene"}
+
+
 def test_the_difference_of_tables_laid_over_the_first_gives_the_second():
     before = {"a": {"x": 1, "y": {"z": 2}}, "walls": [1], "gone": {"k": 1}, "same": 3}
     after = {"a": {"x": 1, "y": {"z": 4}}, "same": 3, "new": {"q": 1}}
