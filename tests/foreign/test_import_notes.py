@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import random
 from collections import Counter
 from pathlib import Path
 
 import pytest
 from cases import decks
 
+from jaxdem.errors import InputError
 from jaxdem.foreign import import_deck
 from jaxdem.foreign.foam import read_foam
 from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN
@@ -63,6 +65,39 @@ def test_every_entry_of_a_case_has_one_note(tmp_path):
         assert set(counts) == set(entries)
         assert {name for name, count in counts.items() if count > 1} <= {"forceModels"}
     check(made, "in.run", (tmp_path / "case" / "DEM" / "in.run").read_text())
+
+
+def damaged(text, random):
+    """A script with some words changed, dropped or doubled, and a line taken from elsewhere."""
+    lines = text.splitlines()
+    words = [word for word in text.split() if not set(word) & set("\"'&#$")] + ["nan", "-1", "0", "NULL", "1e99"]
+    for _ in range(random.randint(1, 4)):
+        number = random.randrange(len(lines))
+        parts = lines[number].split(" ")
+        at = random.randrange(len(parts))
+        if set(lines[number]) & set("\"'&#"):
+            lines.insert(number, random.choice([line for line in lines if "&" not in line]))
+        elif random.random() < 0.5:
+            lines[number] = " ".join([*parts[:at], random.choice(words), *parts[at + 1 :]])
+        else:
+            lines[number] = " ".join([*parts[:at], *parts[at + 1 :]])
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("name", ["hopper", "created", "pour", "granular"])
+def test_a_damaged_script_is_refused_or_has_a_note_on_every_line(tmp_path, name):
+    """No other error than InputError, and nothing is silent."""
+    text, others = SCRIPTS[name]
+    generator, made = random.Random(7), 0
+    for _ in range(30):
+        script = damaged(text, generator)
+        try:
+            found = decks.imported(tmp_path, script, **others)[2]
+        except InputError:
+            continue
+        made += 1
+        check(found, "in.deck", script)
+    assert made > 3
 
 
 def test_the_reasons_name_the_keys():

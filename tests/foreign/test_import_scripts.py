@@ -15,7 +15,7 @@ from jaxdem.cli.main import app
 from jaxdem.errors import InputError
 from jaxdem.foreign import import_deck
 from jaxdem.foreign.formula import evaluate
-from jaxdem.foreign.notes import LEFT, NOTHING, TAKEN, Unknown
+from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN, Unknown
 from jaxdem.setup.particles import particle_setup
 
 
@@ -138,3 +138,63 @@ def test_formulas():
     for text in ("bound(all,x)", "__import__('os')", "9^9^9^9^9", "1/0", "v_none", "(" * 500, "x.y"):
         with pytest.raises(Unknown):
             evaluate(text, {})
+
+
+def test_a_side_that_moves_and_a_wall_that_comes_later(tmp_path):
+    text = decks.HOPPER.replace("xplane 0.03", "xplane 0.03 shear z 0.5").replace(
+        "unfix rain", f"unfix rain\nfix lid all {decks.WALL} zplane 0.085"
+    )
+    tables, _, made = decks.imported(tmp_path, text)
+    assert tables["boundary"]["right"] == {"kind": "moving_wall", "velocity": [0.0, 0.0, 0.5]}
+    assert tables["walls"][1] == {
+        "kind": "plane",
+        "point": [0.0, 0.0, 0.135],
+        "normal": [0.0, 0.0, -1.0],
+        "begin": 0.02,
+    }
+    assert decks.note_on(made, "fix lid").reason == '[[walls]], kind = "plane", begin = 0.02 s'
+    assert "moving_wall" in decks.note_on(made, "fix x2").reason
+
+
+def test_a_tube_in_a_periodic_box(tmp_path):
+    """The sides across which the tube stands are no periodic ones: nothing reaches them."""
+    tube = f"fix tube all {decks.WALL} zcylinder 0.02 0 0\n"
+    before, _, rest = decks.HOPPER.replace("boundary f f f", "boundary p p f").partition("fix x1")
+    text = f"{before}{tube}fix gate{rest.partition('fix gate')[2]}"
+    tables, _, made = decks.imported(tmp_path, text)
+    assert tables["boundary"] == {"bottom": {"particles": "remove"}}
+    assert [note.kind for note in made.notes if note.text == "left and right"] == [DIFFERS]
+    assert tables["walls"][0]["kind"] == "cylinder"
+
+
+def test_planes_across_a_periodic_axis_are_left_out(tmp_path):
+    tables, _, made = decks.imported(tmp_path, decks.HOPPER.replace("boundary f f f", "boundary p f f"))
+    assert tables["boundary"]["left"] == {"kind": "periodic"}
+    assert decks.note_on(made, "fix x1").kind == LEFT and "periodic along x" in decks.note_on(made, "fix x1").reason
+
+
+def test_dense_packs_grow_and_are_filled_once(tmp_path):
+    """8 grains of 4 mm fill a box of 24 x 24 x 8 mm to 0.466, one of 21 x 21 x 8 mm to 0.608."""
+    for side, kind in ((0.012, "random"), (0.0105, "grown")):
+        text = decks.HOPPER.replace("region above block -0.03 0.03 -0.02 0.02 0.0 0.08",
+                                    f"region above block {-side} {side} {-side} {side} 0.0 0.008")  # fmt: skip
+        tables, _, made = decks.imported(tmp_path, text.replace("insert_every once", "insert_every 100"))
+        assert tables["particles"]["pack"][0]["kind"] == kind
+        note = decks.note_on(made, "fix ins")
+        assert (
+            note.kind == DIFFERS
+            and "again every 100 steps" in note.reason
+            and ("grown" in note.reason) == (kind == "grown")
+        )
+
+
+def test_a_step_that_is_not_stable_is_the_automatic_one(tmp_path):
+    tables, _, made = decks.imported(tmp_path, decks.HOPPER.replace("timestep 2e-5", "timestep 2e-4"))
+    assert tables["contact"]["time_step"] == "auto"
+    assert tables["stages"][1]["contact"]["time_step"] == 1e-5
+    assert "is too long, the stable step is" in decks.note_on(made, "timestep 2e-4").reason
+
+
+def test_other_particles_than_spheres_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"spheres \(the atom style is superquadric\)"):
+        decks.imported(tmp_path, decks.HOPPER.replace("atom_style granular", "atom_style superquadric"))
