@@ -221,7 +221,7 @@ def test_what_vtk_cannot_read(tmp_path, monkeypatch):
         with pytest.raises(InputError, match="VTK cannot read"):
             read(tmp_path, text)
     monkeypatch.setattr("jaxdem.particle_files.vtk_program.__file__", write(tmp_path, "p.py", "raise SystemExit(3)"))
-    with pytest.raises(InputError, match="pip install vtk"):
+    with pytest.raises(InputError, match=r"jaxdem\[vtk\]"):
         read(tmp_path, VTK)
 
 
