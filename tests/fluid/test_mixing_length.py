@@ -28,6 +28,20 @@ def test_length_over_no_grains_a_packed_bed_and_a_loose_one():
         np.testing.assert_allclose(found, np.broadcast_to(expected, GRID.cells), atol=1e-12)
 
 
+def test_slopes_of_the_length():
+    """By kappa it is l / kappa; by phi_m, with phi = 0.3 up to 0.4 m, kappa phi z / phi_m^2 below the surface."""
+    z = (np.arange(8) + 0.5) * 0.1
+    void = jnp.broadcast_to(1.0 - np.where(z < 0.4, 0.3, 0.0), GRID.cells)
+
+    def mean(numbers):
+        return jnp.mean(mixing_length_over_bed(GRID, numbers, void))
+
+    length, slopes = jax.value_and_grad(mean)(NUMBERS)
+    assert float(slopes.von_karman) == pytest.approx(float(length) / KAPPA)
+    below = KAPPA * 0.3 / PACKED**2 * np.minimum(z, 0.4)
+    assert float(slopes.packed_solid_fraction) == pytest.approx(below.mean())
+
+
 def stream(**tables):
     """An open channel of water that gravity drives; 2-D."""
     return {
