@@ -91,3 +91,14 @@ def test_laws_of_bed_load():
     assert float(river_bed.law_of_meyer_peter(0.3)) == pytest.approx(1.0181, abs=1e-4)
     assert float(river_bed.law_of_wong(0.3)) == pytest.approx(0.4977, abs=1e-4)
     assert float(river_bed.law_of_meyer_peter(0.04)) == float(river_bed.law_of_wong(0.04)) == 0.0
+
+
+def test_scatter_of_the_bed_load():
+    """Ratios of 10 and 1/1000 to a law: log10 of 1 and -3, mean -1, root mean square sqrt(5); the first alone: 1."""
+    rows = [
+        {"shields": theta, "flux": ratio, "wong": 1.0, "meyer_peter": 0.0}
+        for theta, ratio in ((0.5, 10.0), (0.1, 1e-3))
+    ]
+    found = river_bed.scatter([*rows, {"shields": 0.05, "flux": 0.0, "wong": 1.0, "meyer_peter": 0.0}], 0.0)
+    assert found == {"wong": pytest.approx({"mean_log10": -1.0, "rms_log10": np.sqrt(5.0), "largest": 3.0, "runs": 2})}
+    assert river_bed.scatter(rows, 0.3)["wong"]["rms_log10"] == pytest.approx(1.0)
