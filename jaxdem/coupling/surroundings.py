@@ -52,18 +52,25 @@ class Surroundings:
             inputs: the fluid as the law sees it.
             scale: () factor on the drag [-].
         """
-        others, crowded = self.neighbors(start)
+        others, full = self.neighbors(start)
         centres = centres_in_box(start.particles, self.box, self.periodic)
         periods = [side if wraps else 0.0 for side, wraps in zip(self.box, self.periodic, strict=True)]
         places = Places(centres, others.T, 2.0 * start.bodies.radius, jnp.asarray(periods, centres.dtype))
         frame = axes_along(inputs.slip_velocity)
         found = fluctuation(closure, places, frame, inputs.reynolds, inputs.solid_fraction, AT_ONCE)
-        found = Response(*(jnp.where(crowded, 0.0, part) for part in found))  # without room for all, none counts
+        room = jnp.where(full, 0.0, 1.0).astype(centres.dtype)
+        column = room[:, None]
+        found = Response(room * found.along, column * found.across, column * found.torque, room * found.weight)
         return neighbor_effect(closure.base, form, found, frame, inputs, scale)
 
     def neighbors(self, start: IntervalStart) -> tuple[Array, Array]:
-        """(K, N) int32, who is in reach of every particle, itself in an empty slot; and () bool, there was no room."""
-        centres = components(centres_in_box(start.particles, self.box, self.periodic))
-        grid = CellGrid(self.box, self.periodic, self.reach, len(centres[0]))
+        """(K, N) int32, who is in reach of every particle, itself in an empty slot; and (N,) bool, whether there was no
+        room for all of them, as in a dense pack, which is out of the closure's range."""
+        centres, active = components(centres_in_box(start.particles, self.box, self.periodic)), start.particles.active
+        own = jnp.arange(len(centres[0]), dtype=jnp.int32)
+        grid = CellGrid(self.box, self.periodic, self.reach, len(own))
         given = lax.stop_gradient(centres)
-        return neighbors_in_cells(grid, given, self.slots, self.cell_slots, start.particles.active)
+        others, _ = neighbors_in_cells(grid, given, self.slots, self.cell_slots, active)
+        home = grid.flat(grid.cells(given))
+        held = jnp.zeros(grid.columns, jnp.int32).at[home].add(1 if active is None else active.astype(jnp.int32))
+        return others, (others[-1] != own) | (jnp.max(held) > self.cell_slots)

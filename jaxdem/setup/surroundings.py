@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from jaxdem.closures.base import DragClosure
-from jaxdem.closures.neighbors import NeighborClosure
+from jaxdem.closures.neighbors import DENSEST, NeighborClosure
 from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.errors import InputError
 from jaxdem.particles.cells import CellGrid
@@ -13,6 +13,8 @@ from jaxdem.particles.neighbors import DENSE, EXTRA_CAPACITY
 from jaxdem.scene import Scene
 from jaxdem.setup.particles import ParticleSetup
 
+EXTRA_ROOM = 1.15
+"""Room for neighbours, over their number at the solid fraction from which on the mean law acts alone."""
 LARGEST_RATIO = 1.1
 """Largest over smallest diameter up to which spheres count as equal."""
 
@@ -38,12 +40,12 @@ def surroundings_of(scene: Scene, particles: ParticleSetup, closure: DragClosure
                 f"({closure.reach:g} diameters)",
                 f"enlarge the box, make that side a wall, or leave out closure.file ({file})",
             )
-    crowd = DENSE[3] * (2.0 * closure.reach) ** 3
     count = particles.total
     grid = CellGrid(scene.domain.size, scene.periodic, reach, count)
     widths = (length / cells for length, cells in zip(scene.domain.size, grid.shape, strict=True))
-    in_cell = DENSE[3] * math.prod(widths) / (math.pi / 6.0 * diameter**3)
-    slots, cell_slots = (max(1, min(count, math.ceil(EXTRA_CAPACITY * number) + 2)) for number in (crowd, in_cell))
+    crowd = EXTRA_ROOM * DENSEST * (2.0 * closure.reach) ** 3
+    in_cell = EXTRA_CAPACITY * DENSE[3] * math.prod(widths) / (math.pi / 6.0 * diameter**3)
+    slots, cell_slots = (max(1, min(count, math.ceil(number) + 2)) for number in (crowd, in_cell))
     return Surroundings(scene.domain.size, scene.periodic, reach, slots, cell_slots)
 
 

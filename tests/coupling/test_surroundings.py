@@ -185,7 +185,7 @@ def test_model_b_has_the_same_force_of_the_whole_fluid(effect, closure):
 
 def test_without_room_the_mean_law_acts_and_all_are_told(closure, world, monkeypatch):
     coupling = world.simulation.coupling
-    narrow = dataclasses.replace(coupling.drag.surroundings, slots=3)
+    narrow = dataclasses.replace(coupling.drag.surroundings, slots=3, cell_slots=4)
     drag = dataclasses.replace(coupling.drag, surroundings=narrow)
     monkeypatch.setattr(surroundings, "AT_ONCE", 7)  # the last block is not full
     _, mixture, fluid, particles = world.begin(closure, slip_of([1.0, 0.0, 0.0]))
