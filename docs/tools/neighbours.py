@@ -40,7 +40,7 @@ def main() -> None:
             panel.bar(places + 0.4 * shift - 0.2, values, 0.4, label=label, color=color)
         panel.axhline(AIMS[quantity], color="tab:red", linewidth=1.0, label="aim")
         panel.set(title=title, ylabel="R2 [-]", ylim=(0.6, 1.0))
-    axes[0].legend(ncols=3, loc="lower left", fontsize="small")
+    figure.legend(*axes[0].get_legend_handles_labels(), ncols=3, loc="outside upper center", fontsize="small")
     axes[-1].set_xticks(places, labels)
     axes[-1].set_xlabel("Reynolds number (above) and solid fraction (below) [-]")
     figure.savefig(options.out, dpi=110)

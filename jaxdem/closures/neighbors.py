@@ -184,7 +184,7 @@ class NeighborClosure:
         levels: one or two.
         scale: (4, 6) logarithms of the scatter of force along, force across, torque about and torque across in the
             data, over F and F d: factors of 1, a, s, a^2, a s, s^2, with a and s the first and last of `conditions`.
-        mean: (6,) the same factors of the mean of the fluctuation [-].
+        mean: (8,) the same factors of the mean of the fluctuation, and those of s^3 and s^4 [-].
         base: mean law, of model A.
         basis: of the moments.
         carried: of the second level's moments of forces; None with one level.
@@ -218,7 +218,7 @@ class NeighborClosure:
         scale = np.zeros((4, 6), np.float32)
         scale[:, 0] = np.log(SCALE)
         law = Tang() if base is None else base
-        return cls(tuple(levels), jnp.asarray(scale), jnp.zeros(6, jnp.float32), law, basis, carried)
+        return cls(tuple(levels), jnp.asarray(scale), jnp.zeros(8, jnp.float32), law, basis, carried)
 
     @property
     def reach(self) -> float:
@@ -241,19 +241,19 @@ class NeighborClosure:
             solid_fraction: (N,) of the surroundings at large [-].
         """
         weight = range_weight(reynolds, solid_fraction) * presence(crowd)
-        known = quadratic(conditions(reynolds, solid_fraction))
+        known = quartic(conditions(reynolds, solid_fraction))
         factors = constant(self.scale, values.dtype)
-        scale = jnp.exp(jnp.einsum("nt,qt->nq", known, factors, precision=PRECISION))
+        scale = jnp.exp(jnp.einsum("nt,qt->nq", known[:, :6], factors, precision=PRECISION))
         along = scale[:, 0] * values[:, 0] - jnp.sum(known * constant(self.mean, values.dtype)[None], axis=1)
         across = scale[:, 1:2] * values[:, 1:3]
         torque = jnp.concatenate([scale[:, 2:3] * values[:, 3:4], scale[:, 3:] * values[:, 4:]], axis=1)
         return Response(weight * along, weight[:, None] * across, weight[:, None] * torque, weight)
 
 
-def quadratic(known: Array) -> Array:
-    """(N, 6) terms 1, a, s, a^2, a s, s^2, with a and s the first and last of `conditions` (N, 3)."""
+def quartic(known: Array) -> Array:
+    """(N, 8) terms 1, a, s, a^2, a s, s^2, s^3, s^4, with a and s the first and last of `conditions` (N, 3)."""
     a, s = known[:, 0], known[:, 2]
-    return jnp.stack([jnp.ones_like(a), a, s, a * a, a * s, s * s], axis=1)
+    return jnp.stack([jnp.ones_like(a), a, s, a * a, a * s, s * s, s**3, s**4], axis=1)
 
 
 def presence(crowd: Array) -> Array:

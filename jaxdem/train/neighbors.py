@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import os
 import time
@@ -14,12 +15,12 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.moments import MomentBasis
-from jaxdem.closures.neighbors import CONDITIONS, LARGE, Level, NeighborClosure, Width, conditions, quadratic
+from jaxdem.closures.neighbors import CONDITIONS, LARGE, Level, NeighborClosure, Width, conditions, quartic
 from jaxdem.errors import InputError, RunError
 from jaxdem.train.fit_loop import Network, Plan, Progress, minimize
 from jaxdem.train.neighbor_scores import scores
 from jaxdem.train.sphere_moments import Targets, group_moments, linear_fit, predicted, targets_of, with_carried
-from jaxdem.train.spheres import Floats, SphereGroup, read_spheres
+from jaxdem.train.spheres import RANDOM_SIDE, Floats, SphereGroup, random_group, read_spheres
 
 WHITENED = 1e-6
 """Combinations of moments whose variance is a smaller part of the largest are left out."""
@@ -256,17 +257,32 @@ def _in_terms_of(level: Level, matrices: Sequence[np.ndarray], middle: np.ndarra
 def with_mean(
     closure: NeighborClosure, groups: Sequence[SphereGroup], values: Sequence[tuple[Floats, ...]]
 ) -> NeighborClosure:
-    """The closure whose mean over these arrays is zero at their Re and solid fraction, as near as `mean` can do it."""
-    bare = dataclasses.replace(closure, mean=jnp.zeros(6, jnp.float32))
+    """The closure whose mean over these arrays is zero at their Re and solid fraction, as near as `mean` can do it.
+
+    Between the solid fractions of the data the mean is that of random arrays, see `between`; between the Reynolds
+    numbers it changes by less than a hundredth.
+    """
+    random = between(groups, closure.reach)
+    groups = [*groups, *random]
+    values = [*values, *(with_carried(closure, group, group_moments(closure.basis, group)) for group in random)]
+    bare = dataclasses.replace(closure, mean=jnp.zeros(8, jnp.float32))
     means = [predicted(bare, *one).along.mean(dtype=np.float64) for one in zip(groups, values, strict=True)]
     factors = np.linalg.lstsq(terms_of(groups), np.asarray(means), rcond=None)[0]
     return dataclasses.replace(closure, mean=jnp.asarray(factors, jnp.float32))
 
 
+def between(groups: Sequence[SphereGroup], reach: float) -> list[SphereGroup]:
+    """Random arrays at the solid fractions in the middle between those of the groups, at their Reynolds numbers."""
+    fractions = sorted({group.solid_fraction for group in groups})
+    middles = [0.5 * (one + other) for one, other in itertools.pairwise(fractions)]
+    flows = sorted({group.reynolds for group in groups})
+    return [random_group(flow, middle, max(RANDOM_SIDE, 2.0 * reach)) for middle in middles for flow in flows]
+
+
 def with_scale(closure: NeighborClosure, groups: Sequence[SphereGroup]) -> NeighborClosure:
     """The closure with the scatter of these groups."""
     scatter = [_scatter(targets_of(group)) for group in groups]
-    factors = np.linalg.lstsq(terms_of(groups), np.log(np.maximum(scatter, SMALLEST_SCATTER)), rcond=None)[0]
+    factors = np.linalg.lstsq(terms_of(groups)[:, :6], np.log(np.maximum(scatter, SMALLEST_SCATTER)), rcond=None)[0]
     return dataclasses.replace(closure, scale=jnp.asarray(factors.T, jnp.float32))
 
 
@@ -283,8 +299,8 @@ def known_of(groups: Sequence[SphereGroup]) -> np.ndarray:
 
 
 def terms_of(groups: Sequence[SphereGroup]) -> np.ndarray:
-    """(groups, 6) `quadratic` terms of their flows."""
-    return np.asarray(quadratic(jnp.asarray(known_of(groups))), np.float64)
+    """(groups, 8) `quartic` terms of their flows."""
+    return np.asarray(quartic(jnp.asarray(known_of(groups))), np.float64)
 
 
 def _whitening(parts: Sequence[Floats]) -> tuple[np.ndarray, np.ndarray]:
@@ -309,7 +325,7 @@ def _rows(
         np.concatenate([(one[order] - mean).astype(np.float32) @ matrix.astype(np.float32) for one in values])
         for order, (matrix, mean) in enumerate(transforms)
     )
-    scales = np.exp(terms_of(groups) @ np.asarray(closure.scale, np.float64).T)
+    scales = np.exp(terms_of(groups)[:, :6] @ np.asarray(closure.scale, np.float64).T)
     target, precision, known = [], [], []
     for group, scale, flow in zip(groups, scales, known_of(groups), strict=True):
         found = targets_of(group)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
+from functools import lru_cache
 
 import h5py
 import numpy as np
@@ -19,6 +20,9 @@ GROUP = re.compile(r"Re_(\d+(?:\.\d+)?)_phi_(\d+(?:\.\d+)?)")
 LAYOUT = "Give a file with groups Re_RR_phi_PP of position, force, torque (S, 3), start (n + 1), box (n, 6) and radius."
 FEWEST = 2
 """Arrays that a group must have: one to train on, one held out."""
+
+RANDOM_SIDE, RANDOM_ARRAYS = 9.0, 8
+"""Side of the boxes of random arrays in diameters, at least, and their number."""
 
 Floats = NDArray[np.floating]
 
@@ -133,3 +137,29 @@ def _group(found: h5py.Group, path: str | os.PathLike[str], named: re.Match[str]
     return SphereGroup(
         name, reynolds, solid_fraction, start, position, vectors["force"], vectors["torque"], box.astype(np.float32)
     )
+
+
+@lru_cache(maxsize=16)
+def random_positions(solid_fraction: float, side: float) -> Floats:
+    """(S, 3) centres of `RANDOM_ARRAYS` arrays of spheres that are added at random where none overlaps, one array after
+    the other; up to a solid fraction of about 0.35 [diameters]."""
+    generator, count = np.random.default_rng(0), round(solid_fraction * side**3 / (np.pi / 6.0))
+    found = np.zeros((RANDOM_ARRAYS, count, 3), np.float32)
+    for array in found:
+        placed = 0
+        while placed < count:
+            tried = generator.uniform(0.0, side, 3)
+            apart = array[:placed] - tried
+            apart -= side * np.round(apart / side)
+            if placed == 0 or (apart**2).sum(axis=1).min() > 1.0:
+                array[placed] = tried
+                placed += 1
+    return found.reshape(-1, 3)
+
+
+def random_group(reynolds: float, solid_fraction: float, side: float) -> SphereGroup:
+    """Random arrays without forces, to see what a closure gives in the mean."""
+    position = random_positions(solid_fraction, side)
+    start = np.arange(RANDOM_ARRAYS + 1) * (len(position) // RANDOM_ARRAYS)
+    none, box = np.zeros_like(position), np.full((RANDOM_ARRAYS, 3), side, np.float32)
+    return SphereGroup("random", reynolds, solid_fraction, start, position, none, none, box)

@@ -1,6 +1,7 @@
 """The closure of neighbours: its symmetries, its limits, its slopes."""
 
 import dataclasses
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -24,9 +25,14 @@ from jaxdem.closures.neighbors import (
     range_weight,
 )
 from jaxdem.errors import InputError
+from jaxdem.train.sphere_moments import group_moments, predicted, with_carried
+from jaxdem.train.spheres import SphereGroup
 
 BASIS, CARRIED = MomentBasis(2.5, 4, 4, 3), MomentBasis(2.2, 3, 3, 2)
 SPHERES, NEIGHBORS = 5, 7
+SCENES = Path(__file__).parents[2] / "scenes"
+MEAN = 0.01
+"""Part of the mean drag by which the mean over homogeneous arrays may differ."""
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +40,7 @@ def closure():
     """Random weights, larger than those of a trained one, so that nothing is small by chance."""
     found = NeighborClosure.initial(BASIS, CARRIED, [Width(5, 3, (8,)), Width(4, 3, (8,))], seed=1)
     levels = tuple(dataclasses.replace(level, direct=level.direct + 0.1) for level in found.levels)
-    return dataclasses.replace(found, levels=levels, mean=jnp.linspace(-0.1, 0.1, 6))
+    return dataclasses.replace(found, levels=levels, mean=jnp.linspace(-0.1, 0.1, 8))
 
 
 @jax.jit
@@ -198,3 +204,31 @@ def test_the_exported_module_gives_the_same(closure, tmp_path):
     for form in ("c", "onnx"):
         with pytest.raises(InputError, match="Use stablehlo"):
             export_closure(closure, {}, form, path, "0")
+
+
+def test_the_shipped_closure_keeps_the_mean_law_among_random_spheres():
+    """Arrays that its training had not, at a solid fraction of the data and at one between."""
+    shipped, metadata = load_closure(SCENES / "neighbours.closure.h5")
+    assert metadata["r2"]["all"]["along"] > metadata["r2_linear"]["all"]["along"]
+    generator = np.random.default_rng(11)
+    for solid_fraction in (0.1, 0.15):
+        side, arrays = 9.0, 6
+        count = round(solid_fraction * side**3 / (np.pi / 6))
+        found = np.zeros((arrays, count, 3), np.float32)
+        for array in found:
+            placed = 0
+            while placed < count:
+                tried = generator.uniform(0, side, 3)
+                apart = array[:placed] - tried
+                apart -= side * np.round(apart / side)
+                if (np.sum(apart**2, axis=1) > 1.0).all():
+                    array[placed], placed = tried, placed + 1
+        position, start = found.reshape(-1, 3), np.arange(arrays + 1) * count
+        none, box = np.zeros_like(position), np.full((arrays, 3), side, np.float32)
+        group = SphereGroup("", 10.0, solid_fraction, start, position, none, none, box)
+        values = with_carried(shipped, group, group_moments(shipped.basis, group))
+        given = predicted(shipped, group, values)
+        assert float(given.along.mean()) == pytest.approx(0.0, abs=MEAN)
+        assert 0.1 < float(given.along.std()) < 0.3
+        # Across, a pair gives force and counterforce nearly, and no direction is preferred.
+        np.testing.assert_allclose(given.across.mean(axis=0), 0.0, atol=MEAN)
