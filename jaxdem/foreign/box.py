@@ -202,6 +202,8 @@ def wall_tables(deck: Deck, box: Box, several: bool) -> list[dict[str, Any]]:
         table |= {"begin": plain(one.begin)} if one.begin else {}
         table |= {"end": plain(one.end)} if one.end is not None else {}
         tables.append(table)
+        note = deck.notes[one.line]
+        deck.notes.amend(one.line, note.kind, _replaced(note.reason, _target(one)))
         if any(one.shear):
             deck.notes.differ(one.line, "its motion is left out: it is no side of the box")
     return tables
@@ -211,13 +213,12 @@ def _plane(deck: Deck, box: Box, one: DeckWall) -> dict[str, Any]:
     upper = one.upper if one.upper is not None else _is_upper(deck, one)
     place = [plain(one.coordinate + box.shift[k]) if k == one.axis else 0.0 for k in deck.axes]
     normal = [(-1.0 if upper else 1.0) if k == one.axis else 0.0 for k in deck.axes]
-    deck.notes.amend(one.line, deck.notes[one.line].kind, _replaced(deck.notes[one.line].reason, _target(one)))
     return {"kind": "plane", "point": place, "normal": normal}
 
 
 def _target(one: DeckWall) -> str:
     when = [f"{name} = {value:g} s" for name, value in (("begin", one.begin or None), ("end", one.end)) if value]
-    return ", ".join(['[[walls]], kind = "plane"', *when])
+    return ", ".join([f'[[walls]], kind = "{one.shape}"', *when])
 
 
 def _is_upper(deck: Deck, one: DeckWall) -> bool:

@@ -12,6 +12,9 @@ from jaxdem.foreign.region import AXES
 from jaxdem.foreign.words import numbers
 
 NO_TRIANGLES = "walls are planes, cylinders and wedges here, no triangles; write [[walls]] in their place"
+TARGET = "a side of the box, or [[walls]]"
+"""What a wall becomes, before the box is known."""
+
 SHAPES = ("xplane", "yplane", "zplane", "xcylinder", "ycylinder", "zcylinder", "region")
 OLD = ("hooke", "hooke/history", "hertz/history")
 
@@ -34,11 +37,11 @@ def _liggghts(deck: Deck, words: list[str]) -> Answer:
     axis, unit = AXES.index(shape[0]), deck.unit
     if shape[1:] == "plane":
         made = _plane(deck, axis, numbers(rest, 1)[0] * unit.length)
-        more, target = rest[1:], "a side of the box, or [[walls]]"
+        more = rest[1:]
     elif shape[1:] == "cylinder":
         radius, *middle = (value * unit.length for value in numbers(rest, 3))
         made = DeckWall(deck.line, "cylinder", axis, middle=(middle[0], middle[1]), radius=radius, begin=deck.time)
-        more, target = rest[3:], '[[walls]], kind = "cylinder"'
+        more = rest[3:]
     else:
         raise Unknown(f"walls of shape {shape} have no counterpart")
     made.material = material
@@ -49,7 +52,7 @@ def _liggghts(deck: Deck, words: list[str]) -> Answer:
     deck.walls.append(made)
     goes_on(deck, made)
     deck.fixes[words[1]] = [made]
-    return (DIFFERS, "; ".join([target, *different])) if different else (TAKEN, target)
+    return (DIFFERS, "; ".join([TARGET, *different])) if different else (TAKEN, TARGET)
 
 
 def _lammps(deck: Deck, words: list[str]) -> Answer:
@@ -87,8 +90,7 @@ def _lammps(deck: Deck, words: list[str]) -> Answer:
         goes_on(deck, one)
     deck.fixes[words[1]] = made
     deck.wall_models.append((deck.line, model))
-    target = "a side of the box, or [[walls]]"
-    return (DIFFERS, "; ".join([target, *different])) if different else (TAKEN, target)
+    return (DIFFERS, "; ".join([TARGET, *different])) if different else (TAKEN, TARGET)
 
 
 def _plane(deck: Deck, axis: int, coordinate: float, upper: bool | None = None) -> DeckWall:

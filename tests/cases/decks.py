@@ -205,6 +205,37 @@ run 1000
 """
 
 
+SILO = """# silo in LAMMPS
+units si
+atom_style sphere
+dimension 3
+boundary f f f
+comm_modify vel yes
+newton off
+variable d equal 0.004
+region box block -0.03 0.03 -0.03 0.03 -0.02 0.15
+create_box 1 box
+pair_style granular
+pair_coeff * * hertz/material 5e6 0.5 0.3 tangential mindlin NULL 0.5 0.4 rolling sds 100 0.1 0.05 twisting marshall damping tsuji
+region silo cylinder z 0 0 0.025 0.0 0.12 side in
+fix w1 all wall/gran/region granular hertz/material 5e6 0.5 0.3 tangential mindlin NULL 0.5 0.3 damping tsuji region silo
+fix w2 all wall/gran hertz/history 1e5 NULL 50 NULL 0.3 0 zplane NULL 0.149
+timestep 1e-5
+fix g all gravity 9.81 vector 0 0 -1
+lattice sc $(1.1*v_d)
+region fill cylinder z 0 0 0.022 0.004 0.03 units box
+create_atoms 1 region fill
+set type 1 diameter ${d} density 2500
+fix i all nve/sphere
+dump 1 all custom 1000 dump.* id type x y z
+thermo 1000
+run 5000
+unfix w1
+fix w3 all wall/gran granular hertz/material 5e6 0.5 0.3 tangential mindlin NULL 0.5 0.3 damping tsuji zcylinder 0.025
+run 2000
+"""
+
+
 CASE = {
     "CFD/constant/couplingProperties": """/* a comment */ FoamFile { version 2.0; }
 modelType "A"; // A or B

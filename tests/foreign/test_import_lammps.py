@@ -79,6 +79,24 @@ def test_materials_of_the_granular_style(tmp_path):
     load_scene(tmp_path / "scene.toml")
 
 
+def test_walls_of_a_region_and_one_that_goes_on(tmp_path):
+    """A tube with two ends, which vanish; the tube is given anew at that time, and stays."""
+    tables, _, made = decks.imported(tmp_path, decks.SILO)
+    tube, floor, roof = tables["walls"]
+    assert (tube["kind"], tube["radius"], "end" in tube) == ("cylinder", 0.025, False)
+    assert (floor["point"][2], floor["normal"][2], floor["end"]) == (0.02, 1.0, 0.05)
+    assert (roof["point"][2], roof["normal"][2], roof["end"]) == (0.14, -1.0, 0.05)
+    assert "goes on as the wall of in.deck, line 27" in decks.note_on(made, "fix w1").reason
+    assert decks.note_on(made, "fix w3").reason.startswith('[[walls]], kind = "cylinder"')
+    assert tables["contact"]["wall_friction"] == 0.3 and "stages" not in tables
+    places = np.loadtxt(tmp_path / "scene.particles.csv", delimiter=",", skiprows=1)
+    away = np.hypot(places[:, 0] - 0.03, places[:, 1] - 0.03)
+    assert away.max() <= 0.022 and places[:, 2].min() >= 0.024 - 1e-9
+    # Places i, j, k of a lattice of 4.4 mm in the cylinder, counted one by one.
+    inside = [i * i + j * j <= (0.022 / 0.0044) ** 2 + 1e-9 for i in range(-6, 7) for j in range(-6, 7)]
+    assert len(places) == sum(inside) * len([k for k in range(1, 7) if 0.004 <= 0.0044 * k <= 0.03])
+
+
 def test_the_benchmark_in_three_programs_is_one_scene(tmp_path):
     """E and nu of the old style come from its stiffnesses: K_n = 4G/(3(1-nu)), K_t = 4G/(2-nu)."""
     names = ("in.liggghts", "in.lammps", "in.lammps_hertz_history")

@@ -21,6 +21,7 @@ SCRIPTS = {
     "pile": (decks.PILE, {"grains.data": decks.GRAINS}),
     "pour": (decks.POUR, {}),
     "granular": (decks.GRANULAR, {}),
+    "silo": (decks.SILO, {}),
 }
 
 
