@@ -216,9 +216,11 @@ variable d equal 0.004
 region box block -0.03 0.03 -0.03 0.03 -0.02 0.15
 create_box 1 box
 pair_style granular
-pair_coeff * * hertz/material 5e6 0.5 0.3 tangential mindlin NULL 0.5 0.4 rolling sds 100 0.1 0.05 twisting marshall damping tsuji
+pair_coeff * * hertz/material 5e6 0.5 0.3 tangential mindlin NULL 0.5 0.4 &
+    rolling sds 100 0.1 0.05 twisting marshall damping tsuji
 region silo cylinder z 0 0 0.025 0.0 0.12 side in
-fix w1 all wall/gran/region granular hertz/material 5e6 0.5 0.3 tangential mindlin NULL 0.5 0.3 damping tsuji region silo
+fix w1 all wall/gran/region granular hertz/material 5e6 0.5 0.3 tangential mindlin NULL 0.5 0.3 damping tsuji &
+    region silo
 fix w2 all wall/gran hertz/history 1e5 NULL 50 NULL 0.3 0 zplane NULL 0.149
 timestep 1e-5
 fix g all gravity 9.81 vector 0 0 -1
