@@ -74,7 +74,9 @@ def folder_out(content: str) -> object:
 
 # What is read.
 SceneFile = Annotated[Path, Argument(metavar="SCENE", help="Scene file (TOML).", show_default=False)]
-DeckFile = Annotated[Path, Argument(metavar="DECK", help="LIGGGHTS script or CFDEM case.", show_default=False)]
+DeckFile = Annotated[
+    Path, Argument(metavar="DECK", help="Script of LIGGGHTS or LAMMPS, or folder of a CFDEM case.", show_default=False)
+]
 SceneFiles = Annotated[
     list[Path],
     Argument(metavar="SCENE...", help="Scene file (TOML); several are run one after the other.", show_default=False),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 from jaxdem.foreign.model import Deck, Segment
@@ -11,6 +13,9 @@ from jaxdem.foreign.region import plain
 
 CLOSE = 0.02
 """Part by which the time between two outputs may differ without a word on it."""
+
+FEW_STEPS, LONGEST = 10, "0.01"
+"""Least number of contact steps in a coupling interval, and the longest one that a dry scene has by itself [s]."""
 
 FRAMES = 10
 """Of a run whose deck writes no particles."""
@@ -69,6 +74,10 @@ def joined(parts: list[Part]) -> list[Part]:
 def staged(deck: Deck, parts: list[Part]) -> dict[str, Any]:
     """The tables of a scene of these parts; every run has a note on what it has become."""
     times = [_time(deck, part) for part in parts]
+    interval = _interval(deck, parts, times)
+    if interval is not None:
+        for part in parts:
+            part.tables = {**part.tables, "coupling": {"interval": interval}}
     for number, part in enumerate(parts):
         for line in part.lines:
             target = "time.end" if len(parts) == 1 else f"stages.{number}, {part.name}: time.end"
@@ -103,6 +112,27 @@ def difference(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
         if key not in after:
             found[key] = [] if isinstance(value, list) else False
     return found
+
+
+def _interval(deck: Deck, parts: list[Part], times: list[dict[str, Any]]) -> float | None:
+    """A coupling interval that divides the times at which walls appear and vanish, and the outputs; None where no wall
+    does, where a fluid has its own, or where there is no such interval of some contact steps [s]."""
+    walls = [wall for part in parts for wall in part.tables.get("walls", [])]
+    changes = {wall[key] for wall in walls for key in ("begin", "end") if key in wall}
+    if not changes or any("fluid" in part.tables for part in parts):
+        return None
+    exact = [Fraction(repr(value)) for value in (*changes, *(time["output_interval"] for time in times))]
+    common = exact[0]
+    for one in exact[1:]:
+        scale = math.lcm(common.denominator, one.denominator)
+        common = Fraction(math.gcd(int(common * scale), int(one * scale)), scale)
+    if common < FEW_STEPS * deck.model.time_step:
+        reason = "walls appear and vanish with the coupling interval that is nearest to their times"
+        deck.notes.say("coupling.interval", DIFFERS, reason)
+        return None
+    interval = plain(float(common / math.ceil(common / Fraction(LONGEST))))
+    deck.notes.say("coupling.interval", TAKEN, f"{interval:g} s, so that walls appear and vanish at their times")
+    return interval
 
 
 def _time(deck: Deck, part: Part) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 from cases import decks
 
 from jaxdem import load_scene, simulate
-from jaxdem.foreign.notes import LEFT, NOTHING, TAKEN
+from jaxdem.foreign.notes import DIFFERS, LEFT, NOTHING, TAKEN
 from jaxdem.foreign.stages import difference
 from jaxdem.scene.stages import scenes_of
 
@@ -44,6 +44,18 @@ def test_walls_and_inlets_end_by_their_own_keys(hopper):
     assert decks.note_on(made, "fix gate").reason == '[[walls]], kind = "plane", end = 0.02 s'
     assert decks.note_on(made, "unfix gate").reason == "walls.end"
     assert decks.note_on(made, "unfix rain").reason == "particles.inlet.end"
+
+
+def test_walls_change_at_their_times(tmp_path):
+    """The gate opens at 4 ms, outputs are 10 and later 5 ms apart: 1 ms divides all. Else the note says so."""
+    for steps, expected in ((200, 0.001), (201, None)):
+        text = decks.HOPPER.replace("run 1000\nunfix gate", f"run {steps}\nunfix gate")
+        text = text.replace("run 1000 # open", f"run {2000 - steps}")
+        tables, _, made = decks.imported(tmp_path, text)
+        assert tables["walls"][0]["end"] == pytest.approx(steps * 2e-5)
+        assert tables.get("coupling") == (None if expected is None else {"interval": expected})
+        kinds = [note.kind for note in made.notes if note.text == "coupling.interval"]
+        assert kinds == [DIFFERS if expected is None else TAKEN]
 
 
 def test_walls_that_no_particle_reaches_are_named(hopper):
