@@ -60,6 +60,9 @@ def import_deck(deck: Path, out: Path) -> Imported:
     properties = coupling_file(deck) if deck.is_dir() else None
     if deck.is_dir() and properties is None:
         remedy = "give a script of LIGGGHTS or LAMMPS, or the folder of a CFDEM case"
+        if (deck / "constant" / "kinematicCloudProperties").is_file():
+            limit = "is a case of DPMFoam (kinematicCloudProperties), whose contact laws are not read"
+            raise unreadable(str(deck), limit, f"write a scene by hand (`jaxdem new bed`), or {remedy}")
         raise unreadable(str(deck), "is a folder without constant/couplingProperties", remedy)
     script = deck if properties is None else script_of(properties)
     notes = Notes()

@@ -198,3 +198,11 @@ def test_a_step_that_is_not_stable_is_the_automatic_one(tmp_path):
 def test_other_particles_than_spheres_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"spheres \(the atom style is superquadric\)"):
         decks.imported(tmp_path, decks.HOPPER.replace("atom_style granular", "atom_style superquadric"))
+
+
+def test_folders_that_are_no_case(tmp_path):
+    with pytest.raises(InputError, match="without constant/couplingProperties"):
+        import_deck(tmp_path, tmp_path / "scene.toml")
+    decks.written(tmp_path, "solution {}", "constant/kinematicCloudProperties")
+    with pytest.raises(InputError, match="a case of DPMFoam"):
+        import_deck(tmp_path, tmp_path / "scene.toml")
