@@ -28,10 +28,10 @@ from benchmarks.clusters_measures import measured
 from benchmarks.clusters_runs import Case, simulated
 
 FRACTIONS = (0.02, 0.05, 0.2)
-"""Mean solid fractions; at 0.1 the box has channels as wide as itself, and the slip no mean in so short a time."""
+"""Mean solid fractions; 0.1 is for training only, see docs/results/clusters.md."""
 TRAINED_ON = (Case(0.05, samples=True), Case(0.1, samples=True, times=11))
 """Fine runs that closures are trained on, see `clusters_closures.FITS`."""
-MODELS = ("", "radl", "regression", "network", "fraction")
+MODELS = ("", "radl", "regression", "network", "network2", "fraction")
 """Closures that are compared, see `clusters_closures`."""
 COARSE = (12.0, 24.0)
 """Sides of coarse cells, in diameters."""

@@ -24,6 +24,7 @@ COARSENED = (2, 4, 8)
 FITS: dict[str, tuple[tuple[int, ...], tuple[str, ...], int]] = {
     "regression": ((), FEATURES, 1),
     "network": ((8,), FEATURES, 1),
+    "network2": ((8,), FEATURES, 2),
     "fraction": ((8,), ("solid_fraction", "log_filter_over_diameter"), 2),
 }
 """What is fitted: hidden layers, features, and on how many of the training runs. Without a hidden layer the logarithm

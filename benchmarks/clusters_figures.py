@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from benchmarks.clusters_runs import Case
 from jaxdem.io import load_run
@@ -18,10 +20,15 @@ NAMES = {
     "radl": "Radl & Sundaresan",
     "regression": "regression",
     "network": "network",
-    "fraction": "network of the solid fraction",
-    "tuned": "tuned",
+    "network2": "network, two runs",
+    "fraction": "solid fraction alone",
+    "tuned": "network, tuned",
 }
 """Of the closures."""
+COLOURS = ("#777777", *style.COLOURS)
+"""Of the closures."""
+MARKERS = {(12.0, 1): "s", (24.0, 1): "D", (12.0, 4): "o", (24.0, 4): "^"}
+"""By the side of the cells in diameters, and by the parcels."""
 
 
 def draw_pair(cases: Sequence[tuple[Case, str]], folder: Path, path: Path) -> None:
@@ -33,7 +40,7 @@ def draw_pair(cases: Sequence[tuple[Case, str]], folder: Path, path: Path) -> No
         path: PNG.
     """
     with style.look():
-        figure = style.new_figure(2.75 * len(cases) + 0.9, 5.4)
+        figure = style.new_figure(2.6 * len(cases) + 1.2, 6.3)
         panels = figure.subplots(1, len(cases), sharey=True, squeeze=False)[0]
         for axes, (case, title) in zip(panels, cases, strict=True):
             run = load_run(folder / case.folder)
@@ -57,19 +64,23 @@ def draw_pair(cases: Sequence[tuple[Case, str]], folder: Path, path: Path) -> No
 
 def draw_errors(rows: list[dict[str, Any]], path: Path) -> None:
     """Error of the slip against processor time, a panel a mean solid fraction; bars are two standard errors."""
-    fractions = sorted({row["solid_fraction"] for row in rows})
+    fractions = sorted({row["solid_fraction"] for row in rows if row["cell"] == 3.0})
     with style.look():
-        figure = style.new_figure(2.6 * len(fractions) + 1.9, 3.6)
+        figure = style.new_figure(2.3 * len(fractions) + 2.6, 3.8)
         panels = figure.subplots(1, len(fractions), sharey=True, squeeze=False)[0]
         for axes, fraction in zip(panels, fractions, strict=True):
             _errors(axes, [row for row in rows if row["solid_fraction"] == fraction])
             axes.set(title=f"solid fraction {fraction:g}", xscale="log")
             axes.set_xlabel("processor time [s]\nof a relaxation time")
         panels[0].set_ylabel("slip over that of the fine run - 1 [%]")
-        entries: dict[str, Any] = {}
-        for axes in panels:
-            entries |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-        figure.legend(entries.values(), entries.keys(), loc="center left", bbox_to_anchor=(1.0, 0.5))
+        entries = [Line2D([], [], color=style.REFERENCE, marker="*", linestyle="", label="fine run")]
+        for name, colour in zip(NAMES.values(), COLOURS, strict=True):
+            entries.append(Line2D([], [], color=colour, linewidth=3.0, label=name))
+        for (cell, parcel), marker in MARKERS.items():
+            grains = "grains" if parcel == 1 else f"parcels of {parcel}"
+            label = f"{cell:g} d, {grains}"
+            entries.append(Line2D([], [], color="#777777", marker=marker, linestyle="", label=label))
+        figure.legend(handles=entries, loc="outside right center")
         style.save(figure, path, dpi=100)
 
 
@@ -79,18 +90,13 @@ def _errors(axes: Axes, rows: list[dict[str, Any]]) -> None:
     reference, noise = fine["slip"]["mean"], fine["slip"]["error"] / fine["slip"]["mean"]
     axes.axhspan(-5.0, 5.0, color="#EEEEEE", zorder=0)
     axes.axhline(0.0, color=style.REFERENCE, linewidth=0.8)
-    axes.errorbar(
-        fine["cpu_s_per_relaxation_time"], 0.0, yerr=200.0 * noise, fmt="*", color=style.REFERENCE, label="fine"
-    )
-    for number, (closure, name) in enumerate(NAMES.items()):
-        for cell, parcel, marker in ((12.0, 1, "s"), (24.0, 1, "D"), (12.0, 4, "o"), (24.0, 4, "^")):
-            for row in rows:
-                if (row["cell"], row["parcel"], row["closure"].split("_")[0]) != (cell, parcel, closure):
-                    continue
+    axes.errorbar(fine["cpu_s_per_relaxation_time"], 0.0, yerr=200.0 * noise, fmt="*", color=style.REFERENCE)
+    for (closure, colour), ((cell, parcel), marker) in itertools.product(
+        zip(NAMES, COLOURS, strict=True), MARKERS.items()
+    ):
+        for row in rows:
+            if (row["cell"], row["parcel"], row["closure"].split("_")[0]) == (cell, parcel, closure):
                 ratio = row["slip"]["mean"] / reference
                 bar = 200.0 * ratio * np.hypot(noise, row["slip"]["error"] / row["slip"]["mean"])
-                grains = "grains" if parcel == 1 else f"parcels of {parcel}"
-                axes.errorbar(
-                    row["cpu_s_per_relaxation_time"], 100.0 * (ratio - 1.0), yerr=bar, fmt=marker,
-                    color=style.COLOURS[number], capsize=2, label=f"{name}, {cell:g} d, {grains}",
-                )  # fmt: skip
+                place = row["cpu_s_per_relaxation_time"], 100.0 * (ratio - 1.0)
+                axes.errorbar(*place, yerr=bar, fmt=marker, color=colour, capsize=2)
