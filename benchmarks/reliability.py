@@ -1,6 +1,6 @@
 """Which faults the program survives: kills at any moment, bad scenes, damaged files. Prints counts, not times.
 
-    python benchmarks/reliability.py [--only kills scenes runs files] [--kills 20] [--runs 40] [--files 24]
+    python benchmarks/reliability.py [--only kills chain scenes runs files] [--kills 20] [--runs 40] [--files 24]
         [--bits 400] [--seed 0]
 
 Prints a table and writes results/reliability.json and .md; sections that are not run keep their rows.
@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ sys.path.insert(0, str(ROOT))  # run as a script from anywhere
 
 from benchmarks import harness  # noqa: E402
 from jaxdem.io import RunDirectory, load_run  # noqa: E402
+from jaxdem.io.chain import CHAIN as CHAIN_FILE  # noqa: E402
 from tests.cases import damage, hostile  # noqa: E402
 
 PATIENCE = 3600
@@ -68,6 +69,52 @@ samples = 0.04
 checkpoint_interval = 0.1
 """
 
+STAGES = ("fill", "flow", "tilt")
+CHAIN = (
+    SCENE.replace("samples = 0.04\n", "")
+    + """
+[coupling]
+interval = 0.01
+[[probes]]
+name = "middle"
+kind = "plane"
+axis = "x"
+at = 0.1
+interval = 0.07
+[[probes]]
+name = "layers"
+kind = "profile"
+axis = "z"
+cells = 4
+interval = 0.09
+average = true
+[[probes]]
+name = "floor"
+kind = "wall"
+side = "bottom"
+interval = 0.11
+[[stages]]
+name = "fill"
+time.end = 0.6
+fluid = false
+boundary = false
+[[stages]]
+name = "flow"
+time.end = 1.2
+[stages.fluid]
+cells = [5, 5]
+time_step = 0.01
+[stages.boundary]
+left = { kind = "inlet", velocity = 0.2 }
+right = { kind = "outlet" }
+[[stages]]
+name = "tilt"
+time.end = 1.8
+domain.gravity = [1.0, -9.7]
+"""
+)
+"""A bed that settles dry, is flown through, and is tilted, with probes whose sums go over from stage to stage."""
+
 KILLED_IN_WRITE = """
 import sys
 from pathlib import Path
@@ -79,16 +126,27 @@ app(sys.argv[3:], prog_name="jaxdem")
 """
 
 
-def kills(number: int, seed: int) -> dict[str, Any]:
-    """The command line killed again and again, every other time inside a write, and resumed; against a whole run."""
+def kills(
+    number: int, seed: int, scene: str = SCENE, stages: Sequence[str] = (), writes: int = 80, waits: bool = True
+) -> dict[str, Any]:
+    """The command line killed again and again, every other time inside a write, and resumed; against a whole run.
+
+    Args:
+        number: of kills.
+        seed: of their moments.
+        scene: text of the scene.
+        stages: names of its stages; none for a single run.
+        writes: most of a process before it is killed in one.
+        waits: whether every other kill comes at any moment; else all come inside writes.
+    """
     generator = random.Random(seed)
     folder = Path(tempfile.mkdtemp())
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "scene.toml").write_text(scene)
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
 
     def command(out: Path, write: int = 0) -> list[str]:
         arguments = ["run", str(folder / "scene.toml"), "--out", str(out)]
-        if RunDirectory.is_complete(out) or (out / "scene.toml").exists():
+        if RunDirectory.is_complete(out) or any((out / name).exists() for name in ("scene.toml", CHAIN_FILE)):
             arguments.append("--resume")
         start = [sys.executable, "-m", "jaxdem"]
         return [
@@ -96,12 +154,15 @@ def kills(number: int, seed: int) -> dict[str, Any]:
             *arguments,
         ]
 
+    def same(out: Path) -> int:
+        return sum(_same_runs(folder / "whole" / name, out / name) for name in stages or [""])
+
     subprocess.run(command(folder / "whole"), env=environment, check=True, capture_output=True)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     length = used.ru_utime + used.ru_stime
     survived, resumed_to, out = 0, [], folder / "killed"
     while survived < number:
-        write = generator.randint(1, 80) if survived % 2 else 0
+        write = generator.randint(1, writes) if survived % 2 or not waits else 0
         process = subprocess.Popen(
             command(out, write), env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
@@ -110,16 +171,16 @@ def kills(number: int, seed: int) -> dict[str, Any]:
             process.kill()
         _, errors = process.communicate()
         if process.returncode == 0:  # it came to its end before the kill: another run
-            _same_runs(folder / "whole", out)
+            same(out)
             out = folder / f"killed_{survived}"
             continue
         if process.returncode != -9:
             raise RuntimeError(f"exit code {process.returncode} instead of a kill: {errors}")
         survived += 1
-        resumed_to.append(load_run(out).number_of_frames if (out / "history.csv").exists() else 0)
+        runs = [out / name for name in stages or [""]]
+        resumed_to.append(sum(load_run(run).number_of_frames for run in runs if (run / "history.csv").exists()))
     subprocess.run(command(out), env=environment, check=True, capture_output=True)
-    frames = _same_runs(folder / "whole", out)
-    return {"kills survived": survived, "frames equal bit for bit": frames, "frames at the kills": resumed_to}
+    return {"kills survived": survived, "frames equal bit for bit": same(out), "frames at the kills": resumed_to}
 
 
 def _wait_for_work(process: subprocess.Popen[str], seconds: float) -> None:
@@ -134,8 +195,9 @@ def _wait_for_work(process: subprocess.Popen[str], seconds: float) -> None:
 
 def _same_runs(one: Path, other: Path) -> int:
     """Compares two finished runs bit for bit; the number of frames."""
-    if (one / "history.csv").read_bytes() != (other / "history.csv").read_bytes():
-        raise RuntimeError(f"{other}: the histories differ")
+    for name in ("history.csv", *(f"probes/{file.name}" for file in sorted((one / "probes").glob("*.csv")))):
+        if (one / name).read_bytes() != (other / name).read_bytes():
+            raise RuntimeError(f"{other}: {name} differs")
     first, second = load_run(one), load_run(other)
     for index in range(first.number_of_frames):
         for read in ("particles", "fluid"):
@@ -210,7 +272,7 @@ def files(number: int, bits: int, seed: int) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", default=["kills", "scenes", "runs", "files"])
+    parser.add_argument("--only", nargs="+", default=["kills", "chain", "scenes", "runs", "files"])
     for name, default in (("kills", 20), ("runs", 40), ("files", 24), ("bits", 400), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)
     options = parser.parse_args()
@@ -218,6 +280,7 @@ def main() -> None:
     results: dict[str, Any] = {}
     work: dict[str, Callable[[], dict[str, Any]]] = {
         "kills": lambda: kills(options.kills, options.seed),
+        "chain": lambda: kills(options.kills, options.seed, CHAIN, STAGES),
         "scenes": scenes,
         "runs": lambda: runs(options.runs, options.seed),
         "files": lambda: files(options.files, options.bits, options.seed),
