@@ -138,7 +138,7 @@ class FluidInterval:
     def no_sums(self, state: FluidState) -> StepSums:
         """Zeros to add up over the fluid steps."""
         size, dtype = self.solver.grid.dimension, state.pressure.dtype
-        load = jnp.zeros((2 * size, size, 1 + size), dtype) if self.solver.measures_sides else None
+        load = jnp.zeros((2 * size, size, 1 + size), dtype) if self.solver.measured_sides else None
         return StepSums(load, None if state.mean_gradient is None else jnp.zeros_like(state.mean_gradient))
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:

@@ -153,7 +153,7 @@ class FluidSolver:
         viscous: whether there is a viscosity, molecular or subgrid; an inviscid scene compiles no stress.
         model: of the equations, "A" or "B".
         drive: of periodic axes; None compiles none.
-        measures_sides: whether the force on the sides of the box is found; else no such term is compiled.
+        measured_sides: of the box, whose loads are found, see `side_forces`; none: no such term is compiled.
 
     Source of the models: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II
     and III.
@@ -165,7 +165,7 @@ class FluidSolver:
     viscous: bool
     model: Literal["A", "B"] = "A"
     drive: Drive | None = None
-    measures_sides: bool = False
+    measured_sides: tuple[int, ...] = ()
 
     @property
     def shares_stress(self) -> bool:
@@ -247,7 +247,7 @@ class FluidSolver:
         fluid = FluidState(velocity, pressure, void_fraction, mean_gradient)
         on_sides = None
         if mean.on_sides is not None:
-            on_sides = properties.density * mean.on_sides + pressure_on_sides(grid, pressure)
+            on_sides = properties.density * mean.on_sides + pressure_on_sides(grid, self.measured_sides, pressure)
             if exchange is not None:
                 on_sides = on_sides + self._handed_to_sides(properties, fluid, mean.stress, weight, exchange, time_step)
         return FluidStep(fluid, mean.stress, report, remaining, on_sides)
@@ -271,7 +271,7 @@ class FluidSolver:
                 slope = pressure_slope(grid, self.boundary, fluid, continued=True)[axis]
                 given = given + (1.0 - weight[axis]) * (slope - properties.density * stress[axis])
             force.append(given)
-        return gained_at_sides(grid, tuple(force))
+        return gained_at_sides(grid, self.measured_sides, tuple(force))
 
     def first_gradient(self, properties: FluidProperties) -> Array | None:
         """(D,) mean gradient of the reduced pressure that the scene gives at its start [Pa/m]; None without a drive."""
@@ -372,20 +372,20 @@ class FluidSolver:
         """
         grid, sides = self.grid, self._sides(properties, time)
         rates = advection(grid, sides, self.advection, flux, velocity)
-        on_sides = gained_at_sides(grid, rates) if self.measures_sides else None
+        on_sides = gained_at_sides(grid, self.measured_sides, rates) if self.measured_sides else None
         flow = self._subgrid_flow(properties, velocity, void_fraction, time)
         if flow is not None:
             within = subgrid_stress(grid, flow, void_fraction)
             moved = subgrid_acceleration(grid, self.boundary, within)
             rates = tuple(r + m for r, m in zip(rates, moved, strict=True))
             if on_sides is not None:
-                on_sides = on_sides + stress_on_sides(grid, self.boundary, within)
+                on_sides = on_sides + stress_on_sides(grid, self.measured_sides, self.boundary, within)
         if not self.viscous:
             return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity), on_sides)
         length = self._mixing_length(properties, void_fraction)
         if on_sides is not None:
             found = viscous_stresses(grid, sides, velocity, properties.viscosity, length)
-            on_sides = on_sides + stress_on_sides(grid, self.boundary, found)
+            on_sides = on_sides + stress_on_sides(grid, self.measured_sides, self.boundary, found)
         stress = stress_divergence(grid, sides, velocity, properties.viscosity, length)
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return _Rates(total, stress, on_sides)

@@ -12,7 +12,7 @@ box without an outlet it is known but for a constant.
 
 A load is the force on every side and its first moments, (2 D, D, 1 + D): of component k on a side sum f_k, then
 sum x_j f_k for every axis j, from which follows the torque about any point. x is where the force acts: on the side, and
-along it in the middle of a cell. Along j = k, which no torque needs, it is not the place of the face but of its cell.
+along it in the middle of a cell. Of j = k, which no torque needs, there is 0.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ from jaxdem.fluid.boundary import Boundary, Sides
 from jaxdem.fluid.diffusion import edge_average, strain_rates
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, face_control_volume
 from jaxdem.fluid.subgrid import eddy_viscosity
+
+Measured = tuple[int, ...]
+"""Numbers of the sides that are measured: 2 times the axis, and 1 more for the upper one."""
 
 Stresses = dict[tuple[int, int], Array]
 """tau_ij / rho by (i, j), i <= j: in the cells for i = j, else on the edges of both axes [m2/s2]."""
@@ -46,10 +49,11 @@ def viscous_stresses(
     return found
 
 
-def stress_on_sides(grid: Grid, boundary: Boundary, stresses: Stresses) -> Array:
+def stress_on_sides(grid: Grid, sides: Measured, boundary: Boundary, stresses: Stresses) -> Array:
     """Load of a stress over density: force [m4/s2] and moments."""
     return _of_sides(
         grid,
+        sides,
         lambda axis, upper, which: _stress_on_side(grid, boundary, stresses, axis, upper, which),
         next(iter(stresses.values())),
     )
@@ -63,7 +67,7 @@ def _stress_on_side(grid: Grid, boundary: Boundary, stresses: Stresses, axis: in
     return (-area if upper else area) * at_side
 
 
-def pressure_on_sides(grid: Grid, pressure: Array) -> Array:
+def pressure_on_sides(grid: Grid, sides: Measured, pressure: Array) -> Array:
     """Load of the pressure of the first cells: force [N] and moments [N m]."""
 
     def on_side(axis: int, upper: bool, which: int) -> Array | None:
@@ -72,10 +76,10 @@ def pressure_on_sides(grid: Grid, pressure: Array) -> Array:
         area = grid.cell_volume / grid.spacing[axis]
         return (area if upper else -area) * along(pressure, axis, *_end(upper))
 
-    return _of_sides(grid, on_side, pressure)
+    return _of_sides(grid, sides, on_side, pressure)
 
 
-def gained_at_sides(grid: Grid, acceleration: FaceField) -> Array:
+def gained_at_sides(grid: Grid, sides: Measured, acceleration: FaceField) -> Array:
     """Load of the volume of the boundary faces times a quantity on them, such as an acceleration: [m4/s2]; moments."""
 
     def of_side(axis: int, upper: bool, which: int) -> Array | None:
@@ -85,21 +89,26 @@ def gained_at_sides(grid: Grid, acceleration: FaceField) -> Array:
         volume = along(face_control_volume(grid, axis), axis, *_end(upper)).astype(own.dtype)
         return volume * along(own, axis, *_end(upper))
 
-    return _of_sides(grid, of_side, acceleration[0])
+    return _of_sides(grid, sides, of_side, acceleration[0])
 
 
-def _of_sides(grid: Grid, force: Callable[[int, bool, int], Array | None], like: Array) -> Array:
-    """(2 D, D, 1 + D) loads of `force(axis, upper, which)` on the faces of a side, None for none; zero for the sides of
-    periodic axes."""
+def _of_sides(grid: Grid, sides: Measured, force: Callable[[int, bool, int], Array | None], like: Array) -> Array:
+    """(2 D, D, 1 + D) loads of `force(axis, upper, which)` on the faces of a side, None for none; NaN on sides that are
+    not measured."""
     dimension = grid.dimension
     nothing = jnp.zeros(1 + dimension, like.dtype)
 
     def load(axis: int, upper: bool, which: int) -> Array:
+        if 2 * axis + upper not in sides:
+            return nothing * jnp.nan
         found = None if grid.periodic[axis] else force(axis, upper, which)
         if found is None:
             return nothing
-        moments = [jnp.sum(found * _coordinate(grid, axis, upper, j, found)) for j in range(dimension)]
-        return jnp.stack([jnp.sum(found), *moments])
+        total = jnp.sum(found)
+        moments = [
+            _moment(found, total, grid, (axis, upper), j) if j != which else 0.0 * total for j in range(dimension)
+        ]
+        return jnp.stack([total, *moments])
 
     rows = [
         jnp.stack([load(axis, upper, which) for which in range(dimension)])
@@ -109,13 +118,13 @@ def _of_sides(grid: Grid, force: Callable[[int, bool, int], Array | None], like:
     return jnp.stack(rows)
 
 
-def _coordinate(grid: Grid, axis: int, upper: bool, along_axis: int, like: Array) -> Array:
-    """Coordinate along an axis of the faces of a side, in a shape that goes with theirs [m]."""
-    if along_axis == axis:
-        return jnp.asarray(grid.size[axis] if upper else 0.0, like.dtype)
-    count = like.shape[along_axis]
-    middle = grid.spacing[along_axis] * (jnp.arange(count, dtype=like.dtype) + 0.5)
-    return middle.reshape([-1 if a == along_axis else 1 for a in range(grid.dimension)])
+def _moment(force: Array, total: Array, grid: Grid, side: tuple[int, bool], j: int) -> Array:
+    """Sum of a force on the faces of a side, which is `total`, times their coordinate along axis j."""
+    axis, upper = side
+    if j == axis:
+        return (grid.size[axis] if upper else 0.0) * total
+    middle = grid.spacing[j] * (jnp.arange(force.shape[j], dtype=force.dtype) + 0.5)
+    return jnp.sum(force * middle.reshape([-1 if a == j else 1 for a in range(grid.dimension)]))
 
 
 def _end(upper: bool) -> tuple[int | None, int | None]:

@@ -49,7 +49,16 @@ class LineFile:
         Raises:
             OSError: the disk refused; the file is then as it was.
         """
-        text = "".join(",".join(map(_field, row)) + "\n" for row in rows).encode()
+        self._append("".join(",".join(map(_field, row)) + "\n" for row in rows), len(rows))
+
+    def append_table(self, table: np.ndarray) -> None:
+        """Add the lines (L, number of columns) of an array of numbers; see `append_rows`."""
+        # The same text; one by one the fields would take twice the time.
+        text = "".join(",".join(map(repr, row)) + "\n" for row in table.astype(np.float64).tolist())
+        self._append(text.replace("nan", ""), len(table))
+
+    def _append(self, lines: str, number: int) -> None:
+        text = lines.encode()
         with open(self.path, "r+b", buffering=0) as file:
             end = file.seek(0, os.SEEK_END)
             try:
@@ -59,7 +68,7 @@ class LineFile:
             except OSError:
                 file.truncate(end)
                 raise
-        self.rows += len(rows)
+        self.rows += number
 
     def cut(self, rows: int) -> None:
         """Keep the first `rows` lines."""

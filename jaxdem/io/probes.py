@@ -61,7 +61,7 @@ class ProbeFiles:
         Raises:
             OSError: the disk refused; the file is then as it was.
         """
-        self._files[name].append_rows(table.tolist())
+        self._files[name].append_table(table)
 
     def cut(self, rows: Mapping[str, int]) -> None:
         """Keep so many lines of each."""

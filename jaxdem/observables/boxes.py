@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -78,6 +79,8 @@ def of_boxes(in_box: Callable[[Box], Result], boxes: Boxes, like: Array) -> Resu
     """
     corners = Box(jnp.asarray(boxes.lower, like.dtype), jnp.asarray(boxes.upper, like.dtype))
     count, most = len(boxes.lower), max(AT_ONCE // max(like.shape[0], 1), 1)
+    if count <= most:
+        return jax.vmap(in_box)(corners)
     blocks = -(-count // most)
     result: Result = lax.map(in_box, corners, batch_size=-(-count // blocks))
     return result

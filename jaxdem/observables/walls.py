@@ -28,13 +28,25 @@ class WallLoad(NamedTuple):
     torque: Array
 
 
-def measuring_walls(simulation: AnyStructure) -> AnyStructure:
-    """The simulation with steps that measure the loads on all walls; `Diagnostics` has them."""
+def measuring_walls(
+    simulation: AnyStructure, walls: tuple[int, ...] | None = None, sides: tuple[int, ...] | None = None
+) -> AnyStructure:
+    """The simulation with steps that measure the loads on walls; `Diagnostics` has them.
+
+    Args:
+        simulation: from `jaxdem.build`.
+        walls: numbers of the walls whose loads by particles are measured, from `side_walls` and `surface_walls`; all
+            if not given.
+        sides: of the box on which the load by the fluid is measured: 2 times the axis, and 1 more for the upper one;
+            all if not given.
+    """
     contact, fluid, coupling = simulation.contact, simulation.fluid, simulation.coupling
     if contact is not None:
-        contact = dataclasses.replace(contact, model=dataclasses.replace(contact.model, measures_walls=True))
+        measured = tuple(range(contact.model.walls)) if walls is None else tuple(sorted(set(walls)))
+        contact = dataclasses.replace(contact, model=dataclasses.replace(contact.model, measured=measured))
     if fluid is not None:
-        fluid = dataclasses.replace(fluid, solver=dataclasses.replace(fluid.solver, measures_sides=True))
+        chosen = tuple(range(2 * len(simulation.box))) if sides is None else tuple(sorted(set(sides)))
+        fluid = dataclasses.replace(fluid, solver=dataclasses.replace(fluid.solver, measured_sides=chosen))
         coupling = None if coupling is None else dataclasses.replace(coupling, interval=fluid)
     return dataclasses.replace(simulation, contact=contact, fluid=fluid, coupling=coupling)
 

@@ -66,7 +66,7 @@ class ContactModel:
         surfaces: further walls; none: then no such term is compiled.
         materials: None where all particles, and all walls, are of one material: then nothing is looked up.
         wall_times: when the surfaces are there; None where all always are.
-        measures_walls: whether the loads on the walls are summed; else no such term is compiled.
+        measured: numbers of the walls whose loads are summed; none: then no such term is compiled.
     """
 
     law: ContactLaw
@@ -75,7 +75,7 @@ class ContactModel:
     surfaces: tuple[Surface, ...] = ()
     materials: MaterialIndex | None = None
     wall_times: WallTimes | None = None
-    measures_walls: bool = False
+    measured: tuple[int, ...] = ()
 
     @property
     def walls(self) -> int:
@@ -88,7 +88,8 @@ class ContactModel:
         materials = self.materials
         if materials is not None:
             materials = dataclasses.replace(materials, wall=tuple(materials.wall[k] for k in kept))
-        return dataclasses.replace(self, surfaces=surfaces, materials=materials, wall_times=None)
+        measured = tuple(kept.index(k) for k in self.measured if k in kept)
+        return dataclasses.replace(self, surfaces=surfaces, materials=materials, wall_times=None, measured=measured)
 
     def history_size(self, dimension: int) -> int:
         """Number of components that a contact keeps: the tangential spring, then the rolling spring if any."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -35,16 +36,22 @@ class Surroundings(NamedTuple):
 
 
 class WallLoads(NamedTuple):
-    """What particles do to each of the S walls.
+    """What particles do to walls: D and A arrays (S,) of all walls, NaN for those that are not measured; or (M, N),
+    what each particle does to those that are.
 
     Attributes:
-        force: D arrays (S,), minus the sum of the forces on the particles [N].
-        torque: A arrays (S,), about the origin: minus the sum of x cross F + T, with x the centre of a particle, F the
-            force of the wall on it and T the torque about its centre [N m].
+        force: minus the forces on the particles [N].
+        torque: about the origin: minus x cross F + T, with x the centre of a particle, F the force of the wall on it
+            and T the torque about its centre [N m].
     """
 
     force: Vector
     torque: Vector
+
+    def summed(self, model: ContactModel) -> WallLoads:
+        """Of all particles, (S,) from (M, N)."""
+        places, blank = jnp.asarray(model.measured), jnp.full(model.walls, jnp.nan, self.force[0].dtype)
+        return WallLoads(*(tuple(blank.at[places].set(jnp.sum(x, axis=1)) for x in vector) for vector in self))
 
 
 class Sums(NamedTuple):
@@ -53,7 +60,7 @@ class Sums(NamedTuple):
     Attributes:
         force: D arrays (N,), on every particle [N].
         torque: A arrays (N,), the same [N m].
-        walls: on every wall; None unless the model measures it.
+        walls: what each particle does to the walls that are measured; None without.
     """
 
     force: Vector
@@ -284,11 +291,24 @@ class _Loop:
         pair, load = self.walls()
         force, torque, _ = _on_bodies(load, pair)
         loads = None
-        if self.model.measures_walls:
-            turning = vectors.add(vectors.moment(_rows(self.motion.position), force), torque)
-            loads = WallLoads(*(tuple(-jnp.sum(x, axis=1) for x in vector) for vector in (force, turning)))
+        if self.model.measured:
+            loads = self._wall_loads(pair, load)
         added = vectors.add(sums.force, tuple(_sum_slots(x) for x in force))
         return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque)), loads), load.spring
+
+    def _wall_loads(self, pair: _ContactPair, load: _ContactLoad) -> WallLoads:
+        """What each particle does to the M walls that are measured, (M, N).
+
+        Computed anew from their contacts: so the forces of all walls stay within the sums of the particles.
+        """
+        of_walls = []
+        for k in self.model.measured:
+            own = jax.tree.map(lambda x, k=k: x[k : k + 1] if x.ndim == 2 and len(x) > 1 else x, (pair, load))
+            force, torque, _ = _on_bodies(own[1], own[0])
+            turning = vectors.add(vectors.moment(_rows(self.motion.position), force), torque)
+            of_walls.append(WallLoads(vectors.scale(-1.0, force), vectors.scale(-1.0, turning)))
+        loads: WallLoads = jax.tree.map(lambda *rows: jnp.concatenate(rows), *of_walls)
+        return loads
 
     def _wall_geometry(self) -> tuple[Array, Vector]:
         """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.typing import DTypeLike
 
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
@@ -61,7 +60,7 @@ class ContactMeans(NamedTuple):
 
     Attributes:
         collision_force: () over particles present and steps, of |sum of contact forces| [N].
-        walls: force and torque on every wall; None unless the model measures them.
+        walls: force and torque on every wall, NaN where it is not measured; None where none is.
     """
 
     collision_force: Array
@@ -132,7 +131,7 @@ def contact_interval(
         (zero,) * len(force),
         jnp.zeros((), zero.dtype),
         jnp.zeros((), jnp.int32),
-        _no_loads(interval.model, zero.dtype, len(force)) if interval.model.measures_walls else None,
+        _no_loads(interval.model, zero, len(force)) if interval.model.measured else None,
     )
     loop = _reversible_loop if interval.reversible else _fast_loop
     neighbors = with_radius(neighbors, properties.radius)
@@ -140,13 +139,15 @@ def contact_interval(
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
     present = count if active is None else jnp.maximum(jnp.sum(active), 1)
-    walls = jax.tree.map(lambda total: total / interval.steps, carry.walls)
+    # Sums over the particles once an interval: in every contact step they would take a tenth of its time.
+    loads = None if carry.walls is None else carry.walls.summed(interval.model)
+    walls = jax.tree.map(lambda total: total / interval.steps, loads)
     return state, neighbors, ContactMeans(carry.collision / (interval.steps * present), walls)
 
 
-def _no_loads(model: ContactModel, dtype: DTypeLike, dimension: int) -> WallLoads:
-    """Of all walls, none of which anything touches."""
-    blank = jnp.zeros(model.walls, dtype)
+def _no_loads(model: ContactModel, like: Array, dimension: int) -> WallLoads:
+    """Of the measured walls and all particles, none of which touch; `like` is a number of each particle."""
+    blank = jnp.zeros((len(model.measured), *like.shape), like.dtype)
     return WallLoads((blank,) * dimension, (blank,) * vectors.angular_size(dimension))
 
 

@@ -54,9 +54,8 @@ def with_walls_present(
         there = dataclasses.replace(interval, model=model.with_walls(kept))
         after, neighbors, means = advance(there, around, state._replace(wall_spring=springs))
         springs = tuple(_of_all_walls(model, kept, spring) for spring in after.wall_spring)
-        if means.walls is not None:
-            loads = WallLoads(*(tuple(_of_all_walls(model, kept, x) for x in vector) for vector in means.walls))
-            means = means._replace(walls=loads)
+        if model.measured:
+            means = means._replace(walls=_loads(model, kept, means.walls, state))
         return after._replace(wall_spring=springs), neighbors, means
 
     sets = tuple(dict.fromkeys(times.phases))
@@ -70,6 +69,17 @@ def _of_all_walls(model: ContactModel, kept: tuple[int, ...], own: Array) -> Arr
     place = np.full(model.walls, len(kept))
     place[list(kept)] = np.arange(len(kept))
     return jnp.concatenate([own, nothing])[place]
+
+
+def _loads(model: ContactModel, kept: tuple[int, ...], own: WallLoads | None, state: ParticleState) -> WallLoads:
+    """Loads on all walls: zero on those that are not there, NaN on those that are not measured."""
+    if own is None:  # none that is measured is there
+        blank = jnp.zeros(len(kept), state.velocity.dtype)
+        own = WallLoads((blank,) * state.velocity.shape[1], (blank,) * state.angular_velocity.shape[1])
+    known = np.isin(np.arange(model.walls), model.measured)
+    return WallLoads(
+        *(tuple(jnp.where(known, _of_all_walls(model, kept, x), jnp.nan) for x in vector) for vector in own)
+    )
 
 
 def late_walls(model: ContactModel) -> tuple[int, ...]:

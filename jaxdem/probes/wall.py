@@ -38,6 +38,12 @@ class WallProbe(Probe):
     with_fluid: bool
     NUMBERS: ClassVar[tuple[str, ...]] = ("about",)
 
+    def walls(self, structure: Structure) -> tuple[int, ...]:
+        """Numbers of the walls whose loads by particles it measures."""
+        if not self.with_particles:
+            return ()
+        return surface_walls(structure, self.surfaces) if self.side is None else side_walls(structure, *self.side)
+
     @property
     def columns(self) -> tuple[Column, ...]:
         """See `Probe`."""
@@ -54,8 +60,7 @@ class WallProbe(Probe):
         """See `Probe`."""
         found: dict[str, Array] = {}
         if self.with_particles:
-            walls = surface_walls(structure, self.surfaces) if self.side is None else side_walls(structure, *self.side)
-            load = wall_load(interval.diagnostics, walls, jnp.asarray(self.about))
+            load = wall_load(interval.diagnostics, self.walls(structure), jnp.asarray(self.about))
             found |= {f"force_{axis}": load.force[k] for k, axis in enumerate(self.axes)}
             found |= {self._torque(k): load.torque[k] for k in self.turning}
         if self.with_fluid and self.side is not None:

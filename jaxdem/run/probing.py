@@ -158,13 +158,15 @@ def _after(
         sums, low = compensated.advance(memory.sums, memory.low, packed(probe, measure()))
         return Memory(sums, low, memory.samples + 1)
 
+    def written(memory: Memory, rows: Rows) -> tuple[Memory, Rows]:
+        samples = jnp.maximum(memory.samples, 1).astype(memory.sums.dtype)
+        # Numbers of rows are the same for all columns, so that each column is a stretch.
+        sizes = [math.prod(column.shape) for column in probe.measured]
+        count = memory.sums.shape[0] // sum(sizes)
+        totals = np.repeat([column.total for column in probe.measured], [count * size for size in sizes])
+        row = jnp.where(jnp.asarray(totals), memory.sums, memory.sums / samples)
+        values, steps = rows.values.at[rows.number].set(row), rows.step.at[rows.number].set(step)
+        return jax.tree.map(jnp.zeros_like, memory), Rows(values, steps, rows.number + 1)
+
     memory = lax.cond(measures, added, lambda memory: memory, memory)
-    samples = jnp.maximum(memory.samples, 1).astype(memory.sums.dtype)
-    # Numbers of rows are the same for all columns, so that each column is a stretch.
-    sizes = [math.prod(column.shape) for column in probe.measured]
-    count = memory.sums.shape[0] // sum(sizes)
-    totals = np.repeat([column.total for column in probe.measured], [count * size for size in sizes])
-    row = jnp.where(jnp.asarray(totals), memory.sums, memory.sums / samples)
-    values, steps = rows.values.at[rows.number].set(row), rows.step.at[rows.number].set(step)
-    memory = jax.tree.map(lambda a: jnp.where(due, jnp.zeros_like(a), a), memory)
-    return memory, Rows(values, steps, rows.number + due.astype(jnp.int32))
+    return lax.cond(due, written, lambda memory, rows: (memory, rows), memory, rows)

@@ -15,7 +15,6 @@ import numpy as np
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
-from jaxdem.observables.walls import measuring_walls
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import ScheduledProbe
 from jaxdem.scene import Scene
@@ -31,7 +30,7 @@ from jaxdem.setup.merge import merged
 from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
-from jaxdem.setup.probes import measures_walls, scene_probes
+from jaxdem.setup.probes import scene_probes, with_measured_walls
 from jaxdem.setup.settling import Progress, check_settling_time, settled
 from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.start_point import StartPoint, read_start
@@ -207,11 +206,9 @@ def build_case(
         drag_times=None if coupling is None or scene.coupling is None else scene.coupling.drag_times,
         clock=clock,
     )
-    if measures_walls(scene):
-        simulation = measuring_walls(simulation)
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
     probes = scene_probes(scene, steps, clock, 0 if particles is None else particles.total)
-    return Case(scene, particles, simulation, parameters, probes, start)
+    return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start)
 
 
 def _particles(scene: Scene, start: StartPoint | None) -> ParticleSetup | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxdem.errors import InputError, required
 from jaxdem.numerics.axes import AXES
+from jaxdem.observables.walls import measuring_walls
 from jaxdem.probes.base import Probe, Schedule, ScheduledProbe
 from jaxdem.probes.contacts import ContactsProbe
 from jaxdem.probes.plane import PlaneProbe
@@ -20,6 +21,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene import probes as described
 from jaxdem.scene.probe_places import measured_at, number_of, torque_axes
 from jaxdem.setup.walls import surfaces_of
+from jaxdem.simulation import Simulation
 from jaxdem.structure import Clock, TimeSteps
 
 MOST_NUMBERED = 2**24
@@ -131,9 +133,14 @@ def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
     return WallProbe(probe.name, axes, (axis, upper), (), about, turning, *has)
 
 
-def measures_walls(scene: Scene) -> bool:
-    """Whether a probe needs the loads on the walls."""
-    return any(probe.kind == "wall" for probe in scene.probes)
+def with_measured_walls(simulation: Simulation, probes: tuple[ScheduledProbe, ...]) -> Simulation:
+    """The simulation that measures the loads on those walls that probes need."""
+    found = [one.probe for one in probes if isinstance(one.probe, WallProbe)]
+    if not found:
+        return simulation
+    walls = tuple(wall for probe in found for wall in probe.walls(simulation))
+    sides = tuple(2 * probe.side[0] + probe.side[1] for probe in found if probe.with_fluid and probe.side is not None)
+    return measuring_walls(simulation, walls, sides)
 
 
 BUILDERS: dict[str, Callable[[Scene, described.Probe], Probe]] = {
