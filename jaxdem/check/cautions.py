@@ -8,9 +8,12 @@ import numpy as np
 
 from jaxdem.check.engineering import ScreenLoad
 from jaxdem.check.run_cost import RunCost
+from jaxdem.fluid.interval import SUBSTEPS
 from jaxdem.scene import Scene
+from jaxdem.scene.drive import is_driven
 from jaxdem.scene.particles import radius_key
 from jaxdem.setup.bodies import Bodies
+from jaxdem.setup.boundaries import boundary_speed
 
 UNEQUAL = 1.2
 """Largest over smallest diameter from which grains are of several sizes to a drag law [-]."""
@@ -36,14 +39,29 @@ def cautions(
         cost: of the run.
     """
     if bodies.radius.size == 0:
-        return tuple(wall_times_beyond_the_end(scene))
+        return (*stream_from_rest(scene), *wall_times_beyond_the_end(scene))
     smallest, largest = 2.0 * float(np.min(bodies.radius)), 2.0 * float(np.max(bodies.radius))
     return (
         *_cells(scene, spacing, largest),
         *_sizes(scene, smallest, largest, cost),
         *_screen(scene, load),
+        *stream_from_rest(scene),
         *wall_times_beyond_the_end(scene),
     )
+
+
+def stream_from_rest(scene: Scene) -> Iterator[str]:
+    """A sentence where a stream is driven from rest, so that no key tells how fast it becomes."""
+    fluid = scene.fluid
+    if fluid is None or not is_driven(fluid, scene.domain, scene.periodic):
+        return
+    if boundary_speed(scene) == 0.0:
+        yield (
+            "fluid.velocity: the stream is driven from rest, and no key tells how fast it becomes. So there is no "
+            "limit of the Courant number on fluid.time_step here. The run cuts coupling intervals into up to "
+            f"{SUBSTEPS[-1]} fluid steps, and stops where these do not suffice. Give the velocity that you expect as "
+            "fluid.velocity, and the limit is known."
+        )
 
 
 def _cells(scene: Scene, spacing: tuple[float, ...] | None, diameter: float) -> Iterator[str]:

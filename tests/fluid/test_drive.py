@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.check.cautions import stream_from_rest
 from jaxdem.closures import KochHill
 from jaxdem.errors import InputError
 from jaxdem.train.closures import Closures
@@ -214,6 +215,21 @@ def test_what_cannot_be_driven_is_refused(fluid, key, message):
     with pytest.raises(InputError, match=message) as error:
         jaxdem.load_scene(channel(**fluid))
     assert error.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("fluid", "told"),
+    [
+        ({"pressure_gradient": [-40.0, 0.0]}, 1),
+        ({"pressure_gradient": [-40.0, 0.0], "velocity": [0.1, 0.0]}, 0),
+        ({"bulk_velocity": [0.1, 0.0]}, 0),
+        ({}, 0),
+    ],
+)
+def test_check_says_that_a_stream_from_rest_has_no_courant_limit(fluid, told):
+    """Where no side, bulk velocity or initial velocity tells a speed; nothing in still water."""
+    sentences = list(stream_from_rest(jaxdem.load_scene(channel(**fluid))))
+    assert len(sentences) == told and all("no limit of the Courant number" in text for text in sentences)
 
 
 def test_model_b_has_no_gravity_along_a_periodic_axis():
