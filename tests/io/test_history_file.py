@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from jaxdem.errors import InputError
 from jaxdem.io import COLUMNS, History, read_history
+from jaxdem.io.lines import LineFile
 
 HEADER = (
     "time,drag_force_mean,particle_velocity_mean,collision_force_mean,kinetic_energy,runoff,height,"
@@ -84,3 +85,12 @@ def test_foreign_files_are_refused(tmp_path, text, expected):
         path.write_text(text)
     with pytest.raises(InputError, match=expected):
         read_history(path)
+
+
+def test_an_array_is_written_as_its_rows_are(tmp_path):
+    """The same text, one way for tables of probes and one for rows with fields that have no value."""
+    table = np.array([[0.0, np.nan, -0.0], [0.1, np.inf, 1e-300], [np.float32(0.3), 2.0**60, np.nan]])
+    by_array, by_rows = (LineFile(tmp_path / name, ("time", "a", "b")) for name in ("array.csv", "rows.csv"))
+    by_array.append_table(table)
+    by_rows.append_rows(table.tolist())
+    assert by_array.path.read_bytes() == by_rows.path.read_bytes() and by_array.rows == by_rows.rows == 3
