@@ -202,7 +202,7 @@ def _same_runs(one: Path, other: Path) -> int:
     for index in range(first.number_of_frames):
         for read in ("particles", "fluid"):
             ours, theirs = getattr(first, read)(index), getattr(second, read)(index)
-            if any(ours[name].tobytes() != theirs[name].tobytes() for name in ours):
+            if any(ours[name].tobytes() != theirs[name].tobytes() for name in ours or ()):
                 raise RuntimeError(f"{other}: frame {index} of the {read} differs")
     for index in range(len(first.samples or ())):
         ours, theirs = first.samples.frame(index), second.samples.frame(index)  # type: ignore[union-attr]
