@@ -254,12 +254,18 @@ def run_study(name: str, out: str | Path, listener: Listener) -> Comparison:
     if name not in DEMOS:
         raise InputError("NAME", name, "is not known", f"known: {', '.join(DEMOS)}")
     plan, out, begin = DEMOS[name], Path(out), clock.perf_counter()
-    runs = {coarse.folder: dict(coarse.keys) for coarse in plan.coarse}
-    claim(out, {"study": name, "scale": "demo", "runs": runs, "seeds": list(plan.seeds)})
+    claim(out, identity(name))
     with locked(out):
         comparison = Study(plan, load_scene(SCENES / plan.scene), out, listener).run()
     listener.say(f"The study took {clock.perf_counter() - begin:.0f} s.")
     return comparison
+
+
+def identity(name: str) -> dict[str, Any]:
+    """What marks the folder of a demonstration."""
+    plan = DEMOS[name]
+    runs = {coarse.folder: dict(coarse.keys) for coarse in plan.coarse}
+    return {"study": name, "scale": "demo", "runs": runs, "seeds": list(plan.seeds)}
 
 
 def claim(out: Path, identity: dict[str, Any], known: Collection[str] = ()) -> None:

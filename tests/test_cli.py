@@ -33,7 +33,7 @@ from jaxdem.closures import (
 )
 from jaxdem.io.access import acquire_lock
 from jaxdem.run.sweep import _name, parse_variation
-from jaxdem.study import DEMOS
+from jaxdem.study import identity
 from jaxdem.train.dataset_file import SCALARS, VECTORS, write_dataset
 from jaxdem.train.finetune import FinetuneResult
 
@@ -438,10 +438,7 @@ def test_a_second_sweep_or_comparison_onto_one_folder_is_refused(grains, done, t
 
 def continue_study(out):
     """The mark of the demonstration in its folder."""
-    plan = DEMOS["injection"]
-    (out / "study.json").write_text(
-        json.dumps({"study": "injection", "scale": "demo", "sharp": dict(plan.sharp), "seeds": list(plan.seeds)})
-    )
+    (out / "study.json").write_text(json.dumps(identity("injection")))
 
 
 @pytest.mark.parametrize(
