@@ -86,6 +86,11 @@ def of_boxes(in_box: Callable[[Box], Result], boxes: Boxes, like: Array) -> Resu
     return result
 
 
+def _part(value: Array) -> Array:
+    """Within 0 and 1; without a slope at both."""
+    return lax.clamp(jnp.zeros((), value.dtype), value, jnp.ones((), value.dtype))
+
+
 @static
 class Parts:
     """What part of things lies in a box; static.
@@ -149,7 +154,7 @@ class Parts:
         inverse = 1.0 / jnp.maximum(along, SHORT)
         for image in self._images(axis):
             place = lower_end + image
-            upper, lower = (lax.clamp(0.0, (end[axis] - place) * inverse, 1.0) for end in (box.upper, box.lower))
+            upper, lower = (_part((end[axis] - place) * inverse) for end in (box.upper, box.lower))
             total = total + (upper - lower)
         return total
 

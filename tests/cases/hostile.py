@@ -229,13 +229,35 @@ PACKS: Tables = {
             {"kind": "grown", "start": [0.12, 0.15], "stop": [0.2, 0.2], "count": 2,
              "species": [{"share": 1.0, "radius": 0.005, "density": 3000.0, "material": "soft"}]},
         ],
-        "inlet": [{"side": "top", "times": [0.0, 0.01], "rate": [0.0, 500.0], "velocity": 1.0}],
+        "inlet": [
+            {"side": "top", "times": [0.0, 0.01], "rate": [0.0, 500.0], "velocity": 1.0},
+            {"region": {"shape": "sphere", "center": [0.15, 0.05], "radius": 0.03}, "rate": 100.0,
+             "velocity": [0.0, -1.0]},
+        ],
     },
     "contact": {"young_modulus": 5e6, "speed": 1.0},
-    "walls": [{"kind": "plane", "point": [0.0, -0.01], "normal": [0.0, 1.0], "begin": 0.005, "end": 0.015}],
+    "walls": [
+        {"name": "gate", "kind": "plane", "point": [0.0, -0.01], "normal": [0.0, 1.0], "begin": 0.005, "end": 0.015},
+    ],
     "time": {"end": 0.02, "output_interval": 0.01},
 }  # fmt: skip
-"""Packs in regions, each with particles of its own; gravity, an inlet and a wall that change with time."""
+"""Packs and an inlet in regions, each pack with particles of its own; gravity, an inlet and a wall that change with
+time."""
+
+BED: Tables = {
+    "domain": {"size": [0.2, 0.2], "gravity": [0.0, -9.81]},
+    "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]]},
+    "fluid": {
+        "cells": [4, 4],
+        "time_step": 0.005,
+        "pressure_gradient": [-10.0, 0.0],
+        "bed_mixing": {"von_karman": 0.4},
+    },
+    "boundary": {"left": {"kind": "periodic"}, "top": {"kind": "free_slip"}},
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+"""A stream over a bed, with a mixing length."""
 
 PACK: Tables = {
     "domain": {"size": [0.2, 0.2]},
@@ -299,6 +321,7 @@ BASES = {
     "sizes": SIZES,
     "packs": PACKS,
     "pack": PACK,
+    "bed": BED,
     "probes": PROBES,
     "start": START,
 }
@@ -306,6 +329,7 @@ BASES = {
 SAME_TABLES = (
     ("start.add.", "particles."),
     ("start.remove.*.", "particles.pack.region."),
+    ("particles.inlet.*.region.", "particles.pack.region."),
     ("particles.pack.*.", "particles.pack."),
 )
 """Tables that are described once and stand in two places: what is tried in one need not be in the other."""
