@@ -39,7 +39,7 @@ def compare(
         reference, runs: as `jaxdem.load_run` gives them, or with a name, other packs and the cost of training; at least
             one run.
         out: directory, made if missing; files of the same names are replaced.
-        noise: runs of the reference that differ in a jitter of the pack alone: the noise floor.
+        noise: runs of the reference that differ in the random numbers of the pack alone: the noise floor.
         until: nothing after this time is compared [s], e.g. when the front reaches the outlet.
         page: what the page has beside the comparison.
 

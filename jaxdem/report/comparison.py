@@ -61,7 +61,7 @@ class Row:
     """One run of a comparison.
 
     Attributes:
-        role: "noise" is a reference run again, its pack jittered.
+        role: "noise" is a reference run again, with another pack.
         history: what is compared of it; columns (T,), SI.
         valid: what the run's summary says; False where there is no summary.
         complete: whether the history reaches the end that scene and reference ask for.
@@ -131,7 +131,7 @@ class Row:
 
 @dataclass
 class Comparison:
-    """Runs against a reference. `rows` has the reference first; `noise_rows` the jittered reference runs.
+    """Runs against a reference. `rows` has the reference first; `noise_rows` the reference runs with other packs.
 
     Two mean errors, or two run times, that differ by no more than the noise are the same here: on the Pareto front, in
     the findings, everywhere.
@@ -233,8 +233,8 @@ def build(
         for number, (candidate, name, look) in enumerate(zip(every, _names(every), styles(len(every)), strict=True))
     ]
     grey = RunStyle(NOISE, "solid", "circle", 0.9)
-    jittered = [_row(Candidate(run), f"noise {i}", "noise", grey, base, until) for i, run in enumerate(noise, start=1)]
-    return Comparison(rows, jittered, until)
+    others = [_row(Candidate(run), f"noise {i}", "noise", grey, base, until) for i, run in enumerate(noise, start=1)]
+    return Comparison(rows, others, until)
 
 
 def row_of_one(run: Run) -> Row:
