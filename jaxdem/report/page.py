@@ -75,8 +75,9 @@ def write_page(
         _caption(
             "Each point is a run. Lower and further to the left is better. The run time does not include compilation. "
             "The error is the mean over the metrics. Small points are the same run with other packs, bars their range. "
-            "A hollow point includes the training time. The vertical line is the run time of the reference, whose error is zero by "
-            "definition." + (f" Of a run on the Pareto front it holds that {FRONT_MEANING}." if front else "")
+            "A hollow point includes the training time. The vertical line is the run time of the reference, "
+            "whose error is zero by definition."
+            + (f" Of a run on the Pareto front it holds that {FRONT_MEANING}." if front else "")
         ),
         "<h2>Errors by metric</h2>",
         _error_table(comparison),
