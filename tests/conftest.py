@@ -12,6 +12,9 @@ from pathlib import Path
 # jaxlib 0.11 has no older emitters, and ends a process that asks for them.
 if tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11):
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+# Four devices of the host, for scenes that are cut into blocks; all else runs on the first.
+if "device_count" not in os.environ.get("XLA_FLAGS", ""):
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=4".strip()
 # LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it
 # again. A module with longer runs says `pytestmark = pytest.mark.long_runs`.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
