@@ -18,7 +18,7 @@ MODULES = {
 FLOORS = (
     {"errors", "version", "numerics"},
     {"files", "metrics"},
-    {"particles", "fluid", "closures", "io"},
+    {"particles", "fluid", "closures", "solids", "io"},
     {"coupling", "particle_files"},
     {"state"},
     {"structure"},
@@ -39,6 +39,7 @@ WITHOUT_SCENE = {
     "particles",
     "fluid",
     "closures",
+    "solids",
     "coupling",
     "state",
     "structure",
@@ -108,7 +109,7 @@ def test_rooms_without_the_description_of_a_scene():
 def test_coupling_knows_particles_fluid_and_closures_and_nothing_else_of_physics():
     for module in MODULES:
         if part(module) == "coupling":
-            assert rooms_imported(module) <= {"particles", "fluid", "closures", "numerics", "errors"}, module
+            assert rooms_imported(module) <= {"particles", "fluid", "closures", "solids", "numerics", "errors"}, module
 
 
 def test_report_uses_files_and_metrics_only():

@@ -36,6 +36,7 @@ HOLDS = {
     "state": "State, Parameters, Diagnostics",
     "particle_files": "particles from files of others",
     "coupling": "weights, exchange of impulses, forces of the fluid",
+    "solids": "bodies and their motion",
     "particles": "contacts, lists, motion",
     "fluid": "grid, projection solver",
     "closures": "drag laws, networks",

@@ -1,0 +1,1 @@
+"""Surfaces that grains and fluid meet, and their motion."""
