@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
 from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval, diagnostics
 from jaxdem.fluid.momentum import FluidProperties, FluidState, pressure_slope
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box
 
@@ -83,6 +85,11 @@ class Coupling:
     drag: DragModel
     forces: tuple[FluidForce, ...] = ()
 
+    def in_blocks(self, blocks: Blocks, drift: float) -> Coupling:
+        """The exchange in one slab of the box; `drift` is how far its particles may stand outside of it [m]."""
+        interval = self.interval.in_blocks(blocks, drift)
+        return dataclasses.replace(self, interval=interval, drag=self.drag.in_blocks(blocks, drift))
+
     def advance(
         self, mixture: Mixture, fluid: FluidState, particles: ParticleState, time: Array
     ) -> tuple[FluidState, FluidForces, FluidDiagnostics, ExchangeDiagnostics]:
@@ -109,7 +116,9 @@ class Coupling:
         fluid = carry.fluid._replace(
             pressure=carry.pressure / exchange.substeps.number, void_fraction=exchange.void_fraction
         )
-        report = diagnostics(exchange.substeps, record, fluid, carry.of_fluid, mixture.properties)
+        report = diagnostics(
+            self.interval.solver.grid, exchange.substeps, record, fluid, carry.of_fluid, mixture.properties
+        )
         return fluid, exchange.forces(carry), report, exchange.diagnostics(carry)
 
     def begin(self, mixture: Mixture, fluid: FluidState, particles: ParticleState, time: Array) -> Exchange:

@@ -59,7 +59,7 @@ class Centre:
 
     def weights(self, grid: Grid, position: Array, radius: Array) -> Weights:
         """See `Deposition`."""
-        return point_weights(grid, position[:, None])
+        return point_weights(grid, self.half_width, position[:, None])
 
 
 @static
@@ -82,7 +82,7 @@ class Divided:
         xp = namespace(position)
         points = xp.asarray(sphere_points()[:, : grid.dimension], position.dtype)
         radius = xp.broadcast_to(radius, position.shape[:1])
-        return point_weights(grid, position[:, None] + radius[:, None, None] * points[None])
+        return point_weights(grid, self.half_width, position[:, None] + radius[:, None, None] * points[None])
 
 
 @static
@@ -104,7 +104,7 @@ class Diffusion:
         """See `Deposition`."""
         smoothing = tuple(
             namespace(position).asarray(gaussian_matrix(n, h, half / math.sqrt(6.0), periodic), position.dtype)
-            for n, h, half, periodic in zip(grid.cells, grid.spacing, self.half_width, grid.periodic, strict=True)
+            for n, h, half, periodic in zip(grid.whole_cells, grid.spacing, self.half_width, grid.periodic, strict=True)
         )
         return Divided(self.half_width).weights(grid, position, radius)._replace(smoothing=smoothing)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
 from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.fluid.momentum import FluidState
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import as_column
 
@@ -42,6 +44,13 @@ class DragModel:
     coarse_inputs: CoarseInputs | None = None
     deconvolution: float = 0.0
     surroundings: Surroundings | None = None
+
+    def in_blocks(self, blocks: Blocks, drift: float) -> DragModel:
+        """The same in one slab of the box; `drift` is how far its particles may stand outside of it [m]."""
+        coarse = self.coarse_inputs
+        if coarse is not None:
+            coarse = dataclasses.replace(coarse, grid=coarse.grid.in_blocks(blocks, drift))
+        return dataclasses.replace(self, coarse_inputs=coarse)
 
     def law_inputs(self, start: IntervalStart, inputs: DragInputs, fluid: FluidState, solids: Array) -> DragInputs:
         """The fluid as the law sees it.

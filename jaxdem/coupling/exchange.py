@@ -28,7 +28,7 @@ from jaxdem.coupling.drag import IntervalDrag
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalStart, MeanForce
 from jaxdem.coupling.interpolation import Weights, deposit_on_faces, interpolate, interpolate_faces
 from jaxdem.coupling.presence import present_volume, volume_error
-from jaxdem.fluid.grid import FaceField, Grid, cell_average, face_total, gradient, sum_of
+from jaxdem.fluid.grid import FaceField, Grid, box_smallest, cell_average, face_total, gradient, sum_of
 from jaxdem.fluid.interval import (
     FluidInterval,
     SolverRecord,
@@ -37,6 +37,7 @@ from jaxdem.fluid.interval import (
     solver_record,
 )
 from jaxdem.fluid.momentum import FaceExchange, FluidState, FluidStep, pressure_slope
+from jaxdem.numerics.blocks import total as total_of
 from jaxdem.particles.integrate import as_column
 
 
@@ -258,7 +259,7 @@ class Exchange:
     def received(self, carry: _Carry, explicit: _ExplicitTerms, faces: FaceExchange, result: FluidStep) -> _Carry:
         """The impulses of a fluid step, added up."""
         step, solver, weights = self.substeps.step, self.interval.solver, self.start.weights
-        bodies, response = self.start.bodies, self.response[:, None]
+        bodies, response, blocks = self.start.bodies, self.response[:, None], self.start.grid.blocks
         fluid = interpolate_faces(weights, result.state.face_velocity)
         impulse = response * (fluid - explicit.velocity) + explicit.impulse
         pressure = viscous = jnp.zeros_like(impulse)
@@ -271,7 +272,10 @@ class Exchange:
         on_moving_bodies = impulse - of_forces + on_bodies if further else impulse
         lost = _lost(faces, result.state.face_velocity)
         totals = jnp.stack(
-            (jnp.sum(plus(impulse, *self._pending), axis=0), jnp.stack(face_total(self.start.grid, lost)))
+            (
+                total_of(blocks, jnp.sum(plus(impulse, *self._pending), axis=0)),
+                jnp.stack(face_total(self.start.grid, lost)),
+            )
         )
         sizes = response * (jnp.abs(fluid) + jnp.abs(explicit.velocity)) + jnp.abs(explicit.impulse)
         return _Carry(
@@ -282,7 +286,7 @@ class Exchange:
             carry.pressure_gradient + pressure,
             carry.viscous + viscous,
             carry.balance + totals,
-            carry.terms + jnp.sum(sizes),
+            carry.terms + total_of(blocks, jnp.sum(sizes)),
             further,
             carry.of_fluid.plus(result),
         )
@@ -344,13 +348,14 @@ class Exchange:
     def diagnostics(self, carry: _Carry) -> ExchangeDiagnostics:
         """How exact the exchange was."""
         given, lost = carry.balance
-        particles, solids = self.start.particles, self.solids
+        particles, solids, grid = self.start.particles, self.solids, self.start.grid
         volume = present_volume(self.start.bodies.volume, particles.velocity.shape[0], particles.active)
+        volume, deposited = total_of(grid.blocks, (volume, jnp.sum(solids)))
         return ExchangeDiagnostics(
             jnp.max(jnp.abs(given - lost)) / (carry.terms + jnp.finfo(solids.dtype).tiny),
-            volume_error(jnp.sum(solids) * self.start.grid.cell_volume, volume),
-            jnp.min(self.void_fraction),
-            jnp.sum(self.drag.out_of_range.astype(jnp.int32)),
+            volume_error(deposited * grid.cell_volume, volume),
+            box_smallest(grid, self.void_fraction),
+            total_of(grid.blocks, jnp.sum(self.drag.out_of_range.astype(jnp.int32))),
         )
 
     def _explicit_impulses(self, contribution: Contribution) -> list[Array]:

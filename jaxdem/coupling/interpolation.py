@@ -7,19 +7,25 @@ periodic side it re-enters; so the weights of a particle always add up to one, a
 walls too. A face value reaches a particle through the mean of the cell's two faces, and a force on the
 fluid is given half to either face of a cell: with that the solid fraction of a face is the mean of its two
 cells, and pressure forces on particles and fluid add up to the gradient in the mixture.
+
+On several devices the particles of a slab reach into a halo of cells on either side of it: what they deposit there is
+sent to the neighbour and added, and before an interpolation the halo is filled with the neighbour's cells.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.fluid.grid import FaceField, Grid, cell_average, share_to_faces
+from jaxdem.fluid.grid import FaceField, Grid, along, cell_average, share_to_faces
+from jaxdem.fluid.rows import with_whole_rows
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.products import PRECISION, along_axis
 from jaxdem.numerics.static import static
@@ -42,19 +48,84 @@ class KernelWidth:
         return tuple(max(self.diameters * diameter, self.cells * h) for h in grid.spacing)
 
 
+@static
+class Halo:
+    """A slab of the box with layers of cells on either side that its particles reach; static.
+
+    Attributes:
+        grid: of the slab.
+        blocks: the slabs.
+        layers: of cells on either side, at most as many as the slab has.
+    """
+
+    grid: Grid
+    blocks: Blocks
+    layers: int
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Number of cells per axis, with the halo."""
+        return tuple(n + 2 * self.layers * (a == self.blocks.axis) for a, n in enumerate(self.grid.cells))
+
+    def filled(self, cells: Array) -> Array:
+        """A cell array of the slab with the neighbours' cells in the halo; beyond a side of the box without a
+        meaning."""
+        axis = self.blocks.axis
+        before = self.blocks.from_lower(along(cells, axis, -self.layers, None))
+        after = self.blocks.from_upper(along(cells, axis, 0, self.layers))
+        return jnp.concatenate((before, cells, after), axis)
+
+    def folded(self, wide: Array) -> Array:
+        """A cell array of the slab, with what all particles have put there: the adjoint of `filled`."""
+        axis, width = self.blocks.axis, self.layers
+        count = self.grid.cells[axis]
+        first = self.blocks.from_lower(along(wide, axis, count + width, None))
+        last = self.blocks.from_upper(along(wide, axis, 0, width))
+        at_lower = jnp.concatenate((first, jnp.zeros_like(along(wide, axis, 0, count - width))), axis)
+        at_upper = jnp.concatenate((jnp.zeros_like(along(wide, axis, 0, count - width)), last), axis)
+        return along(wide, axis, width, width + count) + at_lower + at_upper
+
+    def place(self, columns: Array) -> tuple[Array, Array]:
+        """Number within slab and halo of layers of cells of the whole box along the cut axis, and whether each lies
+        there.
+
+        The slab and its halo may lie across a periodic end of the box.
+
+        Args:
+            columns: int32, in the box where it has sides, anywhere where it is periodic.
+        """
+        axis, cut = self.blocks.axis, self.blocks
+        count, whole, width = self.grid.cells[axis], self.grid.whole_cells[axis], self.layers
+        local = columns - cut.index() * count
+        if cut.periodic:
+            middle = (whole - count) // 2
+            local = (local + middle) % whole - middle
+        return jnp.clip(local + width, 0, count + 2 * width - 1), (local >= -width) & (local < count + width)
+
+
+def halo_of(grid: Grid, half_width: tuple[float, ...]) -> Halo | None:
+    """The halo that particles of this reach need [m]; None for a box on one device."""
+    if grid.blocks is None:
+        return None
+    axis = grid.blocks.axis
+    return Halo(grid, grid.blocks, math.ceil((half_width[axis] + grid.drift) / grid.spacing[axis] + 1e-9))
+
+
 class Weights(NamedTuple):
     """Interpolation weights of N particles over S cells each.
 
     Attributes:
-        index: (N, S) int32 flat cell index.
+        index: (N, S) int32 flat cell index; with a halo, among the cells of slab and halo.
         weight: (N, S), each row adds up to one [-].
         smoothing: a symmetric matrix for every axis, which fields are multiplied by after a deposit and before an
             interpolation; None for none [-].
+        halo: static; None for a box on one device.
     """
 
     index: Array  # type: ignore[assignment]
     weight: Array
     smoothing: tuple[Array, ...] | None = None
+    halo: Halo | None = None
 
 
 def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -> Weights:
@@ -65,17 +136,17 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
         half_width: of the kernel along every axis [m].
         position: (N, D) [m].
     """
-    xp = namespace(position)
-    per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis]) for axis in range(grid.dimension)]
-    index, weight = [], []
+    xp, halo = namespace(position), halo_of(grid, half_width)
+    per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis], halo) for axis in range(grid.dimension)]
+    index, weight, counts = [], [], grid.cells if halo is None else halo.cells
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
         flat, product = xp.zeros((), xp.int32), xp.ones((), position.dtype)
         for axis, column in enumerate(combination):
-            flat = flat * grid.cells[axis] + per_axis[axis][0][:, column]
+            flat = flat * counts[axis] + per_axis[axis][0][:, column]
             product = product * per_axis[axis][1][:, column]
         index.append(flat)
         weight.append(product)
-    return Weights(xp.stack(index, axis=1), xp.stack(weight, axis=1))
+    return Weights(xp.stack(index, axis=1), xp.stack(weight, axis=1), halo=halo)
 
 
 def cells_under(half_width: float, spacing: float) -> int:
@@ -83,30 +154,46 @@ def cells_under(half_width: float, spacing: float) -> int:
     return math.ceil(2.0 * half_width / spacing - 1e-9) + 1
 
 
-def point_weights(grid: Grid, points: Array) -> Weights:
-    """Weights of particles that are P points of equal weight each, (N, P, D) [m]; P = 1: the cell of the centre."""
-    xp = namespace(points)
-    flat = xp.zeros((), xp.int32)
+def point_weights(grid: Grid, half_width: tuple[float, ...], points: Array) -> Weights:
+    """Weights of particles that are P points of equal weight each; P = 1: the cell of the centre.
+
+    Args:
+        grid: the grid.
+        half_width: how far the points are from the centre at most, along every axis [m].
+        points: (N, P, D) [m].
+    """
+    xp, halo = namespace(points), halo_of(grid, half_width)
+    flat, inside = xp.zeros((), xp.int32), None
     for axis in range(grid.dimension):
         cell = xp.floor(points[..., axis] / grid.spacing[axis]).astype(xp.int32)
-        flat = flat * grid.cells[axis] + _into_box(cell, grid.cells[axis], grid.periodic[axis])
-    return Weights(flat, xp.full(flat.shape, 1.0 / flat.shape[1], points.dtype))
+        column = _into_box(cell, grid.whole_cells[axis], grid.periodic[axis])
+        if halo is not None and halo.blocks.axis == axis:
+            column, inside = halo.place(column)
+        flat = flat * (grid.cells if halo is None else halo.cells)[axis] + column
+    weight = xp.full(flat.shape, 1.0 / flat.shape[1], points.dtype)
+    return Weights(flat, weight if inside is None else weight * inside, halo=halo)
 
 
 def deposit(grid: Grid, weights: Weights, quantity: Array) -> Array:
     """Particle quantities (N,) spread over the cells: sum_p w_pc q_p, in the unit of the quantity."""
-    size, shares = math.prod(grid.cells), weights.weight * quantity[:, None]
+    halo, shares = weights.halo, weights.weight * quantity[:, None]
+    cells = grid.cells if halo is None else halo.cells
+    size = math.prod(cells)
     if isinstance(shares, np.ndarray) and isinstance(weights.index, np.ndarray):
         spread = np.bincount(np.ravel(weights.index), np.ravel(shares), size).astype(shares.dtype)
     else:
         flat = jnp.zeros(size, quantity.dtype)
         spread = flat.at[weights.index].add(shares, mode="promise_in_bounds")
-    return _smoothed(weights, spread.reshape(grid.cells))
+    field = spread.reshape(cells)
+    return _smoothed(weights, field if halo is None else halo.folded(field))
 
 
 def interpolate(weights: Weights, cells: tuple[Array, ...]) -> Array:
     """Cell fields at the particles, sum_c w_pc f_c: (N, number of fields)."""
-    table = jnp.stack([_smoothed(weights, c).reshape(-1) for c in cells], axis=1)
+    fields = [_smoothed(weights, c) for c in cells]
+    if weights.halo is not None:
+        fields = [weights.halo.filled(field) for field in fields]
+    table = jnp.stack([field.reshape(-1) for field in fields], axis=1)
     return jnp.einsum("ns,nsk->nk", weights.weight, table[weights.index], precision=PRECISION)
 
 
@@ -125,14 +212,18 @@ def interpolate_faces(weights: Weights, faces: FaceField) -> Array:
 
 
 def _smoothed(weights: Weights, field: Array) -> Array:
+    halo = weights.halo
     for axis, matrix in enumerate(weights.smoothing or ()):
-        field = along_axis(matrix, field, axis)
+        if halo is not None and halo.blocks.axis == axis:
+            field = with_whole_rows(halo.grid, field, partial(along_axis, matrix, axis=axis))
+        else:
+            field = along_axis(matrix, field, axis)
     return field
 
 
-def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> tuple[Array, Array]:
+def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array, halo: Halo | None) -> tuple[Array, Array]:
     """Cell indices and weights along one axis, (N, reach) each."""
-    count, spacing = grid.cells[axis], grid.spacing[axis]
+    count, spacing = grid.whole_cells[axis], grid.spacing[axis]
     reach, xp = cells_under(half_width, spacing), namespace(position)
     scaled = position / spacing
     width = half_width / spacing
@@ -146,7 +237,11 @@ def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array) -> 
     weight = passed[:, 1:] - passed[:, :-1]
     # Rounding leaves the sum a few ulp off one: volume is to be exact.
     weight = weight / xp.sum(weight, axis=1, keepdims=True)
-    return _into_box(columns, count, grid.periodic[axis]), weight
+    columns = _into_box(columns, count, grid.periodic[axis])
+    if halo is None or halo.blocks.axis != axis:
+        return columns, weight
+    columns, inside = halo.place(columns)
+    return columns, weight * inside
 
 
 def _cumulative_triangle(x: Array) -> Array:

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Sides, momentum_excess, with_ghosts
-from jaxdem.fluid.grid import FaceField, Grid, along, control_width, sum_of
+from jaxdem.fluid.grid import FaceField, Grid, along, control_width, face_average_along, own_layers, sum_of
+from jaxdem.fluid.mesh import at_side, beyond, of_slab
 from jaxdem.numerics.static import static
 
 
@@ -174,8 +175,9 @@ def advection(grid: Grid, sides: Sides, scheme: AdvectionScheme, flux: FaceField
                 transported = _with_inlet_momentum(grid, sides.boundary, transported, flux[axis], component, axis)
             transported = _drawn_in_by_half(grid, sides.boundary, transported, carrier, axis)
             difference = along(transported, axis, 1, None) - along(transported, axis, None, -1)
-            width = control_width(grid, axis) if which == axis else grid.spacing[axis]
-            terms.append(-difference / jnp.asarray(width, component.dtype))
+            dtype = component.dtype
+            width = control_width(grid, axis, dtype) if which == axis else jnp.asarray(grid.spacing[axis], dtype)
+            terms.append(-difference / width)
         result.append(sum_of(terms))
     return tuple(result)
 
@@ -213,7 +215,8 @@ def _with_inlet_momentum(
             ends = (-1, None) if upper else (0, 1)
             u = along(velocity, axis, *ends)
             inward = u < 0.0 if upper else u > 0.0
-            more = jnp.where(inward, jnp.asarray(excess, u.dtype) * along(flux, axis, *ends) * u, 0.0)
+            more = jnp.where(inward, of_slab(grid, excess, u.dtype) * along(flux, axis, *ends) * u, 0.0)
+            more = at_side(grid, axis, upper, more, 0.0)
             place = [slice(None)] * grid.dimension
             place[axis] = slice(-2, -1) if upper else slice(1, 2)
             transported = transported.at[tuple(place)].add(more)
@@ -228,6 +231,7 @@ def _drawn_in_by_half(grid: Grid, boundary: Boundary, transported: Array, carrie
         ends = (-1, None) if upper else (0, 1)
         through = along(carrier, axis, *ends)
         share = jnp.where(through < 0.0 if upper else through > 0.0, 0.5, 1.0).astype(transported.dtype)
+        share = at_side(grid, axis, upper, share, 1.0)
         place = (slice(None),) * axis + (slice(*ends),)
         transported = transported.at[place].multiply(share)
     return transported
@@ -238,11 +242,6 @@ def _flux_through_control_surfaces(grid: Grid, flux: FaceField, which: int, axis
     f = flux[axis]
     if which == axis:
         inner = 0.5 * (along(f, axis, None, -1) + along(f, axis, 1, None))
-        if grid.periodic[axis]:
-            return jnp.concatenate((along(inner, axis, -1, None), inner, along(inner, axis, 0, 1)), axis)
-        return jnp.concatenate((along(f, axis, 0, 1), inner, along(f, axis, -1, None)), axis)
-    inner = 0.5 * (along(f, which, None, -1) + along(f, which, 1, None))
-    first, last = along(f, which, 0, 1), along(f, which, -1, None)
-    if grid.periodic[which]:
-        first = last = 0.5 * (first + last)
-    return jnp.concatenate((first, inner, last), which)
+        before, after = beyond(grid, axis, inner, (-1,), (0,), own_layers(f, axis))
+        return jnp.concatenate((before, inner, after), axis)
+    return face_average_along(grid, f, which)

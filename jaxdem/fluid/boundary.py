@@ -13,6 +13,7 @@ from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
 from jaxdem.fluid.inlet import InletProfile
+from jaxdem.fluid.mesh import Ends, at_side, beyond, layers, of_slab, with_ends
 from jaxdem.fluid.side_conditions import CONDITIONS, Inlet, SideCondition
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time
@@ -73,7 +74,7 @@ def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray
     integral of the profile over the patch on every mesh, to round-off.
 
     Args:
-        grid: the grid.
+        grid: the grid; of a slab, that of the whole box is taken.
         side: the side.
         staggered: another axis on whose faces the values live (for tangential velocities), or None.
 
@@ -83,7 +84,7 @@ def coverage(grid: Grid, side: Side, staggered: int | None = None) -> np.ndarray
     result = np.ones([1] * grid.dimension)
     others = [axis for axis in range(grid.dimension) if axis != side.axis]
     for position, axis in enumerate(others):
-        edges = np.linspace(0.0, grid.size[axis], grid.cells[axis] + 1)
+        edges = np.linspace(0.0, grid.size[axis], grid.whole_cells[axis] + 1)
         if axis == staggered:
             centres = 0.5 * (edges[1:] + edges[:-1])
             edges = np.concatenate(([0.0], centres, [grid.size[axis]]))
@@ -144,7 +145,7 @@ def net_inflow(grid: Grid, boundary: Boundary, side_velocity: Sequence[np.ndarra
         if not isinstance(side.condition, Inlet):
             continue
         speed = float(velocity_at(side, jnp.asarray(velocity), jnp.asarray(time))[side.axis])
-        faces = [1 if axis == side.axis else cells for axis, cells in enumerate(grid.cells)]
+        faces = [1 if axis == side.axis else cells for axis, cells in enumerate(grid.whole_cells)]
         area = float(np.sum(np.broadcast_to(coverage(grid, side), faces)))
         area *= grid.cell_volume / grid.spacing[side.axis]
         flow = (-speed if side.upper else speed) * area
@@ -238,14 +239,14 @@ def set_normal_velocity(
             place = ((-1, None) if own else (-2, -1)) if upper else ((0, 1) if own else (1, 2))
             predicted = along(component, axis, *place)
             g = void_fraction[axis]
-            at_side = g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
-            covered = jnp.asarray(coverage(grid, side), component.dtype)
+            there = g if isinstance(g, float) else (along(g, axis, -1, None) if upper else along(g, axis, 0, 1))
+            covered = of_slab(grid, coverage(grid, side), component.dtype)
             speed = sides.velocity_of(axis, upper)[axis]
-            value = side.condition.normal(predicted, covered * speed, at_side, upper)
+            value = side.condition.normal(predicted, covered * speed, there, upper)
             if own:
-                value = jnp.asarray(open_fraction(grid, side), component.dtype) * value
+                value = of_slab(grid, open_fraction(grid, side), component.dtype) * value
             ends.append(value)
-        result.append(jnp.concatenate((ends[0], along(component, axis, 1, -1), ends[1]), axis))
+        result.append(with_ends(grid, axis, component, (ends[0], ends[1])))
     return tuple(result)
 
 
@@ -260,12 +261,13 @@ def with_outflow(grid: Grid, boundary: Boundary, flux: FaceField, rate: Array) -
     """
     is_open = [open_fraction(grid, side) for side in boundary.sides]
     area = sum(float(np.sum(o)) / grid.spacing[s.axis] for o, s in zip(is_open, boundary.sides, strict=True))
-    speed = rate * (math.prod(grid.cells) / area)
+    speed = rate * (math.prod(grid.whole_cells) / area)
     result = list(flux)
     for side, faces in zip(boundary.sides, is_open, strict=True):
         if faces.any():
             place = (slice(None),) * side.axis + (slice(-1, None) if side.upper else slice(0, 1),)
-            outward = speed * jnp.asarray(faces if side.upper else -faces, flux[0].dtype)
+            outward = speed * of_slab(grid, faces if side.upper else -faces, flux[0].dtype)
+            outward = at_side(grid, side.axis, side.upper, outward, 0.0)
             result[side.axis] = result[side.axis].at[place].add(outward)
     return tuple(result)
 
@@ -278,26 +280,31 @@ def with_ghosts(grid: Grid, sides: Sides, component: Array, which: int, axis: in
     count = grid.cells[axis]
     if which == axis:
         # Faces 0 and `count` are one face where the axis is periodic.
-        before = (-2 % count, -1 % count) if grid.periodic[axis] else (0, 0)
-        after = (1, 1 + 1 % count) if grid.periodic[axis] else (count, count)
-        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
-    if grid.periodic[axis]:
-        before, after = (-2 % count, -1 % count), (0, 1 % count)
-        return jnp.concatenate((_layers(component, axis, before), component, _layers(component, axis, after)), axis)
-    ghosts = []
+        below, above = (-2 % count, -1 % count), (1, 1 + 1 % count)
+        ends = beyond(
+            grid, axis, component, below, above,
+            lambda: (layers(component, axis, (0, 0)), layers(component, axis, (count, count))),
+        )  # fmt: skip
+    else:
+        below, above = (-2 % count, -1 % count), (0, 1 % count)
+        ends = beyond(
+            grid, axis, component, below, above, lambda: _ghosts_of_sides(grid, sides, component, which, axis)
+        )
+    return jnp.concatenate((ends[0], component, ends[1]), axis)
+
+
+def _ghosts_of_sides(grid: Grid, sides: Sides, component: Array, which: int, axis: int) -> Ends:
+    """Tangential velocity in two layers beyond the sides across an axis."""
+    count, ghosts = grid.cells[axis], []
     for upper in (False, True):
         side = sides.boundary.side(axis, upper)
         second = min(1, count - 1)
         mirror = (count - 1, count - 1 - second) if upper else (second, 0)
-        mirrored = _layers(component, axis, mirror)
-        covered = jnp.asarray(coverage(grid, side, staggered=which), component.dtype)
+        mirrored = layers(component, axis, mirror)
+        covered = of_slab(grid, coverage(grid, side, staggered=which), component.dtype)
         speed = sides.velocity_of(axis, upper)[which]
         lengths = np.array([index + 0.5 for index in (mirror if not upper else (0, second))]) * grid.spacing[axis]
         shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
         distance = jnp.asarray(lengths.reshape(shape), component.dtype)
         ghosts.append(side.condition.ghosts(mirrored, speed, covered, distance))
-    return jnp.concatenate((ghosts[0], component, ghosts[1]), axis)
-
-
-def _layers(array: Array, axis: int, indices: tuple[int, ...]) -> Array:
-    return jnp.concatenate([along(array, axis, i, i + 1) for i in indices], axis)
+    return ghosts[0], ghosts[1]

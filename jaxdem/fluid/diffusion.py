@@ -6,7 +6,19 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Sides, open_fraction, with_ghosts
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, control_width, divergence, face_average_along, sum_of
+from jaxdem.fluid.grid import (
+    CellOrOne,
+    FaceField,
+    Grid,
+    along,
+    control_width,
+    divergence,
+    face_average_along,
+    nearest_inner,
+    own_layers,
+    sum_of,
+)
+from jaxdem.fluid.mesh import beyond, of_slab, with_ends
 from jaxdem.fluid.subgrid import StrainRates, eddy_viscosity
 
 
@@ -59,11 +71,10 @@ def stress_slope(grid: Grid, stress: Array, outside: Array, which: int, axis: in
     """
     if axis != which:
         return (along(stress, axis, 1, None) - along(stress, axis, None, -1)) / grid.spacing[axis]
-    beyond = stress if grid.periodic[axis] else outside
-    ends = (-1, None, 0, 1) if grid.periodic[axis] else (0, 1, -1, None)
-    padded = jnp.concatenate((along(beyond, axis, *ends[:2]), stress, along(beyond, axis, *ends[2:])), axis)
+    before, after = beyond(grid, axis, stress, (-1,), (0,), own_layers(outside, axis))
+    padded = jnp.concatenate((before, stress, after), axis)
     difference = along(padded, axis, 1, None) - along(padded, axis, None, -1)
-    return difference / jnp.asarray(control_width(grid, axis), stress.dtype)
+    return difference / control_width(grid, axis, stress.dtype)
 
 
 def strain_rates(grid: Grid, sides: Sides, velocity: FaceField) -> StrainRates:
@@ -108,12 +119,9 @@ def to_boundary(grid: Grid, boundary: Boundary, faces: Array, axis: int) -> Arra
     """`faces` of an axis; on sides that are no outlet the value of the nearest inner face, or zero without one."""
     if grid.periodic[axis]:
         return faces
-    inner, ends = along(faces, axis, 1, -1), []
+    nearest, ends = nearest_inner(along(faces, axis, 1, -1), axis, along(faces, axis, 0, 1)), []
     for upper in (False, True):
         own = along(faces, axis, -1, None) if upper else along(faces, axis, 0, 1)
-        nearest = along(inner, axis, -1, None) if upper else along(inner, axis, 0, 1)
-        if inner.shape[axis] == 0:  # one cell between two boundaries
-            nearest = jnp.zeros_like(own)
-        is_open = jnp.asarray(open_fraction(grid, boundary.side(axis, upper)), faces.dtype)
-        ends.append(is_open * own + (1.0 - is_open) * nearest)
-    return jnp.concatenate((ends[0], inner, ends[1]), axis)
+        is_open = of_slab(grid, open_fraction(grid, boundary.side(axis, upper)), faces.dtype)
+        ends.append(is_open * own + (1.0 - is_open) * nearest[upper])
+    return with_ends(grid, axis, faces, (ends[0], ends[1]))

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.fluid.grid import CellOrOne, FaceField, along
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, box_mean
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time
 
@@ -69,20 +69,22 @@ def given_gradient(drive: Drive, parameters: DriveParameters, weight: Array, tim
     return jnp.where(jnp.asarray(drive.driven), gradient, 0.0)
 
 
-def bulk_velocity(drive: Drive, velocity: FaceField, void_fraction: tuple[CellOrOne, ...]) -> Array:
+def bulk_velocity(grid: Grid, drive: Drive, velocity: FaceField, void_fraction: tuple[CellOrOne, ...]) -> Array:
     """(D,) mean of g u along the driven axes, the volume flow over the cross-section; 0 along the others [m/s].
 
     Args:
+        grid: the grid.
         drive: which axes are driven.
         velocity: u on the faces [m/s].
         void_fraction: g on the faces [-].
     """
     zero, terms = jnp.zeros((), velocity[0].dtype), zip(void_fraction, velocity, strict=True)
-    flow = [_mean(g * u, axis) if drive.driven[axis] else zero for axis, (g, u) in enumerate(terms)]
+    flow = [_mean(grid, g * u, axis) if drive.driven[axis] else zero for axis, (g, u) in enumerate(terms)]
     return jnp.stack(flow)
 
 
 def held(
+    grid: Grid,
     drive: Drive,
     target: Array,
     velocity: FaceField,
@@ -92,22 +94,23 @@ def held(
     """The velocity with the bulk velocity that is to be held, and the change (D,) of the gradient that does it [Pa/m].
 
     Args:
+        grid: the grid.
         drive: which axes are held.
         target: (D,) U [m/s].
         velocity: before the projection, on the faces [m/s].
         void_fraction: on the faces [-].
         response: c, what a unit gradient takes from the velocity, on the faces [m3 s/kg].
     """
-    flow, change, result = bulk_velocity(drive, velocity, void_fraction), jnp.zeros_like(target), list(velocity)
+    flow, change, result = bulk_velocity(grid, drive, velocity, void_fraction), jnp.zeros_like(target), list(velocity)
     for axis, holds in enumerate(drive.held):
         if holds:
             taken = jnp.broadcast_to(void_fraction[axis] * response[axis], velocity[axis].shape)
-            more = (flow[axis] - target[axis]) / _mean(taken, axis)
+            more = (flow[axis] - target[axis]) / _mean(grid, taken, axis)
             change = change.at[axis].set(more)
             result[axis] = velocity[axis] - more * response[axis]
     return tuple(result), change
 
 
-def _mean(faces: Array, axis: int) -> Array:
+def _mean(grid: Grid, faces: Array, axis: int) -> Array:
     """Mean over the box of a quantity on the faces of a periodic axis, whose first and last face are one."""
-    return jnp.mean(along(faces, axis, None, -1))
+    return box_mean(grid, along(faces, axis, None, -1))

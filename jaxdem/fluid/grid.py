@@ -1,73 +1,20 @@
-"""The staggered grid: where cell and face quantities live, and how they are averaged and differenced.
-
-Cell arrays have the shape `cells`, indexed [ix, iz] or [ix, iy, iz], the last axis up. A face field is a
-tuple of D arrays; the one of axis a has one entry more along a, both boundary faces included. On a
-periodic axis the first and the last face are the same face, stored twice.
-
-Source: F. H. Harlow, J. E. Welch, Phys. Fluids 8 (1965) 2182-2189.
-"""
+"""Fields on the staggered grid: how they are averaged, differenced and summed. The grid itself is in `mesh`."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import DTypeLike
 
-from jaxdem.numerics.static import static
-
-FaceField = tuple[Array, ...]
-CellOrOne = Array | float
-
-
-@static
-class Grid:
-    """A box of equal cells; static.
-
-    Attributes:
-        cells: number of cells per axis.
-        size: side lengths of the box [m].
-        depth: extent of the third direction in 2-D; 1 in 3-D, where it does not count [m].
-        periodic: whether each axis is periodic.
-        collocated: the "face" fields stand in the cells, D arrays of the shape `cells`, as in a fluid that a collocated
-            solver of someone else gives; jaxdem's own solver is staggered.
-    """
-
-    cells: tuple[int, ...]
-    size: tuple[float, ...]
-    depth: float
-    periodic: tuple[bool, ...]
-    collocated: bool = False
-
-    @property
-    def dimension(self) -> int:
-        """2 or 3."""
-        return len(self.cells)
-
-    @property
-    def spacing(self) -> tuple[float, ...]:
-        """Cell sides [m]."""
-        return tuple(length / count for length, count in zip(self.size, self.cells, strict=True))
-
-    @property
-    def cell_volume(self) -> float:
-        """[m3]."""
-        return math.prod(self.spacing) * self.depth
-
-    @property
-    def filter_size(self) -> float:
-        """Geometric mean of the cell sides: the width over which the fluid fields are averages [m]."""
-        return math.prod(self.spacing) ** (1.0 / self.dimension)
-
-    def face_shape(self, axis: int) -> tuple[int, ...]:
-        """Shape of the face array of one axis."""
-        return tuple(n + (a == axis and not self.collocated) for a, n in enumerate(self.cells))
-
-
-def along(array: Array, axis: int, start: int | None, stop: int | None) -> Array:
-    """`array` cut to [start:stop] along one axis."""
-    return array[(slice(None),) * axis + (slice(start, stop),)]
+from jaxdem.fluid.mesh import CellOrOne as CellOrOne
+from jaxdem.fluid.mesh import Ends, beyond, end_faces, of_slab
+from jaxdem.fluid.mesh import FaceField as FaceField
+from jaxdem.fluid.mesh import Grid as Grid
+from jaxdem.fluid.mesh import along as along
+from jaxdem.numerics.blocks import largest, total
 
 
 def divergence(grid: Grid, flux: FaceField) -> Array:
@@ -95,9 +42,9 @@ def face_average(grid: Grid, cell: CellOrOne) -> tuple[CellOrOne, ...]:
 def face_average_along(grid: Grid, cell: Array, axis: int) -> Array:
     """`face_average` for the faces of one axis; the other axes may hold cells or faces."""
     inner = 0.5 * (along(cell, axis, None, -1) + along(cell, axis, 1, None))
-    first, last = along(cell, axis, 0, 1), along(cell, axis, -1, None)
-    if grid.periodic[axis]:
-        first = last = 0.5 * (first + last)
+    first, last = end_faces(
+        grid, axis, cell, lambda below, above: 0.5 * (above + below), lambda first, last: (first, last)
+    )
     return jnp.concatenate((first, inner, last), axis)
 
 
@@ -113,26 +60,41 @@ def gradient(grid: Grid, cell: Array) -> FaceField:
     result = []
     for axis in range(grid.dimension):
         inner = (along(cell, axis, 1, None) - along(cell, axis, None, -1)) / grid.spacing[axis]
-        if grid.periodic[axis]:
-            seam = (along(cell, axis, 0, 1) - along(cell, axis, -1, None)) / grid.spacing[axis]
-            ends = (seam, seam)
-        elif inner.shape[axis] == 0:
-            ends = (jnp.zeros_like(cell), jnp.zeros_like(cell))
-        else:
-            ends = (along(inner, axis, 0, 1), along(inner, axis, -1, None))
+        ends = end_faces(grid, axis, cell, slope_over(grid.spacing[axis]), continued_from(inner, axis))
         result.append(jnp.concatenate((ends[0], inner, ends[1]), axis))
     return tuple(result)
+
+
+def slope_over(spacing: float) -> Callable[[Array, Array], Array]:
+    """The slope between a lower and an upper layer of cells, for `end_faces`."""
+    return lambda below, above: (above - below) / spacing
+
+
+def continued_from(inner: Array, axis: int) -> Callable[[Array, Array], Ends]:
+    """Values of the nearest inner faces on the sides of the box, for `end_faces`."""
+    return lambda first, last: nearest_inner(inner, axis, first)
+
+
+def nearest_inner(inner: Array, axis: int, like: Array) -> Ends:
+    """Values of the inner faces that are nearest to either end; zeros where there are none, of one cell alone."""
+    if inner.shape[axis] == 0:
+        return jnp.zeros_like(like), jnp.zeros_like(like)
+    return along(inner, axis, 0, 1), along(inner, axis, -1, None)
 
 
 def second_differences(grid: Grid, cell: Array) -> Array:
     """Sum over the axes of h^2 d2/dx2 of a cell field, by second differences; at a side the last value is continued."""
     parts = []
-    for axis, periodic in enumerate(grid.periodic):
-        first, last = along(cell, axis, 0, 1), along(cell, axis, -1, None)
-        before, after = (last, first) if periodic else (first, last)
+    for axis in range(grid.dimension):
+        before, after = beyond(grid, axis, cell, (-1,), (0,), own_layers(cell, axis))
         wide = jnp.concatenate((before, cell, after), axis)
         parts.append(along(wide, axis, 2, None) - 2.0 * cell + along(wide, axis, None, -2))
     return sum_of(parts)
+
+
+def own_layers(array: Array, axis: int) -> Callable[[], Ends]:
+    """The first and the last layer, as what lies beyond the sides of the box, for `beyond`."""
+    return lambda: (along(array, axis, 0, 1), along(array, axis, -1, None))
 
 
 def face_control_volume(grid: Grid, axis: int) -> Array:
@@ -140,35 +102,75 @@ def face_control_volume(grid: Grid, axis: int) -> Array:
 
     The array has size 1 along the other axes.
     """
-    return jnp.asarray(control_width(grid, axis) * (grid.cell_volume / grid.spacing[axis]))
+    return of_slab(grid, _control_width(grid, axis) * (grid.cell_volume / grid.spacing[axis]))
 
 
-def control_width(grid: Grid, axis: int) -> np.ndarray:
+def control_width(grid: Grid, axis: int, dtype: DTypeLike) -> Array:
     """Length of the control volume of each face of an axis along it: half a cell on a boundary; size 1 elsewhere
     [m]."""
-    width = np.full(grid.cells[axis] + 1, grid.spacing[axis])
+    return of_slab(grid, _control_width(grid, axis), dtype)
+
+
+def _control_width(grid: Grid, axis: int) -> np.ndarray:
+    """The same of the whole box."""
+    width = np.full(grid.whole_cells[axis] + 1, grid.spacing[axis])
     if not grid.periodic[axis]:
         width[[0, -1]] *= 0.5
     return width.reshape([-1 if a == axis else 1 for a in range(grid.dimension)])
 
 
 def face_total(grid: Grid, faces: FaceField) -> tuple[Array, ...]:
-    """Sum over all faces of each component, periodic doubles counted once."""
+    """Sum over all faces of each component, those that are stored twice counted once."""
     doubled = [wraps and not grid.collocated for wraps in grid.periodic]
-    return tuple(jnp.sum(along(f, a, None, -1) if doubled[a] else f) for a, f in enumerate(faces))
+    counted = [along(f, a, None, -1) if doubled[a] else f for a, f in enumerate(faces)]
+    cut = grid.blocks
+    if cut is not None and not cut.periodic and not grid.collocated:
+        own = counted[cut.axis]
+        last = jnp.where(cut.is_last(), along(own, cut.axis, -1, None), 0.0)
+        counted[cut.axis] = jnp.concatenate((along(own, cut.axis, None, -1), last), cut.axis)
+    return total(cut, tuple(jnp.sum(f) for f in counted))
+
+
+def box_mean(grid: Grid, values: Array) -> Array:
+    """() mean over the box of values on the cells, or on faces of which none is stored twice."""
+    mean, cut = jnp.mean(values), grid.blocks
+    return mean if cut is None else cut.total(mean) / cut.number
+
+
+def box_largest(grid: Grid, values: Array) -> Array:
+    """() largest value in the box."""
+    return largest(grid.blocks, jnp.max(values))
+
+
+def box_smallest(grid: Grid, values: Array) -> Array:
+    """() smallest value in the box."""
+    lowest = jnp.min(values)
+    return lowest if grid.blocks is None else -largest(grid.blocks, -lowest)
+
+
+def agreed(grid: Grid, faces: FaceField) -> FaceField:
+    """The faces, where two slabs store one face with the value of the upper slab in both."""
+    cut = grid.blocks
+    if cut is None:
+        return faces
+    own = faces[cut.axis]
+    theirs = cut.from_upper(along(own, cut.axis, 0, 1))
+    last = jnp.where(cut.is_last(), along(own, cut.axis, -1, None), theirs)
+    shared = jnp.concatenate((along(own, cut.axis, None, -1), last), cut.axis)
+    return tuple(shared if axis == cut.axis else f for axis, f in enumerate(faces))
 
 
 def sum_of(terms):  # type: ignore[no-untyped-def]
     """Sum of arrays without the integer zero that `sum` starts with."""
-    total = None
+    found = None
     for term in terms:
-        total = term if total is None else total + term
-    return total
+        found = term if found is None else found + term
+    return found
 
 
 def _share_along(grid: Grid, cell: Array, axis: int) -> Array:
     inner = 0.5 * (along(cell, axis, None, -1) + along(cell, axis, 1, None))
-    first, last = 0.5 * along(cell, axis, 0, 1), 0.5 * along(cell, axis, -1, None)
-    if grid.periodic[axis]:
-        first = last = first + last
+    first, last = end_faces(
+        grid, axis, cell, lambda below, above: 0.5 * above + 0.5 * below, lambda first, last: (0.5 * first, 0.5 * last)
+    )
     return jnp.concatenate((first, inner, last), axis)

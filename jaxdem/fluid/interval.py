@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +12,11 @@ from jax import Array, lax
 
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
-from jaxdem.fluid.grid import along
+from jaxdem.fluid.grid import Grid, along
+from jaxdem.fluid.mesh import at_side, of_slab
 from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState, FluidStep
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.blocks import Blocks, any_of, largest
 from jaxdem.numerics.static import static
 
 SUBSTEPS = (1, 2, 4, 8)
@@ -121,6 +124,11 @@ class FluidInterval:
     courant_limit: float
     reversible: bool = False
 
+    def in_blocks(self, blocks: Blocks, drift: float = 0.0) -> Self:
+        """The interval of the fluid in one slab of the box; see `Grid`."""
+        solver = dataclasses.replace(self.solver, grid=self.solver.grid.in_blocks(blocks, drift))
+        return dataclasses.replace(self, solver=solver)
+
     def advance(
         self, properties: FluidProperties, state: FluidState, time: Array
     ) -> tuple[FluidState, FluidDiagnostics]:
@@ -133,7 +141,7 @@ class FluidInterval:
             return (result.state, sums.plus(result)), solver_record(result)
 
         (state, sums), record = self.loop(substeps.number, step, (state, self.no_sums(state)))
-        return state, diagnostics(substeps, record, state, sums, properties)
+        return state, diagnostics(self.solver.grid, substeps, record, state, sums, properties)
 
     def no_sums(self, state: FluidState) -> StepSums:
         """Zeros to add up over the fluid steps."""
@@ -190,9 +198,10 @@ class FluidInterval:
             if state.void_fraction is not None:
                 # An inlet's velocity is superficial: between particles it is higher.
                 beside = along(state.void_fraction, side.axis, *((-1, None) if side.upper else (0, 1)))
-                inflow = inflow / jnp.min(jnp.where(coverage(grid, side) > 0.0, beside, 1.0))
+                beside = jnp.where(of_slab(grid, coverage(grid, side) > 0.0), beside, 1.0)
+                inflow = inflow / jnp.min(at_side(grid, side.axis, side.upper, beside, 1.0))
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
-        return jnp.sum(jnp.stack(speeds))
+        return jnp.sum(largest(grid.blocks, jnp.stack(speeds)))
 
     def _viscous_rate(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
         """Viscosity number of the whole interval [-]."""
@@ -209,7 +218,12 @@ def solver_record(result: FluidStep) -> SolverRecord:
 
 
 def diagnostics(
-    substeps: Substeps, record: SolverRecord, state: FluidState, sums: StepSums, properties: FluidProperties
+    grid: Grid,
+    substeps: Substeps,
+    record: SolverRecord,
+    state: FluidState,
+    sums: StepSums,
+    properties: FluidProperties,
 ) -> FluidDiagnostics:
     """Figures of an interval that ends with `state`."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
@@ -217,4 +231,6 @@ def diagnostics(
     if gradient is not None:  # of the pressure itself, with the weight that the reduced one leaves out
         gradient = gradient + properties.density * required(properties.gravity, "gravity of the fluid")
     sound = jnp.all(jnp.asarray(finite))
+    if grid.blocks is not None:
+        sound = ~any_of(grid.blocks, ~sound)
     return FluidDiagnostics(substeps.number, substeps.courant, substeps.viscous, *record, sound, load, gradient)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.errors import required
 from jaxdem.fluid.grid import Grid
 
 
@@ -41,4 +42,17 @@ def mixing_length_over_bed(grid: Grid, numbers: BedMixing, void_fraction: Array 
     if void_fraction is None:
         void_fraction = jnp.ones(grid.cells, numbers.von_karman.dtype)
     growth = jnp.maximum(1.0 - (1.0 - void_fraction) / numbers.packed_solid_fraction, 0.0)
-    return numbers.von_karman * height * (jnp.cumsum(growth, axis=-1) - 0.5 * growth)
+    summed = jnp.cumsum(growth, axis=-1) - 0.5 * growth
+    if grid.cut_along(grid.dimension - 1) is not None:
+        summed = summed + _of_lower_slabs(grid, jnp.sum(growth, axis=-1, keepdims=True))
+    return numbers.von_karman * height * summed
+
+
+def _of_lower_slabs(grid: Grid, layer: Array) -> Array:
+    """Sum of a layer over all slabs below this one."""
+    cut = required(grid.blocks, "blocks")
+    below = jnp.zeros_like(layer)
+    for distance in range(1, cut.number):
+        layer = cut.from_lower(layer)
+        below = below + jnp.where(cut.index() >= distance, layer, 0.0)
+    return below

@@ -30,6 +30,10 @@ from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
     Grid,
+    agreed,
+    box_largest,
+    box_mean,
+    box_smallest,
     divergence,
     face_average,
     face_control_volume,
@@ -204,7 +208,7 @@ class FluidSolver:
             growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
             if not self.boundary.has_outlet:
                 # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
-                growth = growth - jnp.mean(growth)
+                growth = growth - box_mean(grid, growth)
         mobility, shift = self._exchange_terms(properties, exchange, new)
         middle = time + 0.5 * time_step
         state = state._replace(mean_gradient=self._mean_gradient(properties, state, middle))
@@ -241,7 +245,7 @@ class FluidSolver:
         if self.drive is not None and any(self.drive.held):
             numbers = required(properties.drive, "parameters.fluid.drive")
             target = at_time(self.drive.times, required(numbers.bulk_velocity, "bulk_velocity of the drive"), end)
-            predicted, change = held(self.drive, target, predicted, new, push)
+            predicted, change = held(grid, self.drive, target, predicted, new, push)
             mean_gradient = required(mean_gradient, "mean_gradient of the fluid") + change
         velocity, pressure, report, remaining = self._project(state.pressure, predicted, new, push, growth)
         fluid = FluidState(velocity, pressure, void_fraction, mean_gradient)
@@ -306,14 +310,14 @@ class FluidSolver:
         length = self._mixing_length(properties, state.void_fraction)
         if length is not None:
             rates = strain_rates(self.grid, self._sides(properties, time), state.face_velocity)
-            largest = largest + jnp.max(eddy_viscosity(rates, length))
+            largest = largest + box_largest(self.grid, eddy_viscosity(rates, length))
         if not self.shares_stress and state.void_fraction is not None:
-            largest = largest / jnp.min(state.void_fraction)
+            largest = largest / box_smallest(self.grid, state.void_fraction)
         flow = self._subgrid_flow(properties, state.face_velocity, state.void_fraction, time)
         if flow is not None:
             # It acts on the part g of the volume too, with the g of other cells.
-            lowest = 1.0 if state.void_fraction is None else jnp.min(state.void_fraction)
-            largest = largest + jnp.max(subgrid_diffusivity(self.grid, flow)) / lowest
+            lowest = 1.0 if state.void_fraction is None else box_smallest(self.grid, state.void_fraction)
+            largest = largest + box_largest(self.grid, subgrid_diffusivity(self.grid, flow)) / lowest
         return largest
 
     def _mixing_length(self, properties: FluidProperties, void_fraction: Array | None) -> Array | None:
@@ -400,7 +404,7 @@ class FluidSolver:
         grid = self.grid
         excess = divergence(grid, flux) + growth
         if self.boundary.has_outlet:
-            flux = with_outflow(grid, self.boundary, flux, -jnp.mean(excess))
+            flux = with_outflow(grid, self.boundary, flux, -box_mean(grid, excess))
             excess = divergence(grid, flux) + growth
         potential = fast_inverse(grid, None)(excess)
         slope = pressure_gradient(grid, _closed(self.boundary), potential)
@@ -426,8 +430,8 @@ class FluidSolver:
         grid, boundary = self.grid, self.boundary
         flux = _product(void_fraction, predicted)
         # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
-        scale = sum(jnp.max(jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
-        scale = scale + jnp.max(jnp.abs(jnp.asarray(growth, flux[0].dtype))) + jnp.finfo(flux[0].dtype).tiny
+        scale = sum(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
+        scale = scale + box_largest(grid, jnp.abs(jnp.asarray(growth, flux[0].dtype))) + jnp.finfo(flux[0].dtype).tiny
         velocity, iterations = predicted, jnp.zeros((), jnp.int32)
         # A pressure of many cells' worth of head hides its own differences in float32. The second pass
         # solves for the divergence that the first has left, whose pressure is small and well resolved.
@@ -438,10 +442,11 @@ class FluidSolver:
                 grid, boundary, _product(void_fraction, push), source, tolerance * scale
             )
             slope = pressure_gradient(grid, boundary, correction)
-            velocity = tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True))
+            velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True)))
             pressure = pressure + correction
             iterations = iterations + report.iterations
-        remaining = jnp.max(jnp.abs(divergence(grid, _product(void_fraction, velocity)) + growth)) / scale
+        left = jnp.abs(divergence(grid, _product(void_fraction, velocity)) + growth)
+        remaining = box_largest(grid, left) / scale
         report = SolverReport(iterations, remaining * scale, remaining <= 5.0 * passes[-1])
         return velocity, pressure, report, remaining
 

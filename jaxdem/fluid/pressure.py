@@ -2,7 +2,8 @@
 
 The preconditioner inverts the problem with constant coefficient exactly, in the eigenvectors of the 1-D
 operators (R. E. Lynch, J. R. Rice, D. H. Thomas, Numer. Math. 6 (1964) 185-199), so that the number of
-iterations depends on how much the void fraction varies and not on the mesh.
+iterations depends on how much the void fraction varies and not on the mesh. On several devices the rows along the axis
+that is cut are made whole for their transform, and another axis is cut meanwhile.
 """
 
 from __future__ import annotations
@@ -16,8 +17,11 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.fluid.boundary import Boundary, open_fraction
-from jaxdem.fluid.grid import FaceField, Grid, along, divergence
+from jaxdem.fluid.grid import FaceField, Grid, along, box_largest, box_mean, divergence, nearest_inner, slope_over
+from jaxdem.fluid.mesh import Ends, end_faces, of_slab
+from jaxdem.fluid.rows import share_of_rows, with_whole_rows
 from jaxdem.fluid.transforms import End, Row
+from jaxdem.numerics.blocks import total
 from jaxdem.numerics.products import PRECISION
 
 MAXIMUM_ITERATIONS = 200
@@ -51,18 +55,18 @@ def pressure_gradient(grid: Grid, boundary: Boundary, pressure: Array, continued
     for axis in range(grid.dimension):
         spacing = grid.spacing[axis]
         inner = (along(pressure, axis, 1, None) - along(pressure, axis, None, -1)) / spacing
-        first, last = along(pressure, axis, 0, 1), along(pressure, axis, -1, None)
-        if grid.periodic[axis]:
-            ends = [(first - last) / spacing] * 2
-        else:
-            ends = []
+
+        def of_sides(first: Array, last: Array, axis: int = axis, inner: Array = inner) -> Ends:
+            spacing, ends = grid.spacing[axis], []
             for upper, outward in ((False, 2.0 * first / spacing), (True, -2.0 * last / spacing)):
-                is_open = jnp.asarray(open_fraction(grid, boundary.side(axis, upper)), pressure.dtype)
+                is_open = of_slab(grid, open_fraction(grid, boundary.side(axis, upper)), pressure.dtype)
                 end = is_open * outward
                 if continued and inner.shape[axis] > 0:
-                    nearest = along(inner, axis, -1, None) if upper else along(inner, axis, 0, 1)
-                    end = end + (1.0 - is_open) * nearest
+                    end = end + (1.0 - is_open) * nearest_inner(inner, axis, first)[upper]
                 ends.append(end)
+            return ends[0], ends[1]
+
+        ends = end_faces(grid, axis, pressure, slope_over(spacing), of_sides)
         result.append(jnp.concatenate((ends[0], inner, ends[1]), axis))
     return tuple(result)
 
@@ -95,49 +99,51 @@ def solve_pressure(
         return -divergence(grid, tuple(c * s for c, s in zip(coefficient, slope, strict=True)))
 
     def centred(x: Array) -> Array:
-        return x - jnp.mean(x) if singular else x
+        return x - box_mean(grid, x) if singular else x
 
     def solve(_, b: Array) -> tuple[Array, SolverReport]:  # type: ignore[no-untyped-def]
-        return _conjugate_gradients(operator, inverse, centred(b), tolerance, centred)
+        return _conjugate_gradients(grid, operator, inverse, centred(b), tolerance, centred)
 
     def transpose_solve(_, b: Array) -> tuple[Array, SolverReport]:  # type: ignore[no-untyped-def]
         relative = 1e-6 if dtype == jnp.float32 else 1e-13
-        return _conjugate_gradients(operator, inverse, centred(b), relative * jnp.max(jnp.abs(b)), centred)
+        return _conjugate_gradients(
+            grid, operator, inverse, centred(b), relative * box_largest(grid, jnp.abs(b)), centred
+        )
 
     return lax.custom_linear_solve(
         operator, -source, solve, transpose_solve=transpose_solve, symmetric=False, has_aux=True
     )
 
 
-def _conjugate_gradients(operator, inverse, b, tolerance, centred):  # type: ignore[no-untyped-def]
+def _conjugate_gradients(grid, operator, inverse, b, tolerance, centred):  # type: ignore[no-untyped-def]
     """Preconditioned conjugate gradients from zero until the largest residual is under the tolerance.
 
     In units of a power of two near the largest entry of b, which rounds nothing: the products of a right-hand side
     under 1e-20 would underflow in float32, and 0/0 is what a fluid that comes to rest would be given.
     """
-    exponent = jnp.frexp(jnp.max(jnp.abs(b)))[1]
+    exponent = jnp.frexp(box_largest(grid, jnp.abs(b)))[1]
     tolerance = jnp.asarray(tolerance, b.dtype)
     b, tolerance = _times_power_of_two(b, -exponent), _times_power_of_two(tolerance, -exponent)
 
     def proceed(carry):  # type: ignore[no-untyped-def]
         _, r, _, _, count = carry
-        return (jnp.max(jnp.abs(r)) > tolerance) & (count < MAXIMUM_ITERATIONS)
+        return (box_largest(grid, jnp.abs(r)) > tolerance) & (count < MAXIMUM_ITERATIONS)
 
     def iterate(carry):  # type: ignore[no-untyped-def]
         x, r, p, rz, count = carry
         # The inverse costs most of an iteration, so it is taken at the start: none is left over at the end.
         z = inverse(r)
-        new = jnp.vdot(r, z, precision=PRECISION)
+        new = total(grid.blocks, jnp.vdot(r, z, precision=PRECISION))
         p = z + (new / rz) * p
         ap = operator(p)
-        alpha = new / jnp.vdot(p, ap, precision=PRECISION)
+        alpha = new / total(grid.blocks, jnp.vdot(p, ap, precision=PRECISION))
         return x + alpha * p, r - alpha * ap, p, new, count + 1
 
     zero = jnp.zeros_like(b)
     start = (zero, b, zero, jnp.asarray(jnp.inf, b.dtype), jnp.zeros((), jnp.int32))
     x, _, _, _, count = lax.while_loop(proceed, iterate, start)
     # The recurrence drifts from the truth in float32: what is reported is the residual itself.
-    residual = jnp.max(jnp.abs(centred(b - operator(x))))
+    residual = box_largest(grid, jnp.abs(centred(b - operator(x))))
     report = SolverReport(count, _times_power_of_two(residual, exponent), residual <= 10.0 * tolerance)
     return _times_power_of_two(centred(x), exponent), report
 
@@ -165,21 +171,30 @@ def fast_inverse(grid: Grid, boundary: Boundary | None):  # type: ignore[no-unty
 
     rows = tuple(
         Row(count, None if grid.periodic[axis] else (condition(axis, False), condition(axis, True)))
-        for axis, count in enumerate(grid.cells)
+        for axis, count in enumerate(grid.whole_cells)
     )
     level = 0.0
     for side in () if boundary is None else boundary.sides:
         # An outlet face turns a constant p = 1 into 2 / h^2 in its cell.
         share = float(np.sum(open_fraction(grid, side)))
-        level += 2.0 * share / grid.spacing[side.axis] ** 2 / math.prod(grid.cells)
+        level += 2.0 * share / grid.spacing[side.axis] ** 2 / math.prod(grid.whole_cells)
     weights = _inverse_eigenvalues(rows, grid.spacing, level)
 
+    cut = None if grid.blocks is None else grid.blocks.axis
+    own = [axis for axis in range(grid.dimension) if axis != cut]
+
+    def scaled(b: Array) -> Array:
+        if cut is not None:
+            b = rows[cut].to_modes(b, cut)
+        b = b * share_of_rows(grid, weights, b.dtype)
+        return b if cut is None else rows[cut].to_cells(b, cut)
+
     def inverse(b: Array) -> Array:
-        for axis, row in enumerate(rows):
-            b = row.to_modes(b, axis)
-        b = b * jnp.asarray(weights, b.dtype)
-        for axis, row in enumerate(rows):
-            b = row.to_cells(b, axis)
+        for axis in own:
+            b = rows[axis].to_modes(b, axis)
+        b = with_whole_rows(grid, b, scaled)
+        for axis in own:
+            b = rows[axis].to_cells(b, axis)
         return b
 
     return inverse

@@ -20,12 +20,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Sides
 from jaxdem.fluid.diffusion import edge_average, strain_rates
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, face_control_volume
+from jaxdem.fluid.mesh import at_side, layer_number, of_slab
 from jaxdem.fluid.subgrid import eddy_viscosity
+from jaxdem.numerics.blocks import total
 
 Measured = tuple[int, ...]
 """Numbers of the sides that are measured: 2 times the axis, and 1 more for the upper one."""
@@ -104,26 +107,27 @@ def _of_sides(grid: Grid, sides: Measured, force: Callable[[int, bool, int], Arr
         found = None if grid.periodic[axis] else force(axis, upper, which)
         if found is None:
             return nothing
-        total = jnp.sum(found)
+        found = at_side(grid, axis, upper, found, 0.0)
+        force_k = jnp.sum(found)
         moments = [
-            _moment(found, total, grid, (axis, upper), j) if j != which else 0.0 * total for j in range(dimension)
+            _moment(found, force_k, grid, (axis, upper), j) if j != which else 0.0 * force_k for j in range(dimension)
         ]
-        return jnp.stack([total, *moments])
+        return jnp.stack([force_k, *moments])
 
     rows = [
         jnp.stack([load(axis, upper, which) for which in range(dimension)])
         for axis in range(dimension)
         for upper in (False, True)
     ]
-    return jnp.stack(rows)
+    return total(grid.blocks, jnp.stack(rows))
 
 
-def _moment(force: Array, total: Array, grid: Grid, side: tuple[int, bool], j: int) -> Array:
-    """Sum of a force on the faces of a side, which is `total`, times their coordinate along axis j."""
+def _moment(force: Array, summed: Array, grid: Grid, side: tuple[int, bool], j: int) -> Array:
+    """Sum of a force on the faces of a side, which is `summed`, times their coordinate along axis j."""
     axis, upper = side
     if j == axis:
-        return (grid.size[axis] if upper else 0.0) * total
-    middle = grid.spacing[j] * (jnp.arange(force.shape[j], dtype=force.dtype) + 0.5)
+        return (grid.size[axis] if upper else 0.0) * summed
+    middle = grid.spacing[j] * (layer_number(grid, j, force) + 0.5)
     return jnp.sum(force * middle.reshape([-1 if a == j else 1 for a in range(grid.dimension)]))
 
 
@@ -133,10 +137,14 @@ def _end(upper: bool) -> tuple[int | None, int | None]:
 
 def _solved(grid: Grid, boundary: Boundary, axis: int, like: Array) -> Array:
     """Part of the control volume of every face of an axis whose velocity is solved for, over a cell: 0 on walls."""
-    part = jnp.ones(grid.cells[axis] + 1, like.dtype)
+    part = np.ones(grid.whole_cells[axis] + 1)
     if grid.periodic[axis]:
-        part = part.at[-1].set(0.0)  # the first face once more
+        part[-1] = 0.0  # the first face once more
     else:
-        ends = [0.5 * boundary.side(axis, upper).condition.sets_pressure for upper in (False, True)]
-        part = part.at[0].set(ends[0]).at[-1].set(ends[1])
-    return part.reshape([-1 if a == axis else 1 for a in range(grid.dimension)])
+        part[[0, -1]] = [0.5 * boundary.side(axis, upper).condition.sets_pressure for upper in (False, True)]
+    own = of_slab(grid, part.reshape([-1 if a == axis else 1 for a in range(grid.dimension)]), like.dtype)
+    if grid.cut_along(axis) is None:
+        return own
+    # The last face of a slab is the first one of the next.
+    last = at_side(grid, axis, True, along(own, axis, -1, None), 0.0)
+    return jnp.concatenate((along(own, axis, None, -1), last), axis)

@@ -24,15 +24,8 @@ from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Sides
 from jaxdem.fluid.diffusion import edge_average, shear, stress_slope, to_boundary
-from jaxdem.fluid.grid import (
-    FaceField,
-    Grid,
-    along,
-    cell_average,
-    face_average_along,
-    gradient,
-    sum_of,
-)
+from jaxdem.fluid.grid import FaceField, Grid, along, cell_average, face_average_along, gradient, sum_of
+from jaxdem.fluid.mesh import with_ends
 from jaxdem.fluid.subgrid import cell_mean, mean_along, strain_magnitude
 from jaxdem.numerics.vectors import safe_sqrt
 
@@ -189,5 +182,5 @@ def _closed(grid: Grid, edge: Array, i: int, j: int) -> Array:
     for axis in (i, j):
         if not grid.periodic[axis]:
             end = jnp.zeros_like(along(edge, axis, 0, 1))
-            edge = jnp.concatenate((end, along(edge, axis, 1, -1), end), axis)
+            edge = with_ends(grid, axis, edge, (end, end))
     return edge

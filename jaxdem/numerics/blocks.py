@@ -54,6 +54,11 @@ class Blocks:
         ring = [(i, (i + steps) % self.number) for i in range(self.number)]
         return jax.tree.map(lambda x: lax.ppermute(x, MESH_AXIS, ring), tree)
 
+    def turned(self, array: Array, whole: int, cut: int) -> Array:
+        """The same values with another axis cut among the devices: every device has axis `whole` in full, and its share
+        of axis `cut`, whose length must be a multiple of the number of slabs."""
+        return lax.all_to_all(array, MESH_AXIS, split_axis=cut, concat_axis=whole, tiled=True)
+
     def is_first(self) -> Array:
         """() bool: the lower end of the axis is the end of this slab, not a neighbour; never where it is periodic."""
         return (self.index() == 0) & (not self.periodic)

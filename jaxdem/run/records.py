@@ -136,7 +136,7 @@ def drive_figures(case: Case, state: State, gradient: np.ndarray | None) -> dict
         gradient = np.asarray(fluid.mean_gradient + parameters.flow.density * parameters.gravity)
     whole = (1.0,) * grid.dimension
     on_faces = whole if fluid.void_fraction is None else face_average(grid, fluid.void_fraction)
-    bulk = np.asarray(bulk_velocity(drive, fluid.face_velocity, on_faces))
+    bulk = np.asarray(bulk_velocity(grid, drive, fluid.face_velocity, on_faces))
     axes = [(axis, name) for axis, name in enumerate(AXES[grid.dimension]) if drive.driven[axis]]
     found = {f"pressure_gradient_{name}": float(gradient[axis]) for axis, name in axes}
     return found | {f"bulk_velocity_{name}": float(bulk[axis]) for axis, name in axes}
