@@ -12,6 +12,7 @@ from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState, as_column
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
+from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.walls_present import with_walls_present
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
@@ -57,7 +58,9 @@ def advance_particles(
         return None, None, None
     parameters = simulation.during(parameters, state.step)
     before, neighbors = required(state.particles, "state.particles"), required(neighbors, "neighbors")
-    bodies = required(parameters.bodies, "parameters.bodies")
+    everyone = required(parameters.bodies, "parameters.bodies")
+    bodies = everyone.of_rows(before.identity)
+    parameters = parameters._replace(bodies=bodies)
     load = jnp.broadcast_to(as_column(bodies.mass) * parameters.gravity[None], before.velocity.shape)
     if simulation.coupling is not None and forces is not None:
         force = forces.total + parameters.mixture.buoyancy
@@ -74,6 +77,9 @@ def advance_particles(
         particles = simulation.coupling.remember(parameters.mixture, forces, before, particles)
     if simulation.population is not None:
         particles, neighbors = simulation.renewed(parameters, particles, neighbors, state.step + 1)
+    if simulation.contact.division is not None:
+        division, search = simulation.contact.division, simulation.search
+        particles, neighbors = settled(division, search, everyone.radius, particles, neighbors)
     buried = simulation.buried(parameters, before, state.step)
     report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried)
     return particles, neighbors, report

@@ -13,6 +13,7 @@ from jaxdem.coupling.coupled import Coupling
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.interval import FluidInterval
+from jaxdem.numerics.blocks import all_of, any_of, largest, total
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.integrate import ParticleState
@@ -172,7 +173,8 @@ class Structure:
     ) -> ParticleDiagnostics:
         """Flags and figures of the particles after `step` intervals; `buried` (L, N) bool are those within a wall."""
         position, velocity = particles.position, particles.velocity
-        box = jnp.asarray(self.box, position.dtype)
+        box, division = jnp.asarray(self.box, position.dtype), required(self.contact, "particles").division
+        blocks = None if division is None else division.blocks
         outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
         if particles.active is not None:
             outside = outside & particles.active[:, None]
@@ -180,17 +182,20 @@ class Structure:
         if self.population is not None and self.population.inlets:
             waiting = self.population.waiting(required(particles.inserted, "inserted of the particles"), step)
         squared = jnp.sum(velocity**2, axis=1)
+        finite = (
+            jnp.all(jnp.isfinite(position))
+            & jnp.all(jnp.isfinite(velocity))
+            & jnp.all(jnp.isfinite(particles.angular_velocity))
+        )
         return ParticleDiagnostics(
             means.collision_force,
             neighbors.builds,
-            neighbors.overflow,
-            jnp.all(jnp.isfinite(position))
-            & jnp.all(jnp.isfinite(velocity))
-            & jnp.all(jnp.isfinite(particles.angular_velocity)),
-            jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32)),
-            jnp.sqrt(jnp.max(squared, initial=0.0)),
+            any_of(blocks, neighbors.overflow),
+            all_of(blocks, finite),
+            total(blocks, jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32))),
+            largest(blocks, jnp.sqrt(jnp.max(squared, initial=0.0))),
             waiting,
-            None if buried is None else jnp.sum(jnp.any(buried, axis=0).astype(jnp.int32)),
+            None if buried is None else total(blocks, jnp.sum(jnp.any(buried, axis=0).astype(jnp.int32))),
             means.walls,
         )
 

@@ -24,7 +24,7 @@ FLOORS = (
     {"structure"},
     {"step", "failures", "observables"},
     {"simulation", "probes"},
-    {"ensemble", "external", "scene"},
+    {"devices", "ensemble", "external", "scene"},
     {"setup"},
     {"run"},
     {"check", "foreign", "train", "report"},
@@ -49,6 +49,7 @@ WITHOUT_SCENE = {
     "observables",
     "probes",
     "external",
+    "devices",
     "io",
     "report",
 }

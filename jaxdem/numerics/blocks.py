@@ -40,19 +40,17 @@ class Blocks:
         return lax.axis_index(MESH_AXIS).astype(jnp.int32)
 
     def from_lower(self, tree: Tree) -> Tree:
-        """The tree of the neighbour below; in the first slab that of the last one.
-
-        Where the axis is not periodic the first slab has no neighbour below, and the caller masks what it gets.
-        """
+        """The tree of the neighbour below; zeros in the first slab where the axis is not periodic."""
         return self._shifted(tree, 1)
 
     def from_upper(self, tree: Tree) -> Tree:
-        """The tree of the neighbour above; in the last slab that of the first one, see `from_lower`."""
+        """The tree of the neighbour above; zeros in the last slab where the axis is not periodic."""
         return self._shifted(tree, -1)
 
     def _shifted(self, tree: Tree, steps: int) -> Tree:
         ring = [(i, (i + steps) % self.number) for i in range(self.number)]
-        return jax.tree.map(lambda x: lax.ppermute(x, MESH_AXIS, ring), tree)
+        sent = ring if self.periodic else [(i, k) for i, k in ring if k == i + steps]
+        return jax.tree.map(lambda x: lax.ppermute(x, MESH_AXIS, sent), tree)
 
     def turned(self, array: Array, whole: int, cut: int) -> Array:
         """The same values with another axis cut among the devices: every device has axis `whole` in full, and its share
@@ -96,3 +94,8 @@ def largest(blocks: Blocks | None, tree: Tree) -> Tree:
 def any_of(blocks: Blocks | None, condition: Array) -> Array:
     """Whether the condition holds in any slab; the condition itself on one device."""
     return condition if blocks is None else blocks.any(condition)
+
+
+def all_of(blocks: Blocks | None, condition: Array) -> Array:
+    """Whether the condition holds in all slabs; the condition itself on one device."""
+    return condition if blocks is None else ~blocks.any(~condition)

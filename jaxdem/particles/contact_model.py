@@ -38,16 +38,21 @@ class MaterialIndex:
         own = particle.tolist()
         return cls(tuple(own) if particle.ndim else own, tuple(wall.tolist()), tuple(map(tuple, pair.tolist())))
 
-    def between_particles(self, table: ContactMaterial, pairs: Pairs) -> ContactMaterial:
-        """Numbers () or (P,) of the contacts between particles."""
+    def between_particles(self, table: ContactMaterial, pairs: Pairs, identity: Array | None) -> ContactMaterial:
+        """Numbers () or (P,) of the contacts between particles; `identity` (N,) of rows that are not in order."""
         if isinstance(self.particle, int):
             return _entries(table, np.asarray(self.pair)[self.particle, self.particle])
         own = jnp.asarray(self.particle)
+        if identity is not None:
+            own = own[jnp.maximum(identity, 0)]
         return _entries(table, jnp.asarray(self.pair)[own[pairs.first], own[pairs.second]])
 
-    def with_walls(self, table: ContactMaterial) -> ContactMaterial:
+    def with_walls(self, table: ContactMaterial, identity: Array | None) -> ContactMaterial:
         """Numbers (S, 1) or (S, N) of the contacts of all particles with the S walls."""
         pair, wall = np.asarray(self.pair), np.asarray(self.wall)
+        if identity is not None and not isinstance(self.particle, int):
+            own = jnp.asarray(self.particle)[jnp.maximum(identity, 0)]
+            return _entries(table, jnp.asarray(pair)[wall[:, None], own[None]])
         return _entries(table, pair[wall[:, None], np.atleast_1d(self.particle)[None]])
 
 

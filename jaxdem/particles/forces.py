@@ -230,7 +230,9 @@ class _Loop:
     def pair_material(self, neighbors: Neighbors) -> ContactMaterial:
         """Numbers of the contacts between particles."""
         material, index = self.surroundings.pair, self.model.materials
-        return material if index is None else index.between_particles(material, neighbors.pairs)
+        return (
+            material if index is None else index.between_particles(material, neighbors.pairs, self.properties.identity)
+        )
 
     def add_pairs(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts between particles; returns their new springs too."""
@@ -284,7 +286,7 @@ class _Loop:
     def wall_material(self) -> ContactMaterial:
         """Numbers of the contacts with the walls."""
         material, index = self.surroundings.wall, self.model.materials
-        return material if index is None else index.with_walls(material)
+        return material if index is None else index.with_walls(material, self.properties.identity)
 
     def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts with the walls."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -30,6 +31,8 @@ class ParticleState(NamedTuple):
             where no such force is on.
         active: (N,) bool, which particles are present; None where all are, always. See `population`.
         inserted: (I,) int32, how many have come in through each inlet; None without inlets.
+        identity: (N,) int32, which particles the rows of a slab are, -1 for none; None on one device, where row i is
+            particle i.
     """
 
     position: Array
@@ -43,6 +46,7 @@ class ParticleState(NamedTuple):
     fluid_memory: Any = None
     active: Array | None = None
     inserted: Array | None = None
+    identity: Array | None = None
 
 
 class Motion(NamedTuple):
@@ -119,12 +123,22 @@ class ParticleProperties(NamedTuple):
         added_density: of the fluid that moves along, C rho, in the mass but not in the moment of inertia; None
             for none [kg/m3].
         parcels: what one particle stands for; None for a grain.
+        identity: (N,) int32, which particles the rows of a slab are; None where row i is particle i.
     """
 
     radius: Array
     density: Array
     added_density: Array | None = None
     parcels: Parcels | None = None
+    identity: Array | None = None
+
+    def of_rows(self, identity: Array | None) -> ParticleProperties:
+        """Of the particles (R,) in the rows of a slab, from those of all particles; unchanged without identities."""
+        if identity is None:
+            return self
+        number = jnp.maximum(identity, 0)
+        rows: ParticleProperties = jax.tree.map(lambda x: x[number] if x.ndim else x, self)
+        return rows._replace(identity=identity)
 
     @property
     def volume(self) -> Array:

@@ -9,12 +9,15 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.blocks import any_of, total
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.forces import Surroundings, WallLoads, contact_forces
+from jaxdem.particles.ghosts import NEVER, Division
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.neighbors import (
     Neighbors,
@@ -23,6 +26,16 @@ from jaxdem.particles.neighbors import (
     displacement_since_build,
     out_of_date,
     with_radius,
+)
+from jaxdem.particles.slab_steps import (
+    SlabCarry,
+    ghosts_beside,
+    own_rows,
+    padded,
+    padded_rows,
+    rebuilt,
+    refreshed,
+    with_own_due,
 )
 
 
@@ -36,12 +49,14 @@ class ContactInterval:
         steps: number of contact steps.
         reversible: loops that reverse-mode differentiation can run backwards. Without it the loop skips
             what the interval does not need, and is faster; the numbers are the same.
+        division: of a box that is cut into slabs; None on one device.
     """
 
     model: ContactModel
     search: NeighborSearch | None
     steps: int
     reversible: bool
+    division: Division | None = None
 
 
 class _Carry(NamedTuple):
@@ -53,6 +68,7 @@ class _Carry(NamedTuple):
     collision: Array
     step: Array
     walls: WallLoads | None
+    slab: SlabCarry | None = None
 
 
 class ContactMeans(NamedTuple):
@@ -102,6 +118,29 @@ def contact_interval(
     Returns:
         state at the end, with `contact_force` the mean over the interval; the list; and other means.
     """
+    if interval.division is None:
+        return _advanced(interval, surroundings, properties, state, neighbors, body_force, time_step, body_torque)
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
+    properties = ghosts_beside(interval.division, ghosts, properties)
+    rows, load, turning = padded(ghosts, state), padded_rows(ghosts, body_force), body_torque
+    if turning is not None:
+        turning = padded_rows(ghosts, turning)
+    rows, neighbors, means = _advanced(interval, surroundings, properties, rows, neighbors, load, time_step, turning)
+    return own_rows(ghosts, rows, state), neighbors, means
+
+
+def _advanced(
+    interval: ContactInterval,
+    surroundings: Surroundings,
+    properties: ParticleProperties,
+    state: ParticleState,
+    neighbors: Neighbors,
+    body_force: Array,
+    time_step: Array,
+    body_torque: Array | None,
+) -> tuple[ParticleState, Neighbors, ContactMeans]:
+    """See `contact_interval`; in a slab the rows are those of its particles and of the ghosts."""
+    division = interval.division
     active, count = state.active, max(state.position.shape[0], 1)
     if active is not None:
         body_force = jnp.where(active[:, None], body_force, 0.0)
@@ -110,19 +149,28 @@ def contact_interval(
     turning = None if body_torque is None else vectors.components(body_torque)
 
     def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
-        motion = drift(carry.motion, 0.5 * time_step)
-        acceleration = vectors.scale(1.0 / properties.mass, vectors.add(carry.contact_force, force))
+        motion, slab = drift(carry.motion, 0.5 * time_step), carry.slab
+        bodies = properties if slab is None else slab.properties
+        acceleration = vectors.scale(1.0 / bodies.mass, vectors.add(carry.contact_force, force))
         expected = vectors.add_scaled(motion.velocity, 0.5 * time_step, acceleration)
+        if division is not None and slab is not None:
+            motion, expected, slab = refreshed(division, neighbors, motion, expected, slab)
         sums, motion = contact_forces(
-            interval.model, surroundings, properties, motion, neighbors, time_step, expected, active
+            interval.model, surroundings, bodies, motion, neighbors, time_step, expected, active
         )
-        total = vectors.add(sums.force, force)
+        acting = vectors.add(sums.force, force)
         torque = sums.torque if turning is None else vectors.add(sums.torque, turning)
-        motion = kick(motion, total, torque, properties, time_step)
+        motion = kick(motion, acting, torque, bodies, time_step)
         impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)
-        collision = carry.collision + jnp.sum(vectors.length(sums.force))
+        size = vectors.length(sums.force)
+        if slab is not None and active is not None:
+            size = jnp.where(active, size, 0.0)  # ghosts belong to another slab
+        collision = carry.collision + jnp.sum(size)
         walls = jax.tree.map(jnp.add, carry.walls, sums.walls)
-        return _Carry(drift(motion, 0.5 * time_step), sums.force, impulse, collision, carry.step + 1, walls)
+        motion, number = drift(motion, 0.5 * time_step), carry.step + 1
+        if division is not None and slab is not None:
+            slab = with_own_due(division, interval.search, neighbors, motion, slab, (number, time_step))
+        return _Carry(motion, sums.force, impulse, collision, number, walls, slab)
 
     zero = jnp.zeros_like(force[0])
     carry = _Carry(
@@ -133,16 +181,23 @@ def contact_interval(
         jnp.zeros((), jnp.int32),
         _no_loads(interval.model, zero, len(force)) if interval.model.measured else None,
     )
+    if division is not None:
+        beginning = SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
+        given = (carry.step, time_step)
+        slab = with_own_due(division, interval.search, neighbors, carry.motion, beginning, given)
+        late = any_of(division.blocks, slab.due < NEVER)
+        carry = carry._replace(slab=slab._replace(due=jnp.where(late, 0, jnp.int32(NEVER))))
     loop = _reversible_loop if interval.reversible else _fast_loop
     neighbors = with_radius(neighbors, properties.radius)
     carry, neighbors = loop(interval, step, time_step, carry, neighbors, active)
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
-    present = count if active is None else jnp.maximum(jnp.sum(active), 1)
+    blocks = None if division is None else division.blocks
+    present = count if active is None else jnp.maximum(total(blocks, jnp.sum(active)), 1)
     # Sums over the particles once an interval: in every contact step they would take a tenth of its time.
-    loads = None if carry.walls is None else carry.walls.summed(interval.model)
-    walls = jax.tree.map(lambda total: total / interval.steps, loads)
-    return state, neighbors, ContactMeans(carry.collision / (interval.steps * present), walls)
+    loads = None if carry.walls is None else total(blocks, carry.walls.summed(interval.model))
+    walls = jax.tree.map(lambda sum_: sum_ / interval.steps, loads)
+    return state, neighbors, ContactMeans(total(blocks, carry.collision) / (interval.steps * present), walls)
 
 
 def _no_loads(model: ContactModel, like: Array, dimension: int) -> WallLoads:
@@ -203,6 +258,8 @@ def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors
     # A list of nothing is never out of date: the loop would wait for it for ever.
     if interval.search is None or neighbors.room.slots == 0:
         return jnp.zeros((), bool)
+    if carry.slab is not None:
+        return carry.step >= carry.slab.due
     motion = drift(carry.motion, time_step)
     displacement = displacement_since_build(motion.position, motion.low, neighbors)
     return out_of_date(displacement, interval.search.geometry)
@@ -221,6 +278,9 @@ def _with_list_in_date(
         carry, neighbors = both
         # Where `_stale` looks: the new list is in date whatever the speed, and the loop goes on.
         motion = drift(carry.motion, time_step)
+        if interval.division is not None and carry.slab is not None:
+            new, springs, slab = rebuilt(interval.division, search, motion, neighbors, carry.slab)
+            return carry._replace(motion=carry.motion._replace(contact_spring=springs), slab=slab), new
         new = search.update(motion.position, motion.low, neighbors, active)
         springs = carry_history(carry.motion.contact_spring, neighbors, new)
         return carry._replace(motion=carry.motion._replace(contact_spring=springs)), new

@@ -24,6 +24,7 @@ from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
+from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, pairs_of, place_of
 from jaxdem.particles.regions import into_period
 
@@ -102,6 +103,7 @@ class Neighbors:
         overflow: () bool, there were more neighbours or pairs than room; the list is then incomplete.
         builds: () int32, number of builds so far.
         cell_slots: room for particles in a column of the search's table; static.
+        ghosts: in a box that is cut into slabs, whose particles the N rows are; None on one device.
     """
 
     index: Array
@@ -114,6 +116,7 @@ class Neighbors:
     overflow: Array
     builds: Array
     cell_slots: int = dataclasses.field(metadata={"static": True})
+    ghosts: Ghosts | None = None
 
     @property
     def room(self) -> Room:
@@ -243,13 +246,24 @@ class NeighborSearch:
         if room.slots == 0:
             index = jnp.zeros((0, *position[0].shape), jnp.int32)
         else:
-            inside = compensated.into_box(position, low, self.geometry.box, self.geometry.periodic)
-            index, crowded = neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active)
+            index, crowded = self.in_reach(position, low, room, active)
             overflow = overflow | crowded
         return self.listed(index, position, low, radius, room, overflow)
 
+    def in_reach(self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None) -> tuple[Array, Array]:
+        """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough."""
+        inside = compensated.into_box(position, low, self.geometry.box, self.geometry.periodic)
+        return neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active)
+
     def listed(
-        self, index: Array, position: Vector, low: tuple[Low, ...], radius: Array, room: Room, overflow: Array
+        self,
+        index: Array,
+        position: Vector,
+        low: tuple[Low, ...],
+        radius: Array,
+        room: Room,
+        overflow: Array,
+        identity: Array | None = None,
     ) -> Neighbors:
         """The first list of who is in reach of whom; jittable.
 
@@ -259,12 +273,13 @@ class NeighborSearch:
             radius: () or (N,) [m].
             room: for the list.
             overflow: () bool, whether something is missing in `index`.
+            identity: (N,) int32, see `pairs_of`.
         """
         if room.slots == 0:
             none, blank = jnp.zeros(0, jnp.int32), jnp.zeros(0, position[0].dtype)
             pairs, separation, overlap = Pairs(none, none, index), (blank,) * len(position), blank
         else:
-            pairs, too_many = pairs_of(index, room.pairs)
+            pairs, too_many = pairs_of(index, room.pairs, identity)
             overflow = overflow | too_many
             separation, overlap = self._pair_geometry(pairs, position, low, radius)
         builds = jnp.ones((), jnp.int32)

@@ -72,24 +72,28 @@ def last_up_to(table: Array, column: Array, value: Array) -> Array:
     return row
 
 
-def pairs_of(index: Array, room: int) -> tuple[Pairs, Array]:
+def pairs_of(index: Array, room: int, identity: Array | None = None) -> tuple[Pairs, Array]:
     """The pairs of a list, and whether they are more than there is room for.
 
     Args:
         index: (K, N) int32, the others in reach of every particle, itself in empty slots; symmetric.
         room: P, one more than the number of pairs that can be held.
+        identity: (N,) int32 by which the first of a pair is the lower one; the row if None.
 
     Returns:
         the pairs; and () bool, there was not enough room.
     """
     slots, count = index.shape
     own, ranks = jnp.arange(count, dtype=jnp.int32), jnp.arange(slots, dtype=jnp.int32)[:, None]
-    later = index > own[None]  # the slots in which the particle is the first
+    # The slots in which the particle is the first, and what none of them holds.
+    later, nobody = index > own[None], 0
+    if identity is not None:
+        later, nobody = identity[index] > identity[None], count
     upto = jnp.cumsum(later, axis=0, dtype=jnp.int32)
     number, before = upto[-1], upto - later
     start = jnp.cumsum(number, dtype=jnp.int32) - number
 
-    # Column i has the others of the pairs that i is the first of, from the top; 0 is never one of them.
+    # Column i has the others of the pairs that i is the first of, from the top; of rows 0 is never one of them.
     if slots > WRITTEN_OUT:
         others = jnp.sort(jnp.where(later, index, count), axis=0)
     else:
@@ -97,7 +101,7 @@ def pairs_of(index: Array, room: int) -> tuple[Pairs, Array]:
         def place_slot(k: int, table: Array) -> Array:
             return jnp.where(later[k][None] & (before[k][None] == ranks), index[k][None], table)
 
-        others = lax.fori_loop(0, slots, place_slot, jnp.zeros_like(index), unroll=UNROLL)
+        others = lax.fori_loop(0, slots, place_slot, jnp.full_like(index, nobody), unroll=UNROLL)
     table = others.reshape(-1)
 
     # Who owns a stretch of the list is written at its start; of several that start there all but the last own none.
@@ -111,6 +115,8 @@ def pairs_of(index: Array, room: int) -> tuple[Pairs, Array]:
 
     if slots > WRITTEN_OUT:
         low, high = jnp.minimum(index, own[None]), jnp.maximum(index, own[None])
+        if identity is not None:
+            low, high = jnp.where(later, own[None], index), jnp.where(later, index, own[None])
         as_first = start[low] + last_up_to(others, low, high)
         as_second = room + as_first
     else:

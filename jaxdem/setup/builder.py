@@ -7,6 +7,7 @@ arguments and not an object, since `jaxdem.build(scene, walls=[...])` is how the
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Unpack
 
@@ -14,7 +15,8 @@ import jax
 import numpy as np
 
 from jaxdem.closures.base import DragClosure
-from jaxdem.errors import InputError
+from jaxdem.devices import DividedSimulation, distributed, divided
+from jaxdem.errors import InputError, required
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import ScheduledProbe
 from jaxdem.scene import Scene
@@ -126,7 +128,10 @@ class Case:
 
 
 def build(
-    scene: Scene, closure: DragClosure | None = None, **extensions: Unpack[Extensions]
+    scene: Scene,
+    closure: DragClosure | None = None,
+    devices: int | Sequence[jax.Device] | None = None,
+    **extensions: Unpack[Extensions],
 ) -> tuple[Simulation, Parameters]:
     """The simulation of a scene, and its parameters.
 
@@ -134,6 +139,8 @@ def build(
         scene: from `jaxdem.load_scene`.
         closure: drag law or learned closure to use instead of the scene's `closure.file` or `coupling.drag`. One
             that is a pytree goes into the parameters, and one may differentiate by its weights.
+        devices: how many, or which, the box is cut for; see `jaxdem.devices`. None for one device and the plain
+            program.
         extensions: further parts in place of the scene's: `walls`, `contact_law`, `inlet_profiles`, `subgrid`,
             `side_conditions`; see `jaxdem.setup.extensions.Extensions`.
 
@@ -142,7 +149,10 @@ def build(
         TypeError: an extension of another name.
     """
     case = build_case(scene, closure, **extensions)
-    return case.simulation, case.parameters
+    if devices is None:
+        return case.simulation, case.parameters
+    position = np.zeros((0, scene.dimension)) if case.particles is None else case.particles.position
+    return divided(case.simulation, devices, position), case.parameters
 
 
 def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[State, Neighbors | None]:
@@ -157,6 +167,9 @@ def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) 
             come to rest.
     """
     start = read_start(scene)
+    if isinstance(simulation, DividedSimulation):
+        whole = initial_state(scene, simulation.undivided(), parameters)
+        return distributed(simulation, parameters, whole[0], required(whole[1], "neighbors"))
     return Case(scene, _particles(scene, start), simulation, parameters, start=start).initial_state()
 
 

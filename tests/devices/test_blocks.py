@@ -33,6 +33,14 @@ def test_neighbours_are_a_ring(number):
     np.testing.assert_array_equal(upper, np.roll(own, -3))
 
 
+@pytest.mark.parametrize("number", NUMBERS)
+def test_at_an_end_there_is_no_neighbour(number):
+    blocks, own = Blocks(number, 0, periodic=False), jnp.arange(1.0, number + 1.0)
+    lower, upper = on_slabs(blocks, lambda x: (blocks.from_lower(x), blocks.from_upper(x)), own)
+    np.testing.assert_array_equal(lower, [0, *own[:-1]])
+    np.testing.assert_array_equal(upper, [*own[1:], 0])
+
+
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("number", NUMBERS)
 def test_only_an_axis_that_is_not_periodic_has_ends(number, periodic):

@@ -1,0 +1,232 @@
+"""From a state on one device to a distributed one, and back. Host, numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.devices.contacts import Contacts, contacts_of_list, contacts_of_slabs, history_tables
+from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
+from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
+from jaxdem.devices.simulation import DividedSimulation
+from jaxdem.errors import required
+from jaxdem.numerics import vectors
+from jaxdem.particles.ghosts import Ghosts
+from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
+from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.particles.slab_list import History, of_pairs, slab_list
+from jaxdem.state import Parameters, State
+
+
+def distributed(
+    simulation: DividedSimulation,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors | Contacts,
+    room: SlabRoom | None = None,
+) -> tuple[State, Neighbors]:
+    """A state on one device, cut into slabs with equal numbers of particles, with new lists; not jittable.
+
+    Args:
+        simulation: from `jaxdem.build(scene, devices=...)`.
+        parameters: from the same.
+        state: on one device or on the host; row i is particle i.
+        neighbors: the list that its contact springs belong to; or what the contacts keep, by identity.
+        room: at least so much.
+    """
+    particles = on_host(required(state.particles, "state.particles"))
+    division, search, number = simulation.division, simulation.search, simulation.blocks.number
+    if isinstance(neighbors, Contacts):
+        contacts = neighbors
+    else:
+        contacts = contacts_of_list(particles.contact_spring, on_host(neighbors))
+    present = _present(particles)
+    inside = np.asarray(centres_in_box(_on_one(particles), simulation.box, simulation.periodic), float)[present]
+    planes = equal_planes(division, search, inside[:, division.blocks.axis])
+    slab = np.zeros(len(particles.position), int)
+    slab[present] = slab_of(planes.astype(particles.position.dtype), inside[:, division.blocks.axis])
+    positions = tuple(particles.position.T)
+    listed = search.room(positions, None if particles.active is None else particles.active)
+    wider = needed_room(division, search, inside, planes, listed)
+    room = wider if room is None else _covering(room, wider)
+    room = _for_contacts(room, contacts)
+    row = np.zeros_like(slab)
+    table = np.full((number, room.rows), -1, np.int32)
+    for k in range(number):
+        own = present[slab[present] == k]
+        table[k, : len(own)], row[own] = own, np.arange(len(own))
+    rows = _rows(particles, table)
+    shape = (number, room.listed.slots, room.rows)
+    history = History(*history_tables(contacts, slab, row, shape))
+    ghosts = _no_ghosts(planes.astype(particles.position.dtype), table, room)
+    mesh = required(simulation.mesh, "mesh")
+    listing = on_slabs(mesh, _first_list(simulation, room.listed), (SAME, SLABS, SLABS, SLABS), (SLABS, SLABS))
+    given = put(mesh, (rows, ghosts, history))
+    springs, new = jax.jit(listing)(put(mesh, parameters.bodies, SAME), *given)
+    rows = given[0]._replace(contact_spring=springs, inserted=None)
+    return State(rows, None, put(mesh, state.step, SAME)), new
+
+
+def _on_one(particles: ParticleState) -> ParticleState:
+    return particles._replace(position=jnp.asarray(particles.position)) if particles.position.size else particles
+
+
+def _present(particles: ParticleState) -> np.ndarray:
+    """Identities of the particles that are there."""
+    count = len(particles.position)
+    return np.arange(count) if particles.active is None else np.flatnonzero(particles.active)
+
+
+def _covering(room: SlabRoom, other: SlabRoom) -> SlabRoom:
+    return SlabRoom(
+        max(room.rows, other.rows),
+        max(room.ghosts, other.ghosts),
+        max(room.migrating, other.migrating),
+        room.listed.covering(other.listed),
+    )
+
+
+def _for_contacts(room: SlabRoom, contacts: Contacts) -> SlabRoom:
+    """Room for what every particle keeps."""
+    numbers = np.bincount(np.concatenate((contacts.first, contacts.second)).astype(int))
+    listed = Room(max(room.listed.slots, int(numbers.max(initial=1))), room.listed.pairs, room.listed.cell)
+    return SlabRoom(room.rows, room.ghosts, room.migrating, listed)
+
+
+def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
+    """The rows (B, R, ...) of all slabs; those without a particle rest where another one is."""
+    number, there = np.maximum(table, 0), table >= 0
+
+    def of(rows: np.ndarray, axis: int = 0, keep: bool = False) -> np.ndarray:
+        chosen = np.moveaxis(np.asarray(rows), axis, 0)[number]
+        if not keep:
+            chosen = np.where(there.reshape(*there.shape, *(1,) * (chosen.ndim - 2)), chosen, 0)
+        return np.moveaxis(chosen, 1, axis + 1 if axis >= 0 else axis)
+
+    low, force = particles.position_low, particles.fluid_force
+    return ParticleState(
+        position=of(particles.position, keep=True),
+        position_low=None if low is None else of(low, keep=True),
+        velocity=of(particles.velocity),
+        angular_velocity=of(particles.angular_velocity),
+        contact_spring=(),
+        wall_spring=tuple(of(spring, 1) for spring in particles.wall_spring),
+        contact_force=of(particles.contact_force),
+        fluid_force=None if force is None else of(force),
+        fluid_memory=jax.tree.map(lambda x: of(x, -2), particles.fluid_memory),
+        active=there,
+        inserted=particles.inserted,
+        identity=table,
+    )
+
+
+def _no_ghosts(planes: np.ndarray, table: np.ndarray, room: SlabRoom) -> Ghosts:
+    """Ghosts (B, ...) before any has been chosen."""
+    number = len(table)
+    nobody = np.full((number, 2 * room.ghosts), -1, np.int32)
+    sent = np.full((number, room.ghosts), room.rows, np.int32)
+    count = np.sum(table >= 0, axis=1)
+    needed = np.stack([count, np.zeros_like(count), np.zeros_like(count)], axis=1).astype(np.int32)
+    none = np.zeros(number, np.int32)
+    identity = np.concatenate((table, nobody), axis=1)
+    planes = np.tile(planes, (number, 1))
+    return Ghosts(planes, identity, sent, sent, needed, none > 0, none, none, room.migrating)
+
+
+def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]:
+    """The list of a slab and the springs of its pairs, from the bodies, its rows, its ghosts and what contacts keep."""
+
+    def listing(bodies: Any, rows: ParticleState, ghosts: Ghosts, history: History) -> tuple[Any, Neighbors]:
+        own = bodies.of_rows(rows.identity)
+        position = vectors.components(rows.position)
+        low = split_low(rows.position_low, len(position))
+        new = slab_list(simulation.search, simulation.division, position, low, own.radius, room, ghosts)
+        return of_pairs(history, required(new.ghosts, "ghosts").identity, new.pairs), new
+
+    return listing
+
+
+def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors) -> tuple[State, Contacts]:
+    """A distributed state as one of arrays on the host, row i of particle i; every process must call it.
+
+    Args:
+        simulation: from `jaxdem.build(scene, devices=...)`.
+        state, neighbors: distributed.
+
+    Returns:
+        the state, without contact springs; rows of particles that are not present are zero. And what the contacts keep.
+    """
+    rows: ParticleState = on_host(required(state.particles, "state.particles"))
+    lists = on_host(neighbors)
+    contacts = contacts_of_slabs(rows.contact_spring, lists)
+    return State(_by_identity(simulation, rows), None, on_host(state.step)), contacts
+
+
+def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> ParticleState:
+    """(N, ...) of (B, R, ...)."""
+    identity = required(rows.identity, "identity of the particles")
+    there = required(rows.active, "active of the particles") & (identity >= 0)
+    number = np.asarray(identity)[there]
+
+    def of(values: np.ndarray, axis: int = 0) -> np.ndarray:
+        chosen = np.moveaxis(values, axis + 1 if axis >= 0 else axis, 1)[there]
+        whole = np.zeros((simulation.particles, *chosen.shape[1:]), chosen.dtype)
+        whole[number] = chosen
+        return np.moveaxis(whole, 0, axis)
+
+    active = np.zeros(simulation.particles, bool)
+    active[number] = True
+    low, force = rows.position_low, rows.fluid_force
+    return ParticleState(
+        position=of(rows.position),
+        position_low=None if low is None else of(low),
+        velocity=of(rows.velocity),
+        angular_velocity=of(rows.angular_velocity),
+        contact_spring=(),
+        wall_spring=tuple(of(spring, 1) for spring in rows.wall_spring),
+        contact_force=of(rows.contact_force),
+        fluid_force=None if force is None else of(force),
+        fluid_memory=jax.tree.map(lambda x: of(x, -2), rows.fluid_memory),
+        active=None if simulation.population is None else active,
+        inserted=None if rows.inserted is None else rows.inserted[0],
+    )
+
+
+def on_one_device(
+    simulation: DividedSimulation, parameters: Parameters, state: State, contacts: Contacts
+) -> tuple[State, Neighbors]:
+    """State and list for `simulation.undivided()`, from what `gathered` gives; not jittable."""
+    particles = jax.tree.map(jnp.asarray, required(state.particles, "state.particles"))
+    neighbors = simulation.undivided().allocate(parameters, particles)
+    first, second = np.asarray(neighbors.pairs.first), np.asarray(neighbors.pairs.second)
+    count = max(len(particles.position), 1)
+    # A pair is one number; the empty ones come after all others.
+    pair = np.where(first == second, count * count, first.astype(np.int64) * count + second)
+    order = np.argsort(pair)
+    low, high = np.minimum(contacts.first, contacts.second), np.maximum(contacts.first, contacts.second)
+    place = order[np.searchsorted(pair[order], low.astype(np.int64) * count + high)]
+    springs = np.zeros((len(contacts.values), len(pair)), particles.position.dtype)
+    springs[:, place] = contacts.values
+    particles = particles._replace(contact_spring=tuple(jnp.asarray(x) for x in springs))
+    return state._replace(particles=particles, step=jnp.asarray(state.step)), neighbors
+
+
+def enlarged(
+    simulation: DividedSimulation, parameters: Parameters, state: State, neighbors: Neighbors, failed: Neighbors
+) -> tuple[State, Neighbors]:
+    """The state before a step that had too little room, with more; not jittable.
+
+    Args:
+        simulation, parameters: from `jaxdem.build(scene, devices=...)`.
+        state, neighbors: distributed, before the step.
+        failed: the list after the step, which says what was lacking.
+    """
+    ghosts = required(failed.ghosts, "ghosts of a list")
+    needed = np.asarray(on_host(ghosts.needed)).max(axis=0)
+    room = SlabRoom.of(neighbors).enlarged(needed)
+    whole, contacts = gathered(simulation, state, neighbors)
+    return distributed(simulation, parameters, whole, contacts, room)

@@ -1,0 +1,118 @@
+"""How many rows, ghosts, pairs and travellers the arrays of a slab have room for. Host, numpy."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from jaxdem.numerics.static import static
+from jaxdem.particles.ghosts import Division
+from jaxdem.particles.migration import IMBALANCE, NARROWEST
+from jaxdem.particles.neighbors import EXTRA_CAPACITY, EXTRA_PAIRS, USUAL_PAIRS, Neighbors, NeighborSearch, Room
+
+LEAST = 16
+"""Rows, ghosts and travellers that there is always room for beside those that are needed."""
+
+TRAVELLERS = 8
+"""There is room for one of so many particles of a slab to go to the same neighbour at once."""
+
+
+@static
+class SlabRoom:
+    """What the arrays of a slab have room for; the same in all slabs; static.
+
+    Attributes:
+        rows: own particles.
+        ghosts: of one neighbour.
+        migrating: particles that go to one neighbour at once.
+        listed: for the neighbour list.
+    """
+
+    rows: int
+    ghosts: int
+    migrating: int
+    listed: Room
+
+    @classmethod
+    def of(cls, neighbors: Neighbors) -> SlabRoom:
+        """Of a distributed list."""
+        ghosts = neighbors.ghosts
+        assert ghosts is not None, "a distributed list has ghosts"
+        sent = ghosts.lower.shape[-1]
+        listed = Room(neighbors.index.shape[-2], neighbors.overlap.shape[-1], neighbors.cell_slots)
+        return cls(ghosts.identity.shape[-1] - 2 * sent, sent, ghosts.migrating, listed)
+
+    def enlarged(self, needed: np.ndarray) -> SlabRoom:
+        """With a margin for what was needed, (3,) as in `Ghosts`; all of the list half as much again if that was there.
+
+        A list that lacks room tells not how much; then the other rooms were large enough.
+        """
+        own = np.array([self.rows, self.ghosts, self.migrating])
+        if np.all(needed <= own):
+            return dataclasses.replace(self, listed=self.listed.enlarged())
+        wider = np.where(needed > own, np.ceil(EXTRA_CAPACITY * needed).astype(int) + LEAST, own)
+        rows, ghosts, migrating = map(int, wider)
+        pairs = math.ceil(self.listed.pairs * max(1.0, (rows + 2 * ghosts) / (self.rows + 2 * self.ghosts)))
+        return SlabRoom(rows, ghosts, migrating, dataclasses.replace(self.listed, pairs=pairs))
+
+
+def equal_planes(division: Division, search: NeighborSearch, along: np.ndarray) -> np.ndarray:
+    """(B - 1,) where to cut for equal numbers, no slab narrower than the limit, from positions (N,) in the box [m]."""
+    number, length = division.blocks.number, division.length
+    least = NARROWEST * search.reach
+    if len(along) < number:
+        return length * np.arange(1, number) / number
+    ordered = np.sort(along)
+    place = len(along) * np.arange(1, number) // number
+    planes = 0.5 * (ordered[place - 1] + ordered[place])
+    for k in range(number - 1):
+        planes[k] = max(planes[k], (planes[k - 1] if k else 0.0) + least)
+    for k in reversed(range(number - 1)):
+        planes[k] = min(planes[k], (planes[k + 1] if k < number - 2 else length) - least)
+    return planes
+
+
+def slab_of(planes: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(N,) slabs of positions (N,) in the box."""
+    return np.searchsorted(planes, along, side="right")
+
+
+def needed_room(
+    division: Division, search: NeighborSearch, position: np.ndarray, planes: np.ndarray, room: Room
+) -> SlabRoom:
+    """Room for these particles with a margin.
+
+    Args:
+        division, search: of the simulation.
+        position: (N, D) of those present, in the box [m].
+        planes: (B - 1,) [m].
+        room: for their list on one device.
+    """
+    number, dimension = division.blocks.number, position.shape[1]
+    along = position[:, division.blocks.axis]
+    slab = slab_of(planes, along)
+    counts = np.bincount(slab, minlength=number)
+    rows = math.ceil(IMBALANCE**2 * counts.max()) + LEAST
+    near = np.zeros(len(along), bool)
+    most = 0
+    wraps = division.blocks.periodic and number > 1
+    for plane in [*planes, *([0.0, division.length] if wraps else [])]:
+        apart = along - plane
+        if division.blocks.periodic:
+            apart = apart - division.length * np.round(apart / division.length)
+        close = np.abs(apart) < search.reach * 1.25
+        most = max(most, int(np.sum(close & (apart < 0))), int(np.sum(close & (apart >= 0))))
+        near |= close
+    ghosts = math.ceil(EXTRA_CAPACITY * most) + LEAST if number > 1 else 1
+    found = np.zeros(len(position))
+    if len(position):
+        tree = search.tree(tuple(position.T))
+        found = tree.query_ball_point(tree.data, search.reach, return_length=True, workers=-1) - 1.0
+    # A pair across a border is half of the neighbours of either, and a whole one of both slabs.
+    each = np.bincount(slab, weights=0.5 * found * (1 + near), minlength=number)
+    usual = USUAL_PAIRS[dimension] * (rows + ghosts)
+    pairs = max(math.ceil(EXTRA_PAIRS * each.max()), math.ceil(usual)) + 1
+    listed = Room(max(room.slots, 1), pairs, room.cell)
+    return SlabRoom(rows, ghosts, rows // TRAVELLERS + LEAST, listed)

@@ -1,0 +1,144 @@
+"""Contact steps of a slab: rows of ghosts beside its own, kept in date, and lists that all slabs build at once.
+
+A list is in date until a particle of any slab has moved half the skin. That all slabs learn of it in time costs no
+message of its own: with the ghosts travels the number of the step before which all build their lists, and a slab that
+will need it sets it so many steps ahead as the number needs to reach all.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.errors import required
+from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.ghosts import NEVER, Division, Ghosts, exchanged, with_ghosts
+from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
+from jaxdem.particles.neighbors import Neighbors, NeighborSearch, displacement_since_build
+from jaxdem.particles.slab_list import history_of, of_pairs, renewed_list
+
+
+class SlabCarry(NamedTuple):
+    """What a slab carries from one contact step to the next, beside what one device does.
+
+    Attributes:
+        due: () int32, contact step before which all slabs build their lists, as far as this one knows.
+        properties: size and density of all rows.
+    """
+
+    due: Array
+    properties: ParticleProperties
+
+
+def padded_rows(ghosts: Ghosts, rows: Array) -> Array:
+    """(n, ...) of (R, ...), zeros for the ghosts."""
+    return jnp.pad(rows, [(0, ghosts.identity.shape[0] - ghosts.rows), *[(0, 0)] * (rows.ndim - 1)])
+
+
+def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
+    """What contact steps read of a state, with rows for the ghosts; these meet no wall, the first step fills them."""
+
+    def wider(rows: Array) -> Array:
+        return padded_rows(ghosts, rows)
+
+    low = state.position_low
+    return state._replace(
+        position=wider(state.position),
+        position_low=None if low is None else wider(low),
+        velocity=wider(state.velocity),
+        angular_velocity=wider(state.angular_velocity),
+        wall_spring=tuple(wider(spring.T).T for spring in state.wall_spring),
+        contact_force=wider(state.contact_force),
+        active=wider(required(state.active, "active of the particles")),
+    )
+
+
+def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> ParticleState:
+    """The state of a slab after contact steps; the inverse of `padded`."""
+    count, low = ghosts.rows, rows.position_low
+    return before._replace(
+        position=rows.position[:count],
+        position_low=None if low is None else low[:count],
+        velocity=rows.velocity[:count],
+        angular_velocity=rows.angular_velocity[:count],
+        contact_spring=rows.contact_spring,
+        wall_spring=tuple(spring[:, :count] for spring in rows.wall_spring),
+        contact_force=rows.contact_force[:count],
+    )
+
+
+def ghosts_beside(division: Division, ghosts: Ghosts, properties: ParticleProperties) -> ParticleProperties:
+    """The properties with those of the ghosts, (n,) of (R,) or of another list's (n,); of equal particles unchanged."""
+    properties = properties._replace(identity=None)
+    leaves, tree = jax.tree.flatten(properties)
+    own = tuple(x for x in leaves if x.ndim)
+    if own:
+        filled = iter(with_ghosts(division.blocks, ghosts, own))
+        properties = jax.tree.unflatten(tree, [next(filled) if x.ndim else x for x in leaves])
+    return properties._replace(identity=ghosts.identity)
+
+
+def refreshed(
+    division: Division, neighbors: Neighbors, motion: Motion, expected: Vector, slab: SlabCarry
+) -> tuple[Motion, Vector, SlabCarry]:
+    """Motion and expected velocity (n,) with what the neighbours have of the ghosts, and when they build lists."""
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
+    low = () if motion.low[0] is None else tuple(x for x in motion.low if x is not None)
+    parts = (motion.position, motion.velocity, motion.angular_velocity, expected, low)
+    flat = tuple(x for part in parts for x in part)
+    new, due = exchanged(division.blocks, ghosts, flat, slab.due)
+    filled = iter([x.at[ghosts.rows :].set(values) for x, values in zip(flat, new, strict=True)])
+    position, velocity, spin, expected, low = (tuple(next(filled) for _ in part) for part in parts)
+    motion = motion._replace(position=position, velocity=velocity, angular_velocity=spin, low=low or motion.low)
+    return motion, expected, slab._replace(due=due)
+
+
+def with_own_due(
+    division: Division,
+    search: NeighborSearch | None,
+    neighbors: Neighbors,
+    motion: Motion,
+    slab: SlabCarry,
+    now: tuple[Array, Array],
+) -> SlabCarry:
+    """The carry with the step before which this slab needs another list, which its neighbours learn in the next step.
+
+    What is to come is bounded by the fastest particle: in the steps until all know of it, and the one after.
+
+    Args:
+        division, search, neighbors: of the slab.
+        motion: after a step.
+        slab: with what is known so far.
+        now: () int32, contact steps done; and () contact step [s].
+    """
+    if search is None:
+        return slab
+    ghosts, (step, time_step) = required(neighbors.ghosts, "ghosts of a list"), now
+    displacement = lax.stop_gradient(displacement_since_build(motion.position, motion.low, neighbors))
+
+    def largest(vector: Vector) -> Array:
+        squared = vectors.dot(vector, vector)[: ghosts.rows]
+        return jnp.sqrt(jnp.max(jnp.where(ghosts.own, squared, 0.0), initial=0.0))
+
+    coming = (division.hops + 1) * time_step * largest(lax.stop_gradient(motion.velocity))
+    needed = largest(displacement) + coming > 0.5 * search.geometry.skin
+    return slab._replace(due=jnp.minimum(slab.due, jnp.where(needed, step + division.hops, jnp.int32(NEVER))))
+
+
+def rebuilt(
+    division: Division, search: NeighborSearch, motion: Motion, neighbors: Neighbors, slab: SlabCarry
+) -> tuple[Neighbors, Vector, SlabCarry]:
+    """A list at this motion, the springs of its pairs, and the carry with the properties of the new ghosts."""
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
+    position = tuple(x[: ghosts.rows] for x in motion.position)
+    low = tuple(None if x is None else x[: ghosts.rows] for x in motion.low)
+    radius = slab.properties.radius
+    new = renewed_list(search, division, position, low, radius, neighbors, ghosts)
+    ghosts = required(new.ghosts, "ghosts of a list")
+    springs = of_pairs(history_of(motion.contact_spring, neighbors), ghosts.identity, new.pairs)
+    properties = ghosts_beside(division, ghosts, slab.properties)
+    return new, springs, SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
