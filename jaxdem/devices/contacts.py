@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxdem.errors import required
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.neighbors import Neighbors
 
 
@@ -22,16 +24,15 @@ class Contacts(NamedTuple):
     values: np.ndarray
 
 
-def contacts_of_list(spring: tuple[np.ndarray, ...], neighbors: Neighbors) -> Contacts:
+def contacts_of_list(spring: Vector, neighbors: Neighbors) -> Contacts:
     """Of a list on one device."""
     pairs = neighbors.pairs
     return _with_something(np.asarray(pairs.first), np.asarray(pairs.second), np.stack(spring))
 
 
-def contacts_of_slabs(spring: tuple[np.ndarray, ...], neighbors: Neighbors) -> Contacts:
+def contacts_of_slabs(spring: Vector, neighbors: Neighbors) -> Contacts:
     """Of a distributed list on the host; a pair across a border is that of its first particle's slab."""
-    ghosts = neighbors.ghosts
-    assert ghosts is not None, "a distributed list has ghosts"
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
     rows = ghosts.identity.shape[1] - 2 * ghosts.lower.shape[1]
     found = []
     for slab, identity in enumerate(ghosts.identity):

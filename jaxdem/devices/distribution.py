@@ -100,8 +100,11 @@ def _for_contacts(room: SlabRoom, contacts: Contacts) -> SlabRoom:
 def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
     """The rows (B, R, ...) of all slabs; those without a particle rest where another one is."""
     number, there = np.maximum(table, 0), table >= 0
+    # NumPy's arrays stand for JAX's until they are put on the devices.
+    identity: Any = table
+    active: Any = there
 
-    def of(rows: np.ndarray, axis: int = 0, keep: bool = False) -> np.ndarray:
+    def of(rows: Any, axis: int = 0, keep: bool = False) -> Any:
         chosen = np.moveaxis(np.asarray(rows), axis, 0)[number]
         if not keep:
             chosen = np.where(there.reshape(*there.shape, *(1,) * (chosen.ndim - 2)), chosen, 0)
@@ -118,13 +121,13 @@ def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
         contact_force=of(particles.contact_force),
         fluid_force=None if force is None else of(force),
         fluid_memory=jax.tree.map(lambda x: of(x, -2), particles.fluid_memory),
-        active=there,
+        active=active,
         inserted=particles.inserted,
-        identity=table,
+        identity=identity,
     )
 
 
-def _no_ghosts(planes: np.ndarray, table: np.ndarray, room: SlabRoom) -> Ghosts:
+def _no_ghosts(planes: Any, table: Any, room: SlabRoom) -> Ghosts:
     """Ghosts (B, ...) before any has been chosen."""
     number = len(table)
     nobody = np.full((number, 2 * room.ghosts), -1, np.int32)
@@ -133,8 +136,17 @@ def _no_ghosts(planes: np.ndarray, table: np.ndarray, room: SlabRoom) -> Ghosts:
     needed = np.stack([count, np.zeros_like(count), np.zeros_like(count)], axis=1).astype(np.int32)
     none = np.zeros(number, np.int32)
     identity = np.concatenate((table, nobody), axis=1)
-    planes = np.tile(planes, (number, 1))
-    return Ghosts(planes, identity, sent, sent, needed, none > 0, none, none, room.migrating)
+    parts: dict[str, Any] = {
+        "planes": np.tile(planes, (number, 1)),
+        "identity": identity,
+        "lower": sent,
+        "upper": sent,
+        "needed": needed,
+        "narrow": none > 0,
+        "migrations": none,
+        "cuts": none,
+    }
+    return Ghosts(**parts, migrating=room.migrating)
 
 
 def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]:
@@ -172,13 +184,13 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
     there = required(rows.active, "active of the particles") & (identity >= 0)
     number = np.asarray(identity)[there]
 
-    def of(values: np.ndarray, axis: int = 0) -> np.ndarray:
+    def of(values: Any, axis: int = 0) -> Any:
         chosen = np.moveaxis(values, axis + 1 if axis >= 0 else axis, 1)[there]
         whole = np.zeros((simulation.particles, *chosen.shape[1:]), chosen.dtype)
         whole[number] = chosen
         return np.moveaxis(whole, 0, axis)
 
-    active = np.zeros(simulation.particles, bool)
+    active: Any = np.zeros(simulation.particles, bool)
     active[number] = True
     low, force = rows.position_low, rows.fluid_force
     return ParticleState(

@@ -13,10 +13,10 @@ from jaxdem.errors import InputError
 from jaxdem.numerics.blocks import MESH_AXIS
 from jaxdem.state import Diagnostics, State
 
-SLABS = PartitionSpec(MESH_AXIS)
+SLABS: Any = PartitionSpec(MESH_AXIS)
 """Of arrays with an axis of slabs in front, one a device."""
 
-SAME = PartitionSpec()
+SAME: Any = PartitionSpec()
 """Of arrays that are the same on all devices."""
 
 STATE: Any = State(particles=SLABS, fluid=SLABS, step=SAME)

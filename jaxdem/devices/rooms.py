@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from jaxdem.errors import required
 from jaxdem.numerics.static import static
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.migration import IMBALANCE, NARROWEST
@@ -38,8 +39,7 @@ class SlabRoom:
     @classmethod
     def of(cls, neighbors: Neighbors) -> SlabRoom:
         """Of a distributed list."""
-        ghosts = neighbors.ghosts
-        assert ghosts is not None, "a distributed list has ghosts"
+        ghosts = required(neighbors.ghosts, "ghosts of a list")
         sent = ghosts.lower.shape[-1]
         listed = Room(neighbors.index.shape[-2], neighbors.overlap.shape[-1], neighbors.cell_slots)
         return cls(ghosts.identity.shape[-1] - 2 * sent, sent, ghosts.migrating, listed)

@@ -161,7 +161,7 @@ def chosen_ghosts(division: Division, ghosts: Ghosts, position: Vector, low: tup
     """
     blocks, own = division.blocks, ghosts.own
     away, half = division.from_middle(ghosts.planes, position, low)
-    reach = reach + ROUNDING * jnp.finfo(away.dtype).eps * division.length
+    reach = reach + ROUNDING * float(jnp.finfo(away.dtype).eps) * division.length
     below = jnp.max(jnp.where(own, -half - away, 0.0), initial=0.0)
     above = jnp.max(jnp.where(own, away - half, 0.0), initial=0.0)
     below, above = jnp.where(blocks.is_first(), 0.0, below), jnp.where(blocks.is_last(), 0.0, above)
