@@ -26,6 +26,7 @@ def compiled_parts(
         model = simulation.contact.model
         parts += [
             (f"contact law {type(model.law).__name__}", True),
+            (_cohesion(scene), model.cohesion is not None),
             ("rolling friction", model.rolling is not None),
             ("rolling springs", model.rolling is not None and model.rolling.has_spring),
             ("radius per particle", parameters.bodies is not None and parameters.bodies.radius.ndim > 0),
@@ -69,6 +70,12 @@ def compiled_parts(
             ("particle inlets", population is not None and bool(population.inlets)),
         ]
     return tuple(name for name, there in parts if there), tuple(name for name, there in parts if not there)
+
+
+def _cohesion(scene: Scene) -> str:
+    """What pulls particles together, in words."""
+    table = None if scene.contact is None else scene.contact.cohesion
+    return "cohesion" if table is None else f"cohesion {table.kind}"
 
 
 def _coupling_parts(coupling: Coupling) -> list[tuple[str, bool]]:

@@ -20,6 +20,7 @@ LIMIT_NAMES = {
     "rayleigh": "Rayleigh time",
     "contact_duration": "duration of an impact",
     "contact_stability": "contact stability 2/omega_max",
+    "contact_attraction": "growth of the attraction before touch",
     "contact_automatic": "automatic contact step",
     "courant": "Courant limit",
     "viscous": "viscous limit",

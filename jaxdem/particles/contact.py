@@ -23,6 +23,7 @@ from jax import Array
 from jaxdem.numerics import vectors
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.cohesion import CohesionConstants
 
 
 class ContactMaterial(NamedTuple):
@@ -40,6 +41,7 @@ class ContactMaterial(NamedTuple):
         rolling_damping: of the rolling spring over critical [-].
         normal_stiffness: spring of the linear law [N/m].
         tangential_stiffness: tangential spring of the linear law [N/m].
+        cohesion: of what pulls the bodies together; None without.
     """
 
     effective_young_modulus: Array
@@ -50,6 +52,7 @@ class ContactMaterial(NamedTuple):
     rolling_damping: Array
     normal_stiffness: Array
     tangential_stiffness: Array
+    cohesion: CohesionConstants | None = None
 
 
 class Contact(NamedTuple):
@@ -67,6 +70,7 @@ class Contact(NamedTuple):
         effective_mass: m*, 1/m* = 1/m1 + 1/m2 [kg].
         rolling_inertia: of the bodies about their point of contact, 1/I = 1/(7/5 m1 r1^2) + 1/(7/5 m2 r2^2) [kg m2].
         sharing: number of walls that touch the particle; 1 between particles.
+        adhesion: what Coulomb's limit counts beside the normal force of the law; None for nothing [N].
     """
 
     overlap: Array
@@ -77,6 +81,7 @@ class Contact(NamedTuple):
     effective_mass: Array
     rolling_inertia: Array
     sharing: Array | float = 1.0
+    adhesion: Array | None = None
 
 
 class ContactForce(NamedTuple):
@@ -200,11 +205,14 @@ def _with_coulomb_limit(
     A contact that pulls has no friction. The pull takes back a part of the normal impulse, and `pull` (`pull_share`)
     is that part of the dashpot's push, which has no friction either: so an impact that slides throughout has an impulse
     of friction of `friction` times that of the normal force, (1 + e) m v, as for rigid bodies. The limit never exceeds
-    friction F_n, and at rest it is friction F_n.
+    friction F_n, and at rest it is friction F_n. Adhesion adds to F_n in it, see `Contact.adhesion`.
     """
     trial = tuple(-stiffness * xi - damping * slip for xi, slip in zip(contact.spring, contact.slip, strict=True))
     normal = elastic + dashpot
-    limit = friction * jnp.maximum(normal - pull * jnp.maximum(dashpot, 0.0), 0.0)
+    pressing = normal - pull * jnp.maximum(dashpot, 0.0)
+    if contact.adhesion is not None:
+        pressing = pressing + contact.adhesion
+    limit = friction * jnp.maximum(pressing, 0.0)
     tangential = vectors.scale(_cut(vectors.length(trial), limit), trial)
     spring = vectors.scale(_cut(stiffness * vectors.length(contact.spring), limit), contact.spring)
     return ContactForce(normal, elastic, tangential, spring)

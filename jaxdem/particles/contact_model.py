@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -11,6 +12,7 @@ from jax import Array
 from jaxdem.numerics import vectors
 from jaxdem.numerics.static import static
 from jaxdem.particles import walls
+from jaxdem.particles.cohesion import CapillaryBridge, Cohesion
 from jaxdem.particles.contact import ContactLaw, ContactMaterial
 from jaxdem.particles.pairs import Pairs
 from jaxdem.particles.rolling import RollingFriction
@@ -57,7 +59,8 @@ class MaterialIndex:
 
 
 def _entries(table: ContactMaterial, number: Array | np.ndarray) -> ContactMaterial:
-    return ContactMaterial(*(column if column.ndim == 0 else column[number] for column in table))
+    found: ContactMaterial = jax.tree.map(lambda column: column if column.ndim == 0 else column[number], table)
+    return found
 
 
 @static
@@ -72,6 +75,7 @@ class ContactModel:
         materials: None where all particles, and all walls, are of one material: then nothing is looked up.
         wall_times: when the surfaces are there; None where all always are.
         measured: numbers of the walls whose loads are summed; none: then no such term is compiled.
+        cohesion: what pulls bodies together, or None: then no such term is compiled.
     """
 
     law: ContactLaw
@@ -81,6 +85,7 @@ class ContactModel:
     materials: MaterialIndex | None = None
     wall_times: WallTimes | None = None
     measured: tuple[int, ...] = ()
+    cohesion: Cohesion | None = None
 
     @property
     def walls(self) -> int:
@@ -97,6 +102,17 @@ class ContactModel:
         return dataclasses.replace(self, surfaces=surfaces, materials=materials, wall_times=None, measured=measured)
 
     def history_size(self, dimension: int) -> int:
-        """Number of components that a contact keeps: the tangential spring, then the rolling spring if any."""
+        """Number of components that a contact keeps: the tangential spring, the rolling spring and what cohesion
+        remembers, each if there is any."""
         springs = 2 if self.rolling is not None and self.rolling.has_spring else 1
-        return springs * vectors.angular_size(dimension)
+        return springs * vectors.angular_size(dimension) + self.memory
+
+    @property
+    def memory(self) -> int:
+        """Number of components that cohesion keeps, the last ones."""
+        return 0 if self.cohesion is None else self.cohesion.memory
+
+    @property
+    def wet(self) -> bool:
+        """Whether grains hold a film of liquid, from which bridges are made."""
+        return isinstance(self.cohesion, CapillaryBridge)

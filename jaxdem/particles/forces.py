@@ -9,10 +9,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles import tangent, walls
-from jaxdem.particles.contact import Contact, ContactMaterial
+from jaxdem.particles import liquid, tangent, walls
+from jaxdem.particles.cohesion import TOUCHING, Attraction, Gap
+from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
@@ -61,11 +63,13 @@ class Sums(NamedTuple):
         force: D arrays (N,), on every particle [N].
         torque: A arrays (N,), the same [N m].
         walls: what each particle does to the walls that are measured; None without.
+        liquid: (N,) films after the bridges that formed or ruptured; None without capillary bridges [m3].
     """
 
     force: Vector
     torque: Vector
     walls: WallLoads | None = None
+    liquid: Array | None = None
 
 
 class Touching(NamedTuple):
@@ -76,12 +80,14 @@ class Touching(NamedTuple):
         normal: D components, unit vector towards the (first) particle.
         force: D components, on the (first) particle [N].
         friction: () or such that it goes with the contacts, Coulomb's coefficient [-].
+        adhesion: what Coulomb's limit counts beside the normal force; None without cohesion [N].
     """
 
     overlap: Array
     normal: Vector
     force: Vector
     friction: Array
+    adhesion: Array | None = None
 
 
 class _ContactPair(NamedTuple):
@@ -120,12 +126,14 @@ class _ContactLoad(NamedTuple):
         across: force in the contact plane [N].
         resistance: torque against rolling [N m]; empty without rolling friction.
         spring: what the contact keeps; see `ContactModel.history_size`.
+        adhesion: what Coulomb's limit counts beside `along`; None without cohesion [N].
     """
 
     along: Array
     across: Vector
     resistance: Vector
     spring: Vector
+    adhesion: Array | None = None
 
 
 def contact_forces(
@@ -155,13 +163,13 @@ def contact_forces(
     """
     loop = _Loop(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step, active)
     zero = jnp.zeros_like(motion.position[0])
-    sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity))
+    sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity), liquid=motion.liquid)
     spring, wall_spring = motion.contact_spring, motion.wall_spring
     if neighbors.room.slots:
         sums, spring = loop.add_pairs(neighbors, sums)
     if model.walls:
         sums, wall_spring = loop.add_walls(sums)
-    return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring)
+    return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring, liquid=sums.liquid)
 
 
 def contacts_now(
@@ -192,7 +200,7 @@ def contacts_now(
 
 
 def _touching(pair: _ContactPair, load: _ContactLoad, material: ContactMaterial) -> Touching:
-    return Touching(pair.overlap, pair.normal, _on_bodies(load, pair)[0], material.friction)
+    return Touching(pair.overlap, pair.normal, _on_bodies(load, pair)[0], material.friction, load.adhesion)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -244,7 +252,12 @@ class _Loop:
             return tuple(x + sum_over_pairs(a, b, neighbors.pairs) for x, a, b in parts)
 
         both = added(sums.force, force, vectors.scale(-1.0, force))
-        return Sums(both, added(sums.torque, torque, other_torque)), load.spring
+        film, spring = sums.liquid, load.spring
+        if film is not None:
+            volume, constants = self.motion.contact_spring[-1], required(self.surroundings.pair.cohesion, "cohesion")
+            volume, film = liquid.with_pairs(pair.overlap, volume, film, neighbors.pairs, constants)
+            spring = (*spring[:-1], volume)
+        return Sums(both, added(sums.torque, torque, other_torque), liquid=film), spring
 
     def _relative_motion(self, pairs: Pairs, displacement: Vector) -> tuple[Vector, Vector, Vector, Vector, Vector]:
         """Of all pairs: change of the separation since the build, velocities of approach and now, both spins."""
@@ -296,7 +309,12 @@ class _Loop:
         if self.model.measured:
             loads = self._wall_loads(pair, load)
         added = vectors.add(sums.force, tuple(_sum_slots(x) for x in force))
-        return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque)), loads), load.spring
+        film, spring = sums.liquid, load.spring
+        if film is not None:
+            volume, constants = self.motion.wall_spring[-1], required(self.surroundings.wall.cohesion, "cohesion")
+            volume, film = liquid.with_walls(pair.overlap, volume, film, constants)
+            spring = (*spring[:-1], volume)
+        return Sums(added, vectors.add(sums.torque, tuple(_sum_slots(x) for x in torque)), loads, film), spring
 
     def _wall_loads(self, pair: _ContactPair, load: _ContactLoad) -> WallLoads:
         """What each particle does to the M walls that are measured, (M, N).
@@ -333,17 +351,23 @@ class _Loop:
         """What all contacts do; zero, and nothing computed, where nothing touches."""
         # Within the step an overlap changes by less than this: also a contact that is about to begin has a dashpot.
         change = 0.5 * self.time_step * vectors.length(pair.approach)
+        if self.model.cohesion is not None:
+            change = change + self.model.cohesion.reach(_gap(pair, material), required(material.cohesion, "cohesion"))
         return stage(jnp.any(pair.overlap + change > 0), lambda: self._law(material, pair, spring))
 
     def _law(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
         """The contact law and rolling resistance."""
         overlap, normal = pair.overlap, pair.normal
         approach_speed = -vectors.dot(pair.approach, normal)
-        share = _share_of_step(overlap, 0.5 * self.time_step * jnp.abs(approach_speed))
-        touching = overlap > 0
+        kept = len(spring) - self.model.memory
+        memory, spring = spring[kept:], spring[:kept]
+        attraction = self._attraction(material, pair, memory)
+        depth = overlap if attraction is None else attraction.depth
+        share = _share_of_step(depth, 0.5 * self.time_step * jnp.abs(approach_speed))
+        touching = depth > 0
         # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
         # the same from either side, for a dashpot may act already.
-        overlap = jnp.where(touching, overlap, 1e-12 * pair.effective_radius)
+        overlap = jnp.where(touching, overlap, TOUCHING * pair.effective_radius)
         spin, relative_spin = vectors.scale(pair.radius - 0.5 * overlap, pair.spin), pair.spin
         sharing: Array | float = 1.0
         if pair.other_spin is None:
@@ -357,12 +381,15 @@ class _Loop:
         turning = tangent.surface_velocity(spin, normal)
         slip = vectors.subtract(tangent.part_in_plane(pair.velocity, normal), turning)
         expected_slip = vectors.subtract(tangent.part_in_plane(pair.approach, normal), turning)
-        growth = _time_of_growth(overlap, -vectors.dot(pair.velocity, normal), self.time_step)
+        begun = overlap
+        if attraction is not None and attraction.holds is not None:  # the whole step, whatever the overlap
+            begun = jnp.where(attraction.holds, pair.effective_radius, overlap)
+        growth = _time_of_growth(begun, -vectors.dot(pair.velocity, normal), self.time_step)
         in_plane = vectors.angular_size(len(normal))
         spring, rolling_spring = spring[:in_plane], spring[in_plane:]
         turned = tangent.turned_into_plane(spring, normal)
         contact = Contact(
-            overlap=overlap,
+            overlap=overlap if attraction is None else attraction.overlap,
             approach_speed=share * approach_speed,
             slip=vectors.scale(share, expected_slip),
             spring=vectors.add_scaled(turned, growth, slip),
@@ -370,19 +397,57 @@ class _Loop:
             effective_mass=pair.effective_mass,
             rolling_inertia=pair.rolling_inertia,
             sharing=sharing,
+            adhesion=None if attraction is None else attraction.friction,
         )
         result = self.model.law(contact, material)
         # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
         along = jnp.where(touching, result.normal, result.normal - result.elastic)
+        adhesion = None
+        if attraction is not None:
+            along, adhesion = self._pulled(result, attraction, share, approach_speed)
         across = vectors.where(share > 0, result.tangential, 0.0)
         resistance: Vector = ()
-        kept: Vector = ()
+        rolled: Vector = ()
         if self.model.rolling is not None:
-            resistance, kept = self.model.rolling(
+            resistance, rolled = self.model.rolling(
                 contact, result, material, normal, relative_spin, rolling_spring, self.time_step
             )
             resistance = vectors.where(touching, resistance, 0.0)
-        return _ContactLoad(along, across, resistance, vectors.where(touching, (*result.spring, *kept), 0.0))
+        springs = vectors.where(touching, (*result.spring, *rolled), 0.0)
+        if attraction is not None:
+            springs = (*springs, *attraction.kept)
+        return _ContactLoad(along, across, resistance, springs, adhesion)
+
+    def _attraction(self, material: ContactMaterial, pair: _ContactPair, memory: Vector) -> Attraction | None:
+        """What cohesion makes of all contacts; None without."""
+        cohesion = self.model.cohesion
+        if cohesion is None:
+            return None
+        return cohesion(_gap(pair, material), required(material.cohesion, "cohesion"), memory)
+
+    def _pulled(
+        self, result: ContactForce, attraction: Attraction, share: Array, approach_speed: Array
+    ) -> tuple[Array, Array]:
+        """Force along the normal with the pull; and what Coulomb's limit counts beside it.
+
+        A pull that begins or ends at once within the step counts for its part of the step, which makes the force a
+        continuous function of the position.
+        """
+        dashpot = result.normal - result.elastic
+        if required(self.model.cohesion, "cohesion").sudden:
+            along = dashpot + share * (result.elastic - attraction.pull)
+        else:
+            along = dashpot + jnp.where(attraction.touching, result.elastic, 0.0) - attraction.pull
+        if attraction.damping is not None:
+            along = along + attraction.damping * approach_speed
+        beside = attraction.pull
+        return along, beside if attraction.friction is None else beside + attraction.friction
+
+
+def _gap(pair: _ContactPair, material: ContactMaterial) -> Gap:
+    """What cohesion is given of all contacts."""
+    other = None if pair.other_spin is None else pair.other_radius
+    return Gap(pair.overlap, pair.radius, other, pair.effective_radius, material.effective_young_modulus)
 
 
 def _on_bodies(load: _ContactLoad, pair: _ContactPair) -> tuple[Vector, Vector, Vector]:

@@ -23,7 +23,8 @@ class ParticleState(NamedTuple):
         angular_velocity: (N, A) [rad/s].
         contact_spring: elastic tangential displacement of the first particle against the second of every pair,
             (P,) for every component that a vector in the contact plane has (1 in 2-D, 3 in 3-D, see `tangent`) [m];
-            then as many of the torque of the rolling spring, if rolling friction has one [N m].
+            then as many of the torque of the rolling spring, if rolling friction has one [N m]; then what cohesion
+            remembers, if it does: 1 while JKR holds, or the volume of a bridge [m3].
         wall_spring: the same of every particle at the S walls, arrays (S, N) [m].
         contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
@@ -33,6 +34,7 @@ class ParticleState(NamedTuple):
         inserted: (I,) int32, how many have come in through each inlet; None without inlets.
         identity: (N,) int32, which particles the rows of a slab are, -1 for none; None on one device, where row i is
             particle i.
+        liquid: (N,) film of every particle, which is in no bridge; None without capillary bridges [m3].
     """
 
     position: Array
@@ -47,6 +49,7 @@ class ParticleState(NamedTuple):
     active: Array | None = None
     inserted: Array | None = None
     identity: Array | None = None
+    liquid: Array | None = None
 
 
 class Motion(NamedTuple):
@@ -59,6 +62,7 @@ class Motion(NamedTuple):
         angular_velocity: A arrays (N,) [rad/s].
         contact_spring: arrays (P,) [m].
         wall_spring: arrays (S, N) [m].
+        liquid: (N,) films, or None [m3].
     """
 
     position: Vector
@@ -67,6 +71,7 @@ class Motion(NamedTuple):
     angular_velocity: Vector
     contact_spring: Vector
     wall_spring: Vector
+    liquid: Array | None = None
 
     @classmethod
     def of(cls, state: ParticleState) -> Motion:
@@ -78,6 +83,7 @@ class Motion(NamedTuple):
             vectors.components(state.angular_velocity),
             state.contact_spring,
             state.wall_spring,
+            state.liquid,
         )
 
     def into(self, state: ParticleState) -> ParticleState:
@@ -89,6 +95,7 @@ class Motion(NamedTuple):
             angular_velocity=vectors.stack(self.angular_velocity),
             contact_spring=self.contact_spring,
             wall_spring=self.wall_spring,
+            liquid=self.liquid,
         )
 
 

@@ -8,13 +8,39 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxdem.errors import required
 from jaxdem.numerics.static import static
+from jaxdem.particles.cohesion import CohesionConstants
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.forces import Surroundings
 from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
 
 TANGENTIAL_SHARE = 2.0 / 7.0
 """Tangential over normal stiffness of the linear law where the scene gives only the normal one [-]."""
+
+
+class CohesionParameters(NamedTuple):
+    """Numbers of the cohesion of a scene; traced. None for those that its kind does not use.
+
+    Attributes:
+        strength: () between particles, or the (G,) numbers of `SeveralMaterials`; see `CohesionConstants`.
+        wall_factor: () strength at walls over that between particles; None with several materials [-].
+        minimum_gap, cutoff, contact_angle, liquid_viscosity, bridge_share, largest_film: see `CohesionConstants`.
+    """
+
+    strength: Array
+    wall_factor: Array | None = None
+    minimum_gap: Array | None = None
+    cutoff: Array | None = None
+    contact_angle: Array | None = None
+    liquid_viscosity: Array | None = None
+    bridge_share: Array | None = None
+    largest_film: Array | None = None
+
+    def constants(self, strength: Array) -> CohesionConstants:
+        """Of contacts of this strength."""
+        shared = {name: value for name, value in self._asdict().items() if name in CohesionConstants._fields}
+        return CohesionConstants(**(shared | {"strength": strength}))
 
 
 class ContactParameters(NamedTuple):
@@ -35,6 +61,7 @@ class ContactParameters(NamedTuple):
         wall_friction: between particles and walls; None: `friction` [-].
         normal_stiffness: of the linear law [N/m].
         tangential_stiffness: of the linear law; None: 2/7 of `normal_stiffness` [N/m].
+        cohesion: of the particles; None without.
     """
 
     young_modulus: Array
@@ -48,6 +75,7 @@ class ContactParameters(NamedTuple):
     wall_friction: Array | None
     normal_stiffness: Array
     tangential_stiffness: Array | None
+    cohesion: CohesionParameters | None = None
 
 
 @static
@@ -59,6 +87,7 @@ class MaterialNumbers:
     restitution: Mixing
     friction: Mixing
     rolling_friction: Mixing
+    cohesion: Mixing | None = None
 
 
 class SeveralMaterials(NamedTuple):
@@ -78,6 +107,7 @@ class SeveralMaterials(NamedTuple):
         normal_stiffness: () of the linear law [N/m].
         tangential_stiffness: () of the linear law; None: 2/7 of `normal_stiffness` [N/m].
         numbers: static, which of them is whose.
+        cohesion: its `strength` is such a column too; None without.
     """
 
     young_modulus: Array
@@ -89,6 +119,7 @@ class SeveralMaterials(NamedTuple):
     normal_stiffness: Array
     tangential_stiffness: Array | None
     numbers: MaterialNumbers
+    cohesion: CohesionParameters | None = None
 
 
 def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity: tuple[Array, ...]) -> Surroundings:
@@ -121,14 +152,25 @@ def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity
         effective_shear_modulus=0.5 / shear,
         friction=parameters.friction,
         **shared,
+        cohesion=_cohesion(parameters.cohesion, at_wall=False),
     )
     wall = ContactMaterial(
         effective_young_modulus=1.0 / (normal + wall_normal),
         effective_shear_modulus=1.0 / (shear + wall_shear),
         friction=_or(parameters.wall_friction, parameters.friction),
         **shared,
+        cohesion=_cohesion(parameters.cohesion, at_wall=True),
     )
     return Surroundings(pair, wall, wall_velocity)
+
+
+def _cohesion(parameters: CohesionParameters | None, at_wall: bool) -> CohesionConstants | None:
+    """Of contacts between particles, or of those with walls."""
+    if parameters is None:
+        return None
+    if not at_wall:
+        return parameters.constants(parameters.strength)
+    return parameters.constants(required(parameters.wall_factor, "wall_factor") * parameters.strength)
 
 
 def _or(own: Array | None, followed: Array) -> Array:
@@ -147,11 +189,16 @@ def _pair_table(parameters: SeveralMaterials, shared: dict[str, Array]) -> Conta
         name: of_pairs(getattr(parameters, name), getattr(numbers, name), jnp)
         for name in ("restitution", "friction", "rolling_friction")
     }
+    cohesion = None
+    if parameters.cohesion is not None:
+        strength = of_pairs(parameters.cohesion.strength, required(numbers.cohesion, "cohesion"), jnp)
+        cohesion = parameters.cohesion.constants(strength)
     return ContactMaterial(
         effective_young_modulus=1.0 / (normal[first] + normal[second]),
         effective_shear_modulus=1.0 / (shear[first] + shear[second]),
         **mixed,
         **shared,
+        cohesion=cohesion,
     )
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, overload
 from pydantic import Field, model_validator
 
 from jaxdem.scene.base import WALL, Fraction, NonNegative, Poisson, Positive, Section, WallMaterialName, wrong
+from jaxdem.scene.cohesion import Cohesion
 
 
 class Contact(Section):
@@ -32,6 +33,7 @@ class Contact(Section):
             inlets, the initial velocities and a fall through the box [m/s].
         maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
         skin: additional reach of the neighbour list over the (largest) diameter. "auto" is 0.4 [-].
+        cohesion: what pulls particles together. Default: nothing.
     """
 
     law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
@@ -52,6 +54,7 @@ class Contact(Section):
     speed: Positive | Literal["auto"] = "auto"
     maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
     skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
+    cohesion: Cohesion | None = None
 
     @model_validator(mode="after")
     def _walls_have_one_material(self) -> Contact:
@@ -59,6 +62,9 @@ class Contact(Section):
         if self.law == "linear_spring_dashpot" and self.normal_stiffness is None:
             limit = "is needed by contact.law = linear_spring_dashpot"
             raise wrong("normal_stiffness", None, limit, "set a stiffness [N/m]")
+        if self.cohesion is not None and self.cohesion.kind == "jkr" and self.law != "hertz_mindlin":
+            limit = f"needs the stiffness of Hertz's law, and contact.law = {self.law}"
+            raise wrong("cohesion.kind", "jkr", limit, "set contact.law = hertz_mindlin, or take kind = dmt")
         if self.wall_material == WALL:  # the name of walls without a material
             return self.model_copy(update={"wall_material": None})
         for name in ("wall_young_modulus", "wall_poisson_ratio", "wall_friction"):
@@ -66,6 +72,11 @@ class Contact(Section):
                 limit = f"the walls already have this constant from contact.wall_material = {self.wall_material!r}"
                 raise wrong(name, getattr(self, name), limit, "remove one of the two keys")
         return self
+
+    @property
+    def cohesion_kind(self) -> str | None:
+        """What pulls particles together; None for nothing."""
+        return None if self.cohesion is None else self.cohesion.kind
 
     @overload
     def of_walls(self, name: Literal["young_modulus"]) -> float | Literal["rigid"]: ...

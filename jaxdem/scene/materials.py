@@ -19,6 +19,7 @@ from jaxdem.scene.base import (
     WallMaterialName,
     wrong,
 )
+from jaxdem.scene.cohesion import Hamaker
 
 
 class Material(Section):
@@ -31,6 +32,10 @@ class Material(Section):
         restitution: coefficient of restitution of two bodies of this material [-].
         friction: coefficient of sliding (Coulomb) friction of two bodies of this material [-].
         rolling_friction: coefficient of rolling friction of two bodies of this material [-].
+        work_of_adhesion: of two bodies of this material, for `contact.cohesion.kind` jkr or dmt [J/m2].
+        hamaker_constant: of two bodies of this material, for van_der_waals [J].
+        surface_tension: of the liquid between two bodies of this material, for capillary [N/m].
+        energy_density: cohesion energy density of two bodies of this material, for sjkr [J/m3].
     """
 
     name: Name
@@ -39,6 +44,10 @@ class Material(Section):
     restitution: Fraction | None = None
     friction: NonNegative | None = None
     rolling_friction: NonNegative | None = None
+    work_of_adhesion: NonNegative | None = None
+    hamaker_constant: Hamaker | None = None
+    surface_tension: NonNegative | None = None
+    energy_density: NonNegative | None = None
 
 
 class MaterialPair(Section):
@@ -50,12 +59,20 @@ class MaterialPair(Section):
             materials [-].
         friction: coefficient of sliding friction of this pair. Default: geometric mean [-].
         rolling_friction: coefficient of rolling friction of this pair. Default: geometric mean [-].
+        work_of_adhesion: of this pair, for `contact.cohesion.kind` jkr or dmt. Default: geometric mean [J/m2].
+        hamaker_constant: of this pair, for van_der_waals. Default: geometric mean [J].
+        surface_tension: of the liquid between this pair, for capillary. Default: geometric mean [N/m].
+        energy_density: cohesion energy density of this pair, for sjkr. Default: geometric mean [J/m3].
     """
 
     materials: tuple[WallMaterialName, WallMaterialName]
     restitution: Fraction | None = None
     friction: NonNegative | None = None
     rolling_friction: NonNegative | None = None
+    work_of_adhesion: NonNegative | None = None
+    hamaker_constant: Hamaker | None = None
+    surface_tension: NonNegative | None = None
+    energy_density: NonNegative | None = None
 
     @model_validator(mode="after")
     def _says_something(self) -> MaterialPair:
@@ -64,8 +81,9 @@ class MaterialPair(Section):
                 "a pair needs two different materials; the constants of a material against itself are in its own table"
             )
             raise wrong("materials", self.materials, limit, "set them in [[materials]]")
-        if (self.restitution, self.friction, self.rolling_friction) == (None, None, None):
-            raise wrong("", self.materials, "has no constants", "set restitution, friction or rolling_friction")
+        if all(value is None for name, value in self if name != "materials"):
+            remedy = "set restitution, friction, rolling_friction or a constant of cohesion"
+            raise wrong("", self.materials, "has no constants", remedy)
         return self
 
 

@@ -12,6 +12,7 @@ from jaxdem.errors import InputError
 from jaxdem.scene.base import UNKNOWN_KEY, Section, Tables, nearest, wrong
 from jaxdem.scene.bed_mixing import check_bed_mixing
 from jaxdem.scene.boundary import BoundarySide, completed_boundary
+from jaxdem.scene.cohesion import check_strengths, check_together
 from jaxdem.scene.contact import Contact
 from jaxdem.scene.coupling import Closure, Coupling, check_on_mesh, coupling_without_fluid
 from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
@@ -161,6 +162,7 @@ def completed(scene: Scene) -> Scene:
         if side.kind == "inlet" and scene.fluid is None:
             limit = "is an inlet of fluid, and the scene has no fluid"
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
+    _check_cohesion(found)
     if found.particles is not None:
         check_settling(found.particles.packs, found.domain, found.periodic)
     check_exits(found.boundary, found.particles is not None, found.fluid is not None)
@@ -178,6 +180,19 @@ def completed(scene: Scene) -> Scene:
         remedy = "set it to 0, or use a scene in which no particle enters or leaves"
         raise InputError("coupling.basset", found.coupling.basset, limit, remedy)
     return found
+
+
+def _check_cohesion(scene: Scene) -> None:
+    """Refuses a cohesion that does not fit the rest of the scene."""
+    table = None if scene.contact is None else scene.contact.cohesion
+    check_strengths(table, {"materials": scene.materials, "material_pairs": scene.material_pairs})
+    if table is not None and scene.particles is not None:
+        others = {
+            "particles that enter or leave": scene.comes_and_goes,
+            "walls that have begin or end": any(wall.begin or wall.end for wall in scene.walls),
+            "[start]": scene.start is not None,
+        }
+        check_together(table, bool(scene.materials), scene.particles.coarse_grain, others)
 
 
 def _check_tables(scene: Scene) -> None:

@@ -7,6 +7,14 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.particles.cohesion import (
+    CapillaryBridge,
+    Cohesion,
+    DerjaguinMullerToporov,
+    JohnsonKendallRoberts,
+    SimplifiedJKR,
+    VanDerWaals,
+)
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.contact_model import ContactModel, MaterialIndex
 from jaxdem.particles.loop import ContactInterval
@@ -14,6 +22,7 @@ from jaxdem.particles.neighbors import NeighborGeometry, NeighborSearch
 from jaxdem.particles.population import Population
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot, RollingFriction
 from jaxdem.particles.walls import BoxSide, box_sides
+from jaxdem.setup.cohesion import cohesion_reach
 from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.particles import ParticleSetup
@@ -27,6 +36,14 @@ CONTACT_LAWS: dict[str, Callable[[], ContactLaw]] = {
 ROLLING_MODELS: dict[str, Callable[[], RollingFriction]] = {
     "cdt": ConstantDirectionalTorque,
     "epsd": ElasticPlasticSpringDashpot,
+}
+
+COHESIONS: dict[str, Callable[[], Cohesion]] = {
+    "jkr": JohnsonKendallRoberts,
+    "dmt": DerjaguinMullerToporov,
+    "van_der_waals": VanDerWaals,
+    "capillary": CapillaryBridge,
+    "sjkr": SimplifiedJKR,
 }
 
 
@@ -59,18 +76,19 @@ def contact_interval(
     if table is not None:
         index = MaterialIndex.of(bodies.material, table.of_walls(len(sides), len(surfaces)), table.pair)
     law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
-    model = ContactModel(law, _rolling(particles), sides, surfaces, index, times)
+    model = ContactModel(law, _rolling(particles), sides, surfaces, index, times, cohesion=_cohesion(particles))
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
-    """Reach of the neighbour list; the automatic skin is 0.4 diameters.
+    """Reach of the neighbour list: the largest diameter and how far cohesion acts; the automatic skin is 0.4 diameters.
 
     That is the widest at which a dense layer still has fewer neighbours than `USUAL_SLOTS`: the list is
     rebuilt half as often as with 0.2, and no wider.
     """
-    scene, contact, cutoff = particles.scene, particles.contact, particles.bodies.largest_diameter
-    skin = (0.4 if contact.skin == "auto" else contact.skin) * cutoff
+    scene, contact, diameter = particles.scene, particles.contact, particles.bodies.largest_diameter
+    skin = (0.4 if contact.skin == "auto" else contact.skin) * diameter
+    cutoff = diameter + cohesion_reach(particles)
     for axis, wraps in enumerate(scene.periodic):
         needed = 3.0 * (cutoff + skin)
         if wraps and scene.domain.size[axis] < needed:
@@ -94,6 +112,12 @@ def _box_walls(particles: ParticleSetup, population: Population | None) -> tuple
     exits = () if population is None else population.exits
     without = tuple((side.axis, -1 if side.upper else 1) for side in exits)
     return box_sides(particles.scene.domain.size, particles.scene.periodic, without)
+
+
+def _cohesion(particles: ParticleSetup) -> Cohesion | None:
+    """What pulls particles together; None where nothing does."""
+    table = particles.contact.cohesion
+    return None if table is None else COHESIONS[table.kind]()
 
 
 def _rolling(particles: ParticleSetup) -> RollingFriction | None:

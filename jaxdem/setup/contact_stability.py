@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from jaxdem.particles.materials import TANGENTIAL_SHARE
 from jaxdem.scene import Contact
 from jaxdem.setup import stability
+from jaxdem.setup.cohesion import Pair, bridge_volume, strongest
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, worst_constants
 from jaxdem.setup.particles import ParticleSetup
 
@@ -39,13 +40,17 @@ def contact_stability(
         reduced = light * heavy / (light + heavy)
         kinds.append((1.0 + more * light / heavy, reduced, small * large / (small + large)))
 
-    def depth(mass: float, radius: float, modulus: float) -> float:
+    def depth(mass: float, radius: float, modulus: float, wall: bool) -> float:
         deepest = stability.hertz_overlap(mass, radius, modulus, speed)
+        if contact.cohesion is not None and contact.law == "hertz_mindlin":
+            volume = bridge_volume(particles, large)
+            pair = Pair(contact.cohesion, strongest(particles, wall), radius, modulus, volume=volume)
+            deepest = pair.depth(0.5 * mass * speed**2)[1]
         return overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
 
     of_pair, of_wall = (worst_constants(particles, wall) for wall in (False, True))
-    pair_depth = depth(0.5 * heavy, 0.5 * small, of_pair.modulus)
-    wall_depth = depth(heavy, small, of_wall.modulus)
+    pair_depth = depth(0.5 * heavy, 0.5 * small, of_pair.modulus, wall=False)
+    wall_depth = depth(heavy, small, of_wall.modulus, wall=True)
     pairs = [
         (factor, _linearised(contact, of_pair, mass, radius, pair_depth, radius / small))
         for factor, mass, radius in kinds

@@ -13,9 +13,13 @@ from jaxdem.errors import InputError
 from jaxdem.scene.inlets import inlet_speed
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup import stability
+from jaxdem.setup.cohesion import attraction_time, pair_of
 from jaxdem.setup.contact_bodies import ContactBody, contact_bodies, effective
 from jaxdem.setup.contact_stability import contact_stability
 from jaxdem.setup.particles import ParticleSetup
+
+ATTRACTION = 0.2
+"""Automatic contact step over the time in which an attraction multiplies a speed, at most [-]."""
 
 
 class ContactStep(NamedTuple):
@@ -58,10 +62,14 @@ def contact_step(particles: ParticleSetup, boundary_speed: float) -> ContactStep
         )
     limits["contact_duration"] = _shortest_contact(particles, bodies, speed)
     limits["contact_stability"] = contact_stability(particles, bodies, speed)
+    growing = attraction_time(particles, bodies)
+    if math.isfinite(growing):
+        limits["contact_attraction"] = growing
     limits["contact_automatic"] = min(
         0.2 * limits.get("rayleigh", math.inf),
         limits["contact_duration"] / 20.0,
         limits["contact_stability"],
+        ATTRACTION * growing,
     )
     # The overlap grows with v^0.8 in Hertz's law and with v in the linear one.
     power = 1.0 if contact.law == "linear_spring_dashpot" else 1.25
@@ -99,6 +107,10 @@ def _shortest_contact(particles: ParticleSetup, bodies: Sequence[ContactBody], s
             durations.append(stability.linear_duration(mass, contact.normal_stiffness or 0.0, damping))
         else:
             radius, modulus = effective(one.radius, other.radius), effective(one.modulus, other.modulus)
+            pair = pair_of(particles, one, other)
+            if pair is not None:  # as long as an impact without cohesion that is as deep
+                deepest = pair.depth(0.5 * mass * speed**2)[1]
+                speed = max(speed, stability.hertz_speed(mass, radius, modulus, deepest))
             durations.append(stability.hertz_duration(mass, radius, modulus, speed))
     return min(durations)
 
@@ -118,6 +130,10 @@ def _overlap(particles: ParticleSetup, bodies: Sequence[ContactBody], speed: flo
         else:
             mass, radius = effective(one.mass, other.mass), effective(one.radius, other.radius)
             overlap = stability.hertz_overlap(mass, radius, effective(one.modulus, other.modulus), speed)
+        attracted = pair_of(particles, one, other)
+        if attracted is not None:
+            mass = heaviest if linear else effective(one.mass, other.mass)
+            overlap = attracted.depth(0.5 * mass * speed**2)[0]
         overlaps.append((overlap / (2.0 * min(one.radius, other.radius)), one, other))
     relative, *pair = max(overlaps, key=lambda found: found[0])
     if relative > contact.maximum_overlap:

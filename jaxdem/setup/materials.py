@@ -8,7 +8,11 @@ import numpy as np
 
 from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
 from jaxdem.scene import Contact, Scene
+from jaxdem.scene.cohesion import STRENGTH, Cohesion
 from jaxdem.scene.materials import WALL
+
+OF_ONE = ("young_modulus", "poisson_ratio")
+"""Constants that a material has and a pair has not."""
 
 OF_PAIRS = ("restitution", "friction", "rolling_friction")
 """Constants that a pair of materials may have of its own."""
@@ -24,6 +28,7 @@ class MaterialTable(NamedTuple):
         restitution, friction, rolling_friction: (P,) [-].
         pair: (M, M) number of the pair that two materials make.
         given: by constant, the (G,) numbers that the scene gives, and how these are made of them.
+        cohesion: (P,) strength of the cohesion of each pair; None without. In `given` it is "cohesion".
         sides: material of the sides of the box, and of walls given as functions.
         surfaces: material of the walls of the scene beside the box, a wedge counting twice.
     """
@@ -38,6 +43,7 @@ class MaterialTable(NamedTuple):
     given: dict[str, tuple[np.ndarray, Mixing]]
     sides: int
     surfaces: tuple[int, ...]
+    cohesion: np.ndarray | None = None
 
     def of_walls(self, sides: int, surfaces: int) -> np.ndarray:
         """(S,) material of so many sides of the box, then of so many walls beside it, those given as functions last."""
@@ -64,10 +70,13 @@ def material_table(scene: Scene) -> MaterialTable | None:
     first, second = np.triu_indices(count)
     pair = np.zeros((count, count), np.int32)
     pair[first, second] = pair[second, first] = np.arange(len(first))
-    of_one = ("young_modulus", "poisson_ratio")
-    given = {name: _given_numbers(scene, contact, name, pair) for name in (*of_one, *OF_PAIRS)}
-    own = {name: of_materials(*given[name]) for name in of_one}
+    given = {name: _given_numbers(scene, contact, name, pair) for name in (*OF_ONE, *OF_PAIRS)}
+    own = {name: of_materials(*given[name]) for name in OF_ONE}
     mixed = {name: of_pairs(*given[name], np) for name in OF_PAIRS}
+    if contact.cohesion is not None:
+        name = STRENGTH[contact.cohesion.kind]
+        given["cohesion"] = _given_numbers(scene, contact.cohesion, name, pair, "contact.cohesion")
+        mixed["cohesion"] = of_pairs(*given["cohesion"], np)
     sides = names.index(contact.wall_material or WALL)
     surfaces = []
     for wall in scene.walls:
@@ -76,9 +85,11 @@ def material_table(scene: Scene) -> MaterialTable | None:
     return MaterialTable(names, **own, **mixed, pair=pair, given=given, sides=sides, surfaces=tuple(surfaces))
 
 
-def _given_numbers(scene: Scene, contact: Contact, name: str, pair: np.ndarray) -> tuple[np.ndarray, Mixing]:
-    """What a scene gives of a constant: that of `[contact]`, which the others follow, then of materials and pairs."""
-    keys, values, own = [f"contact.{name}"], [getattr(contact, name)], []
+def _given_numbers(
+    scene: Scene, contact: Contact | Cohesion, name: str, pair: np.ndarray, table: str = "contact"
+) -> tuple[np.ndarray, Mixing]:
+    """What a scene gives of a constant: that of a table, which the others follow, then of materials and pairs."""
+    keys, values, own = [f"{table}.{name}"], [getattr(contact, name)], []
 
     def number(key: str, value: float | str | None, without: int) -> int:
         if value is None:
@@ -89,9 +100,9 @@ def _given_numbers(scene: Scene, contact: Contact, name: str, pair: np.ndarray) 
 
     for k, material in enumerate(scene.materials):
         own.append(number(f"materials.{k}.{name}", getattr(material, name), 0))
-    own.append(number(f"contact.wall_{name}", getattr(contact, f"wall_{name}", None), 0))
+    own.append(number(f"{table}.wall_{name}", getattr(contact, f"wall_{name}", None), 0))
     of_pair: list[int] = []
-    if name in OF_PAIRS:
+    if name not in OF_ONE:
         names = [*(material.name for material in scene.materials), WALL]
         of_pair = [-1] * (int(pair.max()) + 1)
         for k, one in enumerate(scene.material_pairs):

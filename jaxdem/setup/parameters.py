@@ -14,9 +14,10 @@ from jaxdem.fluid.momentum import FluidProperties
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import Parcels, ParticleProperties
-from jaxdem.particles.materials import ContactParameters, MaterialNumbers, SeveralMaterials
+from jaxdem.particles.materials import CohesionParameters, ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.scene import Contact, Scene
 from jaxdem.setup.closures import subgrid_closure
+from jaxdem.setup.cohesion import largest_volume
 from jaxdem.setup.drive import drive_parameters
 from jaxdem.setup.materials import MaterialTable
 from jaxdem.setup.parcels import share_of_sphere
@@ -58,6 +59,7 @@ def scene_parameters(
         bodies = ParticleProperties(*of_bodies, parcels=parcels)
         share = share_of_sphere(ratio, scene.dimension)
         contact = _contact_constants(particles.contact, particles.materials, number, share)
+        contact = contact._replace(cohesion=_cohesion(particles, number))
     if scene.fluid is not None:
         table = scene.fluid
         smagorinsky = number(table.smagorinsky) if table.smagorinsky > 0.0 else None
@@ -123,9 +125,28 @@ def _contact_constants(
     given = {name: values for name, (values, _) in table.given.items()}
     given["young_modulus"] = share * given["young_modulus"]
     return SeveralMaterials(
-        **{name: number(values) for name, values in given.items()},
+        **{name: number(values) for name, values in given.items() if name != "cohesion"},
         rolling_damping=number(contact.rolling_damping),
         normal_stiffness=normal,
         tangential_stiffness=tangential,
         numbers=MaterialNumbers(**{name: mixing for name, (_, mixing) in table.given.items()}),
+        cohesion=None,
+    )
+
+
+def _cohesion(particles: ParticleSetup, number: _Numbers) -> CohesionParameters | None:
+    """The numbers of the cohesion; None without."""
+    table, materials = particles.contact.cohesion, particles.materials
+    if table is None:
+        return None
+    largest = None if table.liquid_content is None else number(table.liquid_content * largest_volume(particles))
+    return CohesionParameters(
+        strength=number(table.strength if materials is None else materials.given["cohesion"][0]),
+        wall_factor=number(table.wall_factor) if materials is None else None,
+        minimum_gap=number.optional(table.minimum_gap),
+        cutoff=number.optional(table.cutoff),
+        contact_angle=number.optional(table.contact_angle),
+        liquid_viscosity=number(table.liquid_viscosity) if table.liquid_viscosity > 0.0 else None,
+        bridge_share=number.optional(table.bridge_share),
+        largest_film=largest,
     )

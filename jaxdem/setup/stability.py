@@ -38,6 +38,11 @@ def hertz_overlap(mass: float, radius: float, modulus: float, speed: float) -> f
     return (15.0 * mass * speed**2 / (16.0 * modulus * math.sqrt(radius))) ** 0.4
 
 
+def hertz_speed(mass: float, radius: float, modulus: float, overlap: float) -> float:
+    """Speed of an elastic Hertz impact that is so deep [m/s]; the inverse of `hertz_overlap`."""
+    return math.sqrt(16.0 * modulus * math.sqrt(radius) * overlap**2.5 / (15.0 * mass))
+
+
 def hertz_resting_overlap(force: float, radius: float, modulus: float) -> float:
     """Overlap of a Hertz contact at rest under a force, (3 F / (4 E* sqrt(R*)))^(2/3) [m].
 

@@ -10,13 +10,12 @@ from jax.typing import DTypeLike
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
-from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
@@ -53,7 +52,7 @@ def first_state(
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         check_surfaces(scene, model.surfaces, present, state, parameters.bodies.radius, allowed)
         room = simulation.room(state)
-        state = _with_memory(scene, simulation.contact, simulation.coupling, state, room)
+        state = _with_memory(scene, simulation, parameters.bodies.radius, state, room)
     fluid = None
     if simulation.fluid is not None:
         void_fraction = None
@@ -121,10 +120,11 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
 
 
 def _with_memory(
-    scene: Scene, contact: ContactInterval, coupling: Coupling | None, particles: ParticleState, room: Room
+    scene: Scene, simulation: Simulation, radius: Array, particles: ParticleState, room: Room
 ) -> ParticleState:
     """The particles with springs at rest, and what further forces remember of a slip that has always been as it is."""
     count, dimension = particles.position.shape
+    contact, coupling = required(simulation.contact, "contact"), simulation.coupling
     dtype, kept = particles.position.dtype, contact.model.history_size(dimension)
     memory = {}
     if coupling is not None and coupling.forces:
@@ -135,7 +135,15 @@ def _with_memory(
         contact_spring=(_full((room.pairs,), 0.0, dtype),) * kept,
         wall_spring=(_full((contact.model.walls, count), 0.0, dtype),) * kept,
         fluid_memory={name: value for name, value in memory.items() if value is not None} or None,
+        liquid=first_films(scene, radius, count, dtype) if contact.model.wet else None,
     )
+
+
+def first_films(scene: Scene, radius: Array, count: int, dtype: DTypeLike) -> Array:
+    """(N,) liquid on every particle at the start [m3]."""
+    table = required(required(scene.contact, "contact").cohesion, "cohesion")
+    volume = 4.0 / 3.0 * np.pi * np.broadcast_to(np.asarray(radius, float), count) ** 3
+    return on_device((table.liquid_content or 0.0) * volume, dtype)
 
 
 def initial_void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:

@@ -30,6 +30,9 @@ from jaxdem.setup.stored import stored_room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
+REMEMBERING = ("jkr", "capillary")
+"""Kinds of cohesion by which a contact keeps a value."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Beginning:
@@ -113,12 +116,22 @@ class Beginning:
     def _springs(self, name: str) -> list[np.ndarray]:
         """Stored components of contact or wall springs that this scene's contacts keep too.
 
-        The sliding spring is a displacement in every law. The rolling spring follows it where there is one.
+        The sliding spring is a displacement in every law. The rolling spring follows it where there is one, and last
+        what cohesion remembers, which only the same kind of cohesion can go on with.
         """
         found: list[np.ndarray] = []
         while f"state.particles.{name}[{len(found)}]" in self.start.arrays:
             found.append(self.start.arrays[f"state.particles.{name}[{len(found)}]"])
-        return found[: self._kept]
+        before = self.start.tables.get("contact", {}).get("cohesion", {}).get("kind")
+        model = required(self.simulation.contact, "contact").model
+        springs = self._kept - model.memory
+        memory: list[np.ndarray] = []
+        if before in REMEMBERING:
+            memory, found = found[-1:], found[:-1]
+        if not model.memory or before != required(self.scene.contact, "contact").cohesion_kind:
+            return found[:springs]
+        blank = [np.zeros_like(memory[0])] * (springs - len(found))
+        return found[:springs] + blank + memory
 
     def _particle_state(self, own: StartedParticles) -> ParticleState:
         """The particles, without contact springs; those that are not present are at rest."""

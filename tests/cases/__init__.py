@@ -11,6 +11,7 @@ from tests.cases.registry import Case, registered
 
 MODULES = (
     "contact",
+    "cohesion",
     "conservation",
     "granular",
     "fluid",

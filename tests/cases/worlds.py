@@ -15,7 +15,7 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.loop import ContactInterval, contact_interval
-from jaxdem.particles.materials import ContactParameters, surroundings
+from jaxdem.particles.materials import CohesionParameters, ContactParameters, surroundings
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
 from jaxdem.particles.pairs import Pairs
 from jaxdem.particles.walls import box_sides
@@ -29,15 +29,23 @@ DEFAULTS = {
 
 
 def constants(dtype=jnp.float64, **given) -> ContactParameters:
-    """Contact constants; walls take the particles' where they have none; arrays are kept for vmap."""
+    """Contact constants; walls take the particles' where they have none; arrays are kept for vmap.
+
+    `cohesion` is a dictionary of the fields of `CohesionParameters`.
+    """
+    cohesion = given.pop("cohesion", None)
     values = DEFAULTS | given
     for name in ("young_modulus", "poisson_ratio", "friction"):
         if values["wall_" + name] is None:
             values["wall_" + name] = values[name]
     shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
-    return ContactParameters(
+    found = ContactParameters(
         **{name: jnp.broadcast_to(jnp.asarray(value, dtype), shape) for name, value in values.items()}
     )
+    if cohesion is None:
+        return found
+    own = {name: jnp.asarray(value, dtype) for name, value in ({"wall_factor": 1.0} | cohesion).items()}
+    return found._replace(cohesion=CohesionParameters(**own))
 
 
 class World(NamedTuple):
@@ -55,22 +63,23 @@ class World(NamedTuple):
 def world(
     position, velocity=None, spin=None, *, radius=0.01, density=2500.0, box=None, periodic=None, skin=0.2,
     law=None, rolling=None, gravity=None, material=None, walls=True, rebuild=True, room=None,
-    dtype=jnp.float64, precise=None, wall_velocity=None, surfaces=(),
+    dtype=jnp.float64, precise=None, wall_velocity=None, surfaces=(), cohesion=None, liquid=None, reach=0.0,
 ) -> World:  # fmt: skip
     """A world of N particles; positions as float64 rows, split into pairs in float32.
 
     `rebuild=False` lists all pairs once and for ever, by numpy: less to compile, and the reference
     for the search. `skin` counts largest diameters. `precise=False` leaves the low parts of a float32 world
-    at zero, as plain float32 would.
+    at zero, as plain float32 would. `reach` is how far `cohesion` acts, `liquid` the films (N,).
     """
     position = np.atleast_2d(np.asarray(position, float))
     count, dimension = position.shape
     box = (1.0,) * dimension if box is None else tuple(box)
     periodic = (False,) * dimension if periodic is None else tuple(periodic)
     largest = 2.0 * float(np.max(radius))
-    geometry = NeighborGeometry(box, periodic, largest, skin * largest)
+    geometry = NeighborGeometry(box, periodic, largest + reach, skin * largest)
     search = NeighborSearch(geometry, float(np.max(radius)))
-    model = ContactModel(law or HertzMindlin(), rolling, box_sides(box, periodic) if walls else (), surfaces)
+    sides = box_sides(box, periodic) if walls else ()
+    model = ContactModel(law or HertzMindlin(), rolling, sides, surfaces, cohesion=cohesion)
     leading = jnp.asarray(position.astype(dtype))
     low = None
     if dtype == jnp.float32:
@@ -83,8 +92,9 @@ def world(
             np.reshape(given, (count, width)), dtype)  # fmt: skip
 
     state = ParticleState(
-        leading, low, rows(velocity, dimension), rows(spin, turning), (), (), rows(None, dimension), None
-    )
+        leading, low, rows(velocity, dimension), rows(spin, turning), (), (), rows(None, dimension), None,
+        liquid=None if liquid is None else jnp.asarray(liquid, dtype),
+    )  # fmt: skip
     motion = Motion.of(state)
     if rebuild:
         neighbors = search.allocate(motion.position, motion.low, jnp.asarray(radius, dtype), room)
