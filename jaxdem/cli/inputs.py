@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
 """What JAX and its compiler reserve of it, with the stacks of a core's threads [B]; twice as much is normal."""
 
+HOST_DEVICES = "xla_force_host_platform_device_count"
+"""Flag by which somebody has chosen the number of devices of the processor already."""
+
 
 def prepare_file(path: Path, *inputs: str | Path | None, option: str = "--out") -> None:
     """Refuse a place that cannot be written, or that holds what is read, before hours of work, not after them."""
@@ -164,8 +167,12 @@ def overrides(settings: list[str] | None, closure: Path | None = None, subgrid: 
     return changed
 
 
-def start_jax(precision: str = "float32") -> None:
+def start_jax(precision: str = "float32", devices: int = 1) -> None:
     """JAX, set to the precision of a scene, with its compiled programs kept between calls.
+
+    Args:
+        precision: of the scene.
+        devices: so many, of a processor, are made of it; cards there are as many as there are.
 
     Raises:
         InputError: what JAX is asked for is not there, or it would end in an abort.
@@ -178,6 +185,8 @@ def start_jax(precision: str = "float32") -> None:
 
     if precision == "float64":
         jax.config.update("jax_enable_x64", True)
+    if devices > 1 and HOST_DEVICES not in os.environ.get("XLA_FLAGS", ""):
+        jax.config.update("jax_num_cpu_devices", devices)
     asked = os.environ.get("JAX_PLATFORMS")
     try:
         jax.devices()

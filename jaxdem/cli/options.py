@@ -122,6 +122,25 @@ Quiet = Annotated[
     bool, Option("--quiet", help="Show no progress, neither a bar nor lines in a log, and no warnings of units.")
 ]
 Resume = Annotated[bool, Option("--resume", help="Continue from the checkpoint in --out.")]
+DeviceCount = Annotated[
+    int | None,
+    Option(
+        "--devices",
+        metavar="N",
+        min=1,
+        help="Devices of the run, each with a part of the box; without cards so many parts on the processor, to try "
+        "it out. [1]",
+    ),
+]
+ProcessCount = Annotated[
+    int | None,
+    Option(
+        "--processes",
+        metavar="N",
+        min=1,
+        help="Start the run as N processes on this machine, one device each. Not needed under srun and mpirun.",
+    ),
+]
 Profile = Annotated[bool, Option("--profile", help="Measure fluid and particles apart in every interval; slower.")]
 Form = Annotated[ExportFormat, Option("--format", help="C header, ONNX, or StableHLO (artifact and text).")]
 Colour = Annotated[Color, Option("--color", help="Quantity that colours the particles.")]

@@ -25,6 +25,10 @@ GRACE = 0.5
 PATIENCE = 1.0
 """A program that saves its work for longer says so after this time [s]."""
 
+LAUNCHED = "JAXDEM_LAUNCHED"
+"""Variable of a process that `--processes` has started (`jaxdem.cli.cluster`): a file for what libraries write to
+standard error."""
+
 SAVING = "jaxdem: the run stops after this coupling interval and writes a checkpoint; a second signal ends it at once\n"
 
 
@@ -35,6 +39,8 @@ def run(commands: Callable[[], Any]) -> NoReturn:
     outside Python, such as a compiler, holds that up: after `GRACE` the process ends without it.
     """
     _open_closed_streams()
+    if LAUNCHED in os.environ:
+        _follow_launcher(os.environ[LAUNCHED])
     # Loading and tracing make objects by the million, nearly all of which are kept: looking through them takes a tenth
     # of a start.
     gc.set_threshold(100_000, 50, 50)
@@ -55,10 +61,47 @@ def run(commands: Callable[[], Any]) -> NoReturn:
     except BrokenPipeError:
         code = BROKEN_PIPE
     code = _flush(code)
-    if isinstance(code, int) and code > 128:
-        # Python would wait for a compiler that is still at work in a thread.
+    if isinstance(code, int) and (code > 128 or (code and _leaves_at_once)):
+        # Python would wait for a compiler that is still at work in a thread, and JAX for processes that have ended.
         os._exit(code)
     sys.exit(code)
+
+
+_messages = 2
+"""Where a message past the buffer of standard error goes."""
+
+_leaves_at_once = False
+
+
+def leave_at_once() -> None:
+    """An end with an error does not wait for other processes of the run."""
+    global _leaves_at_once
+    _leaves_at_once = True
+
+
+def be_silent() -> None:
+    """Another process of the run tells that it is saved."""
+    global _messages
+    _messages = os.open(os.devnull, os.O_WRONLY)
+
+
+def _follow_launcher(log: str) -> None:
+    """What libraries write to standard error goes into a file; the process ends with the launcher.
+
+    Standard input is a pipe that the launcher never writes to: it ends when the launcher does.
+    """
+    global _messages
+    _messages = os.dup(2)
+    target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    os.dup2(target, 2)
+    sys.stderr = os.fdopen(_messages, "w", buffering=1, closefd=False)
+
+    def wait() -> None:
+        with contextlib.suppress(OSError):
+            os.read(0, 1)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _stop(number: int, _: FrameType | None) -> NoReturn:
@@ -77,11 +120,11 @@ def _watch(reader: int) -> None:
             if select.select([reader], [], [], PATIENCE if saved_by_run else GRACE)[0] and saved_by_run:
                 continue
             if not saved_by_run:
-                _end(128 + number)
+                end(128 + number)
             _say(SAVING)
 
 
-def _end(code: int) -> NoReturn:
+def end(code: int) -> NoReturn:
     """Ends the process from a thread; a progress bar has hidden the cursor."""
     if sys.stdout.isatty():
         _say("\x1b[?25h\n")
@@ -91,7 +134,7 @@ def _end(code: int) -> NoReturn:
 def _say(text: str) -> None:
     """To standard error past its buffer, whose lock the main thread may hold."""
     with contextlib.suppress(OSError):  # nobody listens
-        os.write(2, text.encode())
+        os.write(_messages, text.encode())
 
 
 def _flush(code: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jaxdem.cli import options, terminal
+from jaxdem.cli import members, options, terminal
 from jaxdem.cli.inputs import read_scenes, start_jax, this_command
 from jaxdem.cli.units import units_beside_a_refusal, warn_of_units
 
@@ -42,36 +42,51 @@ def run(
     subgrid: options.SubgridFile = None,
     settings: options.Settings = None,
     resume: options.Resume = False,
+    devices: options.DeviceCount = None,
+    processes: options.ProcessCount = None,
     profile: options.Profile = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Run a scene and write a run directory.
 
     Several scenes run one after the other, each from the end of the one before, as the stages of one scene do: the run
-    directory of each is in that of --out, under its name.
+    directory of each is in that of --out, under its name. With several devices the box is cut into as many parts.
     """
-    description = read_scenes(scene, settings, closure, subgrid, out if resume else None)
-    complete = _refuse_folder(description, out, resume)
-    if not quiet:
-        warn_of_units(description)
-    start_jax(description.precision)
-    from jaxdem.cli import progress
-    from jaxdem.run.scene_run import simulate
-    from jaxdem.run.time_loop import Interrupted
+    team = members.team_of(devices, processes)
+    with members.one_voice(team):
+        members.join(team)
+        description = read_scenes(scene, settings, closure, subgrid, out if resume else None)
+        complete = team.speaks and _refuse_folder(description, out, resume)
+        if not quiet:
+            warn_of_units(description)
+        members.launch(team, processes, this_command(context, resume=True))
+        start_jax(description.precision, team.own)
+        from jaxdem.cli import progress
+        from jaxdem.run.scene_run import simulate
+        from jaxdem.run.time_loop import Interrupted
 
-    beside = units_beside_a_refusal(description) if quiet else nullcontext()
-    try:
-        with beside, progress.simulated_time(quiet) as report:
-            settling = partial(report, note=" at most: particles settle before the run begins")
-            result = simulate(description, out, resume=resume, progress=report, profile=profile, settling=settling)
-    except Interrupted as stop:
-        hint = f"A checkpoint is in {stop.folder}. Continue with: {this_command(context, resume=True)}"
-        terminal.fail(f"{str(stop).capitalize()} of {stop.end:g} s. {hint}", 128 + stop.number)
-    if complete:
-        terminal.line(f"The run in {out} is complete; there is nothing to resume.")
-    terminal.print_run(result)
-    if not result.summary.get("valid"):
-        terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
+        quiet = quiet or not team.speaks
+        beside = units_beside_a_refusal(description) if quiet else nullcontext()
+        try:
+            with beside, progress.simulated_time(quiet) as report:
+                settling = partial(report, note=" at most: particles settle before the run begins")
+                result = simulate(
+                    description,
+                    out,
+                    resume=resume,
+                    progress=report,
+                    profile=profile,
+                    settling=settling,
+                    devices=members.chosen_devices(team),
+                )
+        except Interrupted as stop:
+            hint = f"A checkpoint is in {stop.folder}. Continue with: {this_command(context, resume=True)}"
+            terminal.fail(f"{str(stop).capitalize()} of {stop.end:g} s. {hint}", 128 + stop.number)
+        if complete:
+            terminal.line(f"The run in {out} is complete; there is nothing to resume.")
+        terminal.print_run(result)
+        if not result.summary.get("valid"):
+            terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
 
 
 def _refuse_folder(description: Scene, out: Path, resume: bool) -> bool:

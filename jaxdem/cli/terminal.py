@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -17,8 +18,18 @@ if TYPE_CHECKING:
     from jaxdem.run.sweep import Sweep
 
 
+_told: list[Callable[[str], None]] = []
+
+
+def tell_through(report: Callable[[str], None]) -> None:
+    """Nothing is shown from now on: another process of the run shows it. Messages of errors go to `report`."""
+    _told[:] = [report]
+
+
 def show(content: RenderableType) -> None:
     """A table, or another thing that rich can draw, on standard output."""
+    if _told:
+        return
     from jaxdem.cli.console import output
 
     output().print(content)
@@ -26,6 +37,8 @@ def show(content: RenderableType) -> None:
 
 def line(text: str) -> None:
     """A line as it is on standard output, however long."""
+    if _told:
+        return
     from jaxdem.cli.console import output
 
     output().print(text, markup=False, highlight=False, soft_wrap=True)
@@ -33,6 +46,9 @@ def line(text: str) -> None:
 
 def fail(message: str, code: int) -> NoReturn:
     """One message on standard error, and the exit code."""
+    if _told:
+        _told[0](message)
+        raise typer.Exit(code)
     from rich.text import Text
 
     from jaxdem.cli.console import errors
@@ -43,6 +59,8 @@ def fail(message: str, code: int) -> NoReturn:
 
 def warn(message: str) -> None:
     """One line on standard error."""
+    if _told:
+        return
     from rich.text import Text
 
     from jaxdem.cli.console import errors

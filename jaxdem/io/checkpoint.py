@@ -19,11 +19,18 @@ from jaxdem.files.durable import write_bytes
 from jaxdem.files.hdf5 import UNREADABLE, attributes_of, image_of, in_memory, open_for_reading, store, write_attributes
 from jaxdem.files.reading import parse_json
 from jaxdem.io.frames import Arrays
+from jaxdem.io.pieces import Share
 
 FORMAT_NAME = "jaxdem checkpoint"
 FORMAT_VERSION = 6
 
 Attributes = dict[str, str | int | float]
+
+PARTS = ".checkpoint"
+"""Folder beside the checkpoint with what each of several processes has of it."""
+
+NUMBER, ROUND = "parts", "round"
+"""Attributes of a checkpoint of several processes: how many, and which of their files belong to it."""
 
 
 def write_checkpoint(path: str | Path, arrays: Arrays, attributes: Mapping[str, object]) -> None:
@@ -52,7 +59,7 @@ def write_checkpoint(path: str | Path, arrays: Arrays, attributes: Mapping[str, 
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], Attributes]:
-    """Arrays and attributes as they were given to `write_checkpoint`.
+    """Arrays and attributes as they were given to `write_checkpoint`; of several processes their blocks as one.
 
     Raises:
         InputError: the file is missing, truncated, altered, of another program or of another version.
@@ -80,7 +87,80 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], Attributes
     arrays = {name: np.asarray(array) for name, array in arrays.items()}
     if _checksum(arrays, text) != expected:
         raise _damaged(path, "does not match its checksum")
+    if NUMBER in attributes:
+        arrays |= _blocks(path, int(attributes.pop(NUMBER)), int(attributes.pop(ROUND)))
     return arrays, attributes
+
+
+def write_shared_checkpoint(
+    path: Path, share: Share, arrays: Arrays, blocks: Arrays, attributes: Mapping[str, object]
+) -> None:
+    """Replace the checkpoint of several processes, durably; all of them call it alike.
+
+    Each writes its blocks into a file of its own. When all have, the first one replaces the checkpoint, which names
+    them; then those of the one before are deleted.
+
+    Args:
+        path: the file.
+        share: of the process.
+        arrays: that all have alike.
+        blocks: part of the process of arrays that are distributed along their first axis, by name.
+        attributes: see `write_checkpoint`.
+
+    Raises:
+        OSError: the disk refused; the old checkpoint is as it was.
+    """
+    number = _next_round(path)
+    share.meet()  # all have looked
+    if share.first:
+        (path.parent / PARTS).mkdir(exist_ok=True)
+    share.meet()
+    write_checkpoint(_part(path, share.index, share.number, number), blocks, {ROUND: number})
+    share.meet()
+    if share.first:
+        write_checkpoint(path, arrays, {**attributes, NUMBER: share.number, ROUND: number})
+        remove_old_parts(path)
+    share.meet()
+
+
+def remove_old_parts(path: Path) -> None:
+    """Delete the files of several processes that the checkpoint does not name."""
+    folder = path.parent / PARTS
+    if not folder.is_dir():
+        return
+    kept: set[Path] = set()
+    if path.is_file():
+        with open_for_reading(path) as file:
+            attributes = parse_json(file["attributes"][...].tobytes().decode())
+        if NUMBER in attributes:
+            parts = int(attributes[NUMBER])
+            kept = {_part(path, index, parts, int(attributes[ROUND])) for index in range(parts)}
+    for old in set(folder.iterdir()) - kept:
+        old.unlink(missing_ok=True)
+    if not kept:
+        folder.rmdir()
+
+
+def _next_round(path: Path) -> int:
+    """A number that no file beside the checkpoint has."""
+    folder = path.parent / PARTS
+    names = [entry.name.split(".") for entry in folder.iterdir()] if folder.is_dir() else []
+    return 1 + max((int(name[2]) for name in names if len(name) == 4 and name[2].isdecimal()), default=0)
+
+
+def _part(path: Path, index: int, number: int, turn: int) -> Path:
+    return path.parent / PARTS / f"{path.stem}.{index + 1}-of-{number}.{turn}.h5"
+
+
+def _blocks(path: Path, number: int, turn: int) -> dict[str, np.ndarray]:
+    """The distributed arrays of a checkpoint, whole."""
+    parts = []
+    for index in range(number):
+        arrays, attributes = read_checkpoint(_part(path, index, number, turn))
+        if attributes.get(ROUND) != turn:
+            raise _damaged(path, f"the file of process {index + 1} of {number} is of another checkpoint")
+        parts.append(arrays)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def content_hash(arrays: Mapping[str, np.ndarray], attributes: Mapping[str, object]) -> str:

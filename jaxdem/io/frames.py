@@ -171,7 +171,7 @@ class FrameSeries:
         if layout != self._layout:
             raise ValueError(f"{self.format.stem}: {layout} after frames of {self._layout}")
         if not self.parts.is_dir():
-            self.parts.mkdir()
+            self.parts.mkdir(exist_ok=True)
             sync_directory(self.parts.parent)
         write_bytes(self.part(index), image(frame, self.format))
 

@@ -13,6 +13,7 @@ from jaxdem.io import scene_text
 from jaxdem.io.chain import stage_names
 from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import read_history
+from jaxdem.io.pieces import series_of
 from jaxdem.io.probes import Probes
 from jaxdem.io.run_directory import HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat, Samples
@@ -50,8 +51,8 @@ class Run:
         self.scene: dict[str, Any] = scene_text.parse(self.scene_toml, str(self.path / SCENE))
         self.summary = read_summary(self.path)
         self.probes = Probes(self.path, scene_text.probe_names(self.scene))
-        self._particles = FrameSeries(self.path, ParticleFormat())
-        self._fluid = FrameSeries(self.path, FluidFormat())
+        self._particles = series_of(self.path, ParticleFormat())
+        self._fluid = series_of(self.path, FluidFormat())
         history = read_history(self.path / HISTORY)
         counts = [len(history["time"])]
         counts += [series.count() for series in (self._particles, self._fluid) if series.exists()]

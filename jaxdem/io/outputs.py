@@ -8,7 +8,9 @@ from pathlib import Path
 
 from jaxdem.errors import InputError
 from jaxdem.io.access import LOCK
+from jaxdem.io.checkpoint import PARTS
 from jaxdem.io.frames import PARTS_FOLDER
+from jaxdem.io.pieces import PIECE
 from jaxdem.io.probes import PROBES_FILE, PROBES_FOLDER
 from jaxdem.io.run_directory import CHECKPOINT, HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat
@@ -33,7 +35,9 @@ def refuse_what_is_read(option: str, out: Path, inputs: Iterable[str | Path | No
     """
     place = Path(os.path.realpath(out))
     of_probe = place.parent.name == PROBES_FOLDER and (place.parent.parent / SCENE).is_file()
-    if PARTS_FOLDER in place.parts or of_probe or (place.name in OWN_FILES and (place.parent / SCENE).is_file()):
+    own = place.name in OWN_FILES or PIECE.fullmatch(place.name) is not None
+    hidden = {PARTS_FOLDER, PARTS} & set(place.parts)
+    if hidden or of_probe or (own and (place.parent / SCENE).is_file()):
         raise InputError(option, str(out), "is a file of a run, and would be lost", "Name another file.")
     for one in inputs:
         if one is not None and any(_same(found, out) for found in _files(Path(one))):

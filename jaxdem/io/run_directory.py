@@ -23,7 +23,8 @@ from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
 from jaxdem.io.frames import PARTS_FOLDER, Arrays, FrameSeries
-from jaxdem.io.history import History
+from jaxdem.io.history import CountedHistory, History
+from jaxdem.io.pieces import Share, SharedSeries, regroup
 from jaxdem.io.probes import PROBES_FOLDER, Columns, ProbeFiles
 from jaxdem.io.samples import SampleFormat, sample_frame
 from jaxdem.io.summary import SUMMARY, read_summary, write_summary
@@ -51,25 +52,40 @@ class RunDirectory:
         self,
         path: Path,
         scene_toml: str,
-        lock: int,
+        lock: int | None,
         sample_attributes: Arrays | None,
         probes: Mapping[str, Columns] | None = None,
+        share: Share | None = None,
     ):
+        self._share = share
         self.path = path
         self.sample_attributes = dict(sample_attributes or {})
         self._scene = scene_text.parse(scene_toml, str(path / SCENE))
-        self._lock: int | None = lock
+        self._lock = lock
         self._time = 0.0
-        self._particles = FrameSeries(path, ParticleFormat())
-        self._fluid = FrameSeries(path, FluidFormat())
+        kinds = (ParticleFormat(), FluidFormat())
+        self._particles, self._fluid = (
+            FrameSeries(path, kind) if share is None else SharedSeries(path, kind, share) for kind in kinds
+        )
         self._samples = FrameSeries(path, SampleFormat())
-        self._history = History(path / HISTORY, scene_text.history_columns(self._scene))
+        columns = scene_text.history_columns(self._scene)
+        self._history = (History if self._first else CountedHistory)(path / HISTORY, columns)
         self._probes = ProbeFiles(path, probes or {})
         self.samples = self._samples.count()
 
     @property
     def frames(self) -> int:
         return self._history.rows
+
+    @property
+    def _first(self) -> bool:
+        """Whether this process writes what there is once."""
+        return self._share is None or self._share.first
+
+    def _meet(self) -> None:
+        """Waits for the other processes of the run, if any."""
+        if self._share is not None:
+            self._share.meet()
 
     @classmethod
     def create(
@@ -78,13 +94,19 @@ class RunDirectory:
         scene_toml: str,
         sample_attributes: Arrays | None = None,
         probes: Mapping[str, Columns] | None = None,
+        share: Share | None = None,
     ) -> RunDirectory:
         """Start a run in a new or empty folder and store its scene; `probes` are the columns of each probe's file.
+
+        Of several processes the first one does, the others wait for it.
 
         Raises:
             InputError: the folder holds something, is in use, or cannot be written.
         """
         path = Path(path)
+        if share is not None and not share.first:
+            share.meet()
+            return cls(path, scene_toml, None, sample_attributes, probes, share)
         cls.check(path, scene_toml, resume=False)
         with input_errors(path):
             path.mkdir(parents=True, exist_ok=True)
@@ -93,7 +115,9 @@ class RunDirectory:
             if _entries(path):
                 raise _occupied(path)
             write_bytes(path / SCENE, scene_toml.encode())
-            return cls(path, scene_toml, lock, sample_attributes, probes)
+            found = cls(path, scene_toml, lock, sample_attributes, probes, share)
+            found._meet()
+            return found
 
     @classmethod
     def resume(
@@ -103,21 +127,30 @@ class RunDirectory:
         sample_attributes: Arrays | None = None,
         defaults: Mapping[str, object] | None = None,
         probes: Mapping[str, Columns] | None = None,
+        share: Share | None = None,
     ) -> RunDirectory:
         """Open the folder of an unfinished run; nothing is cut yet, see `cut_back`.
 
         A run that was killed before its first checkpoint (see `has_checkpoint`) has its scene only, and starts anew.
+        Of several processes the first one opens it, and what another number of them has written becomes theirs.
 
         Raises:
             InputError: there is no checkpoint, the stored scene is another one, or the folder is in use.
         """
         path = Path(path)
+        if share is not None and not share.first:
+            share.meet()
+            return cls(path, scene_toml, None, sample_attributes, probes, share)
         cls.check(path, scene_toml, resume=True, defaults=defaults)
         with _locked_for_a_run(path) as lock:
             remove_leftovers(path)
             remove_leftovers(path / PARTS_FOLDER)
             remove_leftovers(path / PROBES_FOLDER)
-            return cls(path, scene_toml, lock, sample_attributes, probes)
+            checkpoint_file.remove_old_parts(path / CHECKPOINT)
+            regroup(path, share)
+            found = cls(path, scene_toml, lock, sample_attributes, probes, share)
+            found._meet()
+            return found
 
     @classmethod
     def check(
@@ -200,6 +233,8 @@ class RunDirectory:
         Raises:
             RunError: the disk refused.
         """
+        if not self._first:
+            return
         with self._run_errors(self._time):
             write_bytes(self.path / SCENE, scene_toml.encode())
 
@@ -237,6 +272,7 @@ class RunDirectory:
                 self._fluid.write(index, fluid_frame(time, fluid, spacing, depth))
             if particles is not None:
                 self._particles.write(index, particle_frame(time, particles))
+            self._meet()
             self._history.append({**history_row, "time": float(time)})
 
     def write_sample(self, index: int, time: float, arrays: Arrays) -> None:
@@ -265,10 +301,13 @@ class RunDirectory:
         with self._run_errors(time):
             self._probes.append(name, table)
 
-    def write_checkpoint(self, arrays: Arrays, attributes: Mapping[str, str | int | float]) -> None:
+    def write_checkpoint(
+        self, arrays: Arrays, attributes: Mapping[str, str | int | float], blocks: Arrays | None = None
+    ) -> None:
         """Replace the restart state; `attributes` holds the numbers `frames` and `samples` it follows.
 
-        The lines of probes that it follows are those that are written.
+        The lines of probes that it follows are those that are written. Of several processes each gives the `arrays`
+        that all have alike, and of those that are distributed along their first axis its `blocks`.
 
         Raises:
             RunError: the disk refused; the former checkpoint is kept.
@@ -278,7 +317,12 @@ class RunDirectory:
                 raise ValueError(f"checkpoint after {attributes[name]} {name}, {written} are written")
         with self._run_errors(self._time):
             lines = {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
-            checkpoint_file.write_checkpoint(self.path / CHECKPOINT, arrays, {**attributes, **lines})
+            place, known = self.path / CHECKPOINT, {**attributes, **lines}
+            if self._share is None:
+                checkpoint_file.write_checkpoint(place, arrays, known)
+                checkpoint_file.remove_old_parts(place)
+            else:
+                checkpoint_file.write_shared_checkpoint(place, self._share, arrays, blocks or {}, known)
 
     def keep_start(self, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, object]) -> None:
         """Store the state that the run begins from, unless that was done: that other run may go on, or be deleted.
@@ -286,7 +330,7 @@ class RunDirectory:
         Raises:
             RunError: the disk refused.
         """
-        if not (self.path / START).is_file():
+        if self._first and not (self.path / START).is_file():
             with self._run_errors(self._time):
                 checkpoint_file.write_checkpoint(self.path / START, arrays, attributes)
 
@@ -321,14 +365,16 @@ class RunDirectory:
                 limit = f"the checkpoint follows {number} {name}, only {held[name]} can be read"
                 raise InputError(OPTION, str(self.path), limit, "Start the run anew in another folder.")
         with self._run_errors(self._time):
-            (self.path / SUMMARY).unlink(missing_ok=True)
+            if self._first:
+                (self.path / SUMMARY).unlink(missing_ok=True)
             # The history first: its lines commit frames, so it never counts one that is gone.
             self._history.cut(frames)
             for series in (self._particles, self._fluid):
                 series.cut(frames)
-            self._samples.cut(samples)
+            if self._first:
+                self._samples.cut(samples)
+                self._probes.cut(lines)
             self.samples = samples
-            self._probes.cut(lines)
             for folder in (self.path, self.path / PARTS_FOLDER):
                 if folder.is_dir():
                     sync_directory(folder)
@@ -373,11 +419,14 @@ class RunDirectory:
             # Parts go only when all joined files are there.
             for series, _ in kinds:
                 series.drop_parts()
-            self._probes.join()
-            parts = self.path / PARTS_FOLDER
-            if parts.is_dir() and not any(parts.iterdir()):
-                parts.rmdir()
-            write_summary(self.path, summary)
+            self._meet()
+            if self._first:
+                self._probes.join()
+                parts = self.path / PARTS_FOLDER
+                if parts.is_dir() and not any(parts.iterdir()):
+                    parts.rmdir()
+                write_summary(self.path, summary)
+            self._meet()
 
     @contextmanager
     def _run_errors(self, time: float) -> Iterator[None]:
@@ -434,7 +483,7 @@ def _just_begun(path: Path) -> bool:
     if not (path / SCENE).is_file():
         return False
     aside = (name for one in (HISTORY, START, CHECKPOINT) for name in aside_names(path / one))
-    begun = {SCENE, HISTORY, START, PROBES_FOLDER, *aside}
+    begun = {SCENE, HISTORY, START, PROBES_FOLDER, checkpoint_file.PARTS, *aside}
     return _entries(path) <= begun
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxdem.io import scene_text
-from jaxdem.io.frames import FrameSeries
+from jaxdem.io.pieces import series_of
 from jaxdem.io.run_directory import SCENE
 from jaxdem.io.vtkhdf import ParticleFormat
 from jaxdem.particle_files.arrays import raw_of_arrays
@@ -34,7 +34,7 @@ def read_frame(source: Source) -> Raw:
     """
     path = Path(source.name)
     folder = path if path.is_dir() else path.parent
-    series = FrameSeries(folder, ParticleFormat())
+    series = series_of(folder, ParticleFormat())
     if not series.exists() or not (count := series.count()):
         limit = f"holds no frame of particles ({particles_name()})"
         raise refusal(source.name, limit, "give a folder that `jaxdem run` wrote")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Unpack
+
+import jax
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.io import Run, RunDirectory, load_run
@@ -29,6 +31,7 @@ def simulate(
     progress: Progress | None = None,
     profile: bool = False,
     settling: Progress | None = None,
+    devices: int | Sequence[jax.Device] | None = None,
     **extensions: Unpack[Extensions],
 ) -> Run:
     """Runs a scene to its end and writes the run directory.
@@ -45,6 +48,7 @@ def simulate(
             slower.
         settling: called now and then while particles of a settled pack come to rest, with the time since they began to
             fall and the longest that they may take [s].
+        devices: as many devices as are given, each with a part of the box, see `jaxdem.build`.
         extensions: further parts in place of the scene's, see `jaxdem.build`.
 
     Returns:
@@ -55,7 +59,7 @@ def simulate(
         RunError: the run could not go on; what was done is kept, with `valid: false` in the summary.
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
-    options = RunOptions(closure, resume, progress, profile, settling)
+    options = RunOptions(closure, resume, progress, profile, settling, devices)
     if isinstance(scene, StagedScene):
         return simulate_stages(scene, Path(out), options, **extensions)
     return simulate_alone(scene, out, options, **extensions)

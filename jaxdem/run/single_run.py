@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
+import jax
+
 from jaxdem.closures.base import DragClosure
+from jaxdem.errors import InputError
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.probes import Columns
 from jaxdem.io.run_directory import CHECKPOINT, START
 from jaxdem.run.observer import columns_of
+from jaxdem.run.peers import here
 from jaxdem.run.restart import origin, require_same_parameters
 from jaxdem.run.samples import sample_attributes, samples_every
 from jaxdem.run.signals import noted_signals
@@ -30,10 +35,13 @@ class RunOptions:
     progress: Progress | None = None
     profile: bool = False
     settling: Progress | None = None
+    devices: int | Sequence[jax.Device] | None = None
 
 
 def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensions: Unpack[Extensions]) -> Run:
     """`jaxdem.simulate` of a scene without stages."""
+    if options.devices is not None:
+        raise InputError("--devices", options.devices, "runs on several devices are not ready", "Leave it out.")
     resume = options.resume
     complete = resume and RunDirectory.is_complete(out, scene.to_toml())
     if complete:
@@ -69,6 +77,7 @@ def own_start(scene: Scene, out: str | Path) -> StartPoint | None:
 def _opened(
     scene: Scene, out: str | Path, attributes: dict[str, Any] | None, probes: dict[str, Columns], resume: bool
 ) -> RunDirectory:
+    share = here().share()
     if resume:
-        return RunDirectory.resume(out, scene.to_toml(), attributes, scene.defaults(), probes)
-    return RunDirectory.create(out, scene.to_toml(), attributes, probes)
+        return RunDirectory.resume(out, scene.to_toml(), attributes, scene.defaults(), probes, share)
+    return RunDirectory.create(out, scene.to_toml(), attributes, probes, share)

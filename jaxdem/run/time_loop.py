@@ -19,9 +19,10 @@ from jaxdem.errors import RunError
 from jaxdem.failures import OF_PARTICLES, Failure
 from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program
+from jaxdem.run.chunk import CHUNK, ChunkProgram, ProfiledProgram, Program
 from jaxdem.run.diagnosis import diagnosis
 from jaxdem.run.observer import PROBES, Observer, probe_marks
+from jaxdem.run.peers import Peers, here
 from jaxdem.run.probing import Probed
 from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
 from jaxdem.run.restart import about, from_arrays, origin, require_same_origin, require_same_rows, to_arrays
@@ -63,6 +64,7 @@ class TimeLoop:
         profile: whether the parts of a step are compiled and timed one by one.
         done: coupling intervals so far.
         caught: signals that came.
+        peers: processes that run this loop alike; what their clocks and signals decide they agree on.
         forces: of the fluid in the last interval, None before the first and without fluid or particles.
         observer: the probes.
     """
@@ -76,11 +78,13 @@ class TimeLoop:
     totals: Totals = dataclasses.field(default_factory=Totals)
     done: int = 0
     caught: Caught = dataclasses.field(default_factory=Caught)
+    peers: Peers = dataclasses.field(default_factory=here)
     forces: FluidForces | None = None
     observer: Observer = dataclasses.field(init=False)
     program: Program = dataclasses.field(init=False)
 
     def __post_init__(self) -> None:
+        self._most, self._failed = 1, False
         self.observer = Observer(self.case.probes)
         self._fit_probes()
         if self.case.start is not None:
@@ -141,6 +145,8 @@ class TimeLoop:
             except Stopped:
                 self._leave()
         except RunError as error:
+            if self.peers.number > 1 and not self._failed:  # not what all find: the disk of this process, say
+                raise
             with contextlib.suppress(RunError):
                 self.observer.write(self.directory, self.time)
             # A disk that is full refuses the summary too; what it refused first is what to tell.
@@ -172,14 +178,28 @@ class TimeLoop:
                 self._write_sample(before, self.forces)
             if self.done % self.simulation.steps.intervals_per_output == 0 and self.done > done:
                 self._write_frame()
-                due = clock.perf_counter() - saved >= self.case.scene.output.checkpoint_interval
+                (due,) = self.peers.highest(
+                    [clock.perf_counter() - saved >= self.case.scene.output.checkpoint_interval]
+                )
                 if due or self.done == self.last:
                     self._write_checkpoint()
                     saved = clock.perf_counter()
             if progress is not None:
                 progress(self.time, self.case.scene.time.end)
-            if self.caught:
-                raise Stopped
+            self._agree()
+
+    def _agree(self) -> None:
+        """Once a signal has come, to this process or to another one, all leave; the shortest chunk that one wants is
+        that of all.
+
+        Raises:
+            Stopped: a signal has come.
+        """
+        number, shorter = self.peers.highest([self.caught[0] if self.caught else 0, CHUNK - self.program.most])
+        self._most = CHUNK - shorter
+        if number:
+            self.caught[:0] = [number]
+            raise Stopped
 
     def _next_stop(self) -> int:
         """Number of intervals after which the host has to look: at an output, before and after a sampled interval."""
@@ -206,9 +226,9 @@ class TimeLoop:
 
         The intervals before one that failed are done again by themselves: it is judged, and gone on from, alone.
         """
-        count = min(count, self.program.most)
+        count = min(count, self._most)
         given = (self.parameters, self.state, self.neighbors)
-        with self.totals.timed("step"):
+        with self.totals.timed("step"), self.peers.held():
             chunk = jax.block_until_ready(self.program(*given, count, self.observer.watch))
             code, done = int(chunk.code), int(chunk.done)
             if code and done > 1:
@@ -227,6 +247,7 @@ class TimeLoop:
 
     def _raise(self, code: int, reached: State) -> NoReturn:
         """The error of the interval from the present state to `reached`."""
+        self._failed = True
         reason, where, remedy = diagnosis(self.simulation, self.parameters, code, self.state, reached)
         raise RunError(reason, where, self.time, remedy)
 
@@ -238,7 +259,22 @@ class TimeLoop:
         self._compile()
 
     def _compile(self) -> None:
-        """The step, compiled for the present capacities; given up at a signal."""
+        """The step, compiled for the present capacities; given up at a signal.
+
+        Several processes meet when all have compiled, or given up.
+        """
+        if self.peers.number == 1:
+            self._compile_here()
+            return
+        with contextlib.suppress(Stopped):
+            self._compile_here()
+        with self.totals.timed("compile"):
+            (number,) = self.peers.highest([self.caught[0] if self.caught else 0])
+        if number:
+            self.caught[:0] = [number]
+            raise Stopped
+
+    def _compile_here(self) -> None:
         with self.totals.timed("compile"), self.caught.raised():
             given, timed = (self.simulation, self.parameters, self.state, self.neighbors), self.totals.timed
             watch = self.observer.watch

@@ -1,0 +1,195 @@
+"""A run by several processes or on several devices, as the command line sees it: who this process is, which devices it
+has, and how the processes speak with one voice."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
+
+import typer
+
+from jaxdem.cli import process, terminal
+from jaxdem.cli.cluster import Member, member
+from jaxdem.cli.launch import LOST_PEER, run_processes
+from jaxdem.errors import InputError, JaxdemError
+
+if TYPE_CHECKING:
+    import jax
+
+FAILED = 1
+"""Exit code of a run that failed."""
+
+PATIENCE = 3.0
+"""After another process has failed this one has so long to end for the same reason by itself [s]."""
+
+
+class Team(NamedTuple):
+    """What a run goes over.
+
+    Attributes:
+        member: this process among several; None where it is alone.
+        devices: of all processes together; None for all that a cluster gives, one without a cluster.
+    """
+
+    member: Member | None
+    devices: int | None
+
+    @property
+    def own(self) -> int:
+        """Devices that this process needs, of those of its machine; 1 where a cluster decides."""
+        if self.member is None:
+            return self.devices or 1
+        return 1 if self.devices is None else max(1, self.devices // self.member.number)
+
+    @property
+    def speaks(self) -> bool:
+        """Whether this process shows what there is."""
+        return self.member is None or self.member.first
+
+    def places(self) -> list[int] | None:
+        """Numbers of the devices of this process on its machine, where `--processes` has started it."""
+        if self.member is None or not self.member.launched:
+            return None
+        return list(range(self.member.rank * self.own, (self.member.rank + 1) * self.own))
+
+
+def team_of(devices: int | None, processes: int | None) -> Team:
+    """What the options and the environment ask for.
+
+    Raises:
+        InputError: they do not fit together.
+    """
+    found = member()
+    if found is not None and processes not in (None, found.number):
+        limit = f"this process is one of {found.number} that are started already"
+        raise InputError("--processes", processes, limit, "Leave the option out")
+    number = processes or 1 if found is None else found.number
+    if devices is not None and devices % number:
+        limit = f"must be a multiple of the number of processes, {number}: each has as many devices"
+        raise InputError("--devices", devices, limit, f"Give {number * max(1, round(devices / number))}.")
+    if devices is None and processes is not None:
+        devices = processes
+    return Team(found, devices)
+
+
+def launch(team: Team, processes: int | None, resume: str) -> None:
+    """Where `--processes` asks for more than this process: starts them, and ends with their exit code.
+
+    Args:
+        team: what the run goes over.
+        processes: the option.
+        resume: the command by which the run goes on.
+    """
+    if team.member is not None or processes is None or processes == 1:
+        return
+    outcome = run_processes(processes, sys.argv[1:])
+    if outcome.message is not None:
+        terminal.fail(f"{outcome.message} The run has stopped. Continue with: {resume}", outcome.code)
+    raise typer.Exit(outcome.code)
+
+
+def chosen_devices(team: Team) -> list[jax.Device] | None:
+    """The devices of the run, in the order of processes; None for one, which runs the program without blocks.
+
+    Raises:
+        InputError: there are not so many.
+    """
+    import jax
+
+    found = jax.devices()
+    wanted = team.devices
+    if team.member is None:
+        if wanted is None or wanted == 1:
+            return None
+        if len(found) < wanted:
+            there = f"this machine has {len(found)} of kind {found[0].device_kind}"
+            raise InputError("--devices", wanted, there, f"Give {len(found)} at most")
+        return found[:wanted]
+    if wanted is not None and wanted != len(found):
+        there = f"the {team.member.number} processes have {len(found)} devices together"
+        raise InputError("--devices", wanted, there, "Leave the option out, or start as many processes as devices")
+    return found
+
+
+@contextmanager
+def one_voice(team: Team) -> Iterator[None]:
+    """Errors of a run by several processes are told once, by the first process; all then end, none waits for ever."""
+    if team.member is None:
+        yield
+        return
+    if not team.speaks:
+        process.be_silent()
+    try:
+        yield
+    except typer.Exit as end:
+        if end.exit_code:
+            _end(team.member, f"exit code {end.exit_code}", end.exit_code, shown=True)
+        raise
+    except JaxdemError as error:
+        _end(team.member, str(error), error.exit_code)
+    except (OSError, MemoryError, RuntimeError) as error:
+        _end(team.member, (str(error).splitlines() or [type(error).__name__])[0], FAILED)
+
+
+def join(team: Team) -> None:
+    """Joins the other processes, before anything is asked of JAX; from now on only the first one shows anything."""
+    if team.member is None:
+        return
+    from jaxdem.run import peers
+
+    one = team.member
+    joined = peers.join(one.rank, one.number, one.coordinator, team.places())
+    if not one.first:
+        terminal.tell_through(lambda message: None)
+    joined.watch(partial(_followed, one))
+
+
+_ending = threading.Event()
+"""This process has begun to end with an error."""
+
+
+def _followed(one: Member, message: str) -> None:
+    """Another process has failed: ends this one, unless it is about to do so for the same reason."""
+    if _ending.wait(PATIENCE):
+        return
+    with suppress(typer.Exit):
+        terminal.fail(message, FAILED)
+    _part()
+    process.end(FAILED)
+
+
+def _end(one: Member, message: str, code: int, shown: bool = False) -> NoReturn:
+    """Ends with a message, that of the process where the cause lies if another one has reported it.
+
+    Args:
+        one: this process.
+        message: why.
+        code: exit code.
+        shown: whether the message is shown already.
+    """
+    from jaxdem.run.peers import PeerLost, here
+
+    _ending.set()
+    lost, peers = isinstance(sys.exception(), PeerLost), here()
+    told = peers.reported() if lost else None
+    if not lost:
+        peers.report(message)
+    elif told is None and one.launched:
+        shown, code = True, LOST_PEER  # the launcher has seen who ended, and why
+    try:
+        if not shown:
+            terminal.fail(message if told is None else told, code)
+        raise typer.Exit(code)
+    finally:
+        _part()
+
+
+def _part() -> None:
+    from jaxdem.run.peers import here
+
+    process.leave_at_once()
+    here().part()

@@ -1,0 +1,198 @@
+"""The processes of one run: joining them, meeting, agreeing, and what each tells the first one.
+
+`jax.distributed` has a coordination service in the first process. Meetings and messages go through it and not through
+collectives, whose participants give each other up after 30 s: processes that compile or write for unequal times would
+end (https://github.com/jax-ml/jax/issues/40831).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import threading
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import jax
+
+from jaxdem.errors import JaxdemError
+from jaxdem.io.pieces import Share
+
+HEARTBEAT = 30
+"""A process that has not been heard of for so long ends the run [s]."""
+
+LAUNCH_WAIT, CLUSTER_WAIT = 60, 300
+"""Longest time for all processes to appear, on one machine and on a cluster [s]."""
+
+LONGEST_WAIT = 24 * 3600.0
+"""For each other, while compiling and writing [s]: the heartbeat ends a wait for one that is gone."""
+
+FAREWELL = 5.0
+"""At the end of a run that failed: longer nobody waits for the others [s]."""
+
+LOOK = 0.5
+"""Time between two looks whether a process has failed [s]."""
+
+FAILED = "jaxdem/failed/"
+OUT_OF_MEMORY = "RESOURCE_EXHAUSTED"
+
+
+class PeerLost(JaxdemError):
+    """Another process of the run ended, or cannot be reached."""
+
+
+@dataclasses.dataclass
+class Peers:
+    """The processes of this run.
+
+    Attributes:
+        index: of this one, from 0.
+        number: of processes.
+    """
+
+    index: int = 0
+    number: int = 1
+    _meetings: int = 0
+
+    @property
+    def first(self) -> bool:
+        """Whether this is the process that writes and shows what there is once."""
+        return self.index == 0
+
+    def meet(self, longest: float = LONGEST_WAIT) -> None:
+        """Waits until all processes are here; every process calls this in the same order.
+
+        Raises:
+            PeerLost: one did not come.
+        """
+        if self.number == 1:
+            return
+        self._meetings += 1
+        try:
+            _client().wait_at_barrier(f"jaxdem/meeting/{self._meetings}", int(1000 * longest))
+        except jax.errors.JaxRuntimeError as error:
+            raise peer_lost(error) from None
+
+    def highest(self, values: Sequence[int]) -> list[int]:
+        """The largest of each number over all processes; all of them get the same. Every process waits for the others.
+
+        Raises:
+            PeerLost: one did not answer.
+        """
+        if self.number == 1:
+            return [int(value) for value in values]
+        before, place = (f"jaxdem/numbers/{self._meetings + k}/" for k in (0, 1))
+        client = _client()
+        try:
+            client.key_value_set(f"{place}{self.index}", " ".join(str(int(value)) for value in values))
+            self.meet()
+            rows = [[int(text) for text in row.split()] for _, row in client.key_value_dir_get(place)]
+            if self.first:  # all are here, so all have read what was said before
+                client.key_value_delete(before)
+        except jax.errors.JaxRuntimeError as error:
+            raise peer_lost(error) from None
+        return [max(column) for column in zip(*rows, strict=True)]
+
+    def share(self) -> Share | None:
+        """What this process has to write; None where it is alone."""
+        return None if self.number == 1 else Share(self.index, self.number, self.meet)
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """What JAX raises in the block, where there are other processes, means that one of them is lost.
+
+        Raises:
+            PeerLost: a collective operation did not come to an end.
+        """
+        try:
+            yield
+        except jax.errors.JaxRuntimeError as error:
+            if self.number == 1 or OUT_OF_MEMORY in str(error):
+                raise
+            raise peer_lost(error) from None
+
+    def report(self, message: str) -> None:
+        """A message of this process for the first one, which shows it."""
+        with contextlib.suppress(jax.errors.JaxRuntimeError, RuntimeError):
+            _client().key_value_set(f"{FAILED}{self.index}", message)
+
+    def reported(self) -> str | None:
+        """Message of the lowest process that has reported one; None as long as none has, or if that cannot be told."""
+        try:
+            told = sorted(_client().key_value_dir_get(FAILED))
+        except (jax.errors.JaxRuntimeError, RuntimeError):
+            return None
+        return str(told[0][1]) if told else None
+
+    def watch(self, failed: Callable[[str], None]) -> None:
+        """From now on a thread calls `failed` with the message when a process has reported one."""
+
+        def look() -> None:
+            while (message := self.reported()) is None:
+                clock.sleep(LOOK)
+            failed(message)
+
+        threading.Thread(target=look, daemon=True).start()
+
+    def part(self) -> None:
+        """Before an end with an error: the first process, whose end is the end of all, goes last."""
+        with contextlib.suppress(jax.errors.JaxRuntimeError, RuntimeError):
+            _client().wait_at_barrier("jaxdem/end", int(1000 * FAREWELL))
+
+
+_joined: list[Peers] = []
+
+
+def here() -> Peers:
+    """This process among those of the run."""
+    if not _joined:
+        _joined.append(Peers(jax.process_index(), jax.process_count()))
+    return _joined[0]
+
+
+def join(index: int, number: int, coordinator: str | None, devices: Sequence[int] | None) -> Peers:
+    """Joins the processes of a run, before anything is asked of JAX.
+
+    Args:
+        index: of this process.
+        number: of processes.
+        coordinator: HOST:PORT of the first one; None to let JAX find all of it.
+        devices: numbers of the devices of this machine that this process uses; None for JAX's choice.
+
+    Raises:
+        PeerLost: the others did not come.
+    """
+    jax.config.update("jax_cpu_collectives_implementation", "gloo")
+    given: dict[str, Any] = {}
+    if coordinator is not None:
+        given = {"coordinator_address": coordinator, "num_processes": number, "process_id": index}
+        given |= {"local_device_ids": devices} if devices is not None else {}
+    wait = CLUSTER_WAIT if devices is None else LAUNCH_WAIT
+    try:
+        jax.distributed.initialize(
+            **given,
+            initialization_timeout=wait,
+            heartbeat_timeout_seconds=HEARTBEAT,
+            shutdown_timeout_seconds=HEARTBEAT,
+        )
+    except jax.errors.JaxRuntimeError as error:
+        raise peer_lost(error) from None
+    _joined[:] = [Peers(index, number)]
+    return _joined[0]
+
+
+def peer_lost(error: BaseException) -> PeerLost:
+    """What JAX says where another process is gone, in a sentence."""
+    reason = (str(error).splitlines() or ["no reason given"])[0]
+    return PeerLost(f"Another process of the run ended or cannot be reached ({reason[:200]}).")
+
+
+def _client() -> Any:
+    """Of the coordination service. JAX has no public name for it."""
+    from jax._src import distributed
+
+    client = distributed.global_state.client
+    if client is None:
+        raise RuntimeError("jax.distributed is not initialized")
+    return client
