@@ -273,11 +273,11 @@ class Exchange:
         lost = _lost(faces, result.state.face_velocity)
         totals = jnp.stack(
             (
-                total_of(blocks, jnp.sum(plus(impulse, *self._pending), axis=0)),
+                total_of(blocks, jnp.sum(self._own(plus(impulse, *self._pending)), axis=0)),
                 jnp.stack(face_total(self.start.grid, lost)),
             )
         )
-        sizes = response * (jnp.abs(fluid) + jnp.abs(explicit.velocity)) + jnp.abs(explicit.impulse)
+        sizes = self._own(response * (jnp.abs(fluid) + jnp.abs(explicit.velocity)) + jnp.abs(explicit.impulse))
         return _Carry(
             result.state,
             carry.pressure + result.state.pressure,
@@ -369,6 +369,13 @@ class Exchange:
         """Impulses of the last interval that the faces lose in a fluid step, (N, D) [kg m/s]."""
         pending = (c.pending_impulse for c in self.contributions.values())
         return [impulse / self.substeps.number for impulse in pending if impulse is not None]
+
+    def _own(self, rows: Array) -> Array:
+        """(N, D) of the particles of this slab: zero for its neighbours' particles, which it knows as well."""
+        active = self.start.particles.active
+        if self.start.grid.blocks is None or active is None:
+            return rows
+        return jnp.where(active[:, None], rows, 0.0)
 
     def _pressure_impulse(self, fluid: FluidState) -> Array:
         """(N, D) -t V grad p [kg m/s]."""
