@@ -15,6 +15,7 @@ from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.particles.forces import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
+from jaxdem.particles.moving_walls import Numbers, PistonNumbers
 
 
 class State(NamedTuple):
@@ -47,6 +48,9 @@ class Parameters(NamedTuple):
         inlet_velocity: (D,) with which particles come in, of each inlet [m/s].
         side_velocity: (D,) of every side of the box in a scene without fluid where one moves, else (); a fluid has its
             own [m/s].
+        wall_motion: numbers of the motion of every wall of the scene, those of each part by name; () for one at rest,
+            and where all are.
+        pistons: numbers of the walls that a force holds.
     """
 
     gravity: Array
@@ -57,6 +61,8 @@ class Parameters(NamedTuple):
     closure: DragClosure | None
     inlet_velocity: tuple[Array, ...] = ()
     side_velocity: tuple[Array, ...] = ()
+    wall_motion: tuple[Numbers, ...] = ()
+    pistons: tuple[PistonNumbers, ...] = ()
 
     @property
     def materials(self) -> ContactParameters | SeveralMaterials:

@@ -13,11 +13,15 @@ from jaxdem.coupling.coupled import Coupling
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.interval import FluidInterval
+from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.blocks import all_of, any_of, largest, total
+from jaxdem.numerics.compensated import Pair
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval, ContactMeans
+from jaxdem.particles.moving_walls import WallMotions, placements
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch
 from jaxdem.particles.population import Population, renewed
 from jaxdem.particles.walls_present import buried
@@ -120,6 +124,31 @@ class Structure:
         """() time in the middle of the interval that begins after `step` intervals [s]."""
         return self._start(parameters, step) + 0.5 * jnp.asarray(self.interval, parameters.gravity.dtype)
 
+    def wall_motions(self, parameters: Parameters, step: Array) -> WallMotions | None:
+        """What the walls that move need in the interval that begins after `step` intervals; None where none does."""
+        if self.contact is None or not self.contact.model.motions:
+            return None
+        start, low = self._start_pair(parameters, step)
+        return WallMotions(parameters.wall_motion, parameters.pistons, start, low, parameters.gravity)
+
+    def placed(self, parameters: Parameters, particles: ParticleState, step: Array) -> tuple[Placement | None, ...]:
+        """Where each surface is after `step` intervals, None for one at rest; empty where all are."""
+        motions = self.wall_motions(parameters, step)
+        if motions is None or self.contact is None:
+            return ()
+        return placements(self.contact.model.motions, motions, jnp.zeros_like(motions.start), particles.pistons)
+
+    def _start_pair(self, parameters: Parameters, step: Array) -> Pair:
+        """`_start` as a pair, exact for whole numbers of steps up to 2^31."""
+        dtype = parameters.gravity.dtype
+        done = step if self.clock is None else step - self.clock.step
+        interval = pairs.as_pair(jnp.asarray(self.interval, dtype))
+        thousands, rest = jnp.divmod(done, 4096)
+        parts = (4096.0 * thousands.astype(dtype), rest.astype(dtype))
+        first, second = (pairs.product(pairs.as_pair(part), interval) for part in parts)
+        time = pairs.total(first, second)
+        return time if self.clock is None else pairs.total(time, pairs.pair_of(self.clock.start, dtype))
+
     def _start(self, parameters: Parameters, step: Array) -> Array:
         if self.clock is not None:
             dtype = parameters.gravity.dtype
@@ -152,7 +181,8 @@ class Structure:
             return None
         middle, interval = self.middle(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
         radius = required(parameters.bodies, "parameters.bodies").radius
-        return buried(model, particles, radius, middle, interval)
+        placed = self.placed(parameters, particles, step)
+        return buried(model, particles, radius, middle, interval, placed)
 
     def renewed(
         self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
@@ -161,7 +191,8 @@ class Structure:
         population, contact = required(self.population, "population"), required(self.contact, "particles")
         times = contact.model.wall_times
         present = None if times is None else times.present(self.middle(parameters, step))
-        return renewed(population, contact, parameters.inlet_velocity, particles, neighbors, step, present)
+        placed = self.placed(parameters, particles, step)
+        return renewed(population, contact, parameters.inlet_velocity, particles, neighbors, step, present, placed)
 
     def particle_report(
         self,

@@ -52,12 +52,13 @@ class Placement(NamedTuple):
 
         Args:
             position: D arrays of any shape, leading part [m].
-            low: D arrays or Nones, trailing part [m].
+            low: D arrays, trailing part; or Nones, and then there is one afterwards all the same in float32 [m].
         """
-        apart = [
-            pairs.total((high, trailing), pairs.negative(pairs.entry(self._shift, k)))
-            for k, (high, trailing) in enumerate(zip(position, low, strict=True))
+        given = [
+            pairs.as_pair(high) if trailing is None else (high, trailing)
+            for high, trailing in zip(position, low, strict=True)
         ]
+        apart = [pairs.total(part, pairs.negative(pairs.entry(self._shift, k))) for k, part in enumerate(given)]
         if self.rotation is not None:
             turn = (self.rotation, self.rotation_low)
             columns = range(self.dimension)

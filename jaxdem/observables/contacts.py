@@ -50,6 +50,7 @@ def contacts(structure: Structure, parameters: Parameters, state: State, neighbo
     materials = surroundings(
         parameters.materials, structure.wall_velocity(parameters, structure.time(parameters, state))
     )
+    materials = materials._replace(placements=structure.placed(parameters, particles, state.step))
     neighbors = with_radius(neighbors, bodies.radius)
     present = _present(model, structure.middle(parameters, state.step))
     between, walls = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active, present)

@@ -22,10 +22,15 @@ class WallLoad(NamedTuple):
     Attributes:
         force: (D,) of the particles on a wall [N].
         torque: (A,) of the same about a point [N m].
+        power: () of the same at the velocity of the wall: what the particles give to it, negative where it drives them
+            [W].
+        mass: () of the particles that touch it [kg].
     """
 
     force: Array
     torque: Array
+    power: Array
+    mass: Array
 
 
 def measuring_walls(
@@ -42,7 +47,9 @@ def measuring_walls(
     """
     contact, fluid, coupling = simulation.contact, simulation.fluid, simulation.coupling
     if contact is not None:
-        measured = tuple(range(contact.model.walls)) if walls is None else tuple(sorted(set(walls)))
+        measured = tuple(range(contact.model.walls))
+        if walls is not None:  # pistons need their loads in any case
+            measured = tuple(sorted({*walls, *(wall for piston in contact.model.pistons for wall in piston.walls)}))
         contact = dataclasses.replace(contact, model=dataclasses.replace(contact.model, measured=measured))
     if fluid is not None:
         chosen = tuple(range(2 * len(simulation.box))) if sides is None else tuple(sorted(set(sides)))
@@ -71,7 +78,8 @@ def wall_load(diagnostics: Diagnostics, walls: tuple[int, ...], about: Array) ->
     over all contacts and contact steps, with f the force and t the torque about its centre that a wall puts on a
     particle at x, and a the point. So the change of the particles' momentum, and of their angular momentum about a, is
     minus this, to rounding, beside what gravity and fluid do. In 2-D the torque turns from the first axis to the
-    second.
+    second. The power is F.v + T.w at every contact step, with v the velocity of the wall at the point and w its angular
+    velocity.
 
     Along a periodic axis positions go on, so components of the torque with such an arm have no meaning: about an axis
     all others must not be periodic.
@@ -83,10 +91,10 @@ def wall_load(diagnostics: Diagnostics, walls: tuple[int, ...], about: Array) ->
     """
     loads = required(required(diagnostics.particles, "particles").walls, "walls of the diagnostics")
     chosen = list(walls)
-    force, about_origin = (tuple(jnp.sum(x[jnp.asarray(chosen, int)]) for x in vector) for vector in loads)
+    force, about_origin, power, mass = (tuple(jnp.sum(x[jnp.asarray(chosen, int)]) for x in vector) for vector in loads)
     arm = tuple(about[k] for k in range(about.shape[0]))
     torque = vectors.subtract(about_origin, vectors.moment(arm, force))
-    return WallLoad(jnp.stack(force), jnp.stack(torque))
+    return WallLoad(jnp.stack(force), jnp.stack(torque), power[0], mass[0])
 
 
 def fluid_force(diagnostics: Diagnostics, axis: int, upper: bool) -> Array:

@@ -14,6 +14,7 @@ from jaxdem.numerics.static import static
 from jaxdem.particles import walls
 from jaxdem.particles.cohesion import CapillaryBridge, Cohesion
 from jaxdem.particles.contact import ContactLaw, ContactMaterial
+from jaxdem.particles.moving_walls import Piston, SurfaceMotion
 from jaxdem.particles.pairs import Pairs
 from jaxdem.particles.rolling import RollingFriction
 from jaxdem.particles.surfaces import Surface
@@ -76,6 +77,8 @@ class ContactModel:
         wall_times: when the surfaces are there; None where all always are.
         measured: numbers of the walls whose loads are summed; none: then no such term is compiled.
         cohesion: what pulls bodies together, or None: then no such term is compiled.
+        motions: how each surface moves, None for one at rest; empty where all are at rest.
+        pistons: walls that a force holds; their loads are measured.
     """
 
     law: ContactLaw
@@ -86,6 +89,8 @@ class ContactModel:
     wall_times: WallTimes | None = None
     measured: tuple[int, ...] = ()
     cohesion: Cohesion | None = None
+    motions: tuple[SurfaceMotion | None, ...] = ()
+    pistons: tuple[Piston, ...] = ()
 
     @property
     def walls(self) -> int:
@@ -99,7 +104,19 @@ class ContactModel:
         if materials is not None:
             materials = dataclasses.replace(materials, wall=tuple(materials.wall[k] for k in kept))
         measured = tuple(kept.index(k) for k in self.measured if k in kept)
-        return dataclasses.replace(self, surfaces=surfaces, materials=materials, wall_times=None, measured=measured)
+        motions = tuple(self.motions[k - len(self.sides)] for k in kept[len(self.sides) :]) if self.motions else ()
+        pistons = tuple(
+            dataclasses.replace(piston, walls=tuple(kept.index(k) for k in piston.walls)) for piston in self.pistons
+        )
+        return dataclasses.replace(
+            self,
+            surfaces=surfaces,
+            materials=materials,
+            wall_times=None,
+            measured=measured,
+            motions=motions if any(motions) else (),
+            pistons=pistons,
+        )
 
     def history_size(self, dimension: int) -> int:
         """Number of components that a contact keeps: the tangential spring, the rolling spring and what cohesion

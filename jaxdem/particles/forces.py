@@ -11,12 +11,14 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import liquid, tangent, walls
 from jaxdem.particles.cohesion import TOUCHING, Attraction, Gap
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
+from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.stages import stage
@@ -29,12 +31,24 @@ class Surroundings(NamedTuple):
     Attributes:
         pair: between particles; of each pair of materials in a scene with several.
         wall: between particles and walls; the same.
-        wall_velocity: velocity (D,) of each wall, sliding sides of the box included [m/s].
+        wall_velocity: velocity (D,) of each wall that does not move by `motions`, sliding sides of the box included
+            [m/s].
+        motions: of the surfaces; None where all are at rest.
+        placements: of every surface at the moment of the contacts, None for one at rest; empty where all are.
     """
 
     pair: ContactMaterial
     wall: ContactMaterial
     wall_velocity: tuple[Array, ...]
+    motions: WallMotions | None = None
+    placements: tuple[Placement | None, ...] = ()
+
+    def after(self, model: ContactModel, elapsed: Array, pistons: PistonState | None) -> Surroundings:
+        """The same with the surfaces where they are `elapsed` after the start of the interval [s]."""
+        if not model.motions:
+            return self
+        motions = required(self.motions, "motions of the walls")
+        return self._replace(placements=placements(model.motions, motions, elapsed, pistons))
 
 
 class WallLoads(NamedTuple):
@@ -45,10 +59,14 @@ class WallLoads(NamedTuple):
         force: minus the forces on the particles [N].
         torque: about the origin: minus x cross F + T, with x the centre of a particle, F the force of the wall on it
             and T the torque about its centre [N m].
+        power: one array, of these forces and torques at the wall's velocity: what it takes from the wall [W].
+        mass: one array, of the particles that touch it [kg].
     """
 
     force: Vector
     torque: Vector
+    power: Vector
+    mass: Vector
 
     def summed(self, model: ContactModel) -> WallLoads:
         """Of all particles, (S,) from (M, N)."""
@@ -99,10 +117,11 @@ class _ContactPair(NamedTuple):
         approach: velocity of the one relative to the other, expected in the middle of the step: of the dashpots [m/s].
         velocity: the same at the start of the step, in the middle between two forces: of the springs [m/s].
         spin: angular velocity of the one [rad/s].
-        other_spin: of the other; None for a body that cannot turn.
+        other_spin: of the other; None for a wall.
         radius: of the one [m].
         other_radius: of the other [m].
         effective_radius, effective_mass, rolling_inertia: of both, see `Contact`.
+        wall_spin: angular velocity of a wall; None for particles, and for walls that do not turn [rad/s].
     """
 
     overlap: Array
@@ -116,6 +135,7 @@ class _ContactPair(NamedTuple):
     effective_radius: Array
     effective_mass: Array
     rolling_inertia: Array
+    wall_spin: Vector | None = None
 
 
 class _ContactLoad(NamedTuple):
@@ -283,18 +303,60 @@ class _Loop:
         for there in (particles_there, walls_there):
             if there is not None:  # the others are out of reach by a radius, whatever the speed
                 overlap = jnp.where(there, overlap, -jnp.ones_like(overlap) * radius)
-        wall = tuple(
-            jnp.stack(components)[:, None] for components in zip(*self.surroundings.wall_velocity, strict=True)
-        )
+        wall, spin = self._wall_velocity(overlap, normal), self._wall_spin()
+        spring = motion.wall_spring if spin is None else self._turned_with_walls(motion.wall_spring, spin)
         pair = _ContactPair(
             overlap, normal,
             approach=vectors.subtract(_rows(self.mid_velocity), wall),
             velocity=vectors.subtract(_rows(motion.velocity), wall),
             spin=_rows(motion.angular_velocity), other_spin=None,
             radius=radius, other_radius=jnp.zeros((), overlap.dtype),
-            effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
+            effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2, wall_spin=spin,
         )  # fmt: skip
-        return pair, self._load(self.wall_material(), pair, motion.wall_spring)
+        return pair, self._load(self.wall_material(), pair, spring)
+
+    def _wall_velocity(self, overlap: Array, normal: Vector) -> Vector:
+        """Velocity of the walls at the contacts, D arrays (S, 1), or (S, N) where walls move [m/s]."""
+        velocities = self.surroundings.wall_velocity
+        if not self.surroundings.placements:
+            return tuple(jnp.stack(components)[:, None] for components in zip(*velocities, strict=True))
+        sides, placed_surfaces = len(self.model.sides), self.surroundings.placements
+        # In the middle of the overlap, where the force acts; of a particle that does not touch, at its surface.
+        arm = 0.5 * jnp.maximum(overlap, 0.0) - _row(self.properties.radius)
+        rows = []
+        for number, velocity in enumerate(velocities):
+            placed = placed_surfaces[number - sides] if number >= sides else None
+            own = tuple(velocity[k] for k in range(velocity.shape[0]))
+            if placed is not None:
+                moved = placed.velocity_at(
+                    tuple(x + arm[number] * n[number] for x, n in zip(self.motion.position, normal, strict=True))
+                )
+                own = vectors.add(own, moved)
+            rows.append(tuple(jnp.broadcast_to(x, overlap.shape[1:]) for x in own))
+        return tuple(jnp.stack(components) for components in zip(*rows, strict=True))
+
+    def _wall_spin(self) -> Vector | None:
+        """Angular velocity of the walls, A arrays (S, 1); None where none turns [rad/s]."""
+        placed_surfaces = self.surroundings.placements
+        if all(placed is None or placed.angular_velocity is None for placed in placed_surfaces):
+            return None
+        still = jnp.zeros_like(self.motion.angular_velocity[0], shape=len(self.motion.angular_velocity))
+        given = [None if placed is None else placed.angular_velocity for placed in placed_surfaces]
+        rows = [still] * len(self.model.sides) + [still if spin is None else spin for spin in given]
+        return tuple(column[:, None] for column in jnp.stack(rows).T)
+
+    def _turned_with_walls(self, springs: Vector, spin: Vector) -> Vector:
+        """Springs turned with the walls since the step before: a grain that turns with a wall strains none.
+
+        In 2-D a spring is a number along the contact line and turns by itself.
+        """
+        if len(self.motion.position) == 2:
+            return springs
+        turned: Vector = ()
+        vector_parts = len(springs) - self.model.memory  # the others are scalars
+        for first in range(0, vector_parts, 3):
+            turned = (*turned, *tangent.turned_by(springs[first : first + 3], vectors.scale(self.time_step, spin)))
+        return (*turned, *springs[vector_parts:])
 
     def wall_material(self) -> ContactMaterial:
         """Numbers of the contacts with the walls."""
@@ -326,9 +388,29 @@ class _Loop:
             own = jax.tree.map(lambda x, k=k: x[k : k + 1] if x.ndim == 2 and len(x) > 1 else x, (pair, load))
             force, torque, _ = _on_bodies(own[1], own[0])
             turning = vectors.add(vectors.moment(_rows(self.motion.position), force), torque)
-            of_walls.append(WallLoads(vectors.scale(-1.0, force), vectors.scale(-1.0, turning)))
+            force, turning = vectors.scale(-1.0, force), vectors.scale(-1.0, turning)
+            of_walls.append(WallLoads(force, turning, self._power(k, force, turning), self._mass(own[0])))
         loads: WallLoads = jax.tree.map(lambda *rows: jnp.concatenate(rows), *of_walls)
         return loads
+
+    def _power(self, wall: int, force: Vector, torque: Vector) -> Vector:
+        """Power (1, N) of loads about the origin at the velocity of a wall."""
+        placed_surfaces, sides = self.surroundings.placements, len(self.model.sides)
+        velocity = self.surroundings.wall_velocity[wall]
+        at_origin = tuple(velocity[k] for k in range(velocity.shape[0]))
+        placed = placed_surfaces[wall - sides] if placed_surfaces and wall >= sides else None
+        if placed is None:
+            return (vectors.dot(at_origin, force),)
+        at_origin = vectors.add(at_origin, placed.velocity_at((jnp.zeros((), velocity.dtype),) * len(force)))
+        power = vectors.dot(at_origin, force)
+        if placed.angular_velocity is not None:
+            power = power + vectors.dot(tuple(placed.angular_velocity), torque)
+        return (power,)
+
+    def _mass(self, pair: _ContactPair) -> Vector:
+        """Mass (1, N) of the particles that touch a wall."""
+        mass = jnp.broadcast_to(_row(self.properties.mass), pair.overlap.shape)
+        return (jnp.where(pair.overlap > 0, mass, 0.0),)
 
     def _wall_geometry(self) -> tuple[Array, Vector]:
         """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""
@@ -339,7 +421,8 @@ class _Loop:
             overlaps.append(jnp.stack(depths))
             normals.append(walls.wall_normals(model.sides, overlaps[0].dtype, len(motion.position)))
         if model.surfaces:
-            overlap, normal = surface_contacts(model.surfaces, motion.position, motion.low, radius)
+            placed = self.surroundings.placements
+            overlap, normal = surface_contacts(model.surfaces, motion.position, motion.low, radius, placed)
             overlaps.append(overlap)
             normals.append(normal)
         if len(overlaps) == 1:
@@ -372,6 +455,8 @@ class _Loop:
         sharing: Array | float = 1.0
         if pair.other_spin is None:
             sharing = jnp.maximum(jnp.sum(touching, axis=0, dtype=overlap.dtype), 1.0)[None]
+            if pair.wall_spin is not None:
+                relative_spin = vectors.subtract(relative_spin, pair.wall_spin)
         else:
             other = vectors.scale(pair.other_radius - 0.5 * overlap, pair.other_spin)
             spin, relative_spin = (

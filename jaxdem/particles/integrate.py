@@ -11,6 +11,7 @@ from jax import Array
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.moving_walls import PistonState
 
 
 class ParticleState(NamedTuple):
@@ -35,6 +36,7 @@ class ParticleState(NamedTuple):
         identity: (N,) int32, which particles the rows of a slab are, -1 for none; None on one device, where row i is
             particle i.
         liquid: (N,) film of every particle, which is in no bridge; None without capillary bridges [m3].
+        pistons: where the walls are that a force holds; None without.
     """
 
     position: Array
@@ -50,6 +52,7 @@ class ParticleState(NamedTuple):
     inserted: Array | None = None
     identity: Array | None = None
     liquid: Array | None = None
+    pistons: PistonState | None = None
 
 
 class Motion(NamedTuple):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
 from jaxdem.errors import required
@@ -19,6 +20,7 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.forces import Surroundings, WallLoads, contact_forces
 from jaxdem.particles.ghosts import NEVER, Division
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
+from jaxdem.particles.moving_walls import PistonState, pushed
 from jaxdem.particles.neighbors import (
     Neighbors,
     NeighborSearch,
@@ -69,6 +71,7 @@ class _Carry(NamedTuple):
     step: Array
     walls: WallLoads | None
     slab: SlabCarry | None = None
+    pistons: PistonState | None = None
 
 
 class ContactMeans(NamedTuple):
@@ -155,9 +158,10 @@ def _advanced(
         expected = vectors.add_scaled(motion.velocity, 0.5 * time_step, acceleration)
         if division is not None and slab is not None:
             motion, expected, slab = refreshed(division, neighbors, motion, expected, slab)
-        sums, motion = contact_forces(
-            interval.model, surroundings, bodies, motion, neighbors, time_step, expected, active
-        )
+        pistons = None if carry.pistons is None else carry.pistons.drifted(0.5 * time_step)
+        elapsed = (carry.step + 0.5) * time_step if interval.model.motions else carry.step
+        around = surroundings.after(interval.model, elapsed, pistons)
+        sums, motion = contact_forces(interval.model, around, bodies, motion, neighbors, time_step, expected, active)
         acting = vectors.add(sums.force, force)
         torque = sums.torque if turning is None else vectors.add(sums.torque, turning)
         motion = kick(motion, acting, torque, bodies, time_step)
@@ -170,7 +174,9 @@ def _advanced(
         motion, number = drift(motion, 0.5 * time_step), carry.step + 1
         if division is not None and slab is not None:
             slab = with_own_due(division, interval.search, neighbors, motion, slab, (number, time_step))
-        return _Carry(motion, sums.force, impulse, collision, number, walls, slab)
+        if pistons is not None:
+            pistons = _pushed(interval.model, surroundings, pistons, elapsed, sums.walls, time_step)
+        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons)
 
     zero = jnp.zeros_like(force[0])
     carry = _Carry(
@@ -180,6 +186,7 @@ def _advanced(
         jnp.zeros((), zero.dtype),
         jnp.zeros((), jnp.int32),
         _no_loads(interval.model, zero, len(force)) if interval.model.measured else None,
+        pistons=state.pistons,
     )
     if division is not None:
         beginning = SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
@@ -192,6 +199,7 @@ def _advanced(
     carry, neighbors = loop(interval, step, time_step, carry, neighbors, active)
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
+    state = state._replace(pistons=carry.pistons)
     blocks = None if division is None else division.blocks
     present = count if active is None else jnp.maximum(total(blocks, jnp.sum(active)), 1)
     # Sums over the particles once an interval: in every contact step they would take a tenth of its time.
@@ -203,7 +211,23 @@ def _advanced(
 def _no_loads(model: ContactModel, like: Array, dimension: int) -> WallLoads:
     """Of the measured walls and all particles, none of which touch; `like` is a number of each particle."""
     blank = jnp.zeros((len(model.measured), *like.shape), like.dtype)
-    return WallLoads((blank,) * dimension, (blank,) * vectors.angular_size(dimension))
+    return WallLoads((blank,) * dimension, (blank,) * vectors.angular_size(dimension), (blank,), (blank,))
+
+
+def _pushed(
+    model: ContactModel,
+    surroundings: Surroundings,
+    state: PistonState,
+    elapsed: Array,
+    loads: WallLoads | None,
+    time_step: Array,
+) -> PistonState:
+    """The pistons after a contact step, under the loads (M, N) of the particles on their surfaces."""
+    found, motions = required(loads, "loads on the walls"), required(surroundings.motions, "motions of the walls")
+    on_walls = jnp.stack([jnp.sum(component, axis=1) for component in found.force], axis=1)
+    rows = [[model.measured.index(wall) for wall in piston.walls] for piston in model.pistons]
+    on_pistons = jnp.stack([jnp.sum(on_walls[np.asarray(row)], axis=0) for row in rows])
+    return pushed(model.pistons, motions, state, elapsed, on_pistons, time_step).drifted(0.5 * time_step)
 
 
 def _reversible_loop(

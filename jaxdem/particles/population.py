@@ -20,6 +20,7 @@ from jax import Array, lax
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.particles.inlet_regions import InletRegion
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
@@ -114,6 +115,7 @@ def renewed(
     neighbors: Neighbors,
     step: Array,
     present: Array | None = None,
+    placed: tuple[Placement | None, ...] = (),
 ) -> tuple[ParticleState, Neighbors]:
     """Particles and list at the end of an interval, after those who leave and those who come.
 
@@ -125,11 +127,12 @@ def renewed(
         neighbors: their list.
         step: () int32, number of intervals done with this one.
         present: (W,) bool, which of these walls there are from now on; None for all.
+        placed: where each of these walls is now; empty where all are at rest.
     """
     before = particles.active
     particles = _without_those_outside(population, particles)
     for number in range(len(population.inlets)):
-        insertion = _Insertion(population, number, contact.model.surfaces, neighbors.radius, present)
+        insertion = _Insertion(population, number, contact.model.surfaces, neighbors.radius, present, placed)
         particles = insertion.with_those_due(inlet_velocity[number], particles, step)
     search = contact.search
     if neighbors.room.slots == 0 or search is None:
@@ -180,6 +183,7 @@ class _Insertion:
         surfaces: walls beside the box; static.
         radius: () or (N,) of all particles [m].
         present: (W,) bool, which of these walls are there; None for all.
+        placed: where each of them is; empty where all are at rest.
     """
 
     population: Population
@@ -187,6 +191,7 @@ class _Insertion:
     surfaces: tuple[Surface, ...]
     radius: Array
     present: Array | None = None
+    placed: tuple[Placement | None, ...] = ()
 
     @property
     def inlet(self) -> Inlet:
@@ -253,7 +258,7 @@ class _Insertion:
         free = jnp.all((squared >= reach[None] ** 2) | ~active[None], axis=1)
         if self.surfaces:
             x = vectors.components(places)
-            overlap, _ = surface_contacts(self.surfaces, x, (None,) * len(x), own)
+            overlap, _ = surface_contacts(self.surfaces, x, (None,) * len(x), own, self.placed)
             clear = overlap <= -MARGIN * own
             free = free & jnp.all(clear if self.present is None else clear | ~self.present[:, None], axis=0)
         return free

@@ -12,7 +12,7 @@ computed from the position's leading part without cancellation: to 2e-11 m in a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import jax
@@ -22,6 +22,7 @@ from jax import Array
 
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low, Pair
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 
@@ -121,6 +122,28 @@ class DistanceFunction:
         return radius - self.distance(x)
 
 
+@static
+class MovedSurface:
+    """A surface x = R X + s away from where it was made, at rest there: where packs of particles may lie. In float32
+    its overlap is that of a position rounded to one float.
+
+    Attributes:
+        surface: in its own frame.
+        rotation: R, D rows of D numbers.
+        shift: s, D numbers [m].
+    """
+
+    surface: Surface
+    rotation: tuple[tuple[float, ...], ...]
+    shift: tuple[float, ...]
+
+    def overlap(self, x: Array, radius: Array) -> Array:
+        """See `Surface`."""
+        turn, shift = np.asarray(self.rotation), np.asarray(self.shift)
+        own = [_value(compensated.affine(x, column.tolist(), -float(column @ shift))) for column in turn.T]
+        return self.surface.overlap(jnp.stack(own), radius)
+
+
 def wedge(apex: tuple[float, ...], directions: tuple[tuple[float, ...], ...]) -> tuple[Plane, Plane]:
     """Two planes that meet, with the particles between them.
 
@@ -136,7 +159,11 @@ def wedge(apex: tuple[float, ...], directions: tuple[tuple[float, ...], ...]) ->
 
 
 def surface_contacts(
-    surfaces: tuple[Surface, ...], position: Vector, low: tuple[Low, ...], radius: Array
+    surfaces: tuple[Surface, ...],
+    position: Vector,
+    low: tuple[Low, ...],
+    radius: Array,
+    placements: Sequence[Placement | None] = (),
 ) -> tuple[Array, Vector]:
     """Overlap with all surfaces, and unit normals from them towards the particles.
 
@@ -148,28 +175,44 @@ def surface_contacts(
         position: D arrays (N,), leading part [m].
         low: D arrays (N,) or Nones, trailing part [m].
         radius: () or (N,) [m].
+        placements: of each surface, None for one at rest; empty where all are.
 
     Returns:
         overlap (S, N), negative for a gap [m]; normal, D arrays (S, N).
     """
     x = jnp.stack(position, axis=1)
-    sizes = None if radius.ndim == 0 else 0
-    overlaps, normals = [], []
-    for surface in surfaces:
-        value, slope = jax.vmap(jax.value_and_grad(surface.overlap), in_axes=(0, sizes))(x, radius)
-        direction = tuple(-slope[:, k] for k in range(len(position)))
-        squared = vectors.dot(direction, direction)
-        sloped = squared > 0
-        for component, trailing in zip(direction, low, strict=True):
-            if trailing is not None:
-                value = value - jnp.where(sloped, component * trailing, 0.0)
-        # Where there is no direction, as on the axis of a tube, nothing touches and any finite normal does. A
-        # contact without one gets a normal that is not a number, which stops the run.
-        usable = sloped | (value > 0)
-        inverse = 1.0 / jnp.sqrt(jnp.where(usable, squared, 1.0))
-        overlaps.append(value)
-        normals.append(tuple(jnp.where(usable, component, 0.0) * inverse for component in direction))
+    found = [
+        _contacts(surface, x, low, radius) if placed is None else _placed(surface, placed, position, low, radius)
+        for surface, placed in zip(surfaces, placements or (None,) * len(surfaces), strict=True)
+    ]
+    overlaps, normals = zip(*found, strict=True)
     return jnp.stack(overlaps), tuple(jnp.stack(component) for component in zip(*normals, strict=True))
+
+
+def _placed(
+    surface: Surface, placed: Placement, position: Vector, low: tuple[Low, ...], radius: Array
+) -> tuple[Array, Vector]:
+    """The same with one surface (N,) that has moved."""
+    own, own_low = placed.to_body(position, low)
+    overlap, normal = _contacts(surface, jnp.stack(own, axis=1), own_low, radius)
+    return overlap, placed.to_box(normal)
+
+
+def _contacts(surface: Surface, x: Array, low: tuple[Low, ...], radius: Array) -> tuple[Array, Vector]:
+    """Overlap (N,) and normals with one surface in its own frame, of leading parts x (N, D)."""
+    sizes = None if radius.ndim == 0 else 0
+    value, slope = jax.vmap(jax.value_and_grad(surface.overlap), in_axes=(0, sizes))(x, radius)
+    direction = tuple(-slope[:, k] for k in range(len(low)))
+    squared = vectors.dot(direction, direction)
+    sloped = squared > 0
+    for component, trailing in zip(direction, low, strict=True):
+        if trailing is not None:
+            value = value - jnp.where(sloped, component * trailing, 0.0)
+    # Where there is no direction, as on the axis of a tube, nothing touches and any finite normal does. A
+    # contact without one gets a normal that is not a number, which stops the run.
+    usable = sloped | (value > 0)
+    inverse = 1.0 / jnp.sqrt(jnp.where(usable, squared, 1.0))
+    return value, tuple(jnp.where(usable, component, 0.0) * inverse for component in direction)
 
 
 def _value(pair: Pair) -> Array:

@@ -50,3 +50,11 @@ def turned_into_plane(tangential: Vector, normal: Vector) -> Vector:
     stretched = after > 0
     ratio = jnp.where(stretched, before / jnp.where(stretched, after, 1.0), 1.0)
     return vectors.scale(jnp.sqrt(ratio), flat)
+
+
+def turned_by(vector: Vector, angle: Vector) -> Vector:
+    """A 3-D vector turned with a body, by a small angle about its axis: v + b cross (v + a cross v), with a half of the
+    angle and b = 2 a / (1 + a^2), keeps the length exactly and the angle to its third order (Cayley)."""
+    half = vectors.scale(0.5, angle)
+    double = vectors.scale(2.0 / (1.0 + vectors.dot(half, half)), half)
+    return vectors.add(vector, vectors.cross(double, vectors.add(vector, vectors.cross(half, vector))))

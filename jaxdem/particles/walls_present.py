@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.placement import Placement
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.forces import Surroundings, WallLoads
 from jaxdem.particles.integrate import ParticleState, split_low
@@ -75,7 +76,8 @@ def _loads(model: ContactModel, kept: tuple[int, ...], own: WallLoads | None, st
     """Loads on all walls: zero on those that are not there, NaN on those that are not measured."""
     if own is None:  # none that is measured is there
         blank = jnp.zeros(len(kept), state.velocity.dtype)
-        own = WallLoads((blank,) * state.velocity.shape[1], (blank,) * state.angular_velocity.shape[1])
+        sizes = (state.velocity.shape[1], state.angular_velocity.shape[1], 1, 1)
+        own = WallLoads(*((blank,) * size for size in sizes))
     known = np.isin(np.arange(model.walls), model.measured)
     return WallLoads(
         *(tuple(jnp.where(known, _of_all_walls(model, kept, x), jnp.nan) for x in vector) for vector in own)
@@ -88,7 +90,14 @@ def late_walls(model: ContactModel) -> tuple[int, ...]:
     return () if times is None else tuple(k for k, window in enumerate(times.windows) if window.begin > 0.0)
 
 
-def buried(model: ContactModel, particles: ParticleState, radius: Array, middle: Array, interval: Array) -> Array:
+def buried(
+    model: ContactModel,
+    particles: ParticleState,
+    radius: Array,
+    middle: Array,
+    interval: Array,
+    placed: tuple[Placement | None, ...] = (),
+) -> Array:
     """(L, N) bool, particles that each of the L `late_walls` overlaps by more than the maximum as it comes.
 
     Args:
@@ -97,13 +106,15 @@ def buried(model: ContactModel, particles: ParticleState, radius: Array, middle:
         radius: () or (N,) [m].
         middle: () of the interval [s].
         interval: () its length [s].
+        placed: of each surface at the start of the interval; empty where all are at rest.
     """
     late, times = late_walls(model), model.wall_times
     if times is None or not late:
         return jnp.zeros((0, particles.position.shape[0]), bool)
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
-    overlap, _ = surface_contacts(tuple(model.surfaces[k] for k in late), position, low, radius)
+    there = tuple(placed[k] for k in late) if placed else ()
+    overlap, _ = surface_contacts(tuple(model.surfaces[k] for k in late), position, low, radius, there)
     begin = jnp.asarray([times.windows[k].begin for k in late], middle.dtype)[:, None]
     comes = (begin <= middle) & (begin > middle - interval)
     # Not "deeper": an overlap that is not a number counts too.

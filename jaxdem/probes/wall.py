@@ -26,6 +26,7 @@ class WallProbe(Probe):
         about: point of the torque [m].
         turning: components of the torque that have a meaning.
         with_particles, with_fluid: what it measures.
+        moves: whether the wall moves, so that the forces on it have a power.
     """
 
     name: str
@@ -36,6 +37,7 @@ class WallProbe(Probe):
     turning: tuple[int, ...]
     with_particles: bool
     with_fluid: bool
+    moves: bool = False
     NUMBERS: ClassVar[tuple[str, ...]] = ("about",)
 
     def walls(self, structure: Structure) -> tuple[int, ...]:
@@ -51,6 +53,8 @@ class WallProbe(Probe):
         if self.with_particles:
             found += [Column(f"force_{axis}", "N") for axis in self.axes]
             found += [Column(self._torque(k), "N m") for k in self.turning]
+            found += [Column("power", "W")] if self.moves else []
+            found += [Column("mass_in_contact", "kg")]
         if self.with_fluid:
             found += [Column(f"fluid_force_{axis}", "N") for axis in self.axes]
             found += [Column(f"fluid_{self._torque(k)}", "N m") for k in self.turning]
@@ -63,6 +67,8 @@ class WallProbe(Probe):
             load = wall_load(interval.diagnostics, self.walls(structure), jnp.asarray(self.about))
             found |= {f"force_{axis}": load.force[k] for k, axis in enumerate(self.axes)}
             found |= {self._torque(k): load.torque[k] for k in self.turning}
+            found |= {"power": load.power} if self.moves else {}
+            found |= {"mass_in_contact": load.mass}
         if self.with_fluid and self.side is not None:
             force = fluid_force(interval.diagnostics, *self.side)
             torque = fluid_torque(interval.diagnostics, *self.side, jnp.asarray(self.about))

@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import Direction, NonNegative, Positive, Section, Vector, WallMaterialName, wrong
+from jaxdem.scene.base import Direction, NonNegative, Positive, Section, Tables, Vector, WallMaterialName, wrong
 from jaxdem.scene.domain import Box
+from jaxdem.scene.wall_motion import Piston, WallMotion, check_motion
 
 STRAIGHT = 1e-6
 """Two directions whose angle differs by less from 0 or a half turn are taken for one line [rad]."""
@@ -24,13 +25,14 @@ NEEDED = {
 }
 """Keys that each kind of wall must have, and what they are."""
 
-OF_ALL = ("name", "material", "begin", "end")
+OF_ALL = ("name", "material", "begin", "end", "motion", "piston")
 OPTIONAL = {"plane": OF_ALL, "cylinder": ("axis", "inside", *OF_ALL), "wedge": OF_ALL}
 """Keys that it may have."""
 
 
 class Wall(Section):
-    """A wall that does not move. It has the constants of the walls of the box, or its own material.
+    """A wall. It has the constants of the walls of the box, or its own material. It is at rest without `motion` and
+    `piston`.
 
     Attributes:
         name: by which a probe finds it, different for each. Default: it has its number alone.
@@ -51,6 +53,8 @@ class Wall(Section):
             from the start [s].
         end: time at which the wall vanishes, to the nearest coupling interval: a gate that is opened. Default: never
             [s].
+        motion: list of tables, how the wall moves; see `[[walls.motion]]`.
+        piston: the wall is held by a force; see `[walls.piston]`.
     """
 
     name: Annotated[str, Field(strict=True, min_length=1, max_length=100)] | None = None
@@ -66,6 +70,8 @@ class Wall(Section):
     material: WallMaterialName | None = None
     begin: NonNegative | None = None
     end: Positive | None = None
+    motion: Tables[WallMotion] | None = None
+    piston: Piston | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Wall:
@@ -85,6 +91,19 @@ class Wall(Section):
     def _begins_before_it_ends(self) -> Wall:
         if self.end is not None and self.end <= (self.begin or 0.0):
             raise wrong("end", self.end, f"must be after begin = {self.begin or 0.0} s", "raise end, or lower begin")
+        return self
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not at rest."""
+        return bool(self.motion) or self.piston is not None
+
+    @model_validator(mode="after")
+    def _piston_is_always_there(self) -> Wall:
+        if self.piston is not None and (self.begin is not None or self.end is not None):
+            key = "begin" if self.begin is not None else "end"
+            limit = "a piston is there all the time"
+            raise wrong(key, getattr(self, key), limit, "remove this key, or use stages with other walls")
         return self
 
     @model_validator(mode="after")
@@ -126,3 +145,5 @@ def check_walls(walls: tuple[Wall, ...], box: Box) -> None:
             axis = wall.axis or (0.0,) * len(box.size)
             across = [float(component == 0.0 or math.hypot(*axis) != abs(component)) for component in axis]
             box.check_same_along_periodic_axes(f"{key}.center", across)
+        for n, motion in enumerate(wall.motion or ()):
+            check_motion(f"{key}.motion.{n}", motion, box, wall.center)

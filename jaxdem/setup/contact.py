@@ -26,6 +26,7 @@ from jaxdem.setup.cohesion import cohesion_reach
 from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.wall_motion import surface_motions
 from jaxdem.setup.walls import scene_surfaces, wall_times
 from jaxdem.structure import TimeSteps
 
@@ -76,7 +77,10 @@ def contact_interval(
     if table is not None:
         index = MaterialIndex.of(bodies.material, table.of_walls(len(sides), len(surfaces)), table.pair)
     law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
-    model = ContactModel(law, _rolling(particles), sides, surfaces, index, times, cohesion=_cohesion(particles))
+    motions, pistons = surface_motions(particles.scene, len(extensions.get("walls", ())), len(sides))
+    measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
+    cohesion = _cohesion(particles)
+    model = ContactModel(law, _rolling(particles), sides, surfaces, index, times, measured, cohesion, motions, pistons)
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 
 

@@ -17,6 +17,7 @@ from jaxdem.setup.cohesion import attraction_time, pair_of
 from jaxdem.setup.contact_bodies import ContactBody, contact_bodies, effective
 from jaxdem.setup.contact_stability import contact_stability
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.wall_motion import fastest_wall
 
 ATTRACTION = 0.2
 """Automatic contact step over the time in which an attraction multiplies a speed, at most [-]."""
@@ -78,7 +79,8 @@ def contact_step(particles: ParticleSetup, boundary_speed: float) -> ContactStep
 
 
 def expected_speed(particles: ParticleSetup, boundary_speed: float) -> float:
-    """Largest speed to expect of particles [m/s]: boundary, initial velocities, a fall through the box."""
+    """Largest speed to expect of particles [m/s]: boundary, initial velocities, a fall through the box; and on top of
+    it that of the fastest wall that they may meet."""
     scene, contact, table = particles.scene, particles.contact, particles.table
     if contact.speed != "auto":
         return contact.speed
@@ -86,7 +88,8 @@ def expected_speed(particles: ParticleSetup, boundary_speed: float) -> float:
     fall = math.sqrt(2.0 * sum(g * length for g, length in zip(gravity, scene.domain.size, strict=True)))
     velocity = rows_of("particles.velocity", particles.given_velocity, scene.dimension, of_frame=True)
     fastest = 0.0 if velocity is None or len(velocity) == 0 else float(np.linalg.norm(velocity, axis=1).max())
-    return max(boundary_speed, fall, 2.0 * max(fastest, inlet_speed(table.inlet)), 1e-3)
+    slow = max(boundary_speed, fall, 2.0 * max(fastest, inlet_speed(table.inlet)), 1e-3)
+    return slow + fastest_wall(scene)
 
 
 def _meetings(bodies: Sequence[ContactBody]) -> list[tuple[ContactBody, ContactBody]]:

@@ -11,6 +11,7 @@ from jax import Array
 
 from jaxdem.errors import InputError
 from jaxdem.numerics import vectors
+from jaxdem.numerics.placement import Placement
 from jaxdem.particles import packing
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.surfaces import Surface, surface_contacts
@@ -122,6 +123,7 @@ def check_surfaces(
     particles: ParticleState,
     radius: Array,
     allowed: Overlap,
+    placed: tuple[Placement | None, ...] = (),
 ) -> None:
     """Refuses particles that overlap a wall beside the sides of the box, or lie behind it.
 
@@ -132,6 +134,7 @@ def check_surfaces(
         particles: at the start; those still to come are checked when they come.
         radius: () or (N,) [m].
         allowed: overlap at the start.
+        placed: where each of the walls is at the start; empty where all are at rest.
 
     Raises:
         InputError: naming the particle and the wall.
@@ -141,7 +144,7 @@ def check_surfaces(
     at, at_low = jax.device_get((particles.position, particles.position_low))
     position, low = vectors.components(at), split_low(at_low, at.shape[1])
     # As one program: operation by operation it takes seconds to compile.
-    overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius)
+    overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius, placed)
     depth = np.asarray(overlap) / (2.0 * np.asarray(radius))
     inside = ~(depth <= allowed.part)  # an overlap that is not a number too
     if present is not None:

@@ -15,6 +15,7 @@ from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import Parcels, ParticleProperties
 from jaxdem.particles.materials import CohesionParameters, ContactParameters, MaterialNumbers, SeveralMaterials
+from jaxdem.particles.moving_walls import Numbers
 from jaxdem.scene import Contact, Scene
 from jaxdem.setup.closures import subgrid_closure
 from jaxdem.setup.cohesion import largest_volume
@@ -22,6 +23,7 @@ from jaxdem.setup.drive import drive_parameters
 from jaxdem.setup.materials import MaterialTable
 from jaxdem.setup.parcels import share_of_sphere
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.wall_motion import motion_numbers, piston_numbers
 from jaxdem.state import Parameters
 
 Values = float | str | np.ndarray | Sequence[float | Sequence[float]] | None
@@ -80,7 +82,16 @@ def scene_parameters(
         closure=closure,
         inlet_velocity=() if particles is None else tuple(number(inlet.velocity) for inlet in particles.table.inlet),
         side_velocity=velocity if fluid is None and moving else (),
+        wall_motion=_wall_motion(scene, particles, number),
+        pistons=() if particles is None else piston_numbers(scene, number),
     )
+
+
+def _wall_motion(scene: Scene, particles: ParticleSetup | None, number: _Numbers) -> tuple[Numbers, ...]:
+    """Numbers of the motion of every wall; () where none moves, or nothing sees it."""
+    if particles is None or not any(wall.moves for wall in scene.walls):
+        return ()
+    return tuple(motion_numbers(wall, number) for wall in scene.walls)
 
 
 class _Numbers:

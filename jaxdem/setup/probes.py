@@ -124,13 +124,14 @@ def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
         wall = scene.walls[number]
         own = tuple(range(len(before), len(before) + len(surfaces_of(wall))))
         about = probe.about or wall.point or wall.center or wall.apex or ()
-        return WallProbe(probe.name, axes, None, own, about, turning, has[0], False)
+        return WallProbe(probe.name, axes, None, own, about, turning, has[0], False, wall.moves)
     name = probe.side or ""
     axis, upper = scene.box.normal_of(name)
     middle = [0.5 * length for length in scene.domain.size]
     middle[axis] = scene.domain.size[axis] if upper else 0.0
     about, has = probe.about or tuple(middle), measured_at(scene.boundary[name], *has)
-    return WallProbe(probe.name, axes, (axis, upper), (), about, turning, *has)
+    moves = scene.boundary[name].kind == "moving_wall"
+    return WallProbe(probe.name, axes, (axis, upper), (), about, turning, *has, moves)
 
 
 def with_measured_walls(simulation: Simulation, probes: tuple[ScheduledProbe, ...]) -> Simulation:

@@ -16,6 +16,7 @@ from jaxdem.failures import Failure, failures, first_meaning
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.contact_model import MaterialIndex
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
+from jaxdem.particles.moving_walls import HeldMotion, SurfaceMotion
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.walls import box_sides
 from jaxdem.setup.particles import ParticleSetup
@@ -62,7 +63,7 @@ def settled(
         model = required(dry.contact, "simulation.contact").model
         given = required(state.particles, "state.particles")
         walls = tuple(jnp.zeros((model.walls, len(given.position)), s.dtype) for s in given.wall_spring)
-        falling = State(given._replace(wall_spring=walls), None, state.step)
+        falling = State(given._replace(wall_spring=walls, pistons=None), None, state.step)
         done, energy, force = 0, math.inf, math.inf
         while not (energy < REST_ENERGY and force < REST_FORCE):
             if done * simulation.interval >= longest:
@@ -75,7 +76,8 @@ def settled(
         kept = [model.sides.index(side) for side in required(simulation.contact, "contact").model.sides]
         rows = np.asarray([*kept, *range(len(model.sides), model.walls)], int)
         rested = required(falling.particles, "particles")
-        rested = rested._replace(wall_spring=tuple(spring[rows] for spring in rested.wall_spring))
+        springs = tuple(spring[rows] for spring in rested.wall_spring)
+        rested = rested._replace(wall_spring=springs, pistons=given.pistons)
         return state._replace(particles=rested), dataclasses.replace(neighbors, builds=jnp.zeros_like(neighbors.builds))
 
     return settle
@@ -91,9 +93,22 @@ def _without_fluid(particles: ParticleSetup, simulation: Simulation) -> Simulati
         walls = table.of_walls(len(sides), len(model.surfaces))
         index = MaterialIndex.of(particles.bodies.material, walls, table.pair)
     times = None if model.wall_times is None else model.wall_times.held(0.5 * simulation.interval)
-    model = dataclasses.replace(model, sides=sides, materials=index, wall_times=times)
+    motions = tuple(None if one is None else _still(one) for one in model.motions)
+    model = dataclasses.replace(
+        model,
+        sides=sides,
+        materials=index,
+        wall_times=times,
+        motions=motions if any(motions) else (),
+        pistons=(),
+    )
     contact = dataclasses.replace(contact, model=model)
     return Simulation(**parts | {"contact": contact, "fluid": None, "coupling": None, "population": None})
+
+
+def _still(surface: SurfaceMotion) -> SurfaceMotion | None:
+    """A surface where it is at time 0, at rest; a piston is where the scene has it."""
+    return None if surface.motion is None else SurfaceMotion(HeldMotion(surface.motion, 0.0), surface.wall)
 
 
 def _at_rest_outside(simulation: Simulation, parameters: Parameters) -> Parameters:

@@ -16,6 +16,7 @@ from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
+from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
@@ -46,11 +47,14 @@ def first_state(
         allowed = allowed_overlap(particles)
         check_initial_positions(particles)
         state = _particles(particles, simulation.population, dtype)
+        if simulation.contact.model.pistons:
+            state = state._replace(pistons=_pistons(len(simulation.contact.model.pistons), dtype))
         model = simulation.contact.model
         times = model.wall_times
         middle = 0.5 * simulation.interval
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
-        check_surfaces(scene, model.surfaces, present, state, parameters.bodies.radius, allowed)
+        placed = simulation.placed(parameters, state, _full((), 0, np.int32)) if model.motions else ()
+        check_surfaces(scene, model.surfaces, present, state, parameters.bodies.radius, allowed, placed)
         room = simulation.room(state)
         state = _with_memory(scene, simulation, parameters.bodies.radius, state, room)
     fluid = None
@@ -117,6 +121,12 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
         active=None if population is None else on_device(np.arange(count) < present, bool),
         inserted=_full((len(inlets),), 0, np.int32) if inlets else None,
     )
+
+
+def _pistons(number: int, dtype: np.dtype[np.floating]) -> PistonState:
+    """All where the scene has them, at rest."""
+    zero = _full((number,), 0.0, dtype)
+    return PistonState(zero, None if dtype == np.float64 else zero, zero)
 
 
 def _with_memory(

@@ -27,7 +27,7 @@ Numbers = Mapping[str, Array]
 
 
 @static
-class Window:
+class ActiveTime:
     """When a part of a motion goes on; before and after, it stands still where it is then.
 
     Attributes:
@@ -126,16 +126,16 @@ class Translation:
     Attributes:
         direction: D numbers, a unit vector.
         course: of the distance along it [m].
-        window: when it goes on.
+        active: when it goes on.
     """
 
     direction: tuple[float, ...]
     course: Course
-    window: Window = Window()
+    active: ActiveTime = ActiveTime()
 
     def at(self, numbers: Numbers, time: Pair) -> Placement:
         """The placement at a time [s]."""
-        own, on = self.window.clock(time)
+        own, on = self.active.clock(time)
         way, rate = self.course.at(numbers, own)
         return at_rest(len(self.direction), way[0]).moved(way, self.direction, on * rate)
 
@@ -148,17 +148,17 @@ class Rotation:
         centre: a point of the axis, D numbers [m].
         axis: unit vector, three numbers; None in 2-D, where it turns from the first axis to the second.
         course: of the angle [rad].
-        window: when it goes on.
+        active: when it goes on.
     """
 
     centre: tuple[float, ...]
     axis: tuple[float, ...] | None
     course: Course
-    window: Window = Window()
+    active: ActiveTime = ActiveTime()
 
     def at(self, numbers: Numbers, time: Pair) -> Placement:
         """The placement at a time [s]: R = cos I + sin [a] + (1 - cos) a a^T, s = c - R c."""
-        own, on = self.window.clock(time)
+        own, on = self.active.clock(time)
         angle, rate = self.course.at(numbers, own)
         dtype, xp = angle[0].dtype, namespace(angle[0])
         sine, cosine = pairs.sine_and_cosine(pairs.product(angle, pairs.pair_of(0.5 / math.pi, dtype)))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from jaxdem.numerics import pair_arithmetic as pairs
-from jaxdem.solids.motion import Oscillation, RigidMotion, Rotation, Table, Translation, Uniform, Window
+from jaxdem.solids.motion import ActiveTime, Oscillation, RigidMotion, Rotation, Table, Translation, Uniform
 
 AXIS = (1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0)
-SLIDE = Translation((0.0, 0.6, 0.8), Uniform(), Window(0.1, 5.0))
+SLIDE = Translation((0.0, 0.6, 0.8), Uniform(), ActiveTime(0.1, 5.0))
 SWING = Rotation((0.1, 0.2, 0.3), AXIS, Oscillation())
 TURN = Rotation((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), Table((0.0, 1.0, 2.0, 4.0)))
 SOLID = RigidMotion((SWING, SLIDE, TURN))
@@ -89,7 +89,7 @@ def test_courses():
     table, values = Table((1.0, 2.0, 4.0)), {"values": np.array([0.5, 1.5, -0.5])}
     times = (0.5, 1.5, 3.0, 4.5)
     np.testing.assert_allclose([at(table, values, t) for t in times], [(0.5, 0), (1, 1), (0.5, -1), (-0.5, 0)])
-    placed = Translation((1.0, 0.0), Uniform(), Window(1.0, 3.0))
+    placed = Translation((1.0, 0.0), Uniform(), ActiveTime(1.0, 3.0))
     for time, way, speed in ((0.5, 0.0, 0.0), (2.0, 0.7, 0.7), (5.0, 1.4, 0.0)):
         found = placed.at({"rate": jnp.asarray(0.7)}, (jnp.asarray(time), None))
         np.testing.assert_allclose([found.shift[0], found.velocity[0]], [way, speed], atol=1e-15)

@@ -1,0 +1,172 @@
+"""How the walls of a scene move: static motions, their numbers, and the refusal of walls that are too fast. Host."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jax import Array
+
+from jaxdem.errors import InputError, required
+from jaxdem.numerics.placement import Placement
+from jaxdem.particles.moving_walls import Piston, PistonNumbers, SurfaceMotion
+from jaxdem.scene import Scene
+from jaxdem.scene.wall_motion import WallMotion
+from jaxdem.scene.walls import Wall
+from jaxdem.setup.walls import surfaces_of
+from jaxdem.solids.motion import (
+    ActiveTime,
+    Course,
+    Oscillation,
+    RigidMotion,
+    Rotation,
+    Table,
+    Translation,
+    Uniform,
+)
+
+Values = float | str | np.ndarray | Sequence[float | Sequence[float]] | None
+"""What a key of a scene may hold."""
+
+SAMPLES = 800
+"""Times at which the speed of a wall is looked at; at phases spread by the golden ratio, so that no frequency of a
+motion is missed."""
+
+LARGEST_WAY = 0.1
+"""Way of a wall in a contact step, over the radius of the smallest particle, above which it is refused [-]. A grain
+that a wall meets at this speed overlaps it by more in one step than a contact should in all."""
+
+
+def rigid_motion(wall: Wall) -> RigidMotion | None:
+    """The given motion of a wall; None where there is none."""
+    return RigidMotion(tuple(_part(wall, motion) for motion in wall.motion)) if wall.motion else None
+
+
+def motion_numbers(wall: Wall, number: Callable[[Values], Array]) -> tuple[dict[str, Array], ...]:
+    """The numbers of its parts, each made by `number`."""
+    return tuple({name: number(value) for name, value in _numbers(motion).items()} for motion in wall.motion or ())
+
+
+def piston_numbers(scene: Scene, number: Callable[[Values], Array]) -> tuple[PistonNumbers, ...]:
+    """The numbers of the pistons of a scene."""
+    pistons = [wall.piston for wall in scene.walls if wall.piston is not None]
+    return tuple(PistonNumbers(number(one.force), number(one.mass), number(one.damping)) for one in pistons)
+
+
+def surface_motions(
+    scene: Scene, functions: int, sides: int
+) -> tuple[tuple[SurfaceMotion | None, ...], tuple[Piston, ...]]:
+    """How each surface moves, () where all are at rest; and the pistons.
+
+    Args:
+        scene: the scene.
+        functions: number of walls given as functions, which are at rest.
+        sides: number of walls that are sides of the box.
+    """
+    found: list[SurfaceMotion | None] = []
+    pistons: list[Piston] = []
+    for number, wall in enumerate(scene.walls):
+        count, motion = len(surfaces_of(wall)), rigid_motion(wall)
+        entry = None if motion is None else SurfaceMotion(motion, number)
+        if wall.piston is not None:
+            direction = _unit(wall.piston.direction)
+            entry = SurfaceMotion(motion, number, len(pistons), direction)
+            own = tuple(sides + len(found) + k for k in range(count))
+            pistons.append(Piston(direction, own, wall.piston.force_times))
+        found += [entry] * count
+    found += [None] * functions
+    return (tuple(found) if any(found) else ()), tuple(pistons)
+
+
+def placements_at(scene: Scene, time: float) -> tuple[Placement | None, ...]:
+    """Where the walls of a scene have moved at a time by their given motions, in float64; None for those at rest."""
+    return tuple(
+        None if motion is None else motion.at(motion_numbers(wall, _double), (_double(time), None))
+        for wall, motion in ((wall, rigid_motion(wall)) for wall in scene.walls)
+    )
+
+
+def wall_speed(scene: Scene, wall: Wall) -> float:
+    """The largest speed of a given motion in the box during the run [m/s]."""
+    return _speed(wall, scene.domain.size, scene.time.end) if wall.motion else 0.0
+
+
+@functools.lru_cache(maxsize=64)
+def _speed(wall: Wall, box: tuple[float, ...], end: float) -> float:
+    motion, numbers = required(rigid_motion(wall), "motion"), motion_numbers(wall, _double)
+    golden = (math.sqrt(5.0) - 1.0) / 2.0
+    times = [0.0, end, *(end * np.modf(golden * np.arange(1.0, SAMPLES))[0])]
+    for part in motion.parts:
+        changes = [part.active.begin, part.active.end]
+        if isinstance(part.course, Table):
+            changes += [part.active.begin + time for time in part.course.times]
+        times += [time * (1.0 + 1e-12) for time in changes if time < end]
+    corners = np.asarray(np.meshgrid(*[(0.0, length) for length in box])).reshape(len(box), -1)
+    fastest = 0.0
+    for time in times:
+        velocity = motion.at(numbers, (_double(time), None)).velocity_at(tuple(corners))  # type: ignore[arg-type]
+        fastest = max(fastest, float(np.sqrt(np.max(sum(np.square(component) for component in velocity)))))
+    return fastest
+
+
+def fastest_wall(scene: Scene) -> float:
+    """The largest speed of a wall of the scene in the box [m/s]; of pistons only their given motion."""
+    return max((wall_speed(scene, wall) for wall in scene.walls), default=0.0)
+
+
+def check_way(scene: Scene, contact_step: float, radius: float) -> None:
+    """Refuses walls that would jump into grains within a contact step.
+
+    Args:
+        scene: the scene.
+        contact_step: [s].
+        radius: of the smallest particle [m].
+
+    Raises:
+        InputError: naming the motion and the step that works.
+    """
+    for k, wall in enumerate(scene.walls):
+        speed = wall_speed(scene, wall)
+        if speed * contact_step > LARGEST_WAY * radius:
+            longest = LARGEST_WAY * radius / speed
+            raise InputError(
+                f"walls.{k}.motion",
+                f"{speed:.3g} m/s",
+                f"the wall moves {speed * contact_step / radius:.3g} radii of the smallest particle in a contact step "
+                f"of {contact_step:.3g} s and would jump into grains, the limit is {LARGEST_WAY:g}",
+                f"set contact.time_step = {0.99 * longest:.3g} or less, or slow the wall down",
+            )
+
+
+def _part(wall: Wall, motion: WallMotion) -> Translation | Rotation:
+    active = ActiveTime(motion.begin or 0.0, math.inf if motion.end is None else motion.end)
+    if not motion.turns:
+        direction = motion.velocity or motion.direction or ()
+        return Translation(_unit(direction), _course(motion), active)
+    axis = motion.axis or wall.axis
+    return Rotation(motion.center or wall.center or (), None if axis is None else _unit(axis), _course(motion), active)
+
+
+def _course(motion: WallMotion) -> Course:
+    if motion.kind == "oscillation":
+        return Oscillation()
+    return Table(required(motion.times, "times")) if motion.kind == "table" else Uniform()
+
+
+def _numbers(motion: WallMotion) -> dict[str, Values]:
+    if motion.kind == "oscillation":
+        return {"amplitude": motion.amplitude, "frequency": motion.frequency, "phase": motion.phase or 0.0}
+    if motion.kind == "table":
+        return {"values": motion.angle if motion.turns else motion.displacement}
+    return {"rate": motion.rate if motion.velocity is None else math.hypot(*motion.velocity)}
+
+
+def _double(value: Values) -> Any:
+    return np.asarray(value, np.float64)[()]
+
+
+def _unit(vector: Sequence[float]) -> tuple[float, ...]:
+    return tuple((np.asarray(vector) / math.hypot(*vector)).tolist())
