@@ -40,6 +40,8 @@ def advance_fluid(
     time, fluid = simulation.time(parameters, state), required(state.fluid, "state.fluid")
     if simulation.coupling is not None:
         particles = required(state.particles, "state.particles")
+        bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)
+        parameters = parameters._replace(bodies=bodies)
         return simulation.coupling.advance(parameters.mixture, fluid, particles, time)
     fluid, report = simulation.fluid.advance(parameters.flow, fluid, time)
     return fluid, None, report, None

@@ -14,6 +14,7 @@ from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
 from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
 from jaxdem.devices.simulation import DividedSimulation
 from jaxdem.errors import required
+from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
 from jaxdem.numerics import vectors
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
@@ -26,10 +27,12 @@ def distributed(
     simulation: DividedSimulation,
     parameters: Parameters,
     state: State,
-    neighbors: Neighbors | Contacts,
+    neighbors: Neighbors | Contacts | None,
     room: SlabRoom | None = None,
-) -> tuple[State, Neighbors]:
-    """A state on one device, cut into slabs with equal numbers of particles, with new lists; not jittable.
+) -> tuple[State, Neighbors | None]:
+    """A state on one device, cut into slabs, with new lists; not jittable.
+
+    Without a fluid the slabs have equal numbers of particles, otherwise equal numbers of cells.
 
     Args:
         simulation: from `jaxdem.build(scene, devices=...)`.
@@ -38,37 +41,47 @@ def distributed(
         neighbors: the list that its contact springs belong to; or what the contacts keep, by identity.
         room: at least so much.
     """
-    particles = on_host(required(state.particles, "state.particles"))
-    division, search, number = simulation.division, simulation.search, simulation.blocks.number
-    if isinstance(neighbors, Contacts):
-        contacts = neighbors
-    else:
-        contacts = contacts_of_list(particles.contact_spring, on_host(neighbors))
-    present = _present(particles)
+    mesh, fluid, particles, lists = required(simulation.mesh, "mesh"), None, None, None
+    if state.fluid is not None and simulation.fluid is not None:
+        grid = simulation.fluid.solver.grid.whole
+        fluid = put(mesh, fluid_in_slabs(grid, simulation.slabs, on_host(state.fluid)))
+    if state.particles is not None and neighbors is not None:
+        rows = on_host(state.particles)
+        if not isinstance(neighbors, Contacts):
+            neighbors = contacts_of_list(rows.contact_spring, on_host(neighbors))
+        particles, lists = _particles(simulation, parameters, rows, neighbors, room)
+    return State(particles, fluid, put(mesh, on_host(state.step), SAME)), lists
+
+
+def _particles(
+    simulation: DividedSimulation,
+    parameters: Parameters,
+    particles: ParticleState,
+    contacts: Contacts,
+    room: SlabRoom | None,
+) -> tuple[ParticleState, Neighbors]:
+    division, search, number = simulation.division, simulation.search, simulation.slabs.number
+    present, dtype = _present(particles), particles.position.dtype
     inside = np.asarray(centres_in_box(_on_one(particles), simulation.box, simulation.periodic), float)[present]
-    planes = equal_planes(division, search, inside[:, division.blocks.axis])
+    along = inside[:, division.blocks.axis]
+    planes = division.length * np.arange(1, number) / number
+    if division.balanced:
+        planes = equal_planes(division, search, along)
     slab = np.zeros(len(particles.position), int)
-    slab[present] = slab_of(planes.astype(particles.position.dtype), inside[:, division.blocks.axis])
-    positions = tuple(particles.position.T)
-    listed = search.room(positions, None if particles.active is None else particles.active)
+    slab[present] = slab_of(planes.astype(dtype), along)
+    listed = search.room(tuple(particles.position.T), particles.active)
     wider = needed_room(division, search, inside, planes, listed)
-    room = wider if room is None else _covering(room, wider)
-    room = _for_contacts(room, contacts)
-    row = np.zeros_like(slab)
-    table = np.full((number, room.rows), -1, np.int32)
+    room = _for_contacts(wider if room is None else _covering(room, wider), contacts)
+    row, table = np.zeros_like(slab), np.full((number, room.rows), -1, np.int32)
     for k in range(number):
         own = present[slab[present] == k]
         table[k, : len(own)], row[own] = own, np.arange(len(own))
-    rows = _rows(particles, table)
-    shape = (number, room.listed.slots, room.rows)
-    history = History(*history_tables(contacts, slab, row, shape))
-    ghosts = _no_ghosts(planes.astype(particles.position.dtype), table, room)
+    history = History(*history_tables(contacts, slab, row, (number, room.listed.slots, room.rows)))
     mesh = required(simulation.mesh, "mesh")
+    rows, ghosts, history = put(mesh, (_rows(particles, table), _no_ghosts(planes.astype(dtype), table, room), history))
     listing = on_slabs(mesh, _first_list(simulation, room.listed), (SAME, SLABS, SLABS, SLABS), (SLABS, SLABS))
-    given = put(mesh, (rows, ghosts, history))
-    springs, new = jax.jit(listing)(put(mesh, parameters.bodies, SAME), *given)
-    rows = given[0]._replace(contact_spring=springs, inserted=None)
-    return State(rows, None, put(mesh, state.step, SAME)), new
+    springs, new = jax.jit(listing)(put(mesh, parameters.bodies, SAME), rows, ghosts, history)
+    return rows._replace(contact_spring=springs), new
 
 
 def _on_one(particles: ParticleState) -> ParticleState:
@@ -162,7 +175,7 @@ def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]
     return listing
 
 
-def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors) -> tuple[State, Contacts]:
+def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors | None) -> tuple[State, Contacts | None]:
     """A distributed state as one of arrays on the host, row i of particle i; every process must call it.
 
     Args:
@@ -172,10 +185,14 @@ def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors) 
     Returns:
         the state, without contact springs; rows of particles that are not present are zero. And what the contacts keep.
     """
-    rows: ParticleState = on_host(required(state.particles, "state.particles"))
-    lists = on_host(neighbors)
-    contacts = contacts_of_slabs(rows.contact_spring, lists)
-    return State(_by_identity(simulation, rows), None, on_host(state.step)), contacts
+    fluid, particles, contacts = None, None, None
+    if state.fluid is not None:
+        fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
+    if state.particles is not None and neighbors is not None:
+        rows: ParticleState = on_host(state.particles)
+        contacts = contacts_of_slabs(rows.contact_spring, on_host(neighbors))
+        particles = _by_identity(simulation, rows)
+    return State(particles, fluid, on_host(state.step)), contacts
 
 
 def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> ParticleState:
@@ -186,11 +203,11 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
 
     def of(values: Any, axis: int = 0) -> Any:
         chosen = np.moveaxis(values, axis + 1 if axis >= 0 else axis, 1)[there]
-        whole = np.zeros((simulation.particles, *chosen.shape[1:]), chosen.dtype)
+        whole = np.zeros((simulation.count, *chosen.shape[1:]), chosen.dtype)
         whole[number] = chosen
         return np.moveaxis(whole, 0, axis)
 
-    active: Any = np.zeros(simulation.particles, bool)
+    active: Any = np.zeros(simulation.count, bool)
     active[number] = True
     low, force = rows.position_low, rows.fluid_force
     return ParticleState(
@@ -229,7 +246,7 @@ def on_one_device(
 
 def enlarged(
     simulation: DividedSimulation, parameters: Parameters, state: State, neighbors: Neighbors, failed: Neighbors
-) -> tuple[State, Neighbors]:
+) -> tuple[State, Neighbors | None]:
     """The state before a step that had too little room, with more; not jittable.
 
     Args:

@@ -112,7 +112,7 @@ def needed_room(
         found = tree.query_ball_point(tree.data, search.reach, return_length=True, workers=-1) - 1.0
     # A pair across a border is half of the neighbours of either, and a whole one of both slabs.
     each = np.bincount(slab, weights=0.5 * found * (1 + near), minlength=number)
-    usual = USUAL_PAIRS[dimension] * (rows + ghosts)
+    usual = USUAL_PAIRS[dimension] * (IMBALANCE * counts.max() + most)
     pairs = max(math.ceil(EXTRA_PAIRS * each.max()), math.ceil(usual)) + 1
     listed = Room(max(room.slots, 1), pairs, room.cell)
     return SlabRoom(rows, ghosts, rows // TRAVELLERS + LEAST, listed)

@@ -10,19 +10,18 @@ import numpy as np
 from jax.sharding import Mesh
 
 from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, device_mesh, on_slabs
-from jaxdem.devices.refused import require_divisible
-from jaxdem.errors import InputError, required
+from jaxdem.devices.refused import chosen_blocks, require_divisible
+from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
 from jaxdem.particles.ghosts import Division
-from jaxdem.particles.migration import NARROWEST
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import step
 
 STRAY = 0.5
-"""How far particles without a fluid may be out of their slab at the end of an interval, over the largest diameter."""
+"""How far particles may be out of their slab at the end of an interval, over the largest diameter."""
 
 
 @static
@@ -33,21 +32,26 @@ class DividedSimulation(Simulation):
 
     Attributes:
         mesh: the devices.
-        particles: N, number of all particles that there ever are.
+        blocks: the slabs.
+        count: N, number of all particles that there ever are.
+        whole: the same simulation on one device.
     """
 
     mesh: Mesh | None = None
-    particles: int = 0
+    blocks: Blocks | None = None
+    count: int = 0
+    # Not a part of what is compiled.
+    whole: Simulation | None = dataclasses.field(default=None, compare=False)
+
+    @property
+    def slabs(self) -> Blocks:
+        """The slabs."""
+        return required(self.blocks, "blocks")
 
     @property
     def division(self) -> Division:
         """How the particles are divided."""
         return required(required(self.contact, "particles").division, "division of the particles")
-
-    @property
-    def blocks(self) -> Blocks:
-        """The slabs."""
-        return self.division.blocks
 
     def step(
         self, parameters: Parameters, state: State, neighbors: Neighbors | None
@@ -64,16 +68,14 @@ class DividedSimulation(Simulation):
 
     def undivided(self) -> Simulation:
         """The same simulation on one device."""
-        own = {field.name: getattr(self, field.name) for field in dataclasses.fields(Simulation)}
-        if self.contact is not None:
-            own["contact"] = dataclasses.replace(self.contact, division=None)
-        return Simulation(**own)
+        return required(self.whole, "whole")
 
 
 def divided(
     simulation: Simulation,
     devices: int | Sequence[jax.Device],
-    position: np.ndarray,
+    position: np.ndarray | None = None,
+    count: int | None = None,
     axis: int | None = None,
 ) -> DividedSimulation:
     """The simulation with its box cut into as many slabs as there are devices.
@@ -81,27 +83,27 @@ def divided(
     Args:
         simulation: from `jaxdem.build`.
         devices: how many, or which.
-        position: (N, D) of all particles at the start [m].
-        axis: that is cut; the one along which the particles reach farthest if None.
+        position: (M, D) of the particles that there are at the start [m]; None for none.
+        count: N, number of all that there ever are; M if None.
+        axis: that is cut. If None the one along which the particles reach farthest, or the box in a scene with a fluid,
+            among those whose cells are a multiple of the number of devices.
 
     Raises:
         InputError: there are not so many devices, the slabs would be too narrow, or something in the scene does not
             work on several devices.
     """
     mesh = device_mesh(devices)
-    number = mesh.devices.size
     require_divisible(simulation)
-    contact, search = required(simulation.contact, "particles"), simulation.search
-    if axis is None:
-        extent = np.ptp(position, axis=0) if len(position) > 1 else np.asarray(simulation.box)
-        axis = int(np.argmax(extent))
-    blocks = Blocks(number, axis, simulation.periodic[axis])
-    most = int(simulation.box[axis] / (NARROWEST * search.reach))
-    if number > max(most, 1):
-        limit = f"along the cut axis the box is wide enough for {max(most, 1)} slabs"
-        remedy = f"use {max(most, 1)} devices, or a box that is longer along axis {axis}"
-        raise InputError("devices", number, limit, remedy)
-    division = Division(blocks, simulation.box[axis], STRAY, balanced=True)
+    blocks = chosen_blocks(simulation, mesh.devices.size, position, axis)
     own = {field.name: getattr(simulation, field.name) for field in dataclasses.fields(Simulation)}
-    own["contact"] = dataclasses.replace(contact, division=division)
-    return DividedSimulation(**own, mesh=mesh, particles=len(position))
+    if simulation.contact is not None:
+        division = Division(blocks, simulation.box[blocks.axis], STRAY, balanced=simulation.fluid is None)
+        own["contact"] = dataclasses.replace(simulation.contact, division=division)
+    if simulation.fluid is not None:
+        drift = 0.0 if simulation.contact is None else STRAY * simulation.search.geometry.cutoff
+        own["fluid"] = simulation.fluid.in_blocks(blocks, drift)
+        if simulation.coupling is not None:
+            own["coupling"] = simulation.coupling.in_blocks(blocks, drift)
+    if count is None:
+        count = 0 if position is None else len(position)
+    return DividedSimulation(**own, mesh=mesh, blocks=blocks, count=count, whole=simulation)

@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.devices import DividedSimulation, distributed, divided
-from jaxdem.errors import InputError, required
+from jaxdem.errors import InputError
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import ScheduledProbe
 from jaxdem.scene import Scene
@@ -151,8 +151,9 @@ def build(
     case = build_case(scene, closure, **extensions)
     if devices is None:
         return case.simulation, case.parameters
-    position = np.zeros((0, scene.dimension)) if case.particles is None else case.particles.position
-    return divided(case.simulation, devices, position), case.parameters
+    particles = case.particles
+    given = (None, 0) if particles is None else (particles.position, particles.total)
+    return divided(case.simulation, devices, *given), case.parameters
 
 
 def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[State, Neighbors | None]:
@@ -169,7 +170,7 @@ def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) 
     start = read_start(scene)
     if isinstance(simulation, DividedSimulation):
         whole = initial_state(scene, simulation.undivided(), parameters)
-        return distributed(simulation, parameters, whole[0], required(whole[1], "neighbors"))
+        return distributed(simulation, parameters, *whole)
     return Case(scene, _particles(scene, start), simulation, parameters, start=start).initial_state()
 
 
