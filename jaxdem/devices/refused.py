@@ -53,7 +53,7 @@ def chosen_blocks(simulation: Simulation, number: int, position: np.ndarray | No
             raise InputError("fluid.cells", cells, limit, f"use {' or '.join(map(str, near))} there, or other devices")
         order = even
         if position is not None and len(position):  # the slabs have equal numbers of cells
-            order = sorted(even, key=lambda a: _fullest(position[:, a], box[a], number))
+            order = sorted(even, key=lambda a: _fullest(position[:, a], float(box[a]), number))
     chosen = order[0]
     least = _least_width(simulation, chosen)
     most = max(1, int(box[chosen] / least)) if least else number
