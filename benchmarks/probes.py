@@ -2,9 +2,10 @@
 
     taskset -c 0 python benchmarks/probes.py [--pairs 60] [--only WORD ...]
 
-A scene without probes, and the same scene with one probe, as the programs that runs use, in one process and in turns,
-from the same state. The cost is the processor time of the one over that of the other, less 1, per pair. It has the
-lines of the file too: one an output, that is every 5 intervals, or one an interval where the name says so.
+A scene without probes, and the same scene with one probe, as runs in one process, in turns: an output of the one, an
+output of the other. The cost is the processor time of the one over that of the other, less 1, per pair. Both have what
+runs write: frames, history, and the lines of the probe, one an output, that is every 5 intervals, or one an interval
+where the name says so.
 """
 
 from __future__ import annotations
@@ -14,27 +15,30 @@ import statistics
 import sys
 import tempfile
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 import jaxdem
 from benchmarks import harness
-from jaxdem.io.probes import ProbeFiles
-from jaxdem.particles.neighbors import Neighbors
-from jaxdem.run.chunk import CHUNK, Chunk, ChunkProgram
-from jaxdem.run.observer import Observer, columns_of
+from jaxdem.io import RunDirectory
+from jaxdem.run.observer import columns_of
+from jaxdem.run.time_loop import TimeLoop
 from jaxdem.setup.builder import build_case
-from jaxdem.state import State
 
 SCENE = Path(__file__).parents[1] / "scenes" / "injection_demo.toml"
 """1,500 grains in 2-D, in a fluid of 40 x 20 cells."""
 
-INTERVALS = 5
-"""Of a timed call: those of an output."""
+END = 1000.0
+"""Of the runs, which do not get there [s]."""
+
+BEGIN = 20
+"""Outputs before the first that is timed, so that there are contacts and a flow."""
+
+OUTPUTS = 10
+"""Outputs after which both go back to that time: so all probes are measured on the same stretch."""
 
 
 def probes(size: tuple[float, ...]) -> dict[str, dict[str, Any]]:
@@ -56,43 +60,28 @@ def probes(size: tuple[float, ...]) -> dict[str, dict[str, Any]]:
 
 
 class Contender:
-    """A program, what it starts from, and what the host does with its rows."""
+    """A run, with what it writes."""
 
     def __init__(self, scene: jaxdem.Scene, folder: Path) -> None:
-        self._case = build_case(scene)
-        self._state, self._neighbors = self._case.initial_state()
-        self._observer = Observer(self._case.probes)
-        self._observer.fit(self._state, self._neighbors, self._case.parameters.gravity.dtype)
-        folder.mkdir()
-        self._files = ProbeFiles(folder, columns_of(self._case.probes))
-        self._program = ChunkProgram(
-            self._case.simulation, self._case.parameters, self._state, self._neighbors, self._observer.watch
-        )
-        for _ in range(2):  # contacts, and a flow, to be timed with
-            chunk = self._call(self._state, self._neighbors, CHUNK)
-            self._state, self._neighbors = chunk.state, chunk.neighbors
-        self._first = int(self._state.step)
-
-    def _call(self, state: State, neighbors: Neighbors | None, count: int) -> Chunk:
-        return self._program(self._case.parameters, state, neighbors, count, self._observer.watch)
+        case = build_case(scene)
+        state, neighbors = case.initial_state()
+        directory = RunDirectory.create(folder, scene.to_toml(), None, columns_of(case.probes))
+        self._loop = TimeLoop(case, directory, state, neighbors, sample_every=0)
+        self._loop.begin()
+        for _ in range(BEGIN):
+            self.seconds()
+        self._from = self._loop.state, self._loop.neighbors
 
     def seconds(self) -> float:
-        """Processor time of `INTERVALS`, from the program to the lines on the disk."""
+        """Processor time from one output to the next, with all that is written."""
         begin = time.process_time()
-        state, neighbors, done = self._state, self._neighbors, 0
-        while done < INTERVALS:
-            stop = self._observer.next_stop(self._first + done)
-            count = INTERVALS - done if stop is None else min(INTERVALS - done, stop - self._first - done)
-            chunk = self._call(state, neighbors, count)
-            state, neighbors, done = chunk.state, chunk.neighbors, done + count
-            if chunk.probed is not None:
-                self._observer.take(chunk.probed, float)
-        self._observer.write(self, 0.0)
+        while not self._loop.advance():
+            pass
         return time.process_time() - begin
 
-    def write_probe(self, name: str, _: float, table: np.ndarray) -> None:
-        """As `RunDirectory` has it."""
-        self._files.append(name, table)
+    def go_back(self) -> None:
+        """To the state after `BEGIN` outputs."""
+        self._loop.state, self._loop.neighbors = self._from
 
 
 def main() -> None:
@@ -101,7 +90,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=60)
     parser.add_argument("--only", nargs="*", default=[])
     given = parser.parse_args()
-    plain = jaxdem.load_scene(SCENE)
+    plain = _scene({})
     interval = build_case(plain).simulation.interval
     result = {}
     lines = ["| probe | cost, median (middle half) | pairs |", "| --- | --- | --- |"]
@@ -111,14 +100,25 @@ def main() -> None:
             if given.only and not any(word in name for word in given.only):
                 continue
             keys |= {key: keys[key] * interval for key in ("sample_interval", "interval") if key in keys}
-            one = Contender(jaxdem.load_scene(SCENE, {"probes": [{"name": "probe", **keys}]}), Path(folder) / name)
-            ratios = [_ratio(without, one, begins=bool(k % 2)) - 1.0 for k in range(given.pairs)]
+            one = Contender(_scene({"probes": [{"name": "probe", **keys}]}), Path(folder) / name)
+            ratios = []
+            for k in range(given.pairs):
+                if k % OUTPUTS == 0:
+                    without.go_back()
+                    one.go_back()
+                ratios.append(_ratio(without, one, begins=bool(k % 2)) - 1.0)
             low, _, high = statistics.quantiles(ratios, n=4)
             result[name] = harness.spread(ratios) | {"lower_quartile": low, "upper_quartile": high}
             cost = f"{100.0 * statistics.median(ratios):.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
             lines.append(f"| {name} | {cost} | {given.pairs} |")
-            harness.save("probes", {"scene": SCENE.name, "intervals": INTERVALS, "cost": result}, "\n".join(lines))
+            harness.save("probes", {"scene": SCENE.name, "cost": result}, "\n".join(lines))
     print("\n".join(lines))
+
+
+def _scene(tables: dict[str, Any]) -> jaxdem.Scene:
+    """The scene with these tables, of runs that do not get to their end."""
+    times = tomllib.loads(SCENE.read_text())["time"]
+    return jaxdem.load_scene(SCENE, {"time": times | {"end": END}, **tables})
 
 
 def _ratio(without: Contender, one: Contender, begins: bool) -> float:

@@ -10,10 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.check.probe_rows import probe_cautions
+from jaxdem.cli.main import app
 from jaxdem.errors import InputError
 from jaxdem.io.outputs import refuse_what_is_read
 from jaxdem.probes.contacts import ContactsProbe
@@ -301,3 +303,19 @@ def test_check_counts_the_rows_of_a_run_that_begins_from_another(in_two):
     assert "measured in 9 of 30 coupling intervals" in dict(report.probes)["mean"]
     late = [text for text in report.warnings if text.startswith("probes.")]
     assert [text.split("at ")[1].split(" s")[0] for text in late] == ["0.48", "0.49", "0.44"]
+
+
+def test_each_run_of_a_sweep_has_its_probes(tmp_path):
+    """A grain that leaves to the right or goes back through the plane in the middle: one program, two runs."""
+    path, out = tmp_path / "scene.toml", tmp_path / "sweep"
+    tables = SHEET | {
+        "particles": {key: SHEET["particles"][key] for key in ("radius", "density", "position", "velocity")}
+    }
+    path.write_text(jaxdem.load_scene(tables).to_toml())
+    vary = "particles.velocity=[[1.0,0.0]],[[-1.0,0.0]]"
+    assert CliRunner().invoke(app, ["sweep", str(path), "--out", str(out), "--vary", vary]).exit_code == 0
+    with open(out / "sweep.csv", newline="") as file:
+        right, left = (jaxdem.load_run(out / row["run"]) for row in csv.DictReader(file))
+    numbers = [[int(run.probes[name]["number"].sum()) for name in ("middle", "end")] for run in (right, left)]
+    assert numbers == [[0, 1], [-1, 0]]
+    assert left.probes["middle"]["number"].tolist() == [0, -1, 0, 0, 0]  # 0.15 m at 1 m/s

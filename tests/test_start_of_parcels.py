@@ -87,7 +87,8 @@ def test_probes_go_on_over_a_start(runs):
 @pytest.fixture(scope="module")
 def larger(runs, tmp_path_factory):
     """Ten intervals of parcels of l = 3, made of those of l = 2."""
-    changes = {"particles.coarse_grain": 3.0, "probes": [], "time.end": 0.02}
+    each = SCENE["probes"][0] | {"name": "each", "interval": INTERVAL}
+    changes = {"particles.coarse_grain": 3.0, "probes": [SCENE["probes"][0], each], "time.end": 0.02}
     folder = tmp_path_factory.mktemp("larger")
     scene = later(runs[1], changes)
     path = folder / "scene.toml"
@@ -124,6 +125,21 @@ def test_merged_parcels_run_on(runs, larger):
     report = check_scene(scene)
     assert report.start["merged"]["parcels"] == number
     json.dumps(build_case(scene).start_figures)
+
+
+def test_sums_of_probes_do_not_go_on_over_a_merge(larger):
+    """A row is a mean since the merge: the third of an interval that was measured before it, of other particles, is
+    not in it. Of 27 grains each is a particle that is counted."""
+    run = larger[2]
+    plane, each = run.probes["plane"], run.probes["each"]
+    np.testing.assert_allclose(plane["time"], HALF + INTERVAL * np.array([2, 5, 8]), rtol=1e-12)
+    np.testing.assert_allclose(each["time"], HALF + INTERVAL * np.arange(1, 11), rtol=1e-12)
+    for name in ("fluid_volume_flow", "mass_flow", "momentum_flow_z"):
+        parts = [each[name][begin:end].mean() for begin, end in ((0, 2), (2, 5), (5, 8))]
+        np.testing.assert_allclose(plane[name], parts, rtol=1e-5, atol=1e-12)
+    assert np.abs(np.diff(each["fluid_volume_flow"])).min() > 1e-5 * np.abs(each["fluid_volume_flow"]).max()
+    mass = 27.0 * 4.0 / 3.0 * np.pi * RADIUS**3 * 2500.0
+    np.testing.assert_allclose(each["mass_flow"] * INTERVAL, mass * each["number"], rtol=1e-5)
 
 
 def test_a_merge_is_resumed_from_the_runs_own_folder(larger):

@@ -55,13 +55,18 @@ class ProbeFiles:
         """By name, number of lines that are safely on disk."""
         return {name: file.rows for name, file in self._files.items()}
 
-    def append(self, name: str, table: np.ndarray) -> None:
-        """Add lines (L, number of columns) to the file of a probe.
+    def append(self, name: str, leading: np.ndarray, table: np.ndarray) -> None:
+        """Add lines to the file of a probe.
+
+        Args:
+            name: of the probe.
+            leading: (L, P) float64, the first columns: time and places.
+            table: (L, C) the others, in the precision of the run.
 
         Raises:
             OSError: the disk refused; the file is then as it was.
         """
-        self._files[name].append_table(table)
+        self._files[name].append_table(leading, table)
 
     def cut(self, rows: Mapping[str, int]) -> None:
         """Keep so many lines of each."""
@@ -76,8 +81,8 @@ class ProbeFiles:
         with in_memory(PROBES_FILE) as file:
             for name, columns in self.columns.items():
                 table = read_columns(self._files[name].path, lambda _: True, "")
-                kind = [(column, np.float64) for column in table]
-                records = np.array(list(zip(*table.values(), strict=True)), dtype=kind)
+                lines = np.stack(list(table.values()), axis=1)
+                records = lines.view([(column, np.float64) for column in table])[:, 0]
                 dataset = store(file, name, records)
                 write_attributes(dataset, {"columns": list(table), "units": [unit for _, unit in columns]})
             content = image_of(file)

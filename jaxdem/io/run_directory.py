@@ -287,19 +287,19 @@ class RunDirectory:
             self._samples.write(index, sample_frame(time, arrays, self.sample_attributes))
         self.samples = index + 1
 
-    def write_probe(self, name: str, time: float, table: np.ndarray) -> None:
-        """Add lines (L, number of columns) to the file of a probe.
+    def write_probe(self, name: str, time: float, leading: np.ndarray, table: np.ndarray) -> None:
+        """Add lines to the file of a probe.
 
         Args:
             name: of the probe.
             time: simulated time [s], for messages.
-            table: the lines.
+            leading, table: see `ProbeFiles.append`.
 
         Raises:
             RunError: the disk refused; earlier lines are kept.
         """
         with self._run_errors(time):
-            self._probes.append(name, table)
+            self._probes.append(name, leading, table)
 
     def write_checkpoint(
         self, arrays: Arrays, attributes: Mapping[str, str | int | float], blocks: Arrays | None = None

@@ -61,6 +61,9 @@ class Probe(abc.ABC):
     name: str
     NUMBERS: ClassVar[tuple[str, ...]] = ()
     """Fields that are traced: floats, or tuples of them. Other numbers in them make no other program."""
+    SELECTS: ClassVar[bool] = False
+    """Whether only some rows of a measurement are `written`, all as they are at one time: nothing of them is averaged.
+    Such a probe has no `places`, and its `values` are what it measures."""
 
     @property
     @abc.abstractmethod
@@ -87,13 +90,13 @@ class Probe(abc.ABC):
         `values`."""
 
     def values(self, means: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """`columns` by name, (R,) each, from the means of `measured`, float64; on the host. NaN leaves a field
-        empty."""
+        """`columns` by name, a number each row, from the means of `measured`, float64; on the host. NaN leaves a field
+        empty. The rows are those of several times, or those of one that are `written`."""
         return means
 
-    def written(self, means: dict[str, np.ndarray]) -> np.ndarray | slice:
-        """Which of the R rows are written, in which order: all, or their numbers."""
-        return slice(None)
+    def written(self, means: dict[str, np.ndarray]) -> np.ndarray:
+        """Of a probe that `SELECTS`, numbers of the rows that are written, in their order."""
+        raise NotImplementedError
 
     def numbers(self, dtype: DTypeLike) -> dict[str, Array]:
         """The fields in `NUMBERS` that are not None, as arrays."""

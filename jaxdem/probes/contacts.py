@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from jax import Array
 
@@ -25,6 +27,7 @@ class ContactsProbe(Probe):
 
     name: str
     axes: str
+    SELECTS: ClassVar[bool] = True
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -60,6 +63,6 @@ class ContactsProbe(Probe):
         dtype = table.overlap.dtype
         return {name: column.astype(dtype) for name, column in columns_of(table, self.axes).items()}
 
-    def written(self, means: dict[str, np.ndarray]) -> np.ndarray | slice:
+    def written(self, means: dict[str, np.ndarray]) -> np.ndarray:
         """See `Probe`."""
         return touching_in_order(means)

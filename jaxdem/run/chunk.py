@@ -162,7 +162,7 @@ class ProfiledProgram:
         new, seen = State(particles, fluid, state.step + 1), None
         if watch is not None and self._probe is not None:
             interval = Interval(state, new, neighbors, diagnostics)
-            seen = self._probe(parameters, watch.probing, interval, nothing_yet(watch, self.most))
+            seen = self._probe(parameters, watch.probing, interval, nothing_yet(watch, new, neighbors, self.most))
         return Chunk(new, neighbors, diagnostics, records, code, jnp.int32(1), seen)
 
 
@@ -204,7 +204,8 @@ def advance(
             )
         return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1, seen)
 
-    start = Chunk(state, neighbors, blank, records, zero, zero, None if watch is None else nothing_yet(watch, CHUNK))
+    seen = None if watch is None else nothing_yet(watch, state, neighbors, CHUNK)
+    start = Chunk(state, neighbors, blank, records, zero, zero, seen)
     return lax.while_loop(lambda chunk: (chunk.done < count) & (chunk.code == 0), interval, start)
 
 

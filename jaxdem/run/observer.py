@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time as clock
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -13,10 +15,19 @@ from jax.typing import DTypeLike
 from jaxdem.errors import InputError
 from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.probes.base import ScheduledProbe
+from jaxdem.probes.base import Probe, ScheduledProbe
 from jaxdem.probes.wall import WallProbe
 from jaxdem.run.chunk import CHUNK
-from jaxdem.run.probing import Memory, Probed, Watch, empty_memory, probing_of, rows_held, unpacked
+from jaxdem.run.probing import (
+    Memory,
+    Probed,
+    Watch,
+    empty_memory,
+    measured_numbers,
+    probing_of,
+    rows_held,
+    unpacked,
+)
 from jaxdem.setup.builder import Case
 from jaxdem.setup.start_point import StartPoint, walls_of
 from jaxdem.state import State
@@ -25,7 +36,64 @@ PROBES = "probes"
 """Attribute of a checkpoint with `probe_marks`."""
 
 PENDING = 200_000
-"""Numbers that wait for the next output before they are written at once."""
+"""Most numbers that wait to be written together."""
+
+LONGEST = 1.0
+"""What has waited so long is written at the next output [s]: a few lines at a time take long for what they are."""
+
+
+class _Waiting(NamedTuple):
+    """What is still to be written of a probe.
+
+    Attributes:
+        times: (T,) of the rows; of a probe that `SELECTS` (L,) of the lines [s].
+        numbers: (T, K) what was measured; of such a probe (L, C) the lines.
+    """
+
+    times: np.ndarray
+    numbers: np.ndarray
+
+
+class _Sheet(NamedTuple):
+    """What the lines of a probe are made of.
+
+    Attributes:
+        probe: the probe.
+        columns: names of what it writes.
+        places: columns that never change, (R,) each.
+    """
+
+    probe: Probe
+    columns: tuple[str, ...]
+    places: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, probe: Probe) -> _Sheet:
+        """Of a probe."""
+        columns = tuple(column.name for column in probe.columns)
+        return cls(probe, columns, tuple(place for _, place in probe.places))
+
+    def kept(self, times: np.ndarray, numbers: np.ndarray) -> _Waiting:
+        """What is kept of (T, K) numbers that were measured at T times."""
+        if not self.probe.SELECTS:
+            return _Waiting(times, numbers)
+        tables = []
+        for one in numbers:
+            values = unpacked(self.probe, one[None])
+            written = self.probe.written(values)
+            tables.append(np.stack([values[name][written] for name in self.columns], axis=1))
+        return _Waiting(np.repeat(times, [len(table) for table in tables]), np.concatenate(tables))
+
+    def lines(self, waiting: _Waiting) -> tuple[np.ndarray, np.ndarray]:
+        """Time and places (L, P) of all lines, and the columns of the probe (L, C) in the precision of the run."""
+        times, numbers = waiting
+        if self.probe.SELECTS:
+            return times[:, None], numbers
+        means = {name: array.astype(np.float64) for name, array in unpacked(self.probe, numbers).items()}
+        values, places = self.probe.values(means), [np.tile(place, len(times)) for place in self.places]
+        columns = [values[name] for name in self.columns]
+        leading = [np.repeat(times, len(columns[0]) // len(times)), *places]
+        return np.stack(leading, axis=1), np.stack(columns, axis=1).astype(numbers.dtype)
 
 
 @dataclasses.dataclass
@@ -41,7 +109,10 @@ class Observer:
     watch: Watch | None = None
 
     def __post_init__(self) -> None:
-        self._pending: dict[str, list[np.ndarray]] = {one.probe.name: [] for one in self.scheduled}
+        self._pending: dict[str, list[_Waiting]] = {one.probe.name: [] for one in self.scheduled}
+        self._sheets = tuple(_Sheet.of(one.probe) for one in self.scheduled)
+        self._written = clock.monotonic()
+        self._single: tuple[bool, ...] = ()  # whether a chunk keeps one row of each
 
     def fit(self, state: State, neighbors: Neighbors | None, dtype: DTypeLike) -> None:
         """Makes the memories, or those anew whose shape is that of a neighbour list that has changed.
@@ -54,14 +125,16 @@ class Observer:
         fresh = tuple(empty_memory(one.probe, state, neighbors, dtype) for one in self.scheduled)
         kept = fresh if self.watch is None else self.watch.memory
         memory = tuple(a if _shapes(a) == _shapes(b) else b for a, b in zip(kept, fresh, strict=True))
+        numbers = (measured_numbers(one.probe, state, neighbors) for one in self.scheduled)
+        self._single = tuple(rows_held(count, CHUNK) < CHUNK for count in numbers)
         self.watch = Watch(probing, memory)
 
     def next_stop(self, step: int) -> int | None:
         """Number of intervals up to which a chunk may go: the next row of a probe of which it keeps one; None for
         all."""
         stops = []
-        for one, memory in zip(self.scheduled, () if self.watch is None else self.watch.memory, strict=False):
-            if rows_held(memory, CHUNK) < CHUNK:
+        for one, single in zip(self.scheduled, self._single, strict=True) if self.watch is not None else ():
+            if single:
                 plan = one.schedule
                 stops.append(plan.first + (max(step - plan.first, 0) // plan.every + 1) * plan.every)
         return min(stops, default=None)
@@ -76,14 +149,13 @@ class Observer:
         if self.watch is None:
             return
         self.watch = self.watch._replace(memory=probed.memory)
-        for one, rows in zip(self.scheduled, probed.rows, strict=True):
+        for sheet, rows in zip(self._sheets, probed.rows, strict=True):
             count = int(rows.number)
             if not count:
                 continue
             step, values = jax.device_get((rows.step, rows.values))
-            for k in range(count):
-                means = unpacked(one.probe, np.asarray(values[k], np.float64))
-                self._pending[one.probe.name].append(_table(one, time(int(step[k])), means))
+            times = np.array([time(int(each)) for each in step[:count]])
+            self._pending[sheet.probe.name].append(sheet.kept(times, values[:count]))
 
     def write(self, directory: RunDirectory, time: float, always: bool = True) -> None:
         """What waits goes into the files.
@@ -91,14 +163,18 @@ class Observer:
         Args:
             directory: of the run.
             time: simulated time [s].
-            always: also where it is little.
+            always: also where it is little, and has not waited for long.
         """
-        if not always and sum(table.size for tables in self._pending.values() for table in tables) < PENDING:
+        size = sum(one.numbers.size for waiting in self._pending.values() for one in waiting)
+        if not always and size < PENDING and clock.monotonic() - self._written < LONGEST:
             return
-        for name, tables in self._pending.items():
-            if tables:
-                directory.write_probe(name, time, np.concatenate(tables))
-                tables.clear()
+        self._written = clock.monotonic()
+        for sheet in self._sheets:
+            waiting = self._pending[sheet.probe.name]
+            if waiting:
+                together = _Waiting(*(np.concatenate(arrays) for arrays in zip(*waiting, strict=True)))
+                directory.write_probe(sheet.probe.name, time, *sheet.lines(together))
+                waiting.clear()
 
     def save(self) -> dict[str, np.ndarray]:
         """The memories as arrays of a checkpoint."""
@@ -170,14 +246,6 @@ def columns_of(scheduled: tuple[ScheduledProbe, ...]) -> dict[str, tuple[tuple[s
         columns = (*(column for column, _ in one.probe.places), *one.probe.columns)
         found[one.probe.name] = (("time", "s"), *((column.name, column.unit) for column in columns))
     return found
-
-
-def _table(one: ScheduledProbe, time: float, means: dict[str, np.ndarray]) -> np.ndarray:
-    """(R, number of columns) lines of the file."""
-    values, written = one.probe.values(means), one.probe.written(means)
-    columns = [place for _, place in one.probe.places] + [values[column.name] for column in one.probe.columns]
-    size = len(columns[0])
-    return np.stack([np.full(size, time), *columns], axis=1)[written]
 
 
 def _shapes(memory: Memory) -> list[tuple[int, ...]]:

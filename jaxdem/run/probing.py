@@ -21,7 +21,7 @@ from jaxdem.probes.base import Interval, Probe, ScheduledProbe
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
 
-MOST_HELD = 1 << 15
+MOST_HELD = 1 << 17
 """Numbers of the rows that a chunk keeps for each probe; of one with more it keeps one row, and the host looks at
 it."""
 
@@ -38,7 +38,8 @@ class Timing(NamedTuple):
 class Memory(NamedTuple):
     """What a probe has summed since its last row; part of a checkpoint.
 
-    All numbers of a measurement stand one behind the other, K of them: one operation for all, see `packed`.
+    All numbers of a measurement stand one behind the other, K of them: one operation for all, see `packed`. A probe
+    that `SELECTS` its rows has none here: it measures at the time of a row, and that is the row.
 
     Attributes:
         sums: (K,) leading part.
@@ -98,14 +99,19 @@ def probing_of(scheduled: tuple[ScheduledProbe, ...], dtype: DTypeLike) -> Probi
     return Probing(blank, tuple(one.probe.numbers(dtype) for one in scheduled), tuple(timing))
 
 
-def rows_held(memory: Memory, most: int) -> int:
-    """Number M of rows of the file that a chunk of up to `most` intervals keeps of a probe."""
-    return most if most * memory.sums.shape[0] <= MOST_HELD else 1
+def measured_numbers(probe: Probe, state: State, neighbors: Neighbors | None) -> int:
+    """Number K of numbers of a measurement."""
+    return probe.rows(state, neighbors) * sum(math.prod(column.shape) for column in probe.measured)
+
+
+def rows_held(numbers: int, most: int) -> int:
+    """Number M of rows, of so many numbers each, that a chunk of up to `most` intervals keeps of a probe."""
+    return most if most * numbers <= MOST_HELD else 1
 
 
 def empty_memory(probe: Probe, state: State, neighbors: Neighbors | None, dtype: DTypeLike) -> Memory:
     """The memory of a probe that has measured nothing; made on the host."""
-    numbers = probe.rows(state, neighbors) * sum(math.prod(column.shape) for column in probe.measured)
+    numbers = 0 if probe.SELECTS else measured_numbers(probe, state, neighbors)
     blank = on_device(np.zeros(numbers), dtype)
     return Memory(blank, None if np.dtype(dtype) == np.float64 else blank, on_device(0, np.int32))
 
@@ -116,22 +122,24 @@ def packed(probe: Probe, measured: dict[str, Array]) -> Array:
 
 
 def unpacked(probe: Probe, numbers: np.ndarray) -> dict[str, np.ndarray]:
-    """The inverse of `packed`, on the host."""
-    sizes = [math.prod(column.shape) for column in probe.measured]
-    rows = len(numbers) // sum(sizes)
-    parts = np.split(numbers, np.cumsum([rows * size for size in sizes])[:-1])
-    return {column.name: part.reshape(rows, *column.shape) for column, part in zip(probe.measured, parts, strict=True)}
+    """The inverse of `packed`, on the host: (T R, *shape) of (T, K) numbers of T measurements, one after the other."""
+    measured = probe.measured
+    sizes = [math.prod(column.shape) for column in measured]
+    rows = numbers.shape[1] // sum(sizes)
+    parts = np.split(numbers, np.cumsum([rows * size for size in sizes])[:-1], axis=1)
+    return {column.name: part.reshape(-1, *column.shape) for column, part in zip(measured, parts, strict=True)}
 
 
-def nothing_yet(watch: Watch, most: int) -> Probed:
-    """What there is at the start of a chunk of up to `most` intervals."""
-    return Probed(watch.memory, tuple(_room(memory, most) for memory in watch.memory))
+def nothing_yet(watch: Watch, state: State, neighbors: Neighbors | None, most: int) -> Probed:
+    """What there is at the start of a chunk of up to `most` intervals, from a state with its list."""
 
+    def room(probe: Probe, memory: Memory) -> Rows:
+        numbers = measured_numbers(probe, state, neighbors) if probe.SELECTS else memory.sums.shape[0]
+        held = rows_held(numbers, most)
+        values = jnp.zeros((held, numbers), memory.sums.dtype)
+        return Rows(values, jnp.zeros(held, jnp.int32), jnp.zeros((), jnp.int32))
 
-def _room(memory: Memory, most: int) -> Rows:
-    held = rows_held(memory, most)
-    values = jnp.zeros((held, *memory.sums.shape), memory.sums.dtype)
-    return Rows(values, jnp.zeros(held, jnp.int32), jnp.zeros((), jnp.int32))
+    return Probed(watch.memory, tuple(map(room, watch.probing.probes, watch.memory)))
 
 
 def probed(structure: Structure, parameters: Parameters, probing: Probing, interval: Interval, found: Probed) -> Probed:
@@ -158,6 +166,13 @@ def _after(
         sums, low = compensated.advance(memory.sums, memory.low, packed(probe, measure()))
         return Memory(sums, low, memory.samples + 1)
 
+    def put(row: Array, rows: Rows) -> Rows:
+        values, steps = rows.values.at[rows.number].set(row), rows.step.at[rows.number].set(step)
+        return Rows(values, steps, rows.number + 1)
+
+    if probe.SELECTS:
+        return memory, lax.cond(due, lambda rows: put(packed(probe, measure()), rows), lambda rows: rows, rows)
+
     def written(memory: Memory, rows: Rows) -> tuple[Memory, Rows]:
         samples = jnp.maximum(memory.samples, 1).astype(memory.sums.dtype)
         # Numbers of rows are the same for all columns, so that each column is a stretch.
@@ -165,8 +180,7 @@ def _after(
         count = memory.sums.shape[0] // sum(sizes)
         totals = np.repeat([column.total for column in probe.measured], [count * size for size in sizes])
         row = jnp.where(jnp.asarray(totals), memory.sums, memory.sums / samples)
-        values, steps = rows.values.at[rows.number].set(row), rows.step.at[rows.number].set(step)
-        return jax.tree.map(jnp.zeros_like, memory), Rows(values, steps, rows.number + 1)
+        return jax.tree.map(jnp.zeros_like, memory), put(row, rows)
 
     memory = lax.cond(measures, added, lambda memory: memory, memory)
     return lax.cond(due, written, lambda memory, rows: (memory, rows), memory, rows)

@@ -138,9 +138,7 @@ class TimeLoop:
             if not self.directory.has_checkpoint:  # first of all: a kill while compiling loses nothing either
                 self._write_checkpoint()
             try:
-                self._compile()
-                if self.done == 0 and self.directory.frames == 0:
-                    self._write_frame()
+                self.begin()
                 self._advance_to_end(progress)
             except Stopped:
                 self._leave()
@@ -154,6 +152,27 @@ class TimeLoop:
                 self.directory.interrupt(self._summary(False, str(error)))
             raise
         self.directory.finish(self._summary(True, ""))
+
+    def begin(self) -> None:
+        """The program, compiled, and the first frame if there is none."""
+        self._compile()
+        if self.done == 0 and self.directory.frames == 0:
+            self._write_frame()
+
+    def advance(self) -> bool:
+        """Intervals up to the next one after which the host has to look, with what is then due written.
+
+        Returns:
+            whether an output was written.
+        """
+        before, done = self.state, self.done
+        self._advance(self._next_stop() - done)
+        if self.forces is not None and self._is_sampled(self.done) and self.done > done:
+            self._write_sample(before, self.forces)
+        at_output = self.done % self.simulation.steps.intervals_per_output == 0 and self.done > done
+        if at_output:
+            self._write_frame()
+        return at_output
 
     def restore(self) -> None:
         """State, list and counters from the directory's checkpoint, files cut back to it."""
@@ -172,12 +191,7 @@ class TimeLoop:
     def _advance_to_end(self, progress: Progress | None) -> None:
         saved = clock.perf_counter()
         while self.done < self.last:
-            before, done = self.state, self.done
-            self._advance(self._next_stop() - done)
-            if self.forces is not None and self._is_sampled(self.done) and self.done > done:
-                self._write_sample(before, self.forces)
-            if self.done % self.simulation.steps.intervals_per_output == 0 and self.done > done:
-                self._write_frame()
+            if self.advance():
                 (due,) = self.peers.highest(
                     [clock.perf_counter() - saved >= self.case.scene.output.checkpoint_interval]
                 )
@@ -287,8 +301,7 @@ class TimeLoop:
         self.observer.fit(self.state, self.neighbors, self.parameters.gravity.dtype)
 
     def _take_rows(self, probed: Probed | None) -> None:
-        """Rows of probes that became due in a chunk; they are on disk before the frame, or the checkpoint, after
-        them."""
+        """Rows of probes that became due in a chunk; they are on disk before the checkpoint after them."""
         if probed is not None:
             with self.totals.timed("output"):
                 self.observer.take(probed, lambda step: float(self._time_after(step - self._first)))
@@ -302,7 +315,6 @@ class TimeLoop:
 
     def _write_frame(self) -> None:
         with self.totals.timed("output"):
-            self.observer.write(self.directory, self.time)
             frame = frame_of(self.case, self.instant)
             means = self.totals.collision_mean(), self.totals.gradient_mean()
             row = history_of(self.case, self.instant, frame, *means)

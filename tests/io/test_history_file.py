@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from jaxdem.errors import InputError
 from jaxdem.io import COLUMNS, History, read_history
-from jaxdem.io.lines import LineFile
+from jaxdem.io.lines import LineFile, read_columns
 
 HEADER = (
     "time,drag_force_mean,particle_velocity_mean,collision_force_mean,kinetic_energy,runoff,height,"
@@ -91,6 +91,28 @@ def test_an_array_is_written_as_its_rows_are(tmp_path):
     """The same text, one way for tables of probes and one for rows with fields that have no value."""
     table = np.array([[0.0, np.nan, -0.0], [0.1, np.inf, 1e-300], [np.float32(0.3), 2.0**60, np.nan]])
     by_array, by_rows = (LineFile(tmp_path / name, ("time", "a", "b")) for name in ("array.csv", "rows.csv"))
-    by_array.append_table(table)
+    by_array.append_table(table[:, :1], table[:, 1:])
     by_rows.append_rows(table.tolist())
     assert by_array.path.read_bytes() == by_rows.path.read_bytes() and by_array.rows == by_rows.rows == 3
+
+
+def test_numbers_of_single_precision_read_back_to_the_bit(tmp_path):
+    """All exponents, and both neighbours of powers of ten, where a logarithm or rounding may be one digit off."""
+    bits = np.random.default_rng(1).integers(0, 0x7F800000, 60_000).astype(np.uint32)  # finite ones
+    powers = np.array([float(f"1e{k}") for k in range(-44, 39)], np.float32)
+    beside = [np.nextafter(powers, np.float32(end)) for end in (0.0, np.inf)]
+    odd = np.array([0.0, 9999, 10_000, 70_012, 99_999_999, 1e8, 0.5, 99999.99, np.nan, np.inf], np.float32)
+    numbers = np.concatenate([bits.view(np.float32), powers, *beside, odd])
+    numbers = np.concatenate([numbers, -numbers])[: 6 * (2 * len(numbers) // 6)].reshape(-1, 6)
+    leading = np.stack([np.repeat(0.1, len(numbers)), np.arange(len(numbers)) % 7 / 3.0], axis=1)
+    file = LineFile(tmp_path / "numbers.csv", ("time", "place", *"abcdef"))
+    file.append_table(leading, numbers)
+    back = np.stack(list(read_columns(file.path, lambda _: True, "").values()), axis=1)
+    np.testing.assert_array_equal(back[:, :2], leading)
+    np.testing.assert_array_equal(back[:, 2:].astype(np.float32), numbers)
+
+
+def test_text_of_numbers_of_single_precision(tmp_path):
+    file = LineFile(tmp_path / "numbers.csv", ("time", *"abcdefg"))
+    file.append_table(np.array([[0.1]]), np.array([[0.1, -2e-5, 12.0, -70_012.0, 0.0, np.nan, 1e10]], np.float32))
+    assert file.path.read_text().splitlines()[1] == "0.1,1.00000001e-01,-1.99999995e-05,12,-70012,0,,1.00000000e+10"
