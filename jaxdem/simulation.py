@@ -13,7 +13,7 @@ from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.jax_md_list import JaxMdList, listed_by_jax_md
-from jaxdem.particles.neighbors import Neighbors, Room, carry_history
+from jaxdem.particles.neighbors import Neighbors, Room, carry_history, carry_memory
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import step
 from jaxdem.structure import Structure
@@ -42,26 +42,37 @@ class Simulation(Structure):
         """A neighbour list with room for these positions, or with exactly so much room; not jittable."""
         position, low = _on_host(particles)
         bodies = required(parameters.bodies, "parameters.bodies")
-        return self.search.allocate(position, low, bodies.radius, room, particles.active)
+        if room is None:
+            room = self.room(parameters, particles)
+        return self.search.allocate(position, low, bodies.radius, room, particles.active, parameters.meshes)
 
-    def room(self, particles: ParticleState) -> Room:
+    def room(self, parameters: Parameters, particles: ParticleState) -> Room:
         """What a list needs room for at these positions; nothing is compiled."""
-        return self.search.room(_on_host(particles)[0], particles.active)
+        position = _on_host(particles)[0]
+        found = self.search.room(position, particles.active)
+        if not parameters.meshes:
+            return found
+        radius = required(parameters.bodies, "parameters.bodies").radius
+        usual = tuple(mesh.usual for mesh in required(self.contact, "particles").model.meshes)
+        return self.search.with_room_for_meshes(found, parameters.meshes, usual, position, radius, particles.active)
 
     def list_shapes(self, parameters: Parameters, particles: ParticleState, room: Room) -> Neighbors:
         """What `allocate` gives, shapes and types alone; nothing is compiled."""
         bodies = required(parameters.bodies, "parameters.bodies")
-        return self.search.shapes(*_on_host(particles), bodies.radius, room)
+        return self.search.shapes(*_on_host(particles), bodies.radius, room, parameters.meshes)
 
     def with_room(self, state: State, neighbors: Neighbors, room: Room) -> tuple[State, Neighbors]:
         """State and list with more room, the pairs and what they keep as before; not jittable."""
         particles = required(state.particles, "state.particles")
         wider = self.search.allocate(
-            neighbors.reference, neighbors.reference_low, neighbors.radius, room, particles.active
+            neighbors.reference, neighbors.reference_low, neighbors.radius, room, particles.active, neighbors.surfaces
         )
         springs = jax.jit(carry_history)(particles.contact_spring, neighbors, wider)
+        memory = particles.mesh_memory
+        if memory:
+            memory = jax.jit(carry_memory)(memory, neighbors, wider)
         wider = dataclasses.replace(wider, builds=neighbors.builds)
-        return state._replace(particles=particles._replace(contact_spring=springs)), wider
+        return state._replace(particles=particles._replace(contact_spring=springs, mesh_memory=memory)), wider
 
 
 def _on_host(particles: ParticleState) -> tuple[Vector, tuple[Low, ...]]:

@@ -16,6 +16,7 @@ from jaxdem.particles.forces import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 from jaxdem.particles.moving_walls import Numbers, PistonNumbers
+from jaxdem.particles.mesh_surface import MeshSurface
 
 
 class State(NamedTuple):
@@ -51,6 +52,7 @@ class Parameters(NamedTuple):
         wall_motion: numbers of the motion of every wall of the scene, those of each part by name; () for one at rest,
             and where all are.
         pistons: numbers of the walls that a force holds.
+        meshes: the walls that are meshes.
     """
 
     gravity: Array
@@ -63,6 +65,7 @@ class Parameters(NamedTuple):
     side_velocity: tuple[Array, ...] = ()
     wall_motion: tuple[Numbers, ...] = ()
     pistons: tuple[PistonNumbers, ...] = ()
+    meshes: tuple[MeshSurface, ...] = ()
 
     @property
     def materials(self) -> ContactParameters | SeveralMaterials:

@@ -171,7 +171,7 @@ class Structure:
             number = 2 * wall.axis + (wall.inward < 0)
             side = self.boundary.sides[number]
             velocities.append(velocity_at(side, given[number], time) if side.kind == "moving_wall" else still)
-        return (*velocities, *(still,) * len(model.surfaces))
+        return (*velocities, *(still,) * (len(model.surfaces) + len(model.meshes)))
 
     def buried(self, parameters: Parameters, particles: ParticleState, step: Array) -> Array | None:
         """(L, N) bool, particles within each of the `late_walls`; only as it comes, after `step` intervals. None where
@@ -190,8 +190,10 @@ class Structure:
         """Particles and list after those that leave and come at the end of interval number `step`."""
         population, contact = required(self.population, "population"), required(self.contact, "particles")
         times = contact.model.wall_times
-        present = None if times is None else times.present(self.middle(parameters, step))
         placed = self.placed(parameters, particles, step)
+        present = None
+        if times is not None:
+            present = times.present(self.middle(parameters, step))[: len(contact.model.surfaces)]
         return renewed(population, contact, parameters.inlet_velocity, particles, neighbors, step, present, placed)
 
     def particle_report(

@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.numerics.host import namespace
+
 Low = Array | None
 Pair = tuple[Array, Low]
 
@@ -148,7 +150,8 @@ def overlap_of_spheres(separation: tuple[Pair, ...], radius_sum: Array, radius_s
     squared_high = radius_sum * radius_sum
     if separation[0][1] is None:
         distance_squared = sum(high * high for high, _ in separation)
-        return (squared_high - distance_squared) / (radius_sum + jnp.sqrt(distance_squared))
+        root = namespace(separation[0][0]).sqrt
+        return (squared_high - distance_squared) / (radius_sum + root(distance_squared))
     terms = [jnp.broadcast_to(term, separation[0][0].shape) for term in exact_square(radius_sum)]
     for high, _ in separation:
         terms += [-term for term in exact_square(high)]

@@ -64,6 +64,11 @@ def side_walls(structure: Structure, axis: int, upper: bool) -> tuple[int, ...]:
     return tuple(k for k, side in enumerate(sides) if (side.axis, side.inward < 0) == (axis, upper))
 
 
+def mesh_walls(structure: Structure, mesh: int) -> tuple[int, ...]:
+    """Number of the wall that a mesh is, of the meshes in the order of the scene."""
+    return (required(structure.contact, "particles").model.analytic_walls + mesh,)
+
+
 def surface_walls(structure: Structure, surfaces: tuple[int, ...]) -> tuple[int, ...]:
     """Numbers of the walls that these surfaces are."""
     first = len(required(structure.contact, "particles").model.sides)

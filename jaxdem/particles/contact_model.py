@@ -50,18 +50,39 @@ class MaterialIndex:
             own = own[jnp.maximum(identity, 0)]
         return _entries(table, jnp.asarray(self.pair)[own[pairs.first], own[pairs.second]])
 
-    def with_walls(self, table: ContactMaterial, identity: Array | None) -> ContactMaterial:
-        """Numbers (S, 1) or (S, N) of the contacts of all particles with the S walls."""
-        pair, wall = np.asarray(self.pair), np.asarray(self.wall)
+    def with_walls(self, table: ContactMaterial, identity: Array | None, count: int) -> ContactMaterial:
+        """Numbers (S, 1) or (S, N) of the contacts of all particles with the first `count` walls, S of them."""
+        pair, wall = np.asarray(self.pair), np.asarray(self.wall)[:count]
         if identity is not None and not isinstance(self.particle, int):
             own = jnp.asarray(self.particle)[jnp.maximum(identity, 0)]
             return _entries(table, jnp.asarray(pair)[wall[:, None], own[None]])
         return _entries(table, pair[wall[:, None], np.atleast_1d(self.particle)[None]])
 
+    def with_wall(self, table: ContactMaterial, wall: int, row: Array) -> ContactMaterial:
+        """Numbers () or (1, M) of the contacts of M particles with one wall; `row` says which particles these are."""
+        of_wall = np.asarray(self.pair)[self.wall[wall]]
+        if isinstance(self.particle, int):
+            return _entries(table, of_wall[self.particle])
+        own = jnp.asarray(self.particle)[jnp.minimum(row, len(self.particle) - 1)]
+        return _entries(table, jnp.asarray(of_wall)[own][None])
+
 
 def _entries(table: ContactMaterial, number: Array | np.ndarray) -> ContactMaterial:
     found: ContactMaterial = jax.tree.map(lambda column: column if column.ndim == 0 else column[number], table)
     return found
+
+
+@static
+class MeshWall:
+    """A wall that is a mesh; static.
+
+    Attributes:
+        number: of its list in `Neighbors.meshes`, and of what its contacts keep.
+        usual: room that its list should have from the start, `MeshRoom.numbers`.
+    """
+
+    number: int
+    usual: tuple[int, ...] = ()
 
 
 @static
@@ -79,6 +100,7 @@ class ContactModel:
         cohesion: what pulls bodies together, or None: then no such term is compiled.
         motions: how each surface moves, None for one at rest; empty where all are at rest.
         pistons: walls that a force holds; their loads are measured.
+        meshes: walls that are meshes; none: then no such term is compiled.
     """
 
     law: ContactLaw
@@ -91,20 +113,33 @@ class ContactModel:
     cohesion: Cohesion | None = None
     motions: tuple[SurfaceMotion | None, ...] = ()
     pistons: tuple[Piston, ...] = ()
+    meshes: tuple[MeshWall, ...] = ()
 
     @property
     def walls(self) -> int:
-        """Number of walls: the sides first, then the surfaces."""
+        """Number of walls: the sides first, then the surfaces, then the meshes."""
+        return self.analytic_walls + len(self.meshes)
+
+    @property
+    def analytic_walls(self) -> int:
+        """Number of the sides and surfaces."""
         return len(self.sides) + len(self.surfaces)
+
+    @property
+    def measured_analytic(self) -> tuple[int, ...]:
+        """Those of the measured walls that are sides or surfaces."""
+        return tuple(k for k in self.measured if k < self.analytic_walls)
 
     def with_walls(self, kept: tuple[int, ...]) -> ContactModel:
         """The model with these of its walls, the sides among them, at all times."""
-        surfaces = tuple(self.surfaces[k - len(self.sides)] for k in kept[len(self.sides) :])
+        sides, analytic = len(self.sides), self.analytic_walls
+        surfaces = tuple(self.surfaces[k - sides] for k in kept if sides <= k < analytic)
+        meshes = tuple(self.meshes[k - analytic] for k in kept if k >= analytic)
         materials = self.materials
         if materials is not None:
             materials = dataclasses.replace(materials, wall=tuple(materials.wall[k] for k in kept))
         measured = tuple(kept.index(k) for k in self.measured if k in kept)
-        motions = tuple(self.motions[k - len(self.sides)] for k in kept[len(self.sides) :]) if self.motions else ()
+        motions = tuple(self.motions[k - sides] for k in kept if sides <= k < analytic) if self.motions else ()
         pistons = tuple(
             dataclasses.replace(piston, walls=tuple(kept.index(k) for k in piston.walls)) for piston in self.pistons
         )
@@ -116,6 +151,7 @@ class ContactModel:
             measured=measured,
             motions=motions if any(motions) else (),
             pistons=pistons,
+            meshes=meshes,
         )
 
     def history_size(self, dimension: int) -> int:

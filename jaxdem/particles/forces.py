@@ -19,6 +19,8 @@ from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
+from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, remembered, touching
+from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.stages import stage
@@ -82,12 +84,14 @@ class Sums(NamedTuple):
         torque: A arrays (N,), the same [N m].
         walls: what each particle does to the walls that are measured; None without.
         liquid: (N,) films after the bridges that formed or ruptured; None without capillary bridges [m3].
+        crowded: () bool, a particle has more contacts with a mesh than there is room for; None without meshes.
     """
 
     force: Vector
     torque: Vector
     walls: WallLoads | None = None
     liquid: Array | None = None
+    crowded: Array | None = None
 
 
 class Touching(NamedTuple):
@@ -187,8 +191,10 @@ def contact_forces(
     spring, wall_spring = motion.contact_spring, motion.wall_spring
     if neighbors.room.slots:
         sums, spring = loop.add_pairs(neighbors, sums)
-    if model.walls:
+    if model.analytic_walls:
         sums, wall_spring = loop.add_walls(sums)
+    if model.meshes:
+        sums, motion = loop.add_meshes(neighbors, sums)
     return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring, liquid=sums.liquid)
 
 
@@ -215,7 +221,7 @@ def contacts_now(
     alone = dataclasses.replace(model, rolling=None)
     loop = _Loop(alone, surroundings, properties, motion, motion.velocity, still, active, present)
     between = _touching(*loop.pairs(neighbors), loop.pair_material(neighbors)) if neighbors.room.slots else None
-    walls = _touching(*loop.walls(), loop.wall_material()) if model.walls else None
+    walls = _touching(*loop.walls(), loop.wall_material()) if model.analytic_walls else None
     return between, walls
 
 
@@ -361,14 +367,16 @@ class _Loop:
     def wall_material(self) -> ContactMaterial:
         """Numbers of the contacts with the walls."""
         material, index = self.surroundings.wall, self.model.materials
-        return material if index is None else index.with_walls(material, self.properties.identity)
+        if index is None:
+            return material
+        return index.with_walls(material, self.properties.identity, self.model.analytic_walls)
 
     def add_walls(self, sums: Sums) -> tuple[Sums, Vector]:
         """Adds the contacts with the walls."""
         pair, load = self.walls()
         force, torque, _ = _on_bodies(load, pair)
         loads = None
-        if self.model.measured:
+        if self.model.measured_analytic:
             loads = self._wall_loads(pair, load)
         added = vectors.add(sums.force, tuple(_sum_slots(x) for x in force))
         film, spring = sums.liquid, load.spring
@@ -384,7 +392,7 @@ class _Loop:
         Computed anew from their contacts: so the forces of all walls stay within the sums of the particles.
         """
         of_walls = []
-        for k in self.model.measured:
+        for k in self.model.measured_analytic:
             own = jax.tree.map(lambda x, k=k: x[k : k + 1] if x.ndim == 2 and len(x) > 1 else x, (pair, load))
             force, torque, _ = _on_bodies(own[1], own[0])
             turning = vectors.add(vectors.moment(_rows(self.motion.position), force), torque)
@@ -429,6 +437,56 @@ class _Loop:
             return overlaps[0], normals[0]
         normals[0] = tuple(jnp.broadcast_to(x, overlaps[0].shape) for x in normals[0])
         return jnp.concatenate(overlaps), tuple(map(jnp.concatenate, zip(*normals, strict=True)))
+
+    def add_meshes(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Motion]:
+        """Adds the contacts with the meshes; returns the motion with what they keep."""
+        displacement = displacement_since_build(self.motion.position, self.motion.low, neighbors)
+        memory, crowded, loads = list(self.motion.mesh_memory), jnp.zeros((), bool), []
+        for k, mesh in enumerate(self.model.meshes):
+            listed, wall = neighbors.meshes[mesh.number], self.model.analytic_walls + k
+            pair, touch, springs = self.mesh(listed, listed.of_rows(displacement), memory[mesh.number])
+            material, index = self.surroundings.wall, self.model.materials
+            if index is not None:
+                material = index.with_wall(material, wall, listed.row)
+            load = self._load(material, pair, springs)
+            force, torque, _ = _on_bodies(load, pair)
+            force, torque = tuple(map(_sum_slots, force)), tuple(map(_sum_slots, torque))
+            sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
+            kept = vectors.where(touch.found & (pair.overlap > 0), pair.normal, 0.0)
+            memory[mesh.number] = MeshMemory(kept, load.spring)
+            crowded = crowded | touch.crowded
+            if wall in self.model.measured:
+                loads.append(self._mesh_loads(listed, force, torque))
+        walls = loads if sums.walls is None else [sums.walls, *loads]
+        joined: WallLoads | None = jax.tree.map(lambda *rows: jnp.concatenate(rows), *walls) if walls else None
+        return sums._replace(walls=joined, crowded=crowded), self.motion._replace(mesh_memory=tuple(memory))
+
+    def mesh(self, listed: MeshList, moved: Vector, memory: MeshMemory) -> tuple[_ContactPair, MeshTouch, Vector]:
+        """The contacts (C, M) with a mesh, a body of infinite radius and mass, and what they have kept."""
+        motion = self.motion
+        radius, mass = listed.radius_of_rows(self.properties.radius), listed.radius_of_rows(self.properties.mass)
+        expected, velocity = listed.of_rows(self.mid_velocity), listed.of_rows(motion.velocity)
+        # Within the step an overlap changes by less than this.
+        touch = touching(listed, moved, radius, 0.5 * self.time_step * vectors.length(expected))
+        radius, mass = _row(radius), _row(mass)
+        pair = _ContactPair(
+            touch.overlap, touch.normal, approach=_rows(expected), velocity=_rows(velocity),
+            spin=_rows(listed.of_rows(motion.angular_velocity)), other_spin=None,
+            radius=radius, other_radius=jnp.zeros((), touch.overlap.dtype),
+            effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
+        )  # fmt: skip
+        return pair, touch, remembered(memory, touch, pair.normal)
+
+    def _mesh_loads(self, listed: MeshList, force: Vector, torque: Vector) -> WallLoads:
+        """What each particle does to a mesh, (1, N), of the forces and torques (M,) on those that are listed."""
+        turning = vectors.add(vectors.moment(listed.of_rows(self.motion.position), force), torque)
+        blank = jnp.zeros_like(self.motion.position[0])
+
+        def reaction(values: Vector) -> Vector:
+            spread = listed.added((blank,) * len(values), vectors.scale(-1.0, values))
+            return _rows(spread)
+
+        return WallLoads(reaction(force), reaction(turning))
 
     def _load(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
         """What all contacts do; zero, and nothing computed, where nothing touches."""

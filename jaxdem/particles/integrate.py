@@ -37,6 +37,7 @@ class ParticleState(NamedTuple):
             particle i.
         liquid: (N,) film of every particle, which is in no bridge; None without capillary bridges [m3].
         pistons: where the walls are that a force holds; None without.
+        mesh_memory: what the contacts with each mesh keep, `MeshMemory` of each; none in a scene without meshes.
     """
 
     position: Array
@@ -53,6 +54,7 @@ class ParticleState(NamedTuple):
     identity: Array | None = None
     liquid: Array | None = None
     pistons: PistonState | None = None
+    mesh_memory: tuple[Any, ...] = ()
 
 
 class Motion(NamedTuple):
@@ -66,6 +68,7 @@ class Motion(NamedTuple):
         contact_spring: arrays (P,) [m].
         wall_spring: arrays (S, N) [m].
         liquid: (N,) films, or None [m3].
+        mesh_memory: see `ParticleState`.
     """
 
     position: Vector
@@ -75,6 +78,7 @@ class Motion(NamedTuple):
     contact_spring: Vector
     wall_spring: Vector
     liquid: Array | None = None
+    mesh_memory: tuple[Any, ...] = ()
 
     @classmethod
     def of(cls, state: ParticleState) -> Motion:
@@ -87,6 +91,7 @@ class Motion(NamedTuple):
             state.contact_spring,
             state.wall_spring,
             state.liquid,
+            state.mesh_memory,
         )
 
     def into(self, state: ParticleState) -> ParticleState:
@@ -99,6 +104,7 @@ class Motion(NamedTuple):
             contact_spring=self.contact_spring,
             wall_spring=self.wall_spring,
             liquid=self.liquid,
+            mesh_memory=self.mesh_memory,
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from jaxdem.particles.neighbors import (
     Neighbors,
     NeighborSearch,
     carry_history,
+    carry_memory,
     displacement_since_build,
     out_of_date,
     with_radius,
@@ -72,6 +74,7 @@ class _Carry(NamedTuple):
     walls: WallLoads | None
     slab: SlabCarry | None = None
     pistons: PistonState | None = None
+    crowded: Array | None = None
 
 
 class ContactMeans(NamedTuple):
@@ -176,7 +179,8 @@ def _advanced(
             slab = with_own_due(division, interval.search, neighbors, motion, slab, (number, time_step))
         if pistons is not None:
             pistons = _pushed(interval.model, surroundings, pistons, elapsed, sums.walls, time_step)
-        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons)
+        crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
+        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded)
 
     zero = jnp.zeros_like(force[0])
     carry = _Carry(
@@ -187,6 +191,7 @@ def _advanced(
         jnp.zeros((), jnp.int32),
         _no_loads(interval.model, zero, len(force)) if interval.model.measured else None,
         pistons=state.pistons,
+        crowded=jnp.zeros((), bool) if interval.model.meshes else None,
     )
     if division is not None:
         beginning = SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
@@ -197,6 +202,8 @@ def _advanced(
     loop = _reversible_loop if interval.reversible else _fast_loop
     neighbors = with_radius(neighbors, properties.radius)
     carry, neighbors = loop(interval, step, time_step, carry, neighbors, active)
+    if carry.crowded is not None:
+        neighbors = dataclasses.replace(neighbors, overflow=neighbors.overflow | carry.crowded)
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
     state = state._replace(pistons=carry.pistons)
@@ -280,7 +287,7 @@ def _fast_loop(
 def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors) -> Array:
     """() bool: the list does not cover the coming step, up to its end."""
     # A list of nothing is never out of date: the loop would wait for it for ever.
-    if interval.search is None or neighbors.room.slots == 0:
+    if interval.search is None or neighbors.lists_nothing:
         return jnp.zeros((), bool)
     if carry.slab is not None:
         return carry.step >= carry.slab.due
@@ -295,7 +302,7 @@ def _with_list_in_date(
     """The list rebuilt if it is stale, and the springs moved to its slots."""
 
     search = interval.search
-    if search is None or neighbors.room.slots == 0:
+    if search is None or neighbors.lists_nothing:
         return carry, neighbors
 
     def rebuild(both: tuple[_Carry, Neighbors]) -> tuple[_Carry, Neighbors]:
@@ -307,7 +314,10 @@ def _with_list_in_date(
             return carry._replace(motion=carry.motion._replace(contact_spring=springs), slab=slab), new
         new = search.update(motion.position, motion.low, neighbors, active)
         springs = carry_history(carry.motion.contact_spring, neighbors, new)
-        return carry._replace(motion=carry.motion._replace(contact_spring=springs)), new
+        motion = carry.motion._replace(contact_spring=springs)
+        if neighbors.meshes:
+            motion = motion._replace(mesh_memory=carry_memory(motion.mesh_memory, neighbors, new))
+        return carry._replace(motion=motion), new
 
     stale = _stale(interval, time_step, carry, neighbors)
     return cond_in_batch(stale, rebuild, (carry, neighbors))

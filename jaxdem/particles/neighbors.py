@@ -9,7 +9,9 @@ resolves overlaps of a nanometre in a box of metres.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -25,6 +27,9 @@ from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.ghosts import Ghosts
+from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.mesh_list import NUMBERS, MeshList, MeshRoom, MeshSearch, carried, needed, with_margin
+from jaxdem.particles.mesh_surface import MeshSurface, on_host
 from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, pairs_of, place_of
 from jaxdem.particles.regions import into_period
 
@@ -72,19 +77,38 @@ class Room:
         slots: K, neighbours of a particle; 0 for nothing to list.
         pairs: P, pairs and the empty one.
         cell: particles in a column of the search's table.
+        mesh: what the lists of the meshes have room for, `MeshRoom.numbers` of one after the other.
     """
 
     slots: int
     pairs: int
     cell: int
+    mesh: tuple[int, ...] = ()
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """All of them in a row."""
+        return (self.slots, self.pairs, self.cell, *self.mesh)
+
+    @classmethod
+    def of(cls, numbers: Sequence[int]) -> Room:
+        """The inverse of `numbers`."""
+        slots, pairs, cell, *mesh = numbers
+        return cls(slots, pairs, cell, tuple(mesh))
+
+    @property
+    def meshes(self) -> tuple[MeshRoom, ...]:
+        """Of each mesh."""
+        return tuple(MeshRoom.of(self.mesh[k : k + NUMBERS]) for k in range(0, len(self.mesh), NUMBERS))
 
     def enlarged(self) -> Room:
-        """Half as much again."""
-        return Room(*(n + max(2, n // 2) for n in dataclasses.astuple(self)))
+        """Half as much again; what a mesh has nothing of stays so."""
+        own = (n + max(2, n // 2) for n in (self.slots, self.pairs, self.cell))
+        return Room(*own, tuple(n + max(2, n // 2) if n else 0 for n in self.mesh))
 
     def covering(self, other: Room) -> Room:
         """Room for what either has room for."""
-        return Room(*map(max, dataclasses.astuple(self), dataclasses.astuple(other)))
+        return Room.of(tuple(map(max, self.numbers, other.numbers)))
 
 
 @jax.tree_util.register_dataclass
@@ -104,6 +128,7 @@ class Neighbors:
         builds: () int32, number of builds so far.
         cell_slots: room for particles in a column of the search's table; static.
         ghosts: in a box that is cut into slabs, whose particles the N rows are; None on one device.
+        meshes: which particles are near each mesh; none in a scene without meshes.
     """
 
     index: Array
@@ -117,11 +142,33 @@ class Neighbors:
     builds: Array
     cell_slots: int = dataclasses.field(metadata={"static": True})
     ghosts: Ghosts | None = None
+    meshes: tuple[MeshList, ...] = ()
 
     @property
     def room(self) -> Room:
         """What there is room for."""
-        return Room(self.index.shape[0], self.overlap.shape[0], self.cell_slots)
+        meshes = tuple(number for mesh in self.meshes for number in mesh.room.numbers)
+        return Room(self.index.shape[0], self.overlap.shape[0], self.cell_slots, meshes)
+
+    @property
+    def surfaces(self) -> tuple[MeshSurface, ...]:
+        """The meshes."""
+        return tuple(mesh.surface for mesh in self.meshes)
+
+    def without_surfaces(self) -> Neighbors:
+        """The list without the meshes themselves, for a checkpoint."""
+        meshes = tuple(dataclasses.replace(mesh, surface=None) for mesh in self.meshes)
+        return dataclasses.replace(self, meshes=meshes)
+
+    def with_surfaces(self, surfaces: tuple[MeshSurface, ...]) -> Neighbors:
+        """The inverse of `without_surfaces`."""
+        pairs = zip(self.meshes, surfaces, strict=True)
+        return dataclasses.replace(self, meshes=tuple(dataclasses.replace(mesh, surface=own) for mesh, own in pairs))
+
+    @property
+    def lists_nothing(self) -> bool:
+        """Whether there is nothing that it could list: a particle alone, and no mesh."""
+        return self.index.shape[0] == 0 and not self.meshes
 
 
 def displacement_since_build(position: Vector, low: tuple[Low, ...], neighbors: Neighbors) -> Vector:
@@ -144,7 +191,8 @@ def with_radius(neighbors: Neighbors, radius: Array) -> Neighbors:
     """
     overlap, before = lax.stop_gradient((neighbors.overlap, radius_sum(neighbors.radius, neighbors.pairs)))
     overlap = overlap + (radius_sum(radius, neighbors.pairs) - before)
-    return dataclasses.replace(neighbors, radius=radius, overlap=overlap)
+    meshes = tuple(mesh.with_radius(radius, neighbors.radius) for mesh in neighbors.meshes)
+    return dataclasses.replace(neighbors, radius=radius, overlap=overlap, meshes=meshes)
 
 
 def out_of_date(displacement: Vector, geometry: NeighborGeometry) -> Array:
@@ -186,6 +234,7 @@ class NeighborSearch:
         radius: Array,
         room: Room | None = None,
         active: Array | None = None,
+        surfaces: tuple[MeshSurface, ...] = (),
     ) -> Neighbors:
         """A new list with room for these positions, and for what is usual; not jittable.
 
@@ -196,15 +245,26 @@ class NeighborSearch:
             room: exactly so much room instead. A resumed run asks for what it had, so that it compiles and
                 computes the same.
             active: (N,) bool, which particles there are; all if None.
+            surfaces: the meshes; with some the room must be given.
         """
         if room is None:
             room = self.room(position, active)
         # As one program: outside of jit every operation would be compiled by itself.
         built = jax.jit(self._built)
-        return built(position, low, radius, room, np.zeros((), bool), active)
+        return built(position, low, radius, room, np.zeros((), bool), active, surfaces)
 
-    def shapes(self, position: Vector, low: tuple[Low, ...], radius: Array, room: Room) -> Neighbors:
+    def shapes(
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        radius: Array,
+        room: Room,
+        surfaces: tuple[MeshSurface, ...] = (),
+    ) -> Neighbors:
         """What `allocate` gives for these arguments, shapes and types alone; nothing is compiled."""
+        if surfaces:
+            given = (position, low, radius, room, np.zeros((), bool), None, surfaces)
+            return jax.eval_shape(self._built, *given)
         count, dtype = position[0].shape[0], position[0].dtype
 
         def shape(*sizes: int, dtype: DTypeLike = jnp.int32) -> Any:  # JAX has no type for arrays and shapes alike
@@ -231,7 +291,7 @@ class NeighborSearch:
         """The list rebuilt at these positions for the same radii; jittable, room unchanged, overflow flagged."""
         radius = neighbors.radius
         given = lax.stop_gradient((position, low, radius))
-        built = self._built(*given, neighbors.room, neighbors.overflow, active)
+        built = self._built(*given, neighbors.room, neighbors.overflow, active, neighbors.surfaces)
         return dataclasses.replace(with_radius(built, radius), builds=neighbors.builds + 1)
 
     def _built(
@@ -242,13 +302,66 @@ class NeighborSearch:
         room: Room,
         overflow: Array,
         active: Array | None = None,
+        surfaces: tuple[MeshSurface, ...] = (),
     ) -> Neighbors:
         if room.slots == 0:
             index = jnp.zeros((0, *position[0].shape), jnp.int32)
         else:
             index, crowded = self.in_reach(position, low, room, active)
             overflow = overflow | crowded
-        return self.listed(index, position, low, radius, room, overflow)
+        listed = self.listed(index, position, low, radius, room, overflow)
+        return self.with_meshes(listed, surfaces, room, active) if surfaces else listed
+
+    def with_meshes(
+        self, listed: Neighbors, surfaces: tuple[MeshSurface, ...], room: Room, active: Array | None
+    ) -> Neighbors:
+        """The list with those of the meshes, at its own positions; jittable."""
+        search = self.mesh_search
+        places = search.inside(listed.reference, listed.reference_low)
+        found = [
+            search.listed(surface, places, listed.radius, own, active)
+            for surface, own in zip(surfaces, room.meshes, strict=True)
+        ]
+        overflow = functools.reduce(jnp.logical_or, (crowded for _, crowded in found), listed.overflow)
+        return dataclasses.replace(listed, meshes=tuple(one for one, _ in found), overflow=overflow)
+
+    def with_room_for_meshes(
+        self,
+        room: Room,
+        surfaces: tuple[MeshSurface, ...],
+        usual: tuple[tuple[int, ...], ...],
+        position: Vector,
+        radius: Array,
+        active: Array | None,
+    ) -> Room:
+        """Room for the lists of the meshes too; on the host.
+
+        Args:
+            room: for that of the particles.
+            surfaces: the meshes.
+            usual: room of each mesh that is needed in any case, `MeshRoom.numbers`.
+            position, radius, active: see `allocate`.
+        """
+        count = position[0].shape[0]
+        there = np.full(count, True) if active is None else np.asarray(active)
+        place = tuple(np.asarray(x, float)[there] for x in position)
+        size = np.asarray(radius, float)
+        size = size if size.ndim == 0 else size[there]
+        numbers: list[int] = []
+        for surface, least in zip(surfaces, usual, strict=True):
+            wanted = needed(self.mesh_search, on_host(surface), place, size)
+            rows, contacts, *rest = least
+            wanted[1:] *= np.array(rest) > 0
+            numbers += [min(with_margin(wanted[0], rows), max(count, 1)), contacts]
+            share = min(1.0, count / rows)  # of the grains that the mesh has room for
+            rest = [math.ceil(share * looks) for looks in rest[:3]] + rest[3:]
+            numbers += [with_margin(number, own) for number, own in zip(wanted[1:], rest, strict=True)]
+        return dataclasses.replace(room, mesh=tuple(numbers))
+
+    @property
+    def mesh_search(self) -> MeshSearch:
+        """How particles find the meshes."""
+        return MeshSearch(self.geometry.box, self.geometry.periodic, self.geometry.skin)
 
     def in_reach(self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None) -> tuple[Array, Array]:
         """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough."""
@@ -374,3 +487,12 @@ def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:
         same = (other == second) & (first != second)
         place, found = place + jnp.where(same, entry, 0), found | same
     return tuple(jnp.where(found, component, 0.0) for component in at(history, place))
+
+
+def carry_memory(memory: tuple[MeshMemory, ...], old: Neighbors, new: Neighbors) -> tuple[MeshMemory, ...]:
+    """What contacts with meshes keep, moved to the rows of a new list by the identity of the particles."""
+    count = old.reference[0].shape[0]
+    return tuple(
+        MeshMemory(*(carried(values, before, after, count) for values in kept))
+        for kept, before, after in zip(memory, old.meshes, new.meshes, strict=True)
+    )

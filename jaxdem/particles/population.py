@@ -25,7 +25,8 @@ from jaxdem.numerics.static import static
 from jaxdem.particles.inlet_regions import InletRegion
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
 from jaxdem.particles.loop import ContactInterval
-from jaxdem.particles.neighbors import Neighbors, carry_history
+from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.neighbors import Neighbors, carry_history, carry_memory
 from jaxdem.particles.surfaces import Surface, surface_contacts
 
 TRIES = 16
@@ -33,6 +34,9 @@ TRIES = 16
 
 MARGIN = 1e-6
 """Gap that a new particle leaves to others and to walls, over the sum of the radii: more than float32 rounds."""
+
+
+_Kept = tuple[tuple[Array, ...], tuple[MeshMemory, ...], Neighbors]
 
 
 @static
@@ -135,19 +139,20 @@ def renewed(
         insertion = _Insertion(population, number, contact.model.surfaces, neighbors.radius, present, placed)
         particles = insertion.with_those_due(inlet_velocity[number], particles, step)
     search = contact.search
-    if neighbors.room.slots == 0 or search is None:
+    if neighbors.lists_nothing or search is None:
         return particles, neighbors
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
 
-    def rebuild(both: tuple[tuple[Array, ...], Neighbors]) -> tuple[tuple[Array, ...], Neighbors]:
-        springs, neighbors = both
+    def rebuild(kept: _Kept) -> _Kept:
+        springs, memory, neighbors = kept
         new = search.update(position, low, neighbors, particles.active)
-        return carry_history(springs, neighbors, new), new
+        return carry_history(springs, neighbors, new), carry_memory(memory, neighbors, new), new
 
     changed = jnp.any(particles.active != before)
-    springs, neighbors = cond_in_batch(changed, rebuild, (particles.contact_spring, neighbors))
-    return particles._replace(contact_spring=springs), neighbors
+    kept = particles.contact_spring, particles.mesh_memory, neighbors
+    springs, memory, neighbors = cond_in_batch(changed, rebuild, kept)
+    return particles._replace(contact_spring=springs, mesh_memory=memory), neighbors
 
 
 def _without_those_outside(population: Population, particles: ParticleState) -> ParticleState:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
@@ -23,6 +24,7 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.forces import Surroundings, WallLoads
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval, ContactMeans
+from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.surfaces import surface_contacts
 
@@ -50,24 +52,37 @@ def with_walls_present(
 
     def advanced_with(surfaces: tuple[int, ...]) -> Result:
         kept = (*range(len(model.sides)), *(len(model.sides) + k for k in surfaces))
+        analytic = tuple(k for k in kept if k < model.analytic_walls)
         around = surroundings._replace(wall_velocity=tuple(surroundings.wall_velocity[k] for k in kept))
-        springs = tuple(spring[np.asarray(kept, int)] for spring in state.wall_spring)
+        springs = tuple(spring[np.asarray(analytic, int)] for spring in state.wall_spring)
         there = dataclasses.replace(interval, model=model.with_walls(kept))
         after, neighbors, means = advance(there, around, state._replace(wall_spring=springs))
-        springs = tuple(_of_all_walls(model, kept, spring) for spring in after.wall_spring)
+        springs = tuple(_of_all(model.analytic_walls, analytic, spring) for spring in after.wall_spring)
         if model.measured:
             means = means._replace(walls=_loads(model, kept, means.walls, state))
-        return after._replace(wall_spring=springs), neighbors, means
+        after = after._replace(wall_spring=springs)
+        if model.meshes:
+            after = after._replace(mesh_memory=_without_meshes_gone(there.model, after))
+        return after, neighbors, means
 
     sets = tuple(dict.fromkeys(times.phases))
     number = jnp.asarray([sets.index(phase) for phase in times.phases])[times.phase(middle)]
     return lax.switch(number, [lambda one=one: advanced_with(one) for one in sets])  # type: ignore[no-any-return]
 
 
-def _of_all_walls(model: ContactModel, kept: tuple[int, ...], own: Array) -> Array:
+def _without_meshes_gone(there: ContactModel, state: ParticleState) -> tuple[MeshMemory, ...]:
+    """What contacts with meshes keep, nothing of those that are not there."""
+    present = {mesh.number for mesh in there.meshes}
+    return tuple(
+        memory if number in present else jax.tree.map(jnp.zeros_like, memory)
+        for number, memory in enumerate(state.mesh_memory)
+    )
+
+
+def _of_all(walls: int, kept: tuple[int, ...], own: Array) -> Array:
     """(S, ...) springs or loads of all walls, zero at those that are not there."""
     nothing = jnp.zeros_like(own, shape=(1, *own.shape[1:]))
-    place = np.full(model.walls, len(kept))
+    place = np.full(walls, len(kept))
     place[list(kept)] = np.arange(len(kept))
     return jnp.concatenate([own, nothing])[place]
 
@@ -80,7 +95,7 @@ def _loads(model: ContactModel, kept: tuple[int, ...], own: WallLoads | None, st
         own = WallLoads(*((blank,) * size for size in sizes))
     known = np.isin(np.arange(model.walls), model.measured)
     return WallLoads(
-        *(tuple(jnp.where(known, _of_all_walls(model, kept, x), jnp.nan) for x in vector) for vector in own)
+        *(tuple(jnp.where(known, _of_all(model.walls, kept, x), jnp.nan) for x in vector) for vector in own)
     )
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics.static import static
-from jaxdem.observables.walls import fluid_force, fluid_torque, side_walls, surface_walls, wall_load
+from jaxdem.observables.walls import fluid_force, fluid_torque, mesh_walls, side_walls, surface_walls, wall_load
 from jaxdem.probes.base import Column, Interval, Probe
 from jaxdem.state import Parameters
 from jaxdem.structure import Structure
@@ -23,6 +23,7 @@ class WallProbe(Probe):
         axes: names of the axes.
         side: axis and whether upper, of a side of the box; None for a wall of the scene.
         surfaces: numbers of the surfaces of that wall.
+        mesh: number of the mesh that it is, from 0; None for another wall.
         about: point of the torque [m].
         turning: components of the torque that have a meaning.
         with_particles, with_fluid: what it measures.
@@ -38,12 +39,15 @@ class WallProbe(Probe):
     with_particles: bool
     with_fluid: bool
     moves: bool = False
+    mesh: int | None = None
     NUMBERS: ClassVar[tuple[str, ...]] = ("about",)
 
     def walls(self, structure: Structure) -> tuple[int, ...]:
         """Numbers of the walls whose loads by particles it measures."""
         if not self.with_particles:
             return ()
+        if self.mesh is not None:
+            return mesh_walls(structure, self.mesh)
         return surface_walls(structure, self.surfaces) if self.side is None else side_walls(structure, *self.side)
 
     @property

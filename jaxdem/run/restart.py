@@ -14,13 +14,15 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.io import scene_text
 from jaxdem.io.checkpoint import read_checkpoint
 from jaxdem.io.run_directory import CHECKPOINT, START
 from jaxdem.numerics.compensated import Low
+from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.setup.builder import Case
+from jaxdem.setup.start import with_mesh_memory
 from jaxdem.setup.start_point import ABOUT, StartPoint, walls_of
 from jaxdem.setup.stored import named, restored, stored, stored_room
 from jaxdem.simulation import Simulation
@@ -40,13 +42,16 @@ def to_arrays(state: State, neighbors: Neighbors | None, extra: Mapping[str, flo
     """
     arrays = named("state", state)
     if neighbors is not None:
-        arrays |= named("neighbors", neighbors)
-        arrays["room"] = np.asarray(dataclasses.astuple(neighbors.room))
+        arrays |= named("neighbors", neighbors.without_surfaces())
+        arrays["room"] = np.asarray(neighbors.room.numbers)
     return arrays | {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
 
 
 def from_arrays(
-    simulation: Simulation, template: State, arrays: dict[str, np.ndarray]
+    simulation: Simulation,
+    template: State,
+    arrays: dict[str, np.ndarray],
+    surfaces: tuple[MeshSurface, ...] = (),
 ) -> tuple[State, Neighbors | None, dict[str, np.ndarray]]:
     """The inverse of `to_arrays`.
 
@@ -54,6 +59,7 @@ def from_arrays(
         simulation: of the same scene.
         template: a state of that scene, for the structure.
         arrays: from a checkpoint.
+        surfaces: the meshes of the scene, `Parameters.meshes`.
 
     Raises:
         InputError: an array is missing or has another shape.
@@ -64,7 +70,10 @@ def from_arrays(
         particles = template.particles
         blank = jnp.zeros(room.pairs, particles.position.dtype)
         springs = (blank,) * len(particles.contact_spring)
-        template = template._replace(particles=particles._replace(contact_spring=springs))
+        particles = particles._replace(contact_spring=springs)
+        if surfaces:
+            particles = with_mesh_memory(particles, required(simulation.contact, "particles"), room)
+        template = template._replace(particles=particles)
     state = restored("state", template, arrays)
     if state.particles is not None:
         positions = state.particles.position
@@ -73,8 +82,9 @@ def from_arrays(
         low: tuple[Low, ...] = (None,) * dimension
         if state.particles.position_low is not None:
             low = tuple(jnp.asarray(stored(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
-        fresh = simulation.search.allocate(reference, low, jnp.asarray(stored(arrays, "neighbors.radius")), room)
-        neighbors = restored("neighbors", fresh, arrays)
+        radius = jnp.asarray(stored(arrays, "neighbors.radius"))
+        fresh = simulation.search.allocate(reference, low, radius, room, surfaces=surfaces)
+        neighbors = restored("neighbors", fresh.without_surfaces(), arrays).with_surfaces(surfaces)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra
 

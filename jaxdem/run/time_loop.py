@@ -179,7 +179,7 @@ class TimeLoop:
         arrays, attributes = self.directory.checkpoint()
         require_same_rows(arrays, self.state)
         require_same_origin(attributes, self._origin())
-        state, neighbors, extra = from_arrays(self.simulation, self.state, arrays)
+        state, neighbors, extra = from_arrays(self.simulation, self.state, arrays, self.parameters.meshes)
         self.state, self.neighbors = state, neighbors
         self._fit_probes()
         self.observer.load(arrays)

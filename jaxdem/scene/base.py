@@ -77,7 +77,8 @@ def _of_walls_too(name: str, info: ValidationInfo) -> str:
     return _known_material(name, info, (WALL,))
 
 
-def _one_number(value: object) -> object:
+def one_number(value: object) -> object:
+    """A validator: a number alone for a list of one."""
     return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -110,7 +111,7 @@ Vector = Annotated[tuple[Finite, ...], AfterValidator(per_axis)]
 """As many numbers as the box has axes."""
 Direction = Annotated[Vector, AfterValidator(_no_zero)]
 """A vector of any length but zero."""
-Corner = Annotated[tuple[Finite, ...], BeforeValidator(_one_number)]
+Corner = Annotated[tuple[Finite, ...], BeforeValidator(one_number)]
 """A place on a side, in the other axes; in 2-D a number is enough."""
 VectorOverTime = Annotated[
     Annotated[Vector, Tag("row")] | Annotated[tuple[Vector, ...], Tag("rows")], Discriminator(row_or_rows)

@@ -99,6 +99,10 @@ def _file_keys(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, st
             yield holder[key], "name", f"{table}.{key}.name"
         elif isinstance(holder, dict):
             yield holder, key, f"{table}.{key}"
+    walls = tables.get("walls")
+    for number, wall in enumerate(walls if isinstance(walls, list) else ()):
+        if isinstance(wall, dict):
+            yield wall, "file", f"walls.{number}.file"
     start = tables.get("start")
     added = start.get("add") if isinstance(start, dict) else None
     if isinstance(added, dict):

@@ -5,10 +5,23 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import Direction, NonNegative, Positive, Section, Tables, Vector, WallMaterialName, wrong
+from jaxdem.scene.base import (
+    Direction,
+    Finite,
+    Name,
+    NonNegative,
+    Positive,
+    Rows,
+    Section,
+    Tables,
+    Vector,
+    WallMaterialName,
+    one_number,
+    wrong,
+)
 from jaxdem.scene.domain import Box
 from jaxdem.scene.wall_motion import Piston, WallMotion, check_motion
 
@@ -22,12 +35,27 @@ NEEDED = {
         "apex": "a point of the edge where its two planes meet",
         "directions": "two directions, one in each plane, away from the edge",
     },
+    "mesh": {},
 }
 """Keys that each kind of wall must have, and what they are."""
 
 OF_ALL = ("name", "material", "begin", "end", "motion", "piston")
-OPTIONAL = {"plane": OF_ALL, "cylinder": ("axis", "inside", *OF_ALL), "wedge": OF_ALL}
+OF_MESH = (
+    "file", "points", "scale", "rotate", "translate", "spacing", "closed", "touch", "smooth_angle", "repair",
+)  # fmt: skip
+OPTIONAL = {
+    "plane": OF_ALL,
+    "cylinder": ("axis", "inside", *OF_ALL),
+    "wedge": OF_ALL,
+    "mesh": (*OF_MESH, *OF_ALL),
+}
 """Keys that it may have."""
+
+
+MESH_DEFAULTS: dict[str, object] = {
+    "scale": 1.0, "closed": False, "touch": "both", "smooth_angle": 1.0, "repair": False,
+}  # fmt: skip
+"""Keys of a mesh that are written out."""
 
 
 class Wall(Section):
@@ -36,8 +64,8 @@ class Wall(Section):
 
     Attributes:
         name: by which a probe finds it, different for each. Default: it has its number alone.
-        kind: "plane", "cylinder" (of infinite length; in 2-D a circle) or "wedge" (two planes with the particles
-            between them).
+        kind: "plane", "cylinder" (of infinite length; in 2-D a circle), "wedge" (two planes with the particles
+            between them) or "mesh" (triangles from a file; in 2-D straight lines).
         point: a point of the plane [m].
         normal: normal of the plane, pointing to the particles; any length.
         center: a point on the axis of the cylinder [m].
@@ -47,6 +75,24 @@ class Wall(Section):
         apex: a point of the edge where the two planes of a wedge meet [m].
         directions: two directions, one in each plane of the wedge, at right angles to the edge and away from it; any
             length.
+        file: of a mesh: its triangles (.stl, .obj, .ply), or a map of heights (.npy; .txt or .csv with a row of heights
+            along y for each x; .asc, the text grid of ESRI). In 2-D a drawing (.svg) or heights along x. Relative to
+            the scene.
+        points: of a mesh in 2-D, in place of `file`: corners of a line in their order, two at least [m].
+        scale: factor by which the coordinates of the file or the points are multiplied: 0.001 for millimetres. Default:
+            1 [-].
+        rotate: angles about the x, y and z axis, by which the scaled mesh is turned about the origin in this order; in
+            2-D one angle, from the first axis to the vertical one. Default: none [degrees].
+        translate: is added to the turned coordinates. Default: zero [m].
+        spacing: of a map of heights: distance of its columns and rows before scaling; in 2-D one number [m].
+        closed: of a mesh: true refuses one with holes, and joins the last of `points` to the first. Default: false.
+        touch: sides from which grains touch a mesh: "both", or its "front" alone, and what is behind it is solid. The
+            front of a triangle is where its corners appear counter-clockwise, outside of a solid in most files; that of
+            a line in 2-D is to the right of its way; that of heights is above. Default: "both".
+        smooth_angle: up to which neighbouring triangles bend to count as one smooth surface, with one contact at a
+            time. Default: 1 [degrees].
+        repair: whether a broken mesh is mended: triangles without size or that are there twice are left out, and those
+            that are turned over are turned back. Default: false, and it is refused.
         material: name of one of `[[materials]]`. Default: `contact.wall_material`.
         begin: time from which the wall is there; before it grains pass. It comes with the coupling interval that begins
             nearest to this time, and must not overlap a grain then by more than `contact.maximum_overlap`. Default:
@@ -58,7 +104,7 @@ class Wall(Section):
     """
 
     name: Annotated[str, Field(strict=True, min_length=1, max_length=100)] | None = None
-    kind: Literal["plane", "cylinder", "wedge"]
+    kind: Literal["plane", "cylinder", "wedge", "mesh"]
     point: Vector | None = None
     normal: Direction | None = None
     center: Vector | None = None
@@ -67,6 +113,16 @@ class Wall(Section):
     inside: Annotated[bool, Field(strict=True)] | None = None
     apex: Vector | None = None
     directions: tuple[Direction, ...] | None = None
+    file: Name | None = None
+    points: Annotated[Rows, Field(min_length=2)] | None = None
+    scale: Positive | None = None
+    rotate: Annotated[tuple[Finite, ...], BeforeValidator(one_number)] | None = None
+    translate: Vector | None = None
+    spacing: Annotated[tuple[Positive, ...], BeforeValidator(one_number)] | None = None
+    closed: Annotated[bool, Field(strict=True)] | None = None
+    touch: Literal["both", "front"] | None = None
+    smooth_angle: Annotated[float, Field(ge=0.0, le=30.0, strict=True)] | None = None
+    repair: Annotated[bool, Field(strict=True)] | None = None
     material: WallMaterialName | None = None
     begin: NonNegative | None = None
     end: Positive | None = None
@@ -85,6 +141,16 @@ class Wall(Section):
                 raise wrong(name, value, limit, "remove this key")
         if self.kind == "cylinder" and self.inside is None:
             return self.model_copy(update={"inside": True})
+        if self.kind == "mesh":
+            update = {name: value for name, value in MESH_DEFAULTS.items() if getattr(self, name) is None}
+            return self.model_copy(update=update)
+        return self
+
+    @model_validator(mode="after")
+    def _mesh_from_a_file_or_points(self) -> Wall:
+        if self.kind == "mesh" and (self.file is None) == (self.points is None):
+            limit = "a mesh has either a file or, in 2-D, points"
+            raise wrong("file", self.file, limit, "add the key file" if self.file is None else "remove one of the keys")
         return self
 
     @model_validator(mode="after")
@@ -132,7 +198,9 @@ def check_walls(walls: tuple[Wall, ...], box: Box) -> None:
         key = f"walls.{k}"
         if wall.name is not None and wall.name in [other.name for other in walls[:k]]:
             raise InputError(f"{key}.name", wall.name, "is the name of another wall too", "give each its own name")
-        if wall.kind == "plane":
+        if wall.kind == "mesh":
+            _check_mesh(key, wall, solid)
+        elif wall.kind == "plane":
             box.check_same_along_periodic_axes(f"{key}.normal", wall.normal or ())
         elif wall.kind == "wedge":
             for direction in wall.directions or ():
@@ -147,3 +215,20 @@ def check_walls(walls: tuple[Wall, ...], box: Box) -> None:
             box.check_same_along_periodic_axes(f"{key}.center", across)
         for n, motion in enumerate(wall.motion or ()):
             check_motion(f"{key}.motion.{n}", motion, box, wall.center)
+
+
+def _check_mesh(key: str, wall: Wall, solid: bool) -> None:
+    """Refuses keys of a mesh that do not fit the number of axes.
+
+    Raises:
+        InputError: points in 3-D or of another number of coordinates, or another number of angles or spacings.
+    """
+    if wall.points is not None and (solid or any(len(point) != 2 for point in wall.points)):
+        remedy = "give a file in 3-D, and points [x, z] in 2-D"
+        raise InputError(f"{key}.points", wall.points[0], "are for 2-D scenes and have two coordinates", remedy)
+    if wall.rotate is not None and len(wall.rotate) != (3 if solid else 1):
+        limit = "has three angles in 3-D and one in 2-D"
+        raise InputError(f"{key}.rotate", wall.rotate, limit, "give angles about x, y and z, in 2-D one number")
+    if wall.spacing is not None and len(wall.spacing) != (2 if solid else 1):
+        limit = "has two numbers in 3-D and one in 2-D"
+        raise InputError(f"{key}.spacing", wall.spacing, limit, "give the distances along x and y, in 2-D along x")

@@ -55,7 +55,7 @@ def check_coincident(
         return [-jax.vmap(surface.overlap, in_axes=(0, None))(places, radius) for surface in surfaces]
 
     earlier = []
-    windows = [Window()] * len(surfaces) if times is None else times.windows
+    windows = [Window()] * len(surfaces) if times is None else times.windows[: len(surfaces)]
     for side in sides:
         name = f"the {scene.sides[2 * side.axis + (side.inward < 0)]} side of the box"
         earlier.append((name, side.inward * (points[:, side.axis] - side.coordinate), Window()))

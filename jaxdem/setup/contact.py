@@ -16,7 +16,7 @@ from jaxdem.particles.cohesion import (
     VanDerWaals,
 )
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
-from jaxdem.particles.contact_model import ContactModel, MaterialIndex
+from jaxdem.particles.contact_model import ContactModel, MaterialIndex, MeshWall
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import NeighborGeometry, NeighborSearch
 from jaxdem.particles.population import Population
@@ -25,6 +25,7 @@ from jaxdem.particles.walls import BoxSide, box_sides
 from jaxdem.setup.cohesion import cohesion_reach
 from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.meshes import list_skin
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.wall_motion import surface_motions
 from jaxdem.setup.walls import scene_surfaces, wall_times
@@ -75,12 +76,19 @@ def contact_interval(
     check_coincident(particles.scene, sides, surfaces, times, 2.0 * bodies.smallest_radius)
     table, index = particles.materials, None
     if table is not None:
-        index = MaterialIndex.of(bodies.material, table.of_walls(len(sides), len(surfaces)), table.pair)
+        walls = table.of_walls(len(sides), len(surfaces), len(particles.meshes))
+        index = MaterialIndex.of(bodies.material, walls, table.pair)
     law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
     motions, pistons = surface_motions(particles.scene, len(extensions.get("walls", ())), len(sides))
     measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
     cohesion = _cohesion(particles)
-    model = ContactModel(law, _rolling(particles), sides, surfaces, index, times, measured, cohesion, motions, pistons)
+    meshes = tuple(MeshWall(number, mesh.usual) for number, mesh in enumerate(particles.meshes))
+    if meshes and cohesion is not None:
+        limit = "acts between grains and at planes, cylinders and wedges, and the scene has walls that are meshes"
+        raise InputError("contact.cohesion", "...", limit, "remove it, or the walls of kind mesh")
+    model = ContactModel(
+        law, _rolling(particles), sides, surfaces, index, times, measured, cohesion, motions, pistons, meshes
+    )
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 
 
@@ -91,7 +99,7 @@ def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
     rebuilt half as often as with 0.2, and no wider.
     """
     scene, contact, diameter = particles.scene, particles.contact, particles.bodies.largest_diameter
-    skin = (0.4 if contact.skin == "auto" else contact.skin) * diameter
+    skin = list_skin(contact, diameter)
     cutoff = diameter + cohesion_reach(particles)
     for axis, wraps in enumerate(scene.periodic):
         needed = 3.0 * (cutoff + skin)

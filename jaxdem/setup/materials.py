@@ -30,7 +30,8 @@ class MaterialTable(NamedTuple):
         given: by constant, the (G,) numbers that the scene gives, and how these are made of them.
         cohesion: (P,) strength of the cohesion of each pair; None without. In `given` it is "cohesion".
         sides: material of the sides of the box, and of walls given as functions.
-        surfaces: material of the walls of the scene beside the box, a wedge counting twice.
+        surfaces: material of the walls of the scene beside the box that are no meshes, a wedge counting twice.
+        meshes: of those that are.
     """
 
     names: tuple[str, ...]
@@ -44,16 +45,19 @@ class MaterialTable(NamedTuple):
     sides: int
     surfaces: tuple[int, ...]
     cohesion: np.ndarray | None = None
+    meshes: tuple[int, ...] = ()
 
-    def of_walls(self, sides: int, surfaces: int) -> np.ndarray:
-        """(S,) material of so many sides of the box, then of so many walls beside it, those given as functions last."""
+    def of_walls(self, sides: int, surfaces: int, meshes: int = 0) -> np.ndarray:
+        """(S,) material of so many sides of the box, then of so many walls beside it, those given as functions last,
+        then of so many meshes."""
         functions = surfaces - len(self.surfaces)
-        return np.asarray([self.sides] * sides + [*self.surfaces] + [self.sides] * functions, np.int32)
+        flat = [self.sides] * sides + [*self.surfaces] + [self.sides] * functions
+        return np.asarray([*flat, *self.meshes[:meshes]], np.int32)
 
     @property
     def wall_materials(self) -> list[int]:
         """The materials that a wall may have, each once."""
-        return sorted({self.sides, *self.surfaces})
+        return sorted({self.sides, *self.surfaces, *self.meshes})
 
 
 def material_table(scene: Scene) -> MaterialTable | None:
@@ -78,11 +82,16 @@ def material_table(scene: Scene) -> MaterialTable | None:
         given["cohesion"] = _given_numbers(scene, contact.cohesion, name, pair, "contact.cohesion")
         mixed["cohesion"] = of_pairs(*given["cohesion"], np)
     sides = names.index(contact.wall_material or WALL)
-    surfaces = []
+    surfaces: list[int] = []
+    meshes: list[int] = []
     for wall in scene.walls:
         number = sides if wall.material is None else names.index(wall.material)
-        surfaces += [number] * (2 if wall.kind == "wedge" else 1)
-    return MaterialTable(names, **own, **mixed, pair=pair, given=given, sides=sides, surfaces=tuple(surfaces))
+        if wall.kind == "mesh":
+            meshes.append(number)
+        else:
+            surfaces += [number] * (2 if wall.kind == "wedge" else 1)
+    found = MaterialTable(names, **own, **mixed, pair=pair, given=given, sides=sides, surfaces=tuple(surfaces))
+    return found._replace(meshes=tuple(meshes))
 
 
 def _given_numbers(

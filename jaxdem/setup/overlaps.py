@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -16,6 +17,7 @@ from jaxdem.particles import packing
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
+from jaxdem.setup.meshes import WallMesh
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import wall_keys
 
@@ -146,6 +148,7 @@ def check_surfaces(
     # As one program: operation by operation it takes seconds to compile.
     overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius, placed)
     depth = np.asarray(overlap) / (2.0 * np.asarray(radius))
+    present = None if present is None else present[: len(surfaces)]
     inside = ~(depth <= allowed.part)  # an overlap that is not a number too
     if present is not None:
         inside &= present[:, None]
@@ -162,6 +165,45 @@ def check_surfaces(
             f"{allowed.move}, or move the wall"
             + ("; the normal of a wall points to the particles" if depth[wall, index] > 1.0 else ""),
         )
+
+
+def check_meshes(
+    meshes: Sequence[WallMesh],
+    present: np.ndarray | None,
+    particles: ParticleState,
+    radius: Array,
+    allowed: Overlap,
+) -> None:
+    """Refuses particles that overlap a wall that is a mesh, or lie inside of a closed one that is touched from its
+    front alone.
+
+    Args:
+        meshes: of the scene.
+        present: (W,) bool, which walls beside the sides are there at the start, the meshes last; None for all.
+        particles, radius, allowed: see `check_surfaces`.
+
+    Raises:
+        InputError: naming the particle and the wall.
+    """
+    there = np.full(len(particles.position), True) if particles.active is None else np.asarray(particles.active)
+    rows = np.flatnonzero(there)
+    position = np.asarray(particles.position, float)[rows]
+    if particles.position_low is not None:
+        position = position + np.asarray(particles.position_low, float)[rows]
+    size = np.broadcast_to(np.asarray(radius, float), len(there))[rows]
+    for mesh, is_there in zip(
+        meshes, np.full(len(meshes), True) if present is None else present[-len(meshes) :], strict=True
+    ):
+        depth = mesh.depth(position, size) / (2.0 * size)
+        if is_there and len(rows) and depth.max() > allowed.part:
+            index = int(np.argmax(depth))
+            deep = "lies inside of" if depth[index] >= 1.0 else f"reaches {_percent(depth[index])} of its diameter into"
+            raise InputError(
+                allowed.key,
+                f"particle {rows[index]} at {_point(position[index])} m",
+                f"it {deep} {mesh.key} (mesh), {allowed}",
+                f"{allowed.move}, or move the wall",
+            )
 
 
 def _point(row: np.ndarray) -> str:

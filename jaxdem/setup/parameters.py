@@ -84,6 +84,7 @@ def scene_parameters(
         side_velocity=velocity if fluid is None and moving else (),
         wall_motion=_wall_motion(scene, particles, number),
         pistons=() if particles is None else piston_numbers(scene, number),
+        meshes=() if particles is None else tuple(mesh.traced(dtype) for mesh in particles.meshes),
     )
 
 

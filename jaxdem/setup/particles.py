@@ -13,6 +13,7 @@ from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
 from jaxdem.setup.bodies import Bodies, joined, particle_bodies
 from jaxdem.setup.materials import MaterialTable, material_table
+from jaxdem.setup.meshes import WallMesh, wall_meshes
 from jaxdem.setup.packs import PackSetup, packs_of
 from jaxdem.setup.parcels import check_parcels, parcel_contact
 
@@ -131,6 +132,11 @@ class ParticleSetup:
         if not self.arrivals:
             return self.present
         return joined([_each(self.present, self.count), *(coming.bodies for coming in self.arrivals)])
+
+    @cached_property
+    def meshes(self) -> tuple[WallMesh, ...]:
+        """The walls that are meshes."""
+        return wall_meshes(self.scene, self.contact, self.bodies.radius)
 
     @cached_property
     def materials(self) -> MaterialTable | None:

@@ -123,8 +123,11 @@ def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
         before = [surface for wall in scene.walls[:number] for surface in surfaces_of(wall)]
         wall = scene.walls[number]
         own = tuple(range(len(before), len(before) + len(surfaces_of(wall))))
-        about = probe.about or wall.point or wall.center or wall.apex or ()
-        return WallProbe(probe.name, axes, None, own, about, turning, has[0], False, wall.moves)
+        about = probe.about or wall.point or wall.center or wall.apex or wall.translate or (0.0,) * scene.dimension
+        mesh = None
+        if wall.kind == "mesh":
+            mesh = sum(one.kind == "mesh" for one in scene.walls[:number])
+        return WallProbe(probe.name, axes, None, own, about, turning, has[0], False, wall.moves, mesh)
     name = probe.side or ""
     axis, upper = scene.box.normal_of(name)
     middle = [0.5 * length for length in scene.domain.size]

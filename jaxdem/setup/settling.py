@@ -62,7 +62,7 @@ def settled(
     def settle(state: State, neighbors: Neighbors) -> tuple[State, Neighbors]:
         model = required(dry.contact, "simulation.contact").model
         given = required(state.particles, "state.particles")
-        walls = tuple(jnp.zeros((model.walls, len(given.position)), s.dtype) for s in given.wall_spring)
+        walls = tuple(jnp.zeros((model.analytic_walls, len(given.position)), s.dtype) for s in given.wall_spring)
         falling = State(given._replace(wall_spring=walls, pistons=None), None, state.step)
         done, energy, force = 0, math.inf, math.inf
         while not (energy < REST_ENERGY and force < REST_FORCE):
@@ -74,7 +74,7 @@ def settled(
             if progress is not None:
                 progress(done * simulation.interval, longest)
         kept = [model.sides.index(side) for side in required(simulation.contact, "contact").model.sides]
-        rows = np.asarray([*kept, *range(len(model.sides), model.walls)], int)
+        rows = np.asarray([*kept, *range(len(model.sides), model.analytic_walls)], int)
         rested = required(falling.particles, "particles")
         springs = tuple(spring[rows] for spring in rested.wall_spring)
         rested = rested._replace(wall_spring=springs, pistons=given.pistons)
@@ -90,7 +90,7 @@ def _without_fluid(particles: ParticleSetup, simulation: Simulation) -> Simulati
     model, table = contact.model, particles.materials
     sides, index = box_sides(simulation.box, simulation.periodic), model.materials
     if table is not None:
-        walls = table.of_walls(len(sides), len(model.surfaces))
+        walls = table.of_walls(len(sides), len(model.surfaces), len(model.meshes))
         index = MaterialIndex.of(particles.bodies.material, walls, table.pair)
     times = None if model.wall_times is None else model.wall_times.held(0.5 * simulation.interval)
     motions = tuple(None if one is None else _still(one) for one in model.motions)

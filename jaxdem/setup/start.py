@@ -17,13 +17,16 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.moving_walls import PistonState
+from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.mesh_list import MeshRoom
 from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.fluid import fluid_velocity
 from jaxdem.setup.inlet_regions import inlet_space
-from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_surfaces
+from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -55,8 +58,10 @@ def first_state(
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         placed = simulation.placed(parameters, state, _full((), 0, np.int32)) if model.motions else ()
         check_surfaces(scene, model.surfaces, present, state, parameters.bodies.radius, allowed, placed)
-        room = simulation.room(state)
+        check_meshes(particles.meshes, present, state, parameters.bodies.radius, allowed)
+        room = simulation.room(parameters, state)
         state = _with_memory(scene, simulation, parameters.bodies.radius, state, room)
+        state = with_mesh_memory(state, simulation.contact, room)
     fluid = None
     if simulation.fluid is not None:
         void_fraction = None
@@ -143,7 +148,7 @@ def _with_memory(
         memory = jax.jit(lambda slip: {force.name: force.start(slip) for force in forces})(slip)
     return particles._replace(
         contact_spring=(_full((room.pairs,), 0.0, dtype),) * kept,
-        wall_spring=(_full((contact.model.walls, count), 0.0, dtype),) * kept,
+        wall_spring=(_full((contact.model.analytic_walls, count), 0.0, dtype),) * kept,
         fluid_memory={name: value for name, value in memory.items() if value is not None} or None,
         liquid=first_films(scene, radius, count, dtype) if contact.model.wet else None,
     )
@@ -154,6 +159,18 @@ def first_films(scene: Scene, radius: Array, count: int, dtype: DTypeLike) -> Ar
     table = required(required(scene.contact, "contact").cohesion, "cohesion")
     volume = 4.0 / 3.0 * np.pi * np.broadcast_to(np.asarray(radius, float), count) ** 3
     return on_device((table.liquid_content or 0.0) * volume, dtype)
+
+
+def with_mesh_memory(particles: ParticleState, contact: ContactInterval, room: Room) -> ParticleState:
+    """The particles with contacts with meshes that have just begun, for lists with so much room."""
+    dimension, dtype = particles.position.shape[1], particles.position.dtype
+    kept = contact.model.history_size(dimension)
+
+    def blank(of_mesh: MeshRoom, size: int) -> tuple[Array, ...]:
+        return (_full((of_mesh.contacts, of_mesh.rows), 0.0, dtype),) * size
+
+    memory = tuple(MeshMemory(blank(of_mesh, dimension), blank(of_mesh, kept)) for of_mesh in room.meshes)
+    return particles._replace(mesh_memory=memory)
 
 
 def initial_void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:

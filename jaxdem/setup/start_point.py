@@ -140,7 +140,7 @@ def walls_of(scene: Scene, simulation: Simulation) -> list[str]:
     for wall in scene.walls:
         text = json.dumps(wall.model_dump(mode="json", exclude_none=True, exclude={"name"}), sort_keys=True)
         found += [f"{text} {part}" for part in range(len(surfaces_of(wall)))]
-    functions = range(model.walls - len(found))
+    functions = range(model.analytic_walls - len(found))
     return found + [f"function {k}" for k in functions]
 
 

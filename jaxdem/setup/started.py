@@ -19,7 +19,7 @@ from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
-from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_surfaces
+from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid
 from jaxdem.setup.start_point import StartPoint, walls_of
@@ -95,6 +95,7 @@ class Beginning:
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         radius = required(self.parameters.bodies, "bodies").radius
         check_surfaces(self.scene, model.surfaces, present, state, radius, allowed_overlap(own))
+        check_meshes(own.meshes, present, state, radius, allowed_overlap(own))
 
     @property
     def _particles(self) -> StartedParticles | None:
@@ -200,11 +201,11 @@ class Beginning:
     def _room(self, own: StartedParticles, state: ParticleState) -> Room:
         """Room for the list; that of the stored one where it goes on with as many rows."""
         if not self._keeps_list(own):
-            return self.simulation.room(state)
+            return self.simulation.room(self.parameters, state)
         before = stored_room(self.start.arrays)
         if own.total == own.placed:
             return before
-        return self.simulation.room(state).covering(before)
+        return self.simulation.room(self.parameters, state).covering(before)
 
     def _fluid(self, state: ParticleState | None) -> FluidState:
         own = self._particles

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -63,10 +62,10 @@ def stored_room(arrays: Arrays) -> Room:
     Raises:
         InputError: the list has another room than is said of it.
     """
-    room = Room(*map(int, stored(arrays, "room")))
+    room = Room.of([int(number) for number in stored(arrays, "room")])
     slots, count = stored(arrays, "neighbors.index").shape
     pairs = len(stored(arrays, "neighbors.overlap"))
     if (room.slots, room.pairs) != (slots, pairs) or not 0 < room.cell <= COLUMN_MARGIN * (count + 1):
         limit = f"the list in it has {slots} slots and {pairs} pairs of {count} particles"
-        raise InputError("checkpoint.h5", dataclasses.astuple(room), limit, "Start the run anew in another folder.")
+        raise InputError("checkpoint.h5", room.numbers, limit, "Start the run anew in another folder.")
     return room

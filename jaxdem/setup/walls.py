@@ -19,7 +19,9 @@ from jaxdem.setup.particles import ParticleSetup
 
 
 def surfaces_of(wall: Wall) -> tuple[Surface, ...]:
-    """The surfaces of a wall of the scene: two of a wedge, else one."""
+    """The surfaces of a wall of the scene: two of a wedge, none of a mesh, else one."""
+    if wall.kind == "mesh":
+        return ()
     if wall.point is not None and wall.normal is not None:
         return (Plane(wall.point, wall.normal),)
     if wall.center is not None and wall.radius is not None:
@@ -53,7 +55,7 @@ def scene_surfaces(
 def wall_times(
     particles: ParticleSetup, functions: Sequence[Callable[[Array], Array]], interval: float
 ) -> WallTimes | None:
-    """When each of the `scene_surfaces` is there; None where all always are.
+    """When each of the `scene_surfaces`, and then each mesh, is there; None where all always are.
 
     Args:
         particles: of the scene.
@@ -65,14 +67,22 @@ def wall_times(
     """
     walls = particles.scene.walls
     given = [(f"walls.{k}", wall.begin or 0.0, wall.end or math.inf) for k, wall in enumerate(walls)]
-    count = [len(surfaces_of(wall)) for wall in walls] + [1] * len(functions)
+    meshes = [k for k, wall in enumerate(walls) if wall.kind == "mesh"]
+    count = [len(surfaces_of(wall)) for wall in walls] + [1] * len(functions) + [1] * len(meshes)
     for function in functions:
         timed = function if isinstance(function, WallInTime) else WallInTime(function)
         given.append(("walls", timed.begin, timed.end))
+    given += [given[k] for k in meshes]
     for key, begin, end in given:
         if begin < 0.0 or end - begin < interval * (1.0 - 1e-9):
             limit = f"a wall must be there for at least a coupling interval of {interval:.4g} s, from 0 s on"
             raise InputError(f"{key}.begin", f"{begin:g} s to {end:g} s", limit, "lower begin, or raise end")
+    for k in meshes:
+        if walls[k].begin:
+            limit = "a mesh is there from the start; it may vanish"
+            raise InputError(
+                f"walls.{k}.begin", walls[k].begin, limit, "remove begin, or use a plane, cylinder or wedge"
+            )
     windows = [Window(begin, end) for (_, begin, end), n in zip(given, count, strict=True) for _ in range(n)]
     if all(window.is_always for window in windows):
         return None

@@ -1,1 +1,1 @@
-"""Surfaces that grains and fluid meet, and their motion."""
+"""Surfaces that grains and fluid meet, and their motion: geometry alone, without contacts or flow."""

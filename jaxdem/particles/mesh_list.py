@@ -1,0 +1,357 @@
+"""Which grains are near a mesh, and which of its faces, edges and corners each of them may touch.
+
+Made with the neighbour list and good for as long: until a grain has moved half of the skin. Of what is listed the list
+keeps the overlap and the place at its build, computed in pairs of floats, and a contact step only adds the motion since
+then, as for two grains. Grains that are near a mesh have a row; the others cost a contact step nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxdem.numerics import compensated
+from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.mesh_surface import (
+    FAR,
+    CornerTable,
+    EdgeTable,
+    FaceTable,
+    MeshSurface,
+    Near,
+    NearCorners,
+    NearEdges,
+    NearFaces,
+    Places,
+    near_corners,
+    near_edges,
+    near_faces,
+)
+from jaxdem.particles.pairs import at
+
+KINDS = ("faces", "edges", "corners")
+"""Of which a grain may touch several."""
+
+Table = FaceTable | EdgeTable | CornerTable
+
+
+@static
+class MeshRoom:
+    """What the list of a mesh has room for; static.
+
+    Attributes:
+        rows: M, grains that are near the mesh.
+        contacts: C, contacts of a grain with the mesh.
+        looks: of each of `KINDS`, grains times what is in their bins.
+        slots: of each of `KINDS`, what a grain may touch; 0 for a kind that the mesh has not.
+    """
+
+    rows: int
+    contacts: int
+    looks: tuple[int, int, int]
+    slots: tuple[int, int, int]
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """All of them in a row."""
+        return (self.rows, self.contacts, *self.looks, *self.slots)
+
+    @classmethod
+    def of(cls, numbers: tuple[int, ...]) -> MeshRoom:
+        """The inverse of `numbers`."""
+        rows, contacts, *rest = numbers
+        return cls(rows, contacts, (rest[0], rest[1], rest[2]), (rest[3], rest[4], rest[5]))
+
+
+NUMBERS = 8
+"""Of a `MeshRoom`."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class MeshList:
+    """Grains near a mesh, M rows, and what each may touch.
+
+    Attributes:
+        surface: the mesh.
+        row: (M,) int32, the grain of each row; the number of grains in an empty row.
+        faces: (K, M) of each; None without room for any.
+        edges: the same.
+        corners: the same.
+        contacts: C, room for contacts of a grain; static.
+        looks: see `MeshRoom`; static.
+    """
+
+    surface: MeshSurface
+    row: Array
+    faces: NearFaces | None
+    edges: NearEdges | None
+    corners: NearCorners | None
+    contacts: int = dataclasses.field(metadata={"static": True})
+    looks: tuple[int, int, int] = dataclasses.field(metadata={"static": True})
+
+    @property
+    def near(self) -> tuple[Near, ...]:
+        """What there is of the three kinds."""
+        return tuple(kind for kind in (self.faces, self.edges, self.corners) if kind is not None)
+
+    @property
+    def room(self) -> MeshRoom:
+        """What there is room for."""
+        faces, edges, corners = (
+            0 if kind is None else int(kind.overlap.shape[0]) for kind in (self.faces, self.edges, self.corners)
+        )
+        return MeshRoom(self.row.shape[0], self.contacts, self.looks, (faces, edges, corners))
+
+    def of_rows(self, values: Vector) -> Vector:
+        """Values (M,) of (N,); of an empty row those of some grain."""
+        count = values[0].shape[0]
+        return at(values, jnp.minimum(self.row, max(count - 1, 0)))
+
+    def added(self, totals: Vector, values: Vector) -> Vector:
+        """Totals (N,) with values (M,) of the rows."""
+        return tuple(
+            total.at[self.row].add(value, mode="drop", unique_indices=True, indices_are_sorted=True)
+            for total, value in zip(totals, values, strict=True)
+        )
+
+    def radius_of_rows(self, radius: Array) -> Array:
+        """() unchanged, (M,) of (N,)."""
+        return radius if radius.ndim == 0 else self.of_rows((radius,))[0]
+
+    def with_radius(self, radius: Array, before: Array) -> MeshList:
+        """The same with the overlaps of other radii, () or (N,) [m], and with their slopes by these.
+
+        Args:
+            radius: now.
+            before: at the build.
+        """
+        change = self.radius_of_rows(radius) - lax.stop_gradient(self.radius_of_rows(before))
+        if change.ndim:
+            change = change[None]
+
+        def changed(kind: Near | None) -> Near | None:
+            return None if kind is None else kind._replace(overlap=lax.stop_gradient(kind.overlap) + change)
+
+        return dataclasses.replace(
+            self, faces=changed(self.faces), edges=changed(self.edges), corners=changed(self.corners)
+        )
+
+
+def tables(surface: MeshSurface) -> tuple[Table | None, ...]:
+    """Of each of `KINDS`."""
+    return surface.faces, surface.edges, surface.corners
+
+
+def near_of(table: Table, index: Array, position: Places, radius: Array) -> Near:
+    """Grains and parts of a mesh of one kind; see `mesh_surface.near_faces`."""
+    if isinstance(table, FaceTable):
+        return near_faces(table, index, position, radius)
+    if isinstance(table, EdgeTable):
+        return near_edges(table, index, position, radius)
+    return near_corners(table, index, position, radius)
+
+
+@static
+class MeshSearch:
+    """How grains find a mesh; static.
+
+    Attributes:
+        box: side lengths of the domain [m].
+        periodic: whether each axis is periodic.
+        skin: see `NeighborGeometry` [m].
+    """
+
+    box: tuple[float, ...]
+    periodic: tuple[bool, ...]
+    skin: float
+
+    def inside(self, position: Vector, low: tuple[Low, ...]) -> Places:
+        """Positions moved by whole periods into the box."""
+        high, trailing = [], []
+        for x, rest, length, wraps in zip(position, low, self.box, self.periodic, strict=True):
+            pair = (x, rest)
+            if wraps:
+                pair = compensated.difference(*pair, *compensated.whole_periods(jnp.floor(x / length), length))
+            high.append(pair[0])
+            trailing.append(pair[1])
+        return Places(tuple(high), tuple(trailing))
+
+    def listed(
+        self, surface: MeshSurface, places: Places, radius: Array, room: MeshRoom, active: Array | None
+    ) -> tuple[MeshList, Array]:
+        """The list at these places, and () bool, whether there was not enough room; jittable.
+
+        Args:
+            surface: the mesh.
+            places: (N,) of the grains, in the frame of the mesh [m].
+            radius: () or (N,) [m].
+            room: for the list.
+            active: (N,) bool, which grains there are; None for all.
+        """
+        count, overflow = places.high[0].shape[0], jnp.zeros((), bool)
+        found: list[_Found | None] = []
+        for table, looks in zip(tables(surface), room.looks, strict=True):
+            if table is None or looks == 0:
+                # A kind without room that the mesh has, and that is within reach of a grain, is an overflow.
+                found.append(None)
+                continue
+            one = self._found(table, places, radius, looks, active)
+            overflow = overflow | one.crowded
+            found.append(one)
+        number = functools.reduce(jnp.add, (one.number for one in found if one is not None))
+        listed = number > 0
+        upto = jnp.cumsum(listed, dtype=jnp.int32)
+        overflow = overflow | (upto[-1] > room.rows)
+        place = jnp.where(listed, upto - 1, room.rows)
+        row = jnp.full(room.rows, count, jnp.int32).at[place].set(jnp.arange(count, dtype=jnp.int32), mode="drop")
+        kinds: list[Near | None] = []
+        for table, one, slots in zip(tables(surface), found, room.slots, strict=True):
+            if table is None or one is None or slots == 0:
+                if one is not None:
+                    overflow = overflow | jnp.any(one.number > 0)
+                kinds.append(None)
+                continue
+            overflow = overflow | (jnp.max(one.number) > slots)
+            kinds.append(self._kept(table, one, slots, place, row, places, radius))
+        faces, edges, corners = kinds
+        return MeshList(surface, row, faces, edges, corners, room.contacts, room.looks), overflow  # type: ignore[arg-type]
+
+    def _found(self, table: Table, places: Places, radius: Array, looks: int, active: Array | None) -> _Found:
+        """All grains and what is in their bins, grain by grain, and which are in reach."""
+        count, levels = places.high[0].shape[0], len(table.bins)
+        starts, counts, first = [], [], 0
+        for bins in table.bins:
+            start, number = bins.entries(places.high)
+            starts.append(start + first)
+            counts.append(number if active is None else jnp.where(active, number, 0))
+            first += bins.entry.shape[0]
+        start, number = (jnp.stack(x, axis=1).reshape(-1) for x in (starts, counts))
+        end = jnp.cumsum(number, dtype=jnp.int32)
+        begin = end - number
+        groups = jnp.arange(count * levels, dtype=jnp.int32)
+        # Who owns a stretch is written at its start; of several that start there all but the last own nothing.
+        marks = jnp.zeros(looks, jnp.int32).at[begin].max(groups, mode="drop")
+        group = lax.cummax(marks)
+        place = jnp.arange(looks, dtype=jnp.int32)
+        total = end[-1]
+        entries = jnp.concatenate([bins.entry for bins in table.bins])
+        entry = jnp.clip(start[group] + place - begin[group], 0, entries.shape[0] - 1)
+        grain, part = group // levels, entries[entry]
+        own = radius if radius.ndim == 0 else radius[grain]
+        near = near_of(table, part, places.of(grain), own).is_near(0.5 * self.skin, own) & (place < total)
+        upto = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(near, dtype=jnp.int32)])
+        of_grain = jnp.minimum(jnp.concatenate([begin[::levels], end[-1:]]), looks)
+        before = upto[of_grain]
+        rank = upto[:-1] - before[grain]
+        return _Found(part, grain, rank, near, before[1:] - before[:-1], total > looks)
+
+    def _kept(
+        self, table: Table, found: _Found, slots: int, place: Array, row: Array, places: Places, radius: Array
+    ) -> Near:
+        """(K, M) what the grain of each row may touch."""
+        rows, count = row.shape[0], places.high[0].shape[0]
+        # Out of the table where the pair is not in reach, or its grain has no row.
+        column = jnp.where(found.near, place[found.grain], rows)
+        slot = jnp.where(found.near, found.rank, slots)
+        part = jnp.full((slots, rows), -1, jnp.int32).at[slot, column].set(found.part, mode="drop")
+        grain = jnp.minimum(row, max(count - 1, 0))
+        own = radius if radius.ndim == 0 else radius[grain][None]
+        spread = places.of(jnp.broadcast_to(grain[None], part.shape))
+        near = near_of(table, jnp.maximum(part, 0), spread, own)
+        blank = -2.0 * FAR * own * jnp.ones_like(near.overlap)
+        return near._replace(overlap=jnp.where(part >= 0, near.overlap, blank))
+
+
+class _Found:
+    """Grains and parts of one kind that share a bin, L of them.
+
+    Attributes:
+        part: (L,) int32.
+        grain: (L,) int32, ascending.
+        rank: (L,) int32, how many of the same grain before it are in reach.
+        near: (L,) bool, in reach.
+        number: (N,) int32, of every grain how many are in reach.
+        crowded: () bool, there were more than room.
+    """
+
+    def __init__(self, part: Array, grain: Array, rank: Array, near: Array, number: Array, crowded: Array) -> None:
+        self.part, self.grain, self.rank = part, grain, rank
+        self.near, self.number, self.crowded = near, number, crowded
+
+
+EXTRA = 1.25
+"""Rows and slots are allocated for this multiple of what is found."""
+
+CONTACTS = {2: 3, 3: 4}
+"""Contacts of a grain with a mesh, by dimension: with one more than in a corner."""
+
+
+def needed(search: MeshSearch, surface: MeshSurface, position: Vector, radius: Array) -> np.ndarray:
+    """(7,) rows, looks and slots that grains at these places need; on the host, in float64.
+
+    Args:
+        search: how they find the mesh.
+        surface: with arrays of NumPy in float64.
+        position: D arrays (N,) of NumPy [m].
+        radius: () or (N,) [m].
+    """
+    position = tuple(
+        np.where(wraps, np.mod(x, length), x)
+        for x, length, wraps in zip(position, search.box, search.periodic, strict=True)
+    )
+    places = Places(position, (None,) * len(position))
+    looks, slots, near_any = [], [], np.zeros(len(position[0]), bool)
+    for table in tables(surface):
+        if table is None or not len(position[0]):
+            looks.append(0)
+            slots.append(0)
+            continue
+        total, number = 0, np.zeros(len(position[0]), int)
+        for bins in table.bins:
+            start, count = bins.entries(position)
+            grain = np.repeat(np.arange(len(count)), count)
+            entry = np.repeat(start, count) + np.arange(len(grain)) - np.repeat(np.cumsum(count) - count, count)
+            part = bins.entry[entry]
+            own = radius if np.ndim(radius) == 0 else radius[grain]
+            near = near_of(table, part, places.of(grain), own).is_near(0.5 * search.skin, own)
+            number += np.bincount(grain[np.asarray(near)], minlength=len(number))
+            total += len(grain)
+        near_any |= number > 0
+        looks.append(total)
+        slots.append(int(number.max(initial=0)))
+    return np.array([int(near_any.sum()), *looks, *slots])
+
+
+def with_margin(number: float, least: int) -> int:
+    """Room for a number that was found."""
+    return max(least, math.ceil(EXTRA * number))
+
+
+def carried(values: Vector, old: MeshList, new: MeshList, count: int) -> Vector:
+    """Values (C, M) of the contacts of each row, moved to the rows of another list by the identity of the grains.
+
+    Args:
+        values: of the old list.
+        old: list that they belong to.
+        new: list with C' contacts and M' rows.
+        count: N, number of grains.
+    """
+    rows = old.row.shape[0]
+    place = jnp.full(count + 1, rows, jnp.int32).at[old.row].set(jnp.arange(rows, dtype=jnp.int32))
+    place = place.at[count].set(rows)
+    wanted = place[new.row]
+
+    def moved(x: Array) -> Array:
+        wider = jnp.pad(x, ((0, max(new.contacts - x.shape[0], 0)), (0, 1)))
+        return wider[:, wanted]
+
+    return tuple(map(moved, values))
