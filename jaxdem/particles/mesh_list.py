@@ -10,6 +10,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -81,7 +83,7 @@ class MeshList:
     """Grains near a mesh, M rows, and what each may touch.
 
     Attributes:
-        surface: the mesh.
+        surface: the mesh; None in a checkpoint.
         row: (M,) int32, the grain of each row; the number of grains in an empty row.
         faces: (K, M) of each; None without room for any.
         edges: the same.
@@ -90,7 +92,7 @@ class MeshList:
         looks: see `MeshRoom`; static.
     """
 
-    surface: MeshSurface
+    surface: MeshSurface | None
     row: Array
     faces: NearFaces | None
     edges: NearEdges | None
@@ -138,7 +140,7 @@ class MeshList:
         if change.ndim:
             change = change[None]
 
-        def changed(kind: Near | None) -> Near | None:
+        def changed(kind: Near | None) -> Any:
             return None if kind is None else kind._replace(overlap=lax.stop_gradient(kind.overlap) + change)
 
         return dataclasses.replace(
@@ -201,7 +203,6 @@ class MeshSearch:
         found: list[_Found | None] = []
         for table, looks in zip(tables(surface), room.looks, strict=True):
             if table is None or looks == 0:
-                # A kind without room that the mesh has, and that is within reach of a grain, is an overflow.
                 found.append(None)
                 continue
             one = self._found(table, places, radius, looks, active)
@@ -213,17 +214,15 @@ class MeshSearch:
         overflow = overflow | (upto[-1] > room.rows)
         place = jnp.where(listed, upto - 1, room.rows)
         row = jnp.full(room.rows, count, jnp.int32).at[place].set(jnp.arange(count, dtype=jnp.int32), mode="drop")
-        kinds: list[Near | None] = []
-        for table, one, slots in zip(tables(surface), found, room.slots, strict=True):
-            if table is None or one is None or slots == 0:
-                if one is not None:
-                    overflow = overflow | jnp.any(one.number > 0)
+        kinds: list[Any] = []
+        for table, of_kind, slots in zip(tables(surface), found, room.slots, strict=True):
+            if table is None or of_kind is None:
                 kinds.append(None)
                 continue
-            overflow = overflow | (jnp.max(one.number) > slots)
-            kinds.append(self._kept(table, one, slots, place, row, places, radius))
+            overflow = overflow | (jnp.max(of_kind.number) > slots)
+            kinds.append(self._kept(table, of_kind, slots, place, row, places, radius))
         faces, edges, corners = kinds
-        return MeshList(surface, row, faces, edges, corners, room.contacts, room.looks), overflow  # type: ignore[arg-type]
+        return MeshList(surface, row, faces, edges, corners, room.contacts, room.looks), overflow
 
     def _found(self, table: Table, places: Places, radius: Array, looks: int, active: Array | None) -> _Found:
         """All grains and what is in their bins, grain by grain, and which are in reach."""
@@ -295,7 +294,7 @@ CONTACTS = {2: 3, 3: 4}
 """Contacts of a grain with a mesh, by dimension: with one more than in a corner."""
 
 
-def needed(search: MeshSearch, surface: MeshSurface, position: Vector, radius: Array) -> np.ndarray:
+def needed(search: MeshSearch, surface: MeshSurface, position: Sequence[Any], radius: Any) -> np.ndarray:
     """(7,) rows, looks and slots that grains at these places need; on the host, in float64.
 
     Args:
@@ -304,11 +303,11 @@ def needed(search: MeshSearch, surface: MeshSurface, position: Vector, radius: A
         position: D arrays (N,) of NumPy [m].
         radius: () or (N,) [m].
     """
-    position = tuple(
+    inside: Any = tuple(
         np.where(wraps, np.mod(x, length), x)
         for x, length, wraps in zip(position, search.box, search.periodic, strict=True)
     )
-    places = Places(position, (None,) * len(position))
+    places = Places(inside, (None,) * len(inside))
     looks, slots, near_any = [], [], np.zeros(len(position[0]), bool)
     for table in tables(surface):
         if table is None or not len(position[0]):
@@ -317,8 +316,8 @@ def needed(search: MeshSearch, surface: MeshSurface, position: Vector, radius: A
             continue
         total, number = 0, np.zeros(len(position[0]), int)
         for bins in table.bins:
-            start, count = bins.entries(position)
-            grain = np.repeat(np.arange(len(count)), count)
+            start, count = bins.entries(inside)
+            grain: Any = np.repeat(np.arange(len(count)), count)
             entry = np.repeat(start, count) + np.arange(len(grain)) - np.repeat(np.cumsum(count) - count, count)
             part = bins.entry[entry]
             own = radius if np.ndim(radius) == 0 else radius[grain]

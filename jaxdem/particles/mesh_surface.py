@@ -142,10 +142,10 @@ def on_host(surface: MeshSurface) -> MeshSurface:
     def joined(node: Any) -> Any:
         if isinstance(node, Places):
             pairs = [(np.asarray(high, float), low) for high, low in node.pairs]
-            sums = tuple(high if low is None else high + np.asarray(low, float) for high, low in pairs)
+            sums: Any = tuple(high if low is None else high + np.asarray(low, float) for high, low in pairs)
             return Places(sums, (None,) * len(sums))
         if isinstance(node, Distance):
-            high = np.asarray(node.high, float)
+            high: Any = np.asarray(node.high, float)
             return Distance(high if node.low is None else high + np.asarray(node.low, float), None)
         return np.asarray(node)
 

@@ -103,8 +103,8 @@ class Room:
 
     def enlarged(self) -> Room:
         """Half as much again; what a mesh has nothing of stays so."""
-        own = (n + max(2, n // 2) for n in (self.slots, self.pairs, self.cell))
-        return Room(*own, tuple(n + max(2, n // 2) if n else 0 for n in self.mesh))
+        slots, pairs, cell = (n + max(2, n // 2) for n in (self.slots, self.pairs, self.cell))
+        return Room(slots, pairs, cell, tuple(n + max(2, n // 2) if n else 0 for n in self.mesh))
 
     def covering(self, other: Room) -> Room:
         """Room for what either has room for."""
@@ -153,7 +153,7 @@ class Neighbors:
     @property
     def surfaces(self) -> tuple[MeshSurface, ...]:
         """The meshes."""
-        return tuple(mesh.surface for mesh in self.meshes)
+        return tuple(mesh.surface for mesh in self.meshes if mesh.surface is not None)
 
     def without_surfaces(self) -> Neighbors:
         """The list without the meshes themselves, for a checkpoint."""

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -122,7 +122,7 @@ class WallMesh:
         for table, near_of in [*kinds, (surface.corners, near_corners)]:
             for bins in () if table is None else table.bins:
                 start, count = bins.entries(tuple(position.T))
-                grain = np.repeat(np.arange(len(position)), count)
+                grain: Any = np.repeat(np.arange(len(position)), count)
                 entry = np.repeat(start, count) + np.arange(len(grain))
                 entry -= np.repeat(np.cumsum(count) - count, count)
                 near = near_of(table, bins.entry[entry], places.of(grain), radius[grain])
@@ -193,9 +193,8 @@ def _from_file(key: str, file: str, wall: Wall, dimension: int) -> SurfaceMesh:
         limit = f"cannot be read ({error.strerror or error})"
         raise InputError(f"{key}.file", file, limit, "correct the name; it is relative to the scene") from None
     except ValueError as error:
-        raise InputError(
-            f"{key}.file", file, str(error), "give a sound file, or correct the keys of this wall"
-        ) from None
+        remedy = "give a sound file, or correct the keys of this wall"
+        raise InputError(f"{key}.file", file, str(error), remedy) from None
 
 
 def _rotation(angles: tuple[float, ...] | None, dimension: int) -> np.ndarray:
@@ -279,8 +278,8 @@ def _surface(features: Features, both: bool, radius: float, slack: float) -> Mes
     """Tables in float64 of what grains up to a radius can touch after a motion of `slack` [m]."""
     faces, lines, corners = features
 
-    def places(rows: np.ndarray) -> Places:
-        return Places(tuple(np.ascontiguousarray(rows.T)), (None,) * rows.shape[1])  # type: ignore[arg-type]
+    def places(rows: Any) -> Places:
+        return Places(tuple(np.ascontiguousarray(rows.T)), (None,) * rows.shape[1])
 
     def directions(rows: np.ndarray) -> tuple[Any, ...]:
         return tuple(tuple(np.ascontiguousarray(rows[:, k].T)) for k in range(rows.shape[1]))
@@ -288,7 +287,10 @@ def _surface(features: Features, both: bool, radius: float, slack: float) -> Mes
     def patch(numbers: np.ndarray) -> Any:
         return numbers.astype(np.int32)
 
-    dimension = faces.anchor.shape[1]
+    def distance(values: Any) -> Distance:
+        return Distance(values, None)
+
+    dimension, either = faces.anchor.shape[1], cast(Array, np.asarray(both))
     ends = np.stack([_corner(faces, k) for k in range(dimension)], axis=1)
     # A grain is above a face that it touches.
     reach, above = radius + slack, radius * np.abs(faces.normal) + slack
@@ -296,9 +298,9 @@ def _surface(features: Features, both: bool, radius: float, slack: float) -> Mes
     table = FaceTable(
         places(faces.anchor),
         places(faces.normal),
-        np.asarray(both),  # type: ignore[arg-type]
+        either,
         tuple(places(faces.inward[:, k]) for k in range(dimension)),
-        tuple(Distance(faces.offset[:, k], None) for k in range(dimension)),  # type: ignore[arg-type]
+        tuple(distance(faces.offset[:, k]) for k in range(dimension)),
         patch(faces.patch),
         _bins(found),
     )
@@ -307,7 +309,7 @@ def _surface(features: Features, both: bool, radius: float, slack: float) -> Mes
         other = lines.anchor + lines.length[:, None] * lines.along
         found = levels_of(np.minimum(lines.anchor, other), np.maximum(lines.anchor, other), reach, reach)
         edges = EdgeTable(
-            places(lines.anchor), places(lines.along), Distance(lines.length, None),  # type: ignore[arg-type]
+            places(lines.anchor), places(lines.along), distance(lines.length),
             directions(lines.beyond), patch(lines.patch), _bins(found),
         )  # fmt: skip
     if len(corners.anchor):
@@ -326,13 +328,14 @@ def _corner(faces: Any, k: int) -> np.ndarray:
 
 
 def _bins(levels: tuple[Level, ...]) -> tuple[Bins, ...]:
-    return tuple(Bins(np.asarray(level.width), level.start, level.entry) for level in levels)  # type: ignore[arg-type]
+    rows: Any = [(np.asarray(level.width), level.start, level.entry) for level in levels]
+    return tuple(Bins(*row) for row in rows)
 
 
 def _traced(surface: MeshSurface, dtype: np.dtype[np.floating]) -> MeshSurface:
     """Tables as arrays of JAX, in float32 as pairs."""
 
-    def pair(values: np.ndarray) -> tuple[Array, Array | None]:
+    def pair(values: Any) -> tuple[Array, Array | None]:
         leading = values.astype(dtype)
         low = None if dtype == np.float64 else on_device(values - leading.astype(float), dtype)
         return on_device(leading, dtype), low

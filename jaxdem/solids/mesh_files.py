@@ -7,6 +7,7 @@ it knows the key and the remedy.
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -67,17 +68,13 @@ def surface_of_heights(path: str, spacing: Sequence[float] | None) -> SurfaceMes
     """
     heights, own_corner, own_spacing = _heights(path)
     if (spacing is None) == (own_spacing is None):
-        raise ValueError(
-            "needs the key spacing" if spacing is None else "has a cellsize of its own besides the key spacing"
-        )
-    steps = own_spacing if spacing is None else tuple(spacing)
-    if heights.ndim != len(steps or ()) or min(heights.shape) < 2:
-        raise ValueError(
-            f"holds an array of shape {heights.shape}, expected at least two heights along each of {len(steps or ())} axes"
-        )
-    axes = [
-        corner + step * np.arange(n) for corner, step, n in zip(own_corner, steps or (), heights.shape, strict=False)
-    ]
+        raise ValueError("needs the key spacing" if spacing is None else "has a cellsize, so the key spacing must go")
+    steps = own_spacing or tuple(spacing or ())
+    if heights.ndim != len(steps) or min(heights.shape) < 2:
+        shape = f"an array of shape {heights.shape}"
+        raise ValueError(f"holds {shape}, expected at least two heights along each of {len(steps)} axes")
+    triples = zip(own_corner, steps, heights.shape, strict=False)
+    axes = [corner + step * np.arange(n) for corner, step, n in triples]
     points = np.stack([*np.meshgrid(*axes, indexing="ij"), heights], axis=-1).reshape(-1, heights.ndim + 1)
     number = np.arange(heights.size).reshape(heights.shape)
     if heights.ndim == 1:
@@ -107,12 +104,12 @@ def _heights(path: str) -> tuple[np.ndarray, tuple[float, float], tuple[float, .
     rows = np.loadtxt([line.replace(",", " ") for line in lines], ndmin=2)
     if not head:
         return (rows[:, 0] if rows.shape[1] == 1 else rows), (0.0, 0.0), None
-    size = head.get("cellsize")
-    if size is None or not size > 0.0:
+    size = head.get("cellsize", 0.0)
+    if not size > 0.0:
         raise ValueError("has a head without a cellsize above 0")
-    if rows.shape != (int(head.get("nrows", rows.shape[0])), int(head.get("ncols", rows.shape[1]))):
+    if rows.shape != (head.get("nrows", len(rows)), head.get("ncols", rows.shape[1])):
         raise ValueError(f"has {rows.shape[0]} rows of {rows.shape[1]} heights, its head says otherwise")
-    rows = np.where(rows == head.get("nodata_value", np.nan), np.nan, rows)
+    rows = np.where(rows == head.get("nodata_value", math.nan), math.nan, rows)
     shift = 0.5 * size if "xllcorner" in head else 0.0
     corner = head.get("xllcorner", head.get("xllcenter", 0.0)), head.get("yllcorner", head.get("yllcenter", 0.0))
     return rows[::-1].T, (corner[0] + shift, corner[1] + shift), (size, size)
