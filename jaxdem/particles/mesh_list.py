@@ -220,7 +220,7 @@ class MeshSearch:
                 kinds.append(None)
                 continue
             overflow = overflow | (jnp.max(of_kind.number) > slots)
-            kinds.append(self._kept(table, of_kind, slots, place, row, places, radius))
+            kinds.append(self._kept(of_kind, slots, place, room.rows, radius))
         faces, edges, corners = kinds
         return MeshList(surface, row, faces, edges, corners, room.contacts, room.looks), overflow
 
@@ -246,35 +246,32 @@ class MeshSearch:
         entry = jnp.clip(start[group] + place - begin[group], 0, entries.shape[0] - 1)
         grain, part = group // levels, entries[entry]
         own = radius if radius.ndim == 0 else radius[grain]
-        near = near_of(table, part, places.of(grain), own).is_near(0.5 * self.skin, own) & (place < total)
+        values = near_of(table, part, places.of(grain), own)
+        near = values.is_near(0.5 * self.skin, own) & (place < total)
         upto = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(near, dtype=jnp.int32)])
         of_grain = jnp.minimum(jnp.concatenate([begin[::levels], end[-1:]]), looks)
         before = upto[of_grain]
         rank = upto[:-1] - before[grain]
-        return _Found(part, grain, rank, near, before[1:] - before[:-1], total > looks)
+        return _Found(values, grain, rank, near, before[1:] - before[:-1], total > looks)
 
-    def _kept(
-        self, table: Table, found: _Found, slots: int, place: Array, row: Array, places: Places, radius: Array
-    ) -> Near:
-        """(K, M) what the grain of each row may touch."""
-        rows, count = row.shape[0], places.high[0].shape[0]
+    def _kept(self, found: _Found, slots: int, place: Array, rows: int, radius: Array) -> Near:
+        """(K, M) what the grain of each row may touch; `place` is the row of each grain."""
         # Out of the table where the pair is not in reach, or its grain has no row.
         column = jnp.where(found.near, place[found.grain], rows)
         slot = jnp.where(found.near, found.rank, slots)
-        part = jnp.full((slots, rows), -1, jnp.int32).at[slot, column].set(found.part, mode="drop")
-        grain = jnp.minimum(row, max(count - 1, 0))
-        own = radius if radius.ndim == 0 else radius[grain][None]
-        spread = places.of(jnp.broadcast_to(grain[None], part.shape))
-        near = near_of(table, jnp.maximum(part, 0), spread, own)
-        blank = -2.0 * FAR * own * jnp.ones_like(near.overlap)
-        return near._replace(overlap=jnp.where(part >= 0, near.overlap, blank))
+        own = jnp.arange(len(found.grain), dtype=jnp.int32)
+        number = jnp.full((slots, rows), -1, jnp.int32).at[slot, column].set(own, mode="drop")
+        flat = jnp.maximum(number, 0)
+        near = jax.tree.map(lambda x: at((x,), flat)[0], found.values)
+        blank = -2.0 * FAR * (radius if radius.ndim == 0 else jnp.max(radius))
+        return near._replace(overlap=jnp.where(number >= 0, near.overlap, blank))
 
 
 class _Found:
     """Grains and parts of one kind that share a bin, L of them.
 
     Attributes:
-        part: (L,) int32.
+        values: (L,) of each, the overlaps and places.
         grain: (L,) int32, ascending.
         rank: (L,) int32, how many of the same grain before it are in reach.
         near: (L,) bool, in reach.
@@ -282,8 +279,8 @@ class _Found:
         crowded: () bool, there were more than room.
     """
 
-    def __init__(self, part: Array, grain: Array, rank: Array, near: Array, number: Array, crowded: Array) -> None:
-        self.part, self.grain, self.rank = part, grain, rank
+    def __init__(self, values: Near, grain: Array, rank: Array, near: Array, number: Array, crowded: Array) -> None:
+        self.values, self.grain, self.rank = values, grain, rank
         self.near, self.number, self.crowded = near, number, crowded
 
 

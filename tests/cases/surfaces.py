@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import jax
 import numpy as np
 import trimesh
+
+import jaxdem
+from jaxdem.setup.builder import build_case
 
 
 def plane_mesh(squares: int, lower=-0.5, upper=1.5, height=0.0, warp=0.0) -> trimesh.Trimesh:
@@ -43,3 +49,48 @@ def saved(mesh: trimesh.Trimesh, path) -> str:
     with open(path, "wb") as file:
         file.write(data if isinstance(data, bytes) else data.encode())
     return path
+
+
+def grains_scene(walls, position, velocity=None, spin=None, precision="float64", **given) -> dict:
+    """Tables of a scene with grains that are far from each other."""
+    tables = {
+        "seed": 1, "precision": precision,
+        "domain": {"size": [1.0, 1.0, 1.0]},
+        "particles": {"position": np.asarray(position, float).tolist(), "radius": 0.02, "density": 2500.0},
+        "contact": {"young_modulus": 1e7, "poisson_ratio": 0.3, "restitution": 0.5, "friction": 0.4},
+        "time": {"end": 0.01, "output_interval": 0.01},
+        "walls": walls,
+    }  # fmt: skip
+    for name, rows in (("velocity", velocity), ("angular_velocity", spin)):
+        if rows is not None:
+            tables["particles"][name] = np.asarray(rows, float).tolist()
+    for table, keys in given.items():
+        tables[table] = {**tables.get(table, {}), **keys} if isinstance(keys, dict) else keys
+    return tables
+
+
+class Flight(NamedTuple):
+    """Frames (T, N, ...) of a scene: positions in float64, velocities, spins, mean contact forces."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+    force: np.ndarray
+
+
+def flight(tables: dict, intervals: int) -> Flight:
+    """The grains of a scene after each of so many coupling intervals; more room for lists where it is needed."""
+    scene = jaxdem.load_scene(tables)
+    case = build_case(scene)
+    state, neighbors = case.initial_state()
+    step, frames = jax.jit(case.simulation.step), []
+    while len(frames) < intervals:
+        after, listed, report = step(case.parameters, state, neighbors)
+        if bool(report.particles.overflow):
+            state, neighbors = case.simulation.with_room(state, neighbors, neighbors.room.enlarged())
+            continue
+        state, neighbors, own = after, listed, after.particles
+        low = 0.0 if own.position_low is None else np.asarray(own.position_low, float)
+        position = np.asarray(own.position, float) + low
+        frames.append((position, *(np.asarray(x) for x in (own.velocity, own.angular_velocity, own.contact_force))))
+    return Flight(*(np.stack(column) for column in zip(*frames, strict=True)))
