@@ -15,8 +15,8 @@ from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.particles.forces import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
-from jaxdem.particles.moving_walls import Numbers, PistonNumbers
 from jaxdem.particles.mesh_surface import MeshSurface
+from jaxdem.particles.moving_walls import Numbers, PistonNumbers
 
 
 class State(NamedTuple):

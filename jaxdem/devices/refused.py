@@ -19,6 +19,8 @@ def require_divisible(simulation: Simulation) -> None:
         InputError: naming it.
     """
     found = None
+    if simulation.contact is not None and simulation.contact.model.meshes:
+        found = "walls", "kind = mesh", "with walls that are meshes"
     if simulation.population is not None:
         found = "particles.inlet", "given", "with particles that come in or leave"
     if found is not None:

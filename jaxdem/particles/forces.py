@@ -18,9 +18,9 @@ from jaxdem.particles.cohesion import TOUCHING, Attraction, Gap
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
-from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
 from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, remembered, touching
 from jaxdem.particles.mesh_list import MeshList
+from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.stages import stage
@@ -456,7 +456,8 @@ class _Loop:
             memory[mesh.number] = MeshMemory(kept, load.spring)
             crowded = crowded | touch.crowded
             if wall in self.model.measured:
-                loads.append(self._mesh_loads(listed, force, torque))
+                mass = jnp.where(jnp.any(pair.overlap > 0, axis=0), listed.radius_of_rows(self.properties.mass), 0.0)
+                loads.append(self._mesh_loads(listed, force, torque, mass))
         walls = loads if sums.walls is None else [sums.walls, *loads]
         joined: WallLoads | None = jax.tree.map(lambda *rows: jnp.concatenate(rows), *walls) if walls else None
         return sums._replace(walls=joined, crowded=crowded), self.motion._replace(mesh_memory=tuple(memory))
@@ -477,16 +478,17 @@ class _Loop:
         )  # fmt: skip
         return pair, touch, remembered(memory, touch, pair.normal)
 
-    def _mesh_loads(self, listed: MeshList, force: Vector, torque: Vector) -> WallLoads:
-        """What each particle does to a mesh, (1, N), of the forces and torques (M,) on those that are listed."""
+    def _mesh_loads(self, listed: MeshList, force: Vector, torque: Vector, mass: Array) -> WallLoads:
+        """What each particle does to a mesh, (1, N), of the forces and torques (M,) on those that are listed, and of
+        the mass (M,) of those that touch it."""
         turning = vectors.add(vectors.moment(listed.of_rows(self.motion.position), force), torque)
         blank = jnp.zeros_like(self.motion.position[0])
 
-        def reaction(values: Vector) -> Vector:
-            spread = listed.added((blank,) * len(values), vectors.scale(-1.0, values))
-            return _rows(spread)
+        def spread(values: Vector) -> Vector:
+            return _rows(listed.added((blank,) * len(values), values))
 
-        return WallLoads(reaction(force), reaction(turning))
+        forces, torques = spread(vectors.scale(-1.0, force)), spread(vectors.scale(-1.0, turning))
+        return WallLoads(forces, torques, (jnp.zeros_like(forces[0]),), spread((mass,)))
 
     def _load(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
         """What all contacts do; zero, and nothing computed, where nothing touches."""

@@ -47,7 +47,7 @@ OPTIONAL = {
     "plane": OF_ALL,
     "cylinder": ("axis", "inside", *OF_ALL),
     "wedge": OF_ALL,
-    "mesh": (*OF_MESH, *OF_ALL),
+    "mesh": (*OF_MESH, *(name for name in OF_ALL if name not in ("motion", "piston"))),
 }
 """Keys that it may have."""
 

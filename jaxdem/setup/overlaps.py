@@ -185,6 +185,8 @@ def check_meshes(
     Raises:
         InputError: naming the particle and the wall.
     """
+    if not meshes:
+        return
     there = np.full(len(particles.position), True) if particles.active is None else np.asarray(particles.active)
     rows = np.flatnonzero(there)
     position = np.asarray(particles.position, float)[rows]

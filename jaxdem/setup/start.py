@@ -16,10 +16,10 @@ from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
-from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import MeshRoom
+from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
