@@ -226,8 +226,8 @@ class CapillaryBridge:
 
     def reach(self, gap: Gap, constants: CohesionConstants) -> Array:
         """See `Cohesion`."""
-        film = required(constants.largest_film, "largest_film")
-        return rupture_distance(2.0 * required(constants.bridge_share, "bridge_share") * film, constants)
+        share, film = required(constants.bridge_share, "bridge_share"), required(constants.largest_film, "largest_film")
+        return rupture_factor(constants) * jnp.cbrt(2.0 * share * film)
 
     def __call__(self, gap: Gap, constants: CohesionConstants, memory: Vector) -> Attraction:
         """See `Cohesion`."""
@@ -279,9 +279,9 @@ class SimplifiedJKR:
         return _at_overlap(gap, constants.strength * jnp.pi * squared)
 
 
-def rupture_distance(volume: Array, constants: CohesionConstants) -> Array:
-    """Gap (1 + t/2) V^(1/3) at which a bridge of a volume V > 0 [m3] ruptures, t the contact angle [m]."""
-    return (1.0 + 0.5 * required(constants.contact_angle, "contact_angle")) * jnp.cbrt(volume)
+def rupture_factor(constants: CohesionConstants) -> Array:
+    """1 + t/2, t the contact angle: of the gap at which a bridge ruptures over the cube root of its volume [-]."""
+    return 1.0 + 0.5 * required(constants.contact_angle, "contact_angle")
 
 
 def _at_overlap(gap: Gap, pull: Array) -> Attraction:
@@ -307,21 +307,23 @@ d/u."""
 def _jkr_unit(gap: Gap, work: Array) -> Array:
     """u = (2 pi w / E*)^(2/3) R*^(1/3); 0 without adhesion [m]."""
     adheres = work > 0
-    length = jnp.cbrt(2.0 * jnp.pi * jnp.where(adheres, work, 1.0) / gap.modulus)
-    return jnp.where(adheres, length**2 * jnp.cbrt(gap.effective_radius), 0.0)
+    # By logarithms, which are vectorised: the library's cube root takes half of a step where sizes differ.
+    squared = 2.0 * jnp.log(2.0 * jnp.pi * jnp.where(adheres, work, 1.0) / gap.modulus)
+    return jnp.where(adheres, jnp.exp((squared + jnp.log(gap.effective_radius)) / 3.0), 0.0)
 
 
 @jax.custom_jvp
 def contact_root(overlap: Array) -> Array:
     """y >= 4^(-1/3) with y^4 - y = x for x >= -3/16^(2/3), elementwise.
 
-    A fraction in sqrt(x - least x) is within 6e-5, two steps of Newton's method then within rounding.
+    A fraction in sqrt(x - least x) is within 6e-5; a step of Newton's method brings that to 6e-9, a second one to
+    rounding in double precision.
     """
     t = jnp.sqrt(jnp.maximum(overlap - END_OF_NECK, 0.0))
     first, slope = LAST_ROOT**2, math.sqrt(2.0 / 3.0)
     square = first + t * (slope + t * (0.92632959 + 0.11177225 * t)) / (1.0 + t * (0.96548711 + 0.11177225 * t))
     y = jnp.sqrt(square)
-    for _ in range(2):
+    for _ in range(2 if y.dtype == jnp.float64 else 1):
         cube = y**3
         y = y - (y * (cube - 1.0) - overlap) / jnp.maximum(4.0 * cube - 1.0, 1e-6)
     return y

@@ -80,6 +80,7 @@ def run_summary(
         | particle_counts(simulation, state),
         **_pack_figures(case),
         **_inlet_figures(simulation, state, totals),
+        **_liquid_figures(case, state),
         **({"start": case.start_figures} if case.start is not None else {}),
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
@@ -125,6 +126,30 @@ def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict
             "waiting_most": totals.waiting_most,
             # Every interval that a particle waits delays it by one; those that still wait count too.
             "delay_mean_s": totals.waited * simulation.interval / max(int(inserted.sum()) + totals.waiting, 1),
+        }
+    }
+
+
+def _liquid_figures(case: Case, state: State) -> dict[str, Any]:
+    """Where the liquid of capillary bridges is, and what is missing of it; {} without [m3, -]."""
+    particles, scene = state.particles, case.scene
+    if particles is None or particles.liquid is None or scene.contact is None or scene.contact.cohesion is None:
+        return {}
+    held = particles.contact_spring[-1:], particles.wall_spring[-1:]
+    films = float(np.sum(np.asarray(particles.liquid), dtype=np.float64))
+    between, walls = (float(np.sum(np.asarray(volumes), dtype=np.float64)) for volumes in held)
+    radius = np.broadcast_to(np.asarray(case.bodies.radius, float), particles.liquid.shape)
+    start = (scene.contact.cohesion.liquid_content or 0.0) * float(np.sum(4.0 / 3.0 * np.pi * radius**3))
+    missing = start - films - between - walls
+    bridges = sum(int(np.count_nonzero(np.asarray(volumes))) for volumes in held)
+    return {
+        "liquid": {
+            "start": start,
+            "films": films,
+            "bridges_between_particles": between,
+            "bridges_to_walls": walls,
+            "bridges": bridges,
+            "missing_relative": missing / start if start else 0.0,
         }
     }
 

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from jaxdem.errors import InputError
 from jaxdem.scene.base import NonNegative, Positive, Section, wrong
 
-Hamaker = Annotated[float, Field(ge=0.0, le=1e-10, strict=True)]
+Hamaker = Annotated[float, Field(ge=0.0, le=1.0, strict=True)]
 Kind = Literal["jkr", "dmt", "van_der_waals", "capillary", "sjkr"]
 
 STRENGTH: dict[str, str] = {
@@ -62,7 +62,7 @@ class Cohesion(Section):
     cutoff: Positive | None = None
     contact_angle: Annotated[float, Field(ge=0.0, lt=0.5 * math.pi, strict=True)] | None = None
     liquid_content: Annotated[float, Field(ge=0.0, le=0.1, strict=True)] | None = None
-    bridge_share: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] | None = None
+    bridge_share: Annotated[float, Field(gt=0.0, le=0.2, strict=True)] | None = None
     liquid_viscosity: NonNegative = 0.0
 
     @model_validator(mode="before")

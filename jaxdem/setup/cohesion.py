@@ -101,6 +101,13 @@ class Pair(NamedTuple):
         found = _root(missing, least)
         return found, found
 
+    def law_depth(self, overlap: float) -> float:
+        """Overlap that the contact law is evaluated at [m], of one that the bodies have."""
+        if self.table.kind != "jkr" or self.strength == 0.0:
+            return overlap
+        scaled = overlap / self.unit
+        return self.unit * _root(lambda y: y**4 - y - scaled, 0.7) ** 4
+
     def resting(self) -> float:
         """Overlap at which they rest without another force; 0 with sjkr [m]."""
         if self.table.kind == "jkr":
@@ -206,6 +213,26 @@ def cohesion_reach(particles: ParticleSetup) -> float:
             "lower it, or stiffen the contact" if table.kind == "jkr" else "lower it",
         )
     return pair.reach
+
+
+def check_bridges(particles: ParticleSetup) -> None:
+    """Refuses bridges that could take more liquid than a particle has, if all for which there is room form at once.
+
+    Spheres of radius r around one of radius R: at most 4 (1 + R/r)^2, in a plane pi / arcsin(r / (R + r)).
+
+    Raises:
+        InputError: `contact.cohesion.bridge_share` is too large.
+    """
+    table = particles.contact.cohesion
+    if table is None or table.bridge_share is None or particles.bodies.radius.size == 0:
+        return
+    ratio = 0.5 * particles.bodies.largest_diameter / particles.bodies.smallest_radius
+    around = 4.0 * (1.0 + ratio) ** 2
+    if particles.scene.dimension == 2:
+        around = math.pi / math.asin(1.0 / (1.0 + ratio))
+    if table.bridge_share * around > 1.0 + 1e-9:
+        limit = f"a particle has room for {around:.0f} others, which together would take more than all of its liquid"
+        raise InputError("contact.cohesion.bridge_share", table.bridge_share, limit, f"set it to {0.99 / around:.2g}")
 
 
 def attraction_time(particles: ParticleSetup, bodies: Sequence[ContactBody]) -> float:

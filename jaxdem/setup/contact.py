@@ -22,7 +22,7 @@ from jaxdem.particles.neighbors import NeighborGeometry, NeighborSearch
 from jaxdem.particles.population import Population
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot, RollingFriction
 from jaxdem.particles.walls import BoxSide, box_sides
-from jaxdem.setup.cohesion import cohesion_reach
+from jaxdem.setup.cohesion import check_bridges, cohesion_reach
 from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.meshes import list_skin
@@ -129,6 +129,7 @@ def _box_walls(particles: ParticleSetup, population: Population | None) -> tuple
 def _cohesion(particles: ParticleSetup) -> Cohesion | None:
     """What pulls particles together; None where nothing does."""
     table = particles.contact.cohesion
+    check_bridges(particles)
     return None if table is None else COHESIONS[table.kind]()
 
 

@@ -46,6 +46,8 @@ def contact_stability(
             volume = bridge_volume(particles, large)
             pair = Pair(contact.cohesion, strongest(particles, wall), radius, modulus, volume=volume)
             deepest = pair.depth(0.5 * mass * speed**2)[1]
+            if overlap is not None:
+                return pair.law_depth(overlap)
         return overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
 
     of_pair, of_wall = (worst_constants(particles, wall) for wall in (False, True))

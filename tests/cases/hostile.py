@@ -298,6 +298,34 @@ PROBES: Tables = {
 }  # fmt: skip
 """Probes of all kinds, and a drag that is switched on."""
 
+
+def _cohesive(name: str, value: float, cohesion: Tables) -> Tables:
+    """Grains of two materials that attract each other; the name of the strength, which each has of its own."""
+    return {
+        "domain": {"size": [0.2, 0.2]},
+        "materials": [{"name": "glass", name: value}, {"name": "steel"}],
+        "material_pairs": [{"materials": ["glass", "steel"], name: value}],
+        "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]], "material": "glass"},
+        "contact": {"young_modulus": 5e6, "speed": 3.0, "cohesion": {name: value, **cohesion}},
+        "time": {"end": 0.02, "output_interval": 0.01},
+    }
+
+
+COHESIVE: dict[str, Tables] = {
+    "jkr": _cohesive("work_of_adhesion", 0.1, {"kind": "jkr"}),
+    "van der waals": _cohesive(
+        "hamaker_constant", 1e-16, {"kind": "van_der_waals", "minimum_gap": 1e-7, "cutoff": 1e-5}
+    ),
+    "wet": _cohesive(
+        "surface_tension",
+        0.07,
+        {"kind": "capillary", "contact_angle": 0.2, "liquid_content": 0.01, "bridge_share": 0.05}
+        | {"liquid_viscosity": 1e-3, "minimum_gap": 1e-5},
+    ),
+    "sjkr": _cohesive("energy_density", 1e4, {"kind": "sjkr", "wall_factor": 1.0}),
+}
+"""Grains that attract each other."""
+
 START: Tables = {
     "domain": {"size": [0.2, 0.2]},
     "start": {
@@ -324,6 +352,7 @@ BASES = {
     "bed": BED,
     "probes": PROBES,
     "start": START,
+    **COHESIVE,
 }
 
 SAME_TABLES = (

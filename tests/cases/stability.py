@@ -26,6 +26,7 @@ from jaxdem.particles.materials import surroundings
 from jaxdem.setup import stability
 from jaxdem.setup.contact_bodies import contact_bodies
 from jaxdem.setup.contact_stability import contact_stability
+from jaxdem.setup.contact_step import ATTRACTION
 from jaxdem.setup.fluid_step import AUTO_COURANT
 from jaxdem.setup.particles import particle_setup
 from jaxdem.simulation import Simulation
@@ -237,7 +238,7 @@ def contact_limit(name: str, material: str, **contact: Any) -> Limit:
     scene = pressed_scene(arrangements()[name], *MATERIALS[material], **contact)
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    key = f"{name} {contact.get('law')}"
+    key = f"{name} {contact.get('law')} {contact.get('cohesion', {}).get('kind')}"
     simulation = _simulations.setdefault(key, simulation)  # one program for all materials
     depth = DEPTH * 2.0 * float(np.min(scene.particles.radius))
     grains = particle_setup(scene)
@@ -254,10 +255,20 @@ def contact_limit(name: str, material: str, **contact: Any) -> Limit:
         return run(steps, parameters, state._replace(particles=particles), neighbors) < GROWTH
 
     found = largest_stable(stable, predicted, 0.5, 8.0)
-    label = ", ".join([name, material, *(f"{k} = {v:.3g}" for k, v in contact.items() if k != "law")])
+    told = [f"{k} = {v:.3g}" for k, v in contact.items() if k not in ("law", "cohesion")]
+    label = ", ".join([name, material, *told])
+    if "cohesion" in contact:
+        label += f", held by {contact['cohesion']['kind']}"
     if "law" in contact:
         label += ", linear law"
     return Limit("contact", label, predicted, found, time_steps(scene).limits["contact_automatic"])
+
+
+HELD = {
+    "jkr": {"kind": "jkr", "work_of_adhesion": 1.8e-5},
+    "dmt": {"kind": "dmt", "work_of_adhesion": 6e-7},
+}
+"""Cohesion by which two particles rest at about the overlap of `DEPTH`, without another force."""
 
 
 # --- impacts ----------------------------------------------------------------------------------------------
@@ -326,6 +337,66 @@ def impact_limit(speed: float, young_modulus: float) -> Limit:
     label = f"ball between walls, {speed:g} m/s, E = {young_modulus:.0e}"
     default = time_steps(scene).limits["contact_automatic"]
     return Limit("impact", label, predicted, found, default, "energy kept within 10 %: accuracy, not stability")
+
+
+def attraction_limit() -> Limit:
+    """Two elastic spheres that meet slowly and attract each other: the rebound may differ by 10 % in energy.
+
+    Five phases of the step; the speed is twice that which the attraction gives.
+    """
+    cohesion = {"kind": "van_der_waals", "hamaker_constant": 1e-15, "minimum_gap": 1e-7, "cutoff": 1e-5}
+    speed, gap = 2e-3, 1.2e-5
+    scene = jaxdem.load_scene(
+        {
+            "precision": "float64",
+            "domain": {"size": [0.01, 0.01], "gravity": [0.0, 0.0]},
+            "particles": {"radius": 1e-3, "density": DENSITY, "position": [[0.003, 0.005], [0.005 + gap, 0.005]]},
+            "contact": {
+                "young_modulus": 1e7,
+                "restitution": 1.0,
+                "friction": 0.0,
+                "speed": speed,
+                "cohesion": cohesion,
+            },
+            "time": {"end": 1.0, "output_interval": 1.0},
+        }
+    )
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    limits = time_steps(scene).limits
+    predicted = ATTRACTION * limits["contact_attraction"]
+    interval = dataclasses.replace(simulation.contact, search=None, steps=2000)
+    around = surroundings(parameters.contact, ())._replace(
+        wall_velocity=simulation.wall_velocity(parameters, jnp.zeros(()))
+    )
+
+    def rebound(time_step: Array, phase: Array) -> Array:
+        shift = phase * speed * time_step
+        particles = state.particles._replace(
+            position=state.particles.position.at[1, 0].add(shift), velocity=jnp.asarray([[speed, 0.0], [0.0, 0.0]])
+        )
+        force = jnp.zeros_like(particles.velocity)
+        for _ in range(3):
+            particles, _, _ = contact_interval(
+                interval, around, parameters.bodies, particles, neighbors, force, time_step
+            )
+        return ((particles.velocity[1, 0] - particles.velocity[0, 0]) / speed) ** 2
+
+    @jax.jit
+    def stable(steps: Array) -> Array:
+        each = jax.vmap(jax.vmap(rebound, (None, 0)), (0, None))(steps, jnp.linspace(0.0, 0.8, 5))
+        return jnp.all(jnp.abs(each - 1.0) < 0.1, axis=1)
+
+    found = largest_stable(stable, predicted, 0.1, 20.0)
+    name = "spheres that van der Waals attracts"
+    return Limit(
+        "impact",
+        name,
+        predicted,
+        found,
+        limits["contact_automatic"],
+        "energy kept within 10 %: accuracy, not stability",
+    )
 
 
 # --- fluid ------------------------------------------------------------------------------------------------
@@ -411,6 +482,14 @@ def limits() -> dict[str, Callable[[], Limit]]:
     for speed, modulus in ((1.0, 7e7), (100.0, 7e10)):
         name = f"impact: ball between walls, {speed:g} m/s"
         table[name] = functools.partial(impact_limit, speed, modulus)
+    for kind, cohesion in HELD.items():
+        for name, material in (
+            ("pair", "e = 1, mu = 0"),
+            ("hexagonal pack", "e = 1, mu = 10"),
+            ("pair", "e = 0, mu = 10"),
+        ):
+            contact(name, material, f", held by {kind}", cohesion=cohesion)
+    table["impact: spheres that van der Waals attracts"] = attraction_limit
     streams = {
         "stream along x, limited": ((1.0, 0.0), 1e-6, "limited"),
         "stream along x, upwind": ((1.0, 0.0), 1e-6, "upwind"),

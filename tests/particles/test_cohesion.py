@@ -76,6 +76,8 @@ WRONG = {
     "too far": (KINDS["van_der_waals"] | {"cutoff": 6e-4}, {}, "contact.cohesion.cutoff", "half of the smallest"),
     "too strong": (JKR, {"contact": TABLES["contact"] | {"maximum_overlap": 0.5, "speed": 1e-3,
                    "cohesion": JKR | {"work_of_adhesion": 110.0}}}, "contact.cohesion.work_of_adhesion", "half of"),
+    "a thirsty bridge": (KINDS["capillary"] | {"bridge_share": 0.2}, {}, "contact.cohesion.bridge_share",
+                         "room for 6"),
     "linear law": (JKR, {"contact": {"law": "linear_spring_dashpot", "normal_stiffness": 1e3, "cohesion": JKR}},
                    "contact.cohesion.kind", "Hertz"),
     "parcels": (JKR, {"particles": TABLES["particles"] | {"coarse_grain": 2.0}}, "contact.cohesion.kind", "parcels"),
@@ -264,6 +266,10 @@ def test_a_resumed_run_is_the_whole_run_bit_for_bit(kind, tmp_path):
     jaxdem.simulate(half, tmp_path / "half")
     jaxdem.simulate(scene, tmp_path / "half", resume=True)
     resumed = jaxdem.load_run(tmp_path / "half")
+    if kind == "capillary":
+        liquid = resumed.summary["liquid"]
+        assert abs(liquid["missing_relative"]) < 1e-6
+        assert liquid["bridges"] > 0 and liquid["films"] < liquid["start"]
     for name in ("position", "velocity", "contact_force"):
         a, b = (run.particles(-1)[name] for run in (whole, resumed))
         np.testing.assert_array_equal(a, b)

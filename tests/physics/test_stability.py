@@ -49,6 +49,12 @@ def test_predicted_contact_limit_is_safe_and_within_a_factor_of_two(name, materi
     assert 0.5 <= row.ratio <= 1.012
 
 
+def test_predicted_limit_of_spheres_that_hold_each_other():
+    """JKR at rest: the stiffness is 0.6 of that of the contact radius, which the prediction takes."""
+    row = stability.contact_limit("pair", "e = 1, mu = 0", cohesion=stability.HELD["jkr"])
+    assert row.ratio == pytest.approx(math.sqrt(0.6), rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
