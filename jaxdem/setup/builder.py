@@ -141,7 +141,8 @@ def build(
             that is a pytree goes into the parameters, and one may differentiate by its weights.
         devices: how many, or which, the box is cut for; see `jaxdem.devices`. None for one device and the plain
             program.
-        extensions: further parts in place of the scene's: `walls`, `contact_law`, `inlet_profiles`, `subgrid`,
+        extensions: further parts in place of the scene's: `walls`, `contact_law`, `cohesion`, `inlet_profiles`,
+            `subgrid`,
             `side_conditions`; see `jaxdem.setup.extensions.Extensions`.
 
     Raises:

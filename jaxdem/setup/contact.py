@@ -81,7 +81,7 @@ def contact_interval(
     law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
     motions, pistons = surface_motions(particles.scene, len(extensions.get("walls", ())), len(sides))
     measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
-    cohesion = _cohesion(particles)
+    cohesion = _cohesion(particles, extensions)
     meshes = tuple(MeshWall(number, mesh.usual) for number, mesh in enumerate(particles.meshes))
     if meshes and cohesion is not None:
         limit = "acts between grains and at planes, cylinders and wedges, and the scene has walls that are meshes"
@@ -126,11 +126,20 @@ def _box_walls(particles: ParticleSetup, population: Population | None) -> tuple
     return box_sides(particles.scene.domain.size, particles.scene.periodic, without)
 
 
-def _cohesion(particles: ParticleSetup) -> Cohesion | None:
-    """What pulls particles together; None where nothing does."""
-    table = particles.contact.cohesion
+def _cohesion(particles: ParticleSetup, extensions: Extensions) -> Cohesion | None:
+    """What pulls particles together; None where nothing does.
+
+    Raises:
+        InputError: the user's kind is given no numbers, or bridges could take more liquid than there is.
+    """
+    table, own = particles.contact.cohesion, extensions.get("cohesion")
     check_bridges(particles)
-    return None if table is None else COHESIONS[table.kind]()
+    if table is None:
+        if own is not None:
+            limit = "the kind of cohesion that is given in Python takes its numbers and its reach from this table"
+            raise InputError("contact.cohesion", None, limit, "add the table, with the kind that is most like it")
+        return None
+    return own or COHESIONS[table.kind]()
 
 
 def _rolling(particles: ParticleSetup) -> RollingFriction | None:

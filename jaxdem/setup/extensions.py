@@ -13,6 +13,7 @@ from jax import Array
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
+from jaxdem.particles.cohesion import Cohesion
 from jaxdem.particles.contact import ContactLaw
 
 
@@ -24,6 +25,8 @@ class Extensions(TypedDict, total=False):
             the scene; see `jaxdem.particles.surfaces.DistanceFunction`.
         contact_law: to use instead of the scene's `contact.law`. The limits of the contact step and the overlap
             stay those of the scene's law: name there the one that is most like it, or stiffer.
+        cohesion: to use instead of the kind of the scene's `[contact.cohesion]`, whose numbers it is given. The reach
+            of the neighbour list and the limits stay those of that kind: name there the one that is most like it.
         inlet_profiles: by the side's name, one for each of its other axes or None where it is even, instead of the
             scene's `boundary.<side>.profile`; see `jaxdem.fluid.inlet.InletProfile`. The automatic fluid step
             takes them for even; a faster flow is met by sub-steps, or by a flag.
@@ -36,6 +39,7 @@ class Extensions(TypedDict, total=False):
 
     walls: Sequence[Callable[[Array], Array]]
     contact_law: ContactLaw | None
+    cohesion: Cohesion | None
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None
     subgrid: SubgridLaw | None
     side_conditions: Mapping[str, SideCondition] | None
