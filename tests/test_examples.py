@@ -48,8 +48,8 @@ def test_a_contact_law_of_ones_own(quickly_compiled):
 
 
 def test_a_cohesion_of_ones_own():
-    """Adhesive elastic spheres against Thornton & Ning: sticks below, rebounds above. The neck costs 14.18 / 2 of
-    (w^5 R*^4 / E*^2)^(1/3), and the last of 1.1 v_s is the most sensitive: an error of 1 % in energy is 0.02 in e."""
+    """Adhesive elastic spheres against Thornton & Ning: they stick below the sticking speed and rebound above. At 1.1
+    times it an error of 1 % in the work of the neck would be one of 0.01 in the restitution."""
     found, expected = extending("cohesion")
     assert found[0] == expected[0] == 0.0
     np.testing.assert_allclose(found[1:], expected[1:], atol=0.01)

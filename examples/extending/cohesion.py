@@ -118,9 +118,7 @@ def main() -> tuple[np.ndarray, np.ndarray]:
 
     found = np.asarray(jax.jit(jax.vmap(rebound))(jnp.asarray(sticking * FACTORS)))
     for factor, e, reference in zip(FACTORS, found, expected, strict=True):
-        print(
-            f"{factor:.1f} times the sticking speed of {sticking:.4f} m/s: restitution {e:.3f}, expected {reference:.3f}"
-        )
+        print(f"{factor:.1f} v_s, v_s = {sticking:.4f} m/s: restitution {e:.3f}, expected {reference:.3f}")
     return found, expected
 
 

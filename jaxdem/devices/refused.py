@@ -23,7 +23,7 @@ def require_divisible(simulation: Simulation) -> None:
         found = "walls", "kind = mesh", "with walls that are meshes"
     if simulation.population is not None:
         found = "particles.inlet", "given", "with particles that come in or leave"
-    elif simulation.contact.model.wet:
+    elif simulation.contact is not None and simulation.contact.model.wet:
         found = "contact.cohesion.kind", "capillary", "with liquid bridges"
     if found is not None:
         key, value, what = found
