@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from benchmarks.clusters_runs import Case
 from jaxdem.io import load_run
 from jaxdem.report import style
+from jaxdem.report.chart import log_limits, put_plain_numbers
 
 NAMES = {
     "": "no model",
@@ -71,6 +72,8 @@ def draw_errors(rows: list[dict[str, Any]], path: Path) -> None:
         for axes, fraction in zip(panels, fractions, strict=True):
             _errors(axes, [row for row in rows if row["solid_fraction"] == fraction])
             axes.set(title=f"solid fraction {fraction:g}", xscale="log")
+            axes.set_xlim(log_limits(axes.get_xlim()))
+            put_plain_numbers(axes.xaxis, axes.get_xlim())
             axes.set_xlabel("processor time [s]\nof a relaxation time")
         panels[0].set_ylabel("slip over that of the fine run - 1 [%]")
         entries = [Line2D([], [], color=style.REFERENCE, marker="*", linestyle="", label="fine run")]

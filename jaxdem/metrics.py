@@ -134,51 +134,55 @@ def fluid_velocity_median(velocity: ArrayLike) -> float:
     return float(np.median(np.linalg.norm(array, axis=-1))) if array.size else float("nan")
 
 
-def history_row(
-    time: float,
-    *,
-    position: ArrayLike | None = None,
-    velocity: ArrayLike | None = None,
-    mass: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-    inertia: ArrayLike | None = None,
-    drag_force: ArrayLike | None = None,
-    collision_force: float | None = None,
-    fluid_pressure: ArrayLike | None = None,
-    fluid_velocity: ArrayLike | None = None,
-) -> dict[str, float]:
-    """One row of history.csv: the time and the nine metrics; what does not exist is NaN.
+class Quantities(NamedTuple):
+    """What the metrics of a moment are made of; None for what does not exist.
 
-    Each array by its name, because each may be missing.
-
-    Args:
-        time: simulated time [s].
-        position: of the particles (N, D) [m]; None without particles.
+    Attributes:
+        position: of the particles (N, D) [m].
         velocity: (N, D) [m/s].
         mass: (N,) or one number [kg].
         angular_velocity: (N,), (N, 1) or (N, 3) [rad/s].
         inertia: (N,) or one number [kg m2].
-        drag_force: (N, D) [N]; None without fluid.
+        drag_force: (N, D) [N].
         collision_force: interval average from the time loop [N].
-        fluid_pressure: reduced (cells...) [Pa]; None without fluid.
-        fluid_velocity: interstitial at cell centres (cells..., D) [m/s]; None without fluid.
+        fluid_pressure: reduced (cells...) [Pa].
+        fluid_velocity: interstitial at cell centres (cells..., D) [m/s].
+    """
+
+    position: ArrayLike | None = None
+    velocity: ArrayLike | None = None
+    mass: ArrayLike | None = None
+    angular_velocity: ArrayLike | None = None
+    inertia: ArrayLike | None = None
+    drag_force: ArrayLike | None = None
+    collision_force: float | None = None
+    fluid_pressure: ArrayLike | None = None
+    fluid_velocity: ArrayLike | None = None
+
+
+def history_row(time: float, given: Quantities) -> dict[str, float]:
+    """One row of history.csv: the time and the nine metrics; what does not exist is NaN.
+
+    Args:
+        time: simulated time [s].
+        given: at that time.
     """
     row = dict.fromkeys(HISTORY_COLUMNS, float("nan"))
     row["time"] = float(time)
-    row["collision_force_mean"] = collision_force_mean(collision_force)
-    if drag_force is not None:
-        row["drag_force_mean"] = drag_force_mean(drag_force)
-    if velocity is not None:
-        row["particle_velocity_mean"] = particle_velocity_mean(velocity)
-        if mass is not None:
-            row["kinetic_energy"] = kinetic_energy(velocity, mass, angular_velocity, inertia)
-    if position is not None:
-        row["runoff"], row["height"] = runoff(position), height(position)
-    if fluid_pressure is not None:
-        row["fluid_pressure_mean"] = fluid_pressure_mean(fluid_pressure)
-    if fluid_velocity is not None:
-        row["fluid_velocity_mean"] = fluid_velocity_mean(fluid_velocity)
-        row["fluid_velocity_median"] = fluid_velocity_median(fluid_velocity)
+    row["collision_force_mean"] = collision_force_mean(given.collision_force)
+    if given.drag_force is not None:
+        row["drag_force_mean"] = drag_force_mean(given.drag_force)
+    if given.velocity is not None:
+        row["particle_velocity_mean"] = particle_velocity_mean(given.velocity)
+        if given.mass is not None:
+            row["kinetic_energy"] = kinetic_energy(given.velocity, given.mass, given.angular_velocity, given.inertia)
+    if given.position is not None:
+        row["runoff"], row["height"] = runoff(given.position), height(given.position)
+    if given.fluid_pressure is not None:
+        row["fluid_pressure_mean"] = fluid_pressure_mean(given.fluid_pressure)
+    if given.fluid_velocity is not None:
+        row["fluid_velocity_mean"] = fluid_velocity_mean(given.fluid_velocity)
+        row["fluid_velocity_median"] = fluid_velocity_median(given.fluid_velocity)
     return row
 
 

@@ -32,7 +32,7 @@ from jaxdem.fluid.grid import cell_average
 from jaxdem.fluid.momentum import FluidState
 from jaxdem.io import Run
 from jaxdem.io.samples import Samples
-from jaxdem.metrics import history_row
+from jaxdem.metrics import Quantities, history_row
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scene import Scene, load_scene
 from jaxdem.setup.time_steps import simulated_time
@@ -85,7 +85,7 @@ class Replay:
     def history(self) -> dict[str, np.ndarray]:
         """The fluid's metrics over time, columns (T,)."""
         rows = [
-            history_row(float(t), fluid_pressure=p, fluid_velocity=u)
+            history_row(float(t), Quantities(fluid_pressure=p, fluid_velocity=u))
             for t, p, u in zip(self.time, self.pressure, self.velocity, strict=True)
         ]
         return {name: np.array([row[name] for row in rows]) for name in ("time", *FLUID_METRICS)}

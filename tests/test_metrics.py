@@ -7,6 +7,7 @@ import pytest
 
 from jaxdem import metrics
 from jaxdem.errors import InputError
+from jaxdem.metrics import Quantities
 
 COLUMNS = (
     "time,drag_force_mean,particle_velocity_mean,collision_force_mean,kinetic_energy,runoff,height,"
@@ -16,7 +17,7 @@ COLUMNS = (
 
 def test_columns_are_the_contract() -> None:
     assert ",".join(metrics.HISTORY_COLUMNS) == COLUMNS
-    assert ",".join(metrics.history_row(0.0)) == COLUMNS
+    assert ",".join(metrics.history_row(0.0, Quantities())) == COLUMNS
     assert len(metrics.METRICS) == 9
 
 
@@ -55,16 +56,17 @@ def test_float32_input_is_summed_in_float64() -> None:
 
 
 def test_missing_parts_are_nan() -> None:
-    particles = metrics.history_row(
-        1.5, position=np.ones((2, 2)), velocity=np.ones((2, 2)), mass=1.0, collision_force=4.0
-    )
+    moving = Quantities(position=np.ones((2, 2)), velocity=np.ones((2, 2)), mass=1.0, collision_force=4.0)
+    particles = metrics.history_row(1.5, moving)
     assert particles["time"] == 1.5 and particles["collision_force_mean"] == 4.0 and particles["runoff"] == 1.0
     assert particles["kinetic_energy"] == pytest.approx(2.0)
     assert all(np.isnan(particles[k]) for k in ("drag_force_mean", "fluid_pressure_mean", "fluid_velocity_median"))
-    fluid = metrics.history_row(0.0, fluid_pressure=np.ones((2, 2)), fluid_velocity=np.ones((2, 2, 2)))
+    stream = Quantities(fluid_pressure=np.ones((2, 2)), fluid_velocity=np.ones((2, 2, 2)))
+    fluid = metrics.history_row(0.0, stream)
     assert fluid["fluid_velocity_mean"] == pytest.approx(2**0.5)
     assert all(np.isnan(fluid[k]) for k in ("runoff", "height", "kinetic_energy", "collision_force_mean"))
-    empty = metrics.history_row(0.0, position=np.ones((0, 2)), velocity=np.ones((0, 2)), mass=1.0)
+    nothing = Quantities(position=np.ones((0, 2)), velocity=np.ones((0, 2)), mass=1.0)
+    empty = metrics.history_row(0.0, nothing)
     assert np.isnan(empty["runoff"]) and np.isnan(empty["kinetic_energy"])
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import plotly.graph_objects as go  # type: ignore[import-untyped, unused-ignore]
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import FigureBase
 from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 from plotly.subplots import make_subplots  # type: ignore[import-untyped, unused-ignore]
@@ -129,11 +130,8 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
         if panel.y_limits:
             axis.set_ylim(panel.y_limits)
         if panel.logarithmic:
-            for which, limits in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
-                # Numbers as 0.02 and 200, not as powers.
-                which.set_major_locator(FixedLocator(log_ticks(*limits)))
-                which.set_major_formatter(StrMethodFormatter("{x:g}"))
-                which.set_minor_locator(NullLocator())
+            put_plain_numbers(axis.xaxis, axis.get_xlim())
+            put_plain_numbers(axis.yaxis, axis.get_ylim())
         axes.append(axis)
     return axes
 
@@ -141,6 +139,13 @@ def draw_panels(figure: FigureBase, panels: Sequence[Panel]) -> list[Axes]:
 def _in_lines(label: str) -> str:
     """A label that is longer than a panel is high, in two lines: what measures, and what is measured."""
     return label.replace(": ", ":\n", 1) if style.text_width(label) > LABEL else label
+
+
+def put_plain_numbers(axis: Axis, limits: tuple[float, float]) -> None:
+    """Numbers as 0.02 and 200, not as powers, on a logarithmic axis with these limits."""
+    axis.set_major_locator(FixedLocator(log_ticks(*limits)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def log_ticks(low: float, high: float) -> list[float]:

@@ -119,7 +119,8 @@ def history_of(
             collision = collision / float(bodies.parcels.grains)
     if fluid is not None:
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
-    row = metrics.history_row(instant.time, collision_force=None if particles is None else collision, **arrays)
+    known = metrics.Quantities(collision_force=None if particles is None else collision, **arrays)
+    row = metrics.history_row(instant.time, known)
     counts = particle_counts(case.simulation, instant.state)
     numbers = {name: float(counts[name]) for name in ("present", "removed") if name in counts}
     return row | numbers | drive_figures(case, instant.state, gradient)

@@ -433,7 +433,7 @@ def reference(tmp_path_factory):
                 "pressure": np.full((12, 8), 7.0),
                 "void_fraction": np.ones((12, 8)),
             }
-            row = metrics.history_row(0.01 * index, position=particles["position"])
+            row = metrics.history_row(0.01 * index, metrics.Quantities(position=particles["position"]))
             directory.write_frame(index, 0.01 * index, particles, fluid, None, row)
         directory.finish({"valid": True})
     return path
