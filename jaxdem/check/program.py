@@ -130,7 +130,7 @@ def _materials(scene: Scene) -> str:
 def _walls_beside_the_box(scene: Scene) -> str:
     if not scene.walls:
         return "additional walls"
-    kinds = f"additional walls: {', '.join(wall.kind + _times_of(wall) for wall in scene.walls)}"
+    kinds = f"additional walls: {', '.join(wall.kind + _times_of(wall) + _motion_of(wall) for wall in scene.walls)}"
     return f"{kinds} (for particles only; they do not affect the fluid)" if scene.fluid is not None else kinds
 
 
@@ -139,3 +139,9 @@ def _times_of(wall: Wall) -> str:
     begin = "" if wall.begin is None else f" from {wall.begin:g}"
     end = "" if wall.end is None else f" until {wall.end:g}"
     return f"{begin}{end} s" if begin or end else ""
+
+
+def _motion_of(wall: Wall) -> str:
+    """How a wall moves, in words; empty where it is at rest."""
+    kinds = [motion.kind for motion in wall.motion or ()] + ["piston"] * (wall.piston is not None)
+    return f" moved by {', '.join(kinds)}" if kinds else ""

@@ -16,6 +16,7 @@ from jaxdem.io.checkpoint import content_hash, read_checkpoint
 from jaxdem.io.run_directory import CHECKPOINT
 from jaxdem.scene import Scene
 from jaxdem.scene.domain import SIDES
+from jaxdem.scene.walls import Wall
 from jaxdem.setup.arrivals import Queue
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.start_frame import arrays_of_frame
@@ -87,6 +88,12 @@ class StartPoint:
         return found
 
     @property
+    def pistons(self) -> list[str]:
+        """What tells its pistons apart, in their order."""
+        found: list[str] = json.loads(str(self.attributes.get("pistons", "[]")))
+        return found
+
+    @property
     def sha256(self) -> str:
         """Of all that it holds."""
         return content_hash(self.arrays, self.attributes)
@@ -131,15 +138,21 @@ class StartPoint:
         return self.attributes[name]
 
 
+def wall_text(wall: Wall) -> str:
+    """What tells a wall of a scene from others, but for how it moves."""
+    own = wall.model_dump(mode="json", exclude_none=True, exclude={"name", "motion", "piston"})
+    return json.dumps(own, sort_keys=True)
+
+
 def walls_of(scene: Scene, simulation: Simulation) -> list[str]:
-    """What tells the walls of a scene apart: the side, or the table of the wall, or the number of a function."""
+    """What tells the walls of a scene apart: the side, or the table of the wall, or the number of a function. How a
+    wall moves does not count: it may be driven otherwise from a run to the next."""
     if simulation.contact is None:
         return []
     model = simulation.contact.model
     found = [scene.sides[2 * side.axis + (side.inward < 0)] for side in model.sides]
     for wall in scene.walls:
-        text = json.dumps(wall.model_dump(mode="json", exclude_none=True, exclude={"name"}), sort_keys=True)
-        found += [f"{text} {part}" for part in range(len(surfaces_of(wall)))]
+        found += [f"{wall_text(wall)} {part}" for part in range(len(surfaces_of(wall)))]
     functions = range(model.analytic_walls - len(found))
     return found + [f"function {k}" for k in functions]
 
@@ -160,6 +173,9 @@ def read_start(scene: Scene) -> StartPoint | None:
     point = stored_start(path, start.from_)
     if start.time is None:
         return point
+    if point.pistons:
+        limit = "cannot begin from a frame of a run with walls that a force holds: frames do not hold their speed"
+        raise InputError("start.time", start.time, limit, "remove this key: begin from the end of the run")
     return dataclasses.replace(point, **arrays_of_frame(Path(start.from_), start.time, point.arrays, point.attributes))
 
 

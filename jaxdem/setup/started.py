@@ -16,13 +16,14 @@ from jaxdem.fluid.momentum import FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid
-from jaxdem.setup.start_point import StartPoint, walls_of
+from jaxdem.setup.start_point import StartPoint, wall_text, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
 from jaxdem.setup.started_list import carried_springs, widened_list
 from jaxdem.setup.started_particles import StartedParticles
@@ -94,7 +95,9 @@ class Beginning:
         times, middle = model.wall_times, float(self.start.time) + 0.5 * self.simulation.interval
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         radius = required(self.parameters.bodies, "bodies").radius
-        check_surfaces(self.scene, model.surfaces, present, state, radius, allowed_overlap(own))
+        step = on_device(self.start.step, np.int32)
+        placed = self.simulation.placed(self.parameters, state, step) if model.motions else ()
+        check_surfaces(self.scene, model.surfaces, present, state, radius, allowed_overlap(own), placed)
         check_meshes(own.meshes, present, state, radius, allowed_overlap(own))
 
     @property
@@ -173,7 +176,37 @@ class Beginning:
             fluid_force=None if scene.fluid is None else rows("fluid_force", dimension),
             active=None if population is None else on_device(active, bool),
             inserted=on_device([queue.inserted for queue in own.queues], np.int32) if own.queues else None,
+            pistons=self._pistons,
         )
+
+    @property
+    def _pistons(self) -> PistonState | None:
+        """Where the pistons are: those of the run go on, others begin at rest where the scene has them.
+
+        Raises:
+            InputError: a wall was a piston, has moved, and is none any more.
+        """
+        arrays, before = self.start.arrays, self.start.pistons
+        now = [wall_text(wall) for wall in self.scene.walls if wall.piston is not None]
+        for number, text in enumerate(before):
+            moved = float(arrays["state.particles.pistons.displacement"][number])
+            if moved != 0.0 and text not in now:
+                there = [wall_text(wall) for wall in self.scene.walls]
+                key = f"walls.{there.index(text)}.piston" if text in there else "walls"
+                limit = f"was a piston in the run before and has moved by {moved:.6g} m: the wall would jump back"
+                raise InputError(key, None, limit, "give the wall its piston again, or begin without [start]")
+        if not now:
+            return None
+        values: dict[str, Any] = {}
+        for name in PistonState._fields:
+            column, given = np.zeros(len(now)), arrays.get(f"state.particles.pistons.{name}")
+            for number, text in enumerate(now):
+                if given is not None and text in before:
+                    column[number] = given[before.index(text)]
+            values[name] = on_device(column, self._dtype)
+        if self._dtype == np.float64:
+            values["displacement_low"] = None
+        return PistonState(**values)
 
     def _wall_springs(self, own: StartedParticles, count: int) -> tuple[Array, ...]:
         """Springs at the walls: those of a wall that was there already go on."""

@@ -16,6 +16,7 @@ from jaxdem.particles.moving_walls import Piston, PistonNumbers, SurfaceMotion
 from jaxdem.scene import Scene
 from jaxdem.scene.wall_motion import WallMotion
 from jaxdem.scene.walls import Wall
+from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.solids.motion import (
     ActiveTime,
@@ -138,6 +139,43 @@ def check_way(scene: Scene, contact_step: float, radius: float) -> None:
                 f"the wall moves {speed * contact_step / radius:.3g} radii of the smallest particle in a contact step "
                 f"of {contact_step:.3g} s and would jump into grains, the limit is {LARGEST_WAY:g}",
                 f"set contact.time_step = {0.99 * longest:.3g} or less, or slow the wall down",
+            )
+
+
+def check_pistons(particles: ParticleSetup, contact_step: float, stable: float) -> None:
+    """Refuses pistons that are so light that they swing on the grains faster than the contact step resolves.
+
+    N grains of stiffness k that touch a piston of mass M swing at sqrt(N k/M). A contact step is stable for a grain of
+    mass m with two neighbours up to 2/sqrt(2 k/m), which bounds k; N is the section of the box over the square round a
+    grain, and at most the number of grains. The swing is kept a factor 2 below the limit, for dashpots.
+
+    Args:
+        particles: of the scene.
+        contact_step: [s].
+        stable: longest stable contact step of the grains [s].
+
+    Raises:
+        InputError: naming the mass that works.
+    """
+    scene, bodies = particles.scene, particles.bodies
+    if not any(wall.piston for wall in scene.walls):
+        return
+    radius = bodies.smallest_radius
+    mass = 4.0 / 3.0 * math.pi * radius**3 * float(np.min(bodies.density))
+    for k, wall in enumerate(scene.walls):
+        if wall.piston is None:
+            continue
+        direction, size = np.abs(_unit(wall.piston.direction)), np.asarray(scene.domain.size)
+        sections = np.prod(size) / size
+        count = min(max(1.0, float(direction @ sections) / (2.0 * radius) ** (len(size) - 1)), particles.total)
+        least = 2.0 * count * mass * (contact_step / stable) ** 2
+        if wall.piston.mass < least:
+            raise InputError(
+                f"walls.{k}.piston.mass",
+                wall.piston.mass,
+                f"is too light for the contact step of {contact_step:.3g} s: with {count:.3g} grains on it the wall "
+                f"would swing faster than this resolves, and needs {least:.3g} kg",
+                f"set mass = {1.01 * least:.3g} or more, or lower contact.time_step",
             )
 
 

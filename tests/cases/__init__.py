@@ -14,6 +14,7 @@ MODULES = (
     "cohesion",
     "conservation",
     "granular",
+    "moving_walls",
     "fluid",
     "outlets",
     "exchange",
