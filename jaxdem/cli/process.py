@@ -86,14 +86,16 @@ def be_silent() -> None:
 
 
 def _follow_launcher(log: str) -> None:
-    """What libraries write to standard error goes into a file; the process ends with the launcher.
+    """What libraries write past Python goes into a file; the process ends with the launcher.
 
     Standard input is a pipe that the launcher never writes to: it ends when the launcher does.
     """
     global _messages
-    _messages = os.dup(2)
+    shown, _messages = os.dup(1), os.dup(2)
     target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    os.dup2(target, 2)
+    for number in (1, 2):
+        os.dup2(target, number)
+    sys.stdout = os.fdopen(shown, "w", buffering=1, closefd=False)
     sys.stderr = os.fdopen(_messages, "w", buffering=1, closefd=False)
 
     def wait() -> None:

@@ -25,7 +25,7 @@ the same everywhere. A slab has R rows: `particles.identity` (B, R) says which p
 """
 
 from jaxdem.devices.contacts import Contacts
-from jaxdem.devices.distribution import distributed, enlarged, gathered, on_one_device
+from jaxdem.devices.distribution import distributed, enlarged, gathered, gathered_rows, gathered_state, on_one_device
 from jaxdem.devices.figures import Counts, counts
 from jaxdem.devices.rooms import SlabRoom
 from jaxdem.devices.simulation import DividedSimulation, divided
@@ -40,5 +40,7 @@ __all__ = [
     "divided",
     "enlarged",
     "gathered",
+    "gathered_rows",
+    "gathered_state",
     "on_one_device",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +21,8 @@ from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.particles.slab_list import History, of_pairs, slab_list
 from jaxdem.state import Parameters, State
+
+Tree = TypeVar("Tree")
 
 
 def distributed(
@@ -193,6 +195,30 @@ def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors |
         contacts = contacts_of_slabs(rows.contact_spring, on_host(neighbors))
         particles = _by_identity(simulation, rows)
     return State(particles, fluid, on_host(state.step)), contacts
+
+
+def gathered_state(simulation: DividedSimulation, state: State) -> State:
+    """As `gathered`, without what contacts keep: for outputs."""
+    fluid, particles = None, None
+    if state.fluid is not None:
+        fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
+    if state.particles is not None:
+        particles = _by_identity(simulation, on_host(state.particles._replace(contact_spring=())))
+    return State(particles, fluid, on_host(state.step))
+
+
+def gathered_rows(simulation: DividedSimulation, tree: Tree, identity: Any) -> Tree:
+    """Arrays (B, R, ...) of the rows of all slabs as arrays (N, ...) on the host, by identity (B, R)."""
+    number = on_host(identity)
+    there = number >= 0
+
+    def of(values: Any) -> np.ndarray:
+        rows = on_host(values)
+        whole = np.zeros((simulation.count, *rows.shape[2:]), rows.dtype)
+        whole[number[there]] = rows[there]
+        return whole
+
+    return jax.tree.map(of, tree)
 
 
 def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> ParticleState:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -80,3 +81,18 @@ def _least_width(simulation: Simulation, axis: int) -> float:
     if simulation.half_width is not None:
         least = max(least, simulation.half_width[axis] + simulation.search.geometry.cutoff)
     return least
+
+
+def require_plain_run(asked: Mapping[str, tuple[bool, object, str]]) -> None:
+    """Refuses what a run does beside its steps, and cannot do on several devices.
+
+    Args:
+        asked: by key or option, whether the run asks for it, its value, and a remedy.
+
+    Raises:
+        InputError: it asks for one.
+    """
+    for key, (given, value, remedy) in asked.items():
+        if given:
+            limit = "does not work on several devices yet"
+            raise InputError(key, value, limit, f"{remedy}, or run on one device")

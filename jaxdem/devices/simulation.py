@@ -66,6 +66,10 @@ class DividedSimulation(Simulation):
         found: tuple[State, Neighbors | None, Diagnostics] = mapped(parameters, state, neighbors)
         return found
 
+    def of_slab(self) -> Simulation:
+        """What runs within `mesh.on_slabs`: its step is that of one slab, which knows its neighbours."""
+        return Simulation(**{field.name: getattr(self, field.name) for field in dataclasses.fields(Simulation)})
+
     def undivided(self) -> Simulation:
         """The same simulation on one device."""
         return required(self.whole, "whole")

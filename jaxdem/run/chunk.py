@@ -7,13 +7,16 @@ import time as clock
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.devices import DividedSimulation
+from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, on_slabs, put
+from jaxdem.errors import required
 from jaxdem.failures import failures
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.neighbors import Neighbors
@@ -65,6 +68,7 @@ class Chunk(NamedTuple):
         code: () int32, flags of the last interval, see `jaxdem.failures`; 0 where all went well.
         done: () int32, intervals done, the one that failed included.
         probed: of the probes; None without probes.
+        identity: on several devices, of the particles that the rows of the last interval's forces belong to.
     """
 
     state: State
@@ -74,6 +78,7 @@ class Chunk(NamedTuple):
     code: Array
     done: Array
     probed: Probed | None = None
+    identity: Array | None = None
 
 
 class Program(Protocol):
@@ -111,7 +116,7 @@ class ChunkProgram:
     @property
     def most(self) -> int:
         """See `Program`: as many as take about `LONGEST`."""
-        return max(1, min(CHUNK, int(LONGEST / self._seconds)))
+        return most_intervals(self._seconds)
 
     def __call__(
         self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
@@ -120,6 +125,40 @@ class ChunkProgram:
         begin = clock.perf_counter()
         given = (self._numbers, parameters, state, neighbors, on_device(count, np.int32), watch)
         chunk = jax.block_until_ready(self._compiled(*given))
+        self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
+        return chunk
+
+
+class SlabProgram:
+    """The same program over several devices, each with a slab of the box; it is not kept between processes."""
+
+    def __init__(
+        self, simulation: DividedSimulation, parameters: Parameters, state: State, neighbors: Neighbors | None
+    ) -> None:
+        self._mesh = required(simulation.mesh, "mesh")
+        numbers = loop_numbers(simulation, parameters.gravity.dtype)
+        self._same = put(self._mesh, (numbers, parameters), SAME)
+        structure = with_numbers(simulation.of_slab(), NO_NUMBERS)
+        result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, None, SLABS)
+        given = (SAME, SAME, STATE, SLABS, SAME)
+        program = jax.jit(on_slabs(self._mesh, partial(advance, structure), given, result))
+        self._compiled = program.lower(*self._same, state, neighbors, self._number(1)).compile()
+        self._seconds = math.inf
+
+    def _number(self, count: int) -> Any:
+        return put(self._mesh, np.int32(count), SAME)
+
+    @property
+    def most(self) -> int:
+        """See `Program`: as many as take about `LONGEST`."""
+        return most_intervals(self._seconds)
+
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
+    ) -> Chunk:
+        """See `Program`; the parameters are those that it was made with."""
+        begin = clock.perf_counter()
+        chunk: Chunk = jax.block_until_ready(self._compiled(*self._same, state, neighbors, self._number(count)))
         self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
         return chunk
 
@@ -166,6 +205,11 @@ class ProfiledProgram:
         return Chunk(new, neighbors, diagnostics, records, code, jnp.int32(1), seen)
 
 
+def most_intervals(seconds: float) -> int:
+    """So many intervals of so many seconds take about `LONGEST`; 1 as long as it is not known."""
+    return max(1, min(CHUNK, int(LONGEST / seconds)))
+
+
 def advance(
     structure: Simulation,
     numbers: LoopNumbers,
@@ -202,11 +246,16 @@ def advance(
             seen = probed(
                 simulation, parameters, watch.probing, Interval(chunk.state, state, neighbors, diagnostics), seen
             )
-        return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1, seen)
+        return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1, seen, _identity(chunk.state))
 
     seen = None if watch is None else nothing_yet(watch, state, neighbors, CHUNK)
-    start = Chunk(state, neighbors, blank, records, zero, zero, seen)
+    start = Chunk(state, neighbors, blank, records, zero, zero, seen, _identity(state))
     return lax.while_loop(lambda chunk: (chunk.done < count) & (chunk.code == 0), interval, start)
+
+
+def _identity(state: State) -> Array | None:
+    """Who the rows of a state are; None on one device."""
+    return None if state.particles is None else state.particles.identity
 
 
 def _records(diagnostics: Diagnostics) -> Records:

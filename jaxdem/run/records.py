@@ -33,12 +33,14 @@ class Instant:
         state: at that time.
         neighbors: its list, None without particles.
         forces: of the fluid in the interval before, None at the start and without fluid or particles.
+        identity: on several devices, of the particles that the rows of the forces belong to.
     """
 
     time: float
     state: State
     neighbors: Neighbors | None
     forces: FluidForces | None
+    identity: Array | None = None
 
 
 class Frame(NamedTuple):

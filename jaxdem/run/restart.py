@@ -29,6 +29,9 @@ from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.version import __version__
 
+ROWS = "particle_rows"
+"""Attribute of a checkpoint of a run on several devices: number of all particles that there ever are."""
+
 OTHER_INPUTS = "another closure, of drag or of the subgrid stress, or other particles, than their files hold now"
 
 
@@ -171,15 +174,20 @@ def require_same_origin(attributes: Mapping[str, object], here: Mapping[str, str
             raise InputError("checkpoint.h5", attributes.get(name), limit, remedy)
 
 
-def require_same_rows(arrays: Mapping[str, np.ndarray], template: State) -> None:
+def require_same_rows(
+    arrays: Mapping[str, np.ndarray], template: State, attributes: Mapping[str, object] | None = None
+) -> None:
     """Refuses a checkpoint with another number of particles than the scene has: all frames of a run have as many.
+
+    Of a run on several devices the attribute `ROWS` is the number; its arrays have empty rows.
 
     Raises:
         InputError: inlets would bring more up to a later end.
     """
     if template.particles is None or "state.particles.position" not in arrays:
         return
-    before, now = len(arrays["state.particles.position"]), len(template.particles.position)
+    found = (attributes or {}).get(ROWS, len(arrays["state.particles.position"]))
+    before, now = int(str(found)), len(template.particles.position)
     if before != now:
         limit = f"the run has {before} particles and inlets bring {now - before} more, for which its files have no room"
         remedy = "give the inlets an end or a total, or go on in a scene that begins from this run: [start] from"

@@ -10,18 +10,20 @@ from typing import Any, Unpack
 import jax
 
 from jaxdem.closures.base import DragClosure
-from jaxdem.errors import InputError
+from jaxdem.devices import divided
+from jaxdem.devices.refused import require_plain_run
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.probes import Columns
 from jaxdem.io.run_directory import CHECKPOINT, START
 from jaxdem.run.observer import columns_of
 from jaxdem.run.peers import here
+from jaxdem.run.placement import OneDevice, Placement, Slabs
 from jaxdem.run.restart import origin, require_same_parameters
 from jaxdem.run.samples import sample_attributes, samples_every
 from jaxdem.run.signals import noted_signals
 from jaxdem.run.time_loop import Progress, TimeLoop
 from jaxdem.scene import Scene
-from jaxdem.setup.builder import build_case
+from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.start_point import StartPoint, stored_start
 
@@ -40,8 +42,6 @@ class RunOptions:
 
 def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensions: Unpack[Extensions]) -> Run:
     """`jaxdem.simulate` of a scene without stages."""
-    if options.devices is not None:
-        raise InputError("--devices", options.devices, "runs on several devices are not ready", "Leave it out.")
     resume = options.resume
     complete = resume and RunDirectory.is_complete(out, scene.to_toml())
     if complete:
@@ -51,6 +51,7 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
         require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))
         return load_run(out)
     every = samples_every(scene, case.simulation)
+    placement = placement_of(case, options)
     begun = resume and (Path(out) / CHECKPOINT).is_file()
     state, neighbors = case.unsettled_state() if begun else case.initial_state(options.settling)
     attributes = sample_attributes(case) if every else None
@@ -59,13 +60,42 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
     with noted_signals() as caught, _opened(scene, out, attributes, columns, resume) as directory:
         if case.start is not None:
             directory.keep_start(case.start.arrays, case.start.attributes)
-        loop = TimeLoop(case, directory, state, neighbors, every, options.profile)
+        loop = TimeLoop(case, directory, state, neighbors, every, options.profile, placement=placement)
         if directory.has_checkpoint:
             loop.restore()
+        else:
+            loop.place()
         if resume and RunDirectory.is_longer(out, scene.to_toml()):
             directory.store_scene(scene.to_toml())
         loop.run(options.progress, caught)
     return load_run(out)
+
+
+def placement_of(case: Case, options: RunOptions) -> Placement:
+    """Where the state of a run will be.
+
+    Raises:
+        InputError: something in the scene does not work on several devices, or there are not so many.
+    """
+    if options.devices is None or options.devices == 1:
+        return OneDevice(case)
+    refuse_on_several_devices(case, options.profile)
+    given = (None, 0) if case.particles is None else (case.particles.position, case.particles.total)
+    return Slabs(case, divided(case.simulation, options.devices, *given))
+
+
+def refuse_on_several_devices(case: Case, profile: bool = False) -> None:
+    """Refuses what a run does beside its steps and does not do on several devices.
+
+    Raises:
+        InputError: naming it.
+    """
+    probes = ", ".join(one.probe.name for one in case.probes)
+    require_plain_run({
+        "probes": (bool(probes), probes, "leave them out"),
+        "output.samples": (samples_every(case.scene, case.simulation) > 0, case.scene.output.samples, "set it to 0"),
+        "--profile": (profile, None, "leave it out"),
+    })  # fmt: skip
 
 
 def own_start(scene: Scene, out: str | Path) -> StartPoint | None:

@@ -12,20 +12,22 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
+from jax import Array
 
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
-from jaxdem.errors import RunError
+from jaxdem.errors import RunError, required
 from jaxdem.failures import OF_PARTICLES, Failure
 from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.run.chunk import CHUNK, ChunkProgram, ProfiledProgram, Program
+from jaxdem.run.chunk import CHUNK, Program
 from jaxdem.run.diagnosis import diagnosis
 from jaxdem.run.observer import PROBES, Observer, probe_marks
 from jaxdem.run.peers import Peers, here
+from jaxdem.run.placement import OneDevice, Placement
 from jaxdem.run.probing import Probed
 from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
-from jaxdem.run.restart import about, from_arrays, origin, require_same_origin, require_same_rows, to_arrays
+from jaxdem.run.restart import about, origin, require_same_origin, require_same_rows
 from jaxdem.run.samples import sample_of
 from jaxdem.run.signals import Caught, Stopped
 from jaxdem.run.summary import run_summary
@@ -65,6 +67,7 @@ class TimeLoop:
         done: coupling intervals so far.
         caught: signals that came.
         peers: processes that run this loop alike; what their clocks and signals decide they agree on.
+        placement: where the state is; on one device if None.
         forces: of the fluid in the last interval, None before the first and without fluid or particles.
         observer: the probes.
     """
@@ -79,20 +82,26 @@ class TimeLoop:
     done: int = 0
     caught: Caught = dataclasses.field(default_factory=Caught)
     peers: Peers = dataclasses.field(default_factory=here)
+    placement: Placement | None = None
     forces: FluidForces | None = None
     observer: Observer = dataclasses.field(init=False)
     program: Program = dataclasses.field(init=False)
 
     def __post_init__(self) -> None:
         self._most, self._failed = 1, False
+        self._identity: Array | None = None
         self.observer = Observer(self.case.probes)
         self._fit_probes()
         if self.case.start is not None:
             self.observer.go_on(self.case.start, probe_marks(self.case))
 
     @property
+    def _placement(self) -> Placement:
+        return OneDevice(self.case) if self.placement is None else self.placement
+
+    @property
     def simulation(self) -> Simulation:
-        """What is compiled."""
+        """What is compiled, as on one device."""
         return self.case.simulation
 
     @property
@@ -107,8 +116,8 @@ class TimeLoop:
 
     @property
     def instant(self) -> Instant:
-        """Where the run has got to."""
-        return Instant(self.time, self.state, self.neighbors, self.forces)
+        """Where the run has got to, with arrays of all particles and cells."""
+        return self._placement.whole(Instant(self.time, self.state, self.neighbors, self.forces, self._identity))
 
     def _time_after(self, intervals: int) -> Fraction:
         per_output = self.simulation.steps.intervals_per_output
@@ -174,12 +183,16 @@ class TimeLoop:
             self._write_frame()
         return at_output
 
+    def place(self) -> None:
+        """The state, of one device until now, goes to where it is to be."""
+        self.state, self.neighbors = self._placement.placed(self.state, self.neighbors)
+
     def restore(self) -> None:
         """State, list and counters from the directory's checkpoint, files cut back to it."""
         arrays, attributes = self.directory.checkpoint()
-        require_same_rows(arrays, self.state)
+        require_same_rows(arrays, self.state, attributes)
         require_same_origin(attributes, self._origin())
-        state, neighbors, extra = from_arrays(self.simulation, self.state, arrays, self.parameters.meshes)
+        state, neighbors, extra = self._placement.restored(self.state, arrays, attributes)
         self.state, self.neighbors = state, neighbors
         self._fit_probes()
         self.observer.load(arrays)
@@ -240,7 +253,7 @@ class TimeLoop:
 
         The intervals before one that failed are done again by themselves: it is judged, and gone on from, alone.
         """
-        count = min(count, self._most)
+        count = min(count, self.program.most if self.peers.number == 1 else self._most)
         given = (self.parameters, self.state, self.neighbors)
         with self.totals.timed("step"), self.peers.held():
             chunk = jax.block_until_ready(self.program(*given, count, self.observer.watch))
@@ -251,23 +264,27 @@ class TimeLoop:
         if not code:
             self.state, self.neighbors = chunk.state, chunk.neighbors
             self.forces, self.done = chunk.diagnostics.forces, self.done + done
+            self._identity = chunk.identity
             self.totals.add(chunk.records, done)
             self._take_rows(chunk.probed)
         # What else is wrong with particles that missed some of their contacts may come of it.
         elif code & Failure.OVERFLOW and not code & ~OF_PARTICLES and self.neighbors is not None:
-            self._enlarge(self.neighbors)
+            self._enlarge(self.neighbors, required(chunk.neighbors, "neighbors"))
         else:
             self._raise(code, chunk.state)
 
     def _raise(self, code: int, reached: State) -> NoReturn:
         """The error of the interval from the present state to `reached`."""
         self._failed = True
-        reason, where, remedy = diagnosis(self.simulation, self.parameters, code, self.state, reached)
+        instants = (Instant(self.time, state, self.neighbors, None) for state in (self.state, reached))
+        before, after = (self._placement.whole(instant).state for instant in instants)
+        reason, where, remedy = diagnosis(self.simulation, self.parameters, code, before, after)
         raise RunError(reason, where, self.time, remedy)
 
-    def _enlarge(self, neighbors: Neighbors) -> None:
-        """A neighbour list with half as much room again; the contact history moves along."""
-        self.state, self.neighbors = self.simulation.with_room(self.state, neighbors, neighbors.room.enlarged())
+    def _enlarge(self, neighbors: Neighbors, failed: Neighbors) -> None:
+        """A neighbour list with half as much room again, or on several devices what was lacking; the contact history
+        moves along."""
+        self.state, self.neighbors = self._placement.enlarged(self.state, neighbors, failed)
         self.totals.resizes += 1
         self._fit_probes()
         self._compile()
@@ -290,11 +307,9 @@ class TimeLoop:
 
     def _compile_here(self) -> None:
         with self.totals.timed("compile"), self.caught.raised():
-            given, timed = (self.simulation, self.parameters, self.state, self.neighbors), self.totals.timed
-            watch = self.observer.watch
-            self.program = self.caught.wait_for(
-                lambda: ProfiledProgram(*given, timed, watch) if self.profile else ChunkProgram(*given, watch)
-            )
+            timed = self.totals.timed if self.profile else None
+            given = (self.state, self.neighbors, self.observer.watch, timed)
+            self.program = self.caught.wait_for(lambda: self._placement.program(*given))
 
     def _fit_probes(self) -> None:
         """What the probes sum up, in the shapes of the present list."""
@@ -315,11 +330,12 @@ class TimeLoop:
 
     def _write_frame(self) -> None:
         with self.totals.timed("output"):
-            frame = frame_of(self.case, self.instant)
+            instant = self.instant
+            frame = frame_of(self.case, instant)
             means = self.totals.collision_mean(), self.totals.gradient_mean()
-            row = history_of(self.case, self.instant, frame, *means)
-            if self.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
-                spread, force = ensemble_spread(self.parameters.closure, self.forces)
+            row = history_of(self.case, instant, frame, *means)
+            if instant.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
+                spread, force = ensemble_spread(self.parameters.closure, instant.forces)
                 self.totals.add_spread(float(spread), float(force))
             self.directory.write_frame(self.directory.frames, self.time, frame.particles, frame.fluid, None, row)
 
@@ -328,15 +344,16 @@ class TimeLoop:
             self.observer.write(self.directory, self.time)
             extra = self.totals.save() | {"done": self.done}
             rows, known = about(self.case, self._time_after(self.done))
-            arrays = to_arrays(self.state, self.neighbors, extra) | rows | self.observer.save()
+            saved = self._placement.saved(self.state, self.neighbors, extra)
             written = {"frames": self.directory.frames, "samples": self.directory.samples}
             marks = {PROBES: json.dumps(probe_marks(self.case))} if self.case.probes else {}
-            attributes = written | known | marks | self._origin()
-            self.directory.write_checkpoint(arrays, attributes)
+            attributes = written | known | marks | self._origin() | dict(saved.attributes)
+            self.directory.write_checkpoint(saved.same | rows | self.observer.save(), attributes, saved.blocks)
 
     def _origin(self) -> dict[str, str]:
         case = self.case
         return origin(case.scene.to_toml(), self.parameters, case.scene.content, case.start)
 
     def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
-        return run_summary(self.case, self.instant, self.totals, valid, reason, split_stages)
+        summary = run_summary(self.case, self.instant, self.totals, valid, reason, split_stages)
+        return summary | self._placement.figures(self.neighbors)

@@ -1,0 +1,259 @@
+"""Where the state of a run is: on one device, or in slabs of the box on several; and what differs for the time loop."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxdem.devices import (
+    DividedSimulation,
+    SlabRoom,
+    counts,
+    distributed,
+    enlarged,
+    gathered,
+    gathered_rows,
+    gathered_state,
+    on_one_device,
+)
+from jaxdem.devices.mesh import SAME, put
+from jaxdem.errors import InputError, required
+from jaxdem.numerics.blocks import Blocks
+from jaxdem.particles.ghosts import Ghosts
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program, SlabProgram
+from jaxdem.run.probing import Watch
+from jaxdem.run.records import Instant
+from jaxdem.run.restart import ROWS, from_arrays, to_arrays
+from jaxdem.setup.builder import Case
+from jaxdem.setup.stored import REMEDY, stored
+from jaxdem.state import State
+
+SLAB_COUNT = "slabs"
+"""Attribute of a checkpoint of a run on several devices: their number."""
+
+SLAB_AXIS = "slab_axis"
+"""The same: the axis of the box that is cut."""
+
+ROOM = "slab_room"
+"""Array of such a checkpoint: what the arrays of a slab have room for."""
+
+Arrays = dict[str, np.ndarray]
+Timed = Callable[[str], AbstractContextManager[None]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Saved:
+    """A state as a checkpoint has it.
+
+    Attributes:
+        same: arrays that all processes have alike.
+        blocks: arrays (slabs of this process, ...) of which the others have theirs; None on one device.
+        attributes: what they are.
+    """
+
+    same: Arrays
+    blocks: Arrays | None = None
+    attributes: Mapping[str, int] = dataclasses.field(default_factory=dict)
+
+
+class Placement(Protocol):
+    """What the time loop asks of where its state is."""
+
+    def placed(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
+        """A state of one device, where it is to be."""
+
+    def program(self, state: State, neighbors: Neighbors | None, watch: Watch | None, timed: Timed | None) -> Program:
+        """The step for these shapes; fluid and particles apart where `timed` is given."""
+
+    def whole(self, instant: Instant) -> Instant:
+        """An instant with arrays of all particles and cells, for the host."""
+
+    def enlarged(self, state: State, neighbors: Neighbors, failed: Neighbors) -> tuple[State, Neighbors | None]:
+        """State and list with more room than `failed`, the list after a step that lacked some."""
+
+    def saved(self, state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> Saved:
+        """For a checkpoint."""
+
+    def restored(
+        self, template: State, arrays: Arrays, attributes: Mapping[str, Any]
+    ) -> tuple[State, Neighbors | None, Arrays]:
+        """The inverse of `saved`, also of what was saved elsewhere: on one device, or on another number of them."""
+
+    def figures(self, neighbors: Neighbors | None) -> dict[str, Any]:
+        """For the summary."""
+
+
+@dataclasses.dataclass(frozen=True)
+class OneDevice:
+    """All on one device; see `Placement`."""
+
+    case: Case
+
+    def placed(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
+        return state, neighbors
+
+    def program(self, state: State, neighbors: Neighbors | None, watch: Watch | None, timed: Timed | None) -> Program:
+        given = (self.case.simulation, self.case.parameters, state, neighbors)
+        return ChunkProgram(*given, watch) if timed is None else ProfiledProgram(*given, timed, watch)
+
+    def whole(self, instant: Instant) -> Instant:
+        return instant
+
+    def enlarged(self, state: State, neighbors: Neighbors, failed: Neighbors) -> tuple[State, Neighbors]:
+        return self.case.simulation.with_room(state, neighbors, neighbors.room.enlarged())
+
+    def saved(self, state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> Saved:
+        return Saved(to_arrays(state, neighbors, extra))
+
+    def restored(
+        self, template: State, arrays: Arrays, attributes: Mapping[str, Any]
+    ) -> tuple[State, Neighbors | None, Arrays]:
+        if SLAB_COUNT not in attributes:
+            return from_arrays(self.case.simulation, template, arrays, self.case.parameters.meshes)
+        before = _divided_before(self.case, attributes)
+        whole, contacts = gathered(before, *_stored_slabs(self.case, template, arrays, before.slabs.number))
+        if contacts is None:
+            return jax.tree.map(jnp.asarray, whole), None, _extra(arrays)
+        state, neighbors = on_one_device(before, self.case.parameters, whole, contacts)
+        return state, neighbors, _extra(arrays)
+
+    def figures(self, neighbors: Neighbors | None) -> dict[str, Any]:
+        return {}
+
+
+@dataclasses.dataclass(frozen=True)
+class Slabs:
+    """A slab of the box on each of several devices; see `Placement`.
+
+    Attributes:
+        case: that runs, as on one device.
+        simulation: the same in slabs.
+    """
+
+    case: Case
+    simulation: DividedSimulation
+
+    def placed(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
+        return distributed(self.simulation, self.case.parameters, state, neighbors)
+
+    def program(self, state: State, neighbors: Neighbors | None, watch: Watch | None, timed: Timed | None) -> Program:
+        return SlabProgram(self.simulation, self.case.parameters, state, neighbors)
+
+    def whole(self, instant: Instant) -> Instant:
+        forces = instant.forces
+        if forces is not None and instant.identity is not None:
+            forces = gathered_rows(self.simulation, forces, instant.identity)
+        return Instant(instant.time, gathered_state(self.simulation, instant.state), None, forces)
+
+    def enlarged(self, state: State, neighbors: Neighbors, failed: Neighbors) -> tuple[State, Neighbors | None]:
+        return enlarged(self.simulation, self.case.parameters, state, neighbors, failed)
+
+    def saved(self, state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> Saved:
+        same = {f"extra/{name}": np.asarray(value) for name, value in extra.items()}
+        same["state.step"] = np.asarray(state.step)
+        if neighbors is not None:
+            room = SlabRoom.of(neighbors)
+            listed = (room.listed.slots, room.listed.pairs, room.listed.cell)
+            same[ROOM] = np.asarray([room.rows, room.ghosts, room.migrating, *listed])
+        apart: Any = state._replace(step=None)  # type: ignore[arg-type]
+        leaves = (*_leaves("state", apart), *_leaves("neighbors", neighbors))
+        blocks = {name: _own_slabs(leaf) for name, leaf in leaves}
+        slabs = self.simulation.slabs
+        attributes = {SLAB_COUNT: slabs.number, SLAB_AXIS: slabs.axis, ROWS: self.simulation.count}
+        if jax.process_count() == 1:
+            return Saved(same | blocks, None, attributes)
+        return Saved(same, blocks, attributes)
+
+    def restored(
+        self, template: State, arrays: Arrays, attributes: Mapping[str, Any]
+    ) -> tuple[State, Neighbors | None, Arrays]:
+        if SLAB_COUNT not in attributes:
+            state, neighbors, extra = from_arrays(self.case.simulation, template, arrays, self.case.parameters.meshes)
+            return *self.placed(state, neighbors), extra
+        before = _divided_before(self.case, attributes)
+        given = _stored_slabs(self.case, template, arrays, before.slabs.number)
+        if before.slabs != self.simulation.slabs:
+            found = gathered(before, *given)
+            return *distributed(self.simulation, self.case.parameters, *found), _extra(arrays)
+        mesh = required(self.simulation.mesh, "mesh")
+        apart: Any = given[0]._replace(step=None)  # type: ignore[arg-type]
+        state = put(mesh, apart)._replace(step=put(mesh, given[0].step, SAME))
+        return state, put(mesh, given[1]), _extra(arrays)
+
+    def figures(self, neighbors: Neighbors | None) -> dict[str, Any]:
+        slabs = self.simulation.slabs
+        told: dict[str, Any] = {"number": slabs.number, "processes": jax.process_count(), "axis": slabs.axis}
+        if neighbors is not None:
+            found, room = counts(neighbors), SlabRoom.of(neighbors)
+            told |= {
+                "planes": found.planes.tolist(),
+                "particles": found.particles.tolist(),
+                "ghosts": found.ghosts.tolist(),
+                "imbalance": found.imbalance,
+                "migrations": found.migrations,
+                "cuts": found.cuts,
+                "cuts_per_build": found.cuts / max(found.builds, 1),
+                "room": {"rows": room.rows, "ghosts": room.ghosts, "migrating": room.migrating},
+            }
+        return {"devices": told}
+
+
+def _leaves(prefix: str, tree: object) -> list[tuple[str, Any]]:
+    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+    return [(prefix + jax.tree_util.keystr(path), leaf) for path, leaf in leaves]
+
+
+def _own_slabs(leaf: jax.Array) -> np.ndarray:
+    """The slabs of this process, in their order."""
+    shards = sorted(leaf.addressable_shards, key=lambda shard: shard.index[0].start or 0)
+    return np.concatenate([np.asarray(shard.data) for shard in shards])
+
+
+def _extra(arrays: Arrays) -> Arrays:
+    return {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
+
+
+def _divided_before(case: Case, attributes: Mapping[str, Any]) -> DividedSimulation:
+    """What `gathered` asks of the simulation in slabs that has written a checkpoint."""
+    plain, number, axis = case.simulation, int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS])
+    own = {field.name: getattr(plain, field.name) for field in dataclasses.fields(plain)}
+    blocks = Blocks(number, axis, plain.periodic[axis])
+    return DividedSimulation(**own, blocks=blocks, count=int(attributes[ROWS]), whole=plain)
+
+
+def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> tuple[State, Neighbors | None]:
+    """State and list in so many slabs, arrays of the host.
+
+    Raises:
+        InputError: an array is missing, or has another number of slabs.
+    """
+    state: Any = template._replace(step=None)  # type: ignore[arg-type]
+    lists: Any = None
+    if template.particles is not None:
+        room, blank = [int(value) for value in stored(arrays, ROOM)], np.zeros(())
+        particles: Any = template.particles
+        lists = case.simulation.list_shapes(
+            case.parameters, particles, case.simulation.room(case.parameters, particles)
+        )
+        parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if field.name != "migrating"}
+        lists = dataclasses.replace(lists, cell_slots=room[5], ghosts=Ghosts(**parts, migrating=room[2]))
+        state = state._replace(particles=particles._replace(active=blank, identity=blank))
+
+    def filled(prefix: str, tree: Any) -> Any:
+        leaves, form = jax.tree_util.tree_flatten_with_path(tree)
+        found = [stored(arrays, prefix + jax.tree_util.keystr(path)) for path, _ in leaves]
+        for (path, _), array in zip(leaves, found, strict=True):
+            if array.shape[:1] != (number,):
+                there = f"{prefix}{jax.tree_util.keystr(path)}: {list(array.shape)}"
+                raise InputError("checkpoint.h5", there, f"it is of a run on {number} devices", REMEDY)
+        return jax.tree_util.tree_unflatten(form, found)
+
+    whole: Any = filled("state", state)._replace(step=stored(arrays, "state.step"))
+    return whole, filled("neighbors", lists)
