@@ -79,7 +79,8 @@ def advance_particles(
     if simulation.coupling is not None and forces is not None:
         particles = simulation.coupling.remember(parameters.mixture, forces, before, particles)
     if simulation.population is not None:
-        particles, neighbors = simulation.renewed(parameters, particles, neighbors, state.step + 1)
+        whole = parameters._replace(bodies=everyone)
+        particles, neighbors = simulation.renewed(whole, particles, neighbors, state.step + 1)
     if simulation.contact.division is not None:
         division, search = simulation.contact.division, simulation.search
         particles, neighbors = settled(division, search, everyone.radius, particles, neighbors)

@@ -24,6 +24,7 @@ from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.moving_walls import WallMotions, placements
 from jaxdem.particles.neighbors import Neighbors, NeighborSearch
 from jaxdem.particles.population import Population, renewed
+from jaxdem.particles.slab_population import renewed_in_slab
 from jaxdem.particles.walls_present import buried
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 
@@ -194,7 +195,11 @@ class Structure:
         present = None
         if times is not None:
             present = times.present(self.middle(parameters, step))[: len(contact.model.surfaces)]
-        return renewed(population, contact, parameters.inlet_velocity, particles, neighbors, step, present, placed)
+        given = (parameters.inlet_velocity, particles, neighbors, step, present, placed)
+        if contact.division is None:
+            return renewed(population, contact, *given)
+        radius = required(parameters.bodies, "parameters.bodies").radius
+        return renewed_in_slab(population, contact, radius, *given)
 
     def particle_report(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -72,7 +73,8 @@ def _particles(
     slab = np.zeros(len(particles.position), int)
     slab[present] = slab_of(planes.astype(dtype), along)
     listed = search.room(tuple(particles.position.T), particles.active)
-    wider = needed_room(division, search, inside, planes, listed)
+    coming = simulation.count - len(present) if particles.inserted is not None else 0
+    wider = needed_room(division, search, inside, planes, listed, coming)
     room = _for_contacts(wider if room is None else _covering(room, wider), contacts)
     row, table = np.zeros_like(slab), np.full((number, room.rows), -1, np.int32)
     for k in range(number):
@@ -137,9 +139,15 @@ def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
         fluid_force=None if force is None else of(force),
         fluid_memory=jax.tree.map(lambda x: of(x, -2), particles.fluid_memory),
         active=active,
-        inserted=particles.inserted,
+        inserted=_in_all(particles.inserted, len(table)),
         identity=identity,
+        pistons=_in_all(particles.pistons, len(table)),
     )
+
+
+def _in_all(tree: Any, number: int) -> Any:
+    """What is the same in all slabs."""
+    return jax.tree.map(lambda x: np.stack([np.asarray(x)] * number), tree)
 
 
 def _no_ghosts(planes: Any, table: Any, room: SlabRoom) -> Ghosts:
@@ -248,6 +256,7 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
         fluid_memory=jax.tree.map(lambda x: of(x, -2), rows.fluid_memory),
         active=None if simulation.population is None else active,
         inserted=None if rows.inserted is None else rows.inserted[0],
+        pistons=jax.tree.map(lambda x: x[0], rows.pistons),
     )
 
 
@@ -284,4 +293,9 @@ def enlarged(
     needed = np.asarray(on_host(ghosts.needed)).max(axis=0)
     room = SlabRoom.of(neighbors).enlarged(needed)
     whole, contacts = gathered(simulation, state, neighbors)
-    return distributed(simulation, parameters, whole, contacts, room)
+    state, wider = distributed(simulation, parameters, whole, contacts, room)
+    mesh, wider = required(simulation.mesh, "mesh"), required(wider, "neighbors")
+    before = on_host((required(neighbors.ghosts, "ghosts of a list"), neighbors.builds))
+    migrations, cuts, builds = put(mesh, (before[0].migrations, before[0].cuts, before[1]))
+    ghosts = dataclasses.replace(required(wider.ghosts, "ghosts"), migrations=migrations, cuts=cuts)
+    return state, dataclasses.replace(wider, ghosts=ghosts, builds=builds)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
+from jaxdem.coupling.forces.protocol import FluidForce
 from jaxdem.errors import InputError
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.migration import NARROWEST
@@ -20,15 +20,21 @@ def require_divisible(simulation: Simulation) -> None:
         InputError: naming it.
     """
     found = None
-    if simulation.contact is not None and simulation.contact.model.meshes:
+    coupling, contact = simulation.coupling, simulation.contact
+    remembers = None if coupling is None else next((f.label for f in coupling.forces if _remembers(f)), None)
+    if simulation.population is not None and remembers is not None:
+        found = "particles.inlet", remembers, "where particles come in or leave and a force of the fluid has a memory"
+    elif contact is not None and contact.model.meshes:
         found = "walls", "kind = mesh", "with walls that are meshes"
-    if simulation.population is not None:
-        found = "particles.inlet", "given", "with particles that come in or leave"
-    elif simulation.contact is not None and simulation.contact.model.wet:
-        found = "contact.cohesion.kind", "capillary", "with liquid bridges"
+    elif contact is not None and contact.model.wet:
+        found = "contact.cohesion.kind", "capillary", "with liquid bridges, which share the liquid of a grain"
     if found is not None:
         key, value, what = found
-        raise InputError(key, value, f"several devices do not work {what} yet", "run it on one device")
+        raise InputError(key, value, f"several devices do not work {what}", "run it on one device")
+
+
+def _remembers(force: FluidForce) -> bool:
+    return type(force).start is not FluidForce.start
 
 
 def chosen_blocks(simulation: Simulation, number: int, position: np.ndarray | None, axis: int | None) -> Blocks:
@@ -42,30 +48,36 @@ def chosen_blocks(simulation: Simulation, number: int, position: np.ndarray | No
     Raises:
         InputError: no axis can be cut so often.
     """
-    box = np.asarray(simulation.box)
-    extent = box
-    if simulation.fluid is None and position is not None and len(position) > 1:
-        extent = np.ptp(position, axis=0)
-    possible = [a for a in range(len(box)) if axis in (None, a)]
-    order = sorted(possible, key=lambda a: -extent[a])
-    if simulation.fluid is not None:
-        cells = simulation.fluid.solver.grid.cells
-        even = [a for a in order if cells[a] % number == 0]
-        if not even:
-            longest = order[0]
-            near = sorted({number * max(1, math.floor(cells[longest] / number)), number * -(-cells[longest] // number)})
-            limit = f"along axis {longest} the cells must be a multiple of the number of devices, {number}"
-            raise InputError("fluid.cells", cells, limit, f"use {' or '.join(map(str, near))} there, or other devices")
-        order = even
-        if position is not None and len(position):  # the slabs have equal numbers of cells
-            order = sorted(even, key=lambda a: _fullest(position[:, a], float(box[a]), number))
-    chosen = order[0]
-    least = _least_width(simulation, chosen)
-    most = max(1, int(box[chosen] / least)) if least else number
-    if number > most:
-        limit = f"a slab must be {least:.4g} m wide, so that axis {chosen} can be cut for {most} devices"
-        raise InputError("devices", number, limit, f"use {most} devices, or a box that is longer there")
+    box, fluid = np.asarray(simulation.box), simulation.fluid
+    places = np.zeros((0, len(box))) if position is None else position
+    extent = np.ptp(places, axis=0) if len(places) > 1 and fluid is None else box
+    order = sorted((a for a in range(len(box)) if axis in (None, a)), key=lambda a: -extent[a])
+    slabs = {a: _most_slabs(simulation, a, number) for a in order}
+    wide = [a for a in order if slabs[a] >= number]
+    if not wide:
+        best = max(order, key=lambda a: slabs[a])
+        limit = (
+            f"a slab must be {_least_width(simulation, best):.4g} m wide, so axis {best} can be cut for {slabs[best]}"
+        )
+        raise InputError("devices", number, limit, f"use at most {slabs[best]} devices, or a larger box")
+    if fluid is None:
+        return Blocks(number, wide[0], simulation.periodic[wide[0]])
+    cells = fluid.solver.grid.cells
+    even = [a for a in wide if cells[a] % number == 0]
+    if not even:
+        near = sorted({number * max(1, cells[wide[0]] // number), number * -(-cells[wide[0]] // number)})
+        limit = f"along axis {wide[0]} the cells must be a multiple of the number of devices, {number}"
+        raise InputError("fluid.cells", cells, limit, f"use {' or '.join(map(str, near))} there, or other devices")
+    chosen = even[0]
+    if len(places):  # the slabs have equal numbers of cells
+        chosen = min(even, key=lambda a: _fullest(places[:, a], float(box[a]), number))
     return Blocks(number, chosen, simulation.periodic[chosen])
+
+
+def _most_slabs(simulation: Simulation, axis: int, number: int) -> int:
+    """Most slabs that an axis can be cut into; `number` where nothing limits them."""
+    least = _least_width(simulation, axis)
+    return max(1, int(simulation.box[axis] / least)) if least else number
 
 
 def _fullest(along: np.ndarray, length: float, number: int) -> int:

@@ -80,7 +80,7 @@ def slab_of(planes: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 
 def needed_room(
-    division: Division, search: NeighborSearch, position: np.ndarray, planes: np.ndarray, room: Room
+    division: Division, search: NeighborSearch, position: np.ndarray, planes: np.ndarray, room: Room, coming: int = 0
 ) -> SlabRoom:
     """Room for these particles with a margin.
 
@@ -89,12 +89,14 @@ def needed_room(
         position: (N, D) of those present, in the box [m].
         planes: (B - 1,) [m].
         room: for their list on one device.
+        coming: particles that come in later.
     """
     number, dimension = division.blocks.number, position.shape[1]
     along = position[:, division.blocks.axis]
     slab = slab_of(planes, along)
     counts = np.bincount(slab, minlength=number)
-    rows = math.ceil(IMBALANCE**2 * counts.max()) + LEAST
+    fullest = max(counts.max(), (len(position) + coming) / number)
+    rows = math.ceil(IMBALANCE**2 * fullest) + LEAST
     near = np.zeros(len(along), bool)
     most = 0
     wraps = division.blocks.periodic and number > 1
@@ -112,7 +114,7 @@ def needed_room(
         found = tree.query_ball_point(tree.data, search.reach, return_length=True, workers=-1) - 1.0
     # A pair across a border is half of the neighbours of either, and a whole one of both slabs.
     each = np.bincount(slab, weights=0.5 * found * (1 + near), minlength=number)
-    usual = USUAL_PAIRS[dimension] * (IMBALANCE * counts.max() + most)
+    usual = USUAL_PAIRS[dimension] * (IMBALANCE * fullest + most)
     pairs = max(math.ceil(EXTRA_PAIRS * each.max()), math.ceil(usual)) + 1
     listed = Room(max(room.slots, 1), pairs, room.cell)
     return SlabRoom(rows, ghosts, rows // TRAVELLERS + LEAST, listed)

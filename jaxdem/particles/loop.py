@@ -178,7 +178,7 @@ def _advanced(
         if division is not None and slab is not None:
             slab = with_own_due(division, interval.search, neighbors, motion, slab, (number, time_step))
         if pistons is not None:
-            pistons = _pushed(interval.model, surroundings, pistons, elapsed, sums.walls, time_step)
+            pistons = _pushed(interval, surroundings, pistons, elapsed, sums.walls, time_step)
         crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
         return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded)
 
@@ -222,7 +222,7 @@ def _no_loads(model: ContactModel, like: Array, dimension: int) -> WallLoads:
 
 
 def _pushed(
-    model: ContactModel,
+    interval: ContactInterval,
     surroundings: Surroundings,
     state: PistonState,
     elapsed: Array,
@@ -230,8 +230,10 @@ def _pushed(
     time_step: Array,
 ) -> PistonState:
     """The pistons after a contact step, under the loads (M, N) of the particles on their surfaces."""
+    model, division = interval.model, interval.division
     found, motions = required(loads, "loads on the walls"), required(surroundings.motions, "motions of the walls")
     on_walls = jnp.stack([jnp.sum(component, axis=1) for component in found.force], axis=1)
+    on_walls = total(None if division is None else division.blocks, on_walls)
     rows = [[model.measured.index(wall) for wall in piston.walls] for piston in model.pistons]
     on_pistons = jnp.stack([jnp.sum(on_walls[np.asarray(row)], axis=0) for row in rows])
     return pushed(model.pistons, motions, state, elapsed, on_pistons, time_step).drifted(0.5 * time_step)

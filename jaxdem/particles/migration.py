@@ -46,11 +46,10 @@ def settled(
     radius: Array,
     particles: ParticleState,
     neighbors: Neighbors,
-    changed: Array | bool = False,
 ) -> tuple[ParticleState, Neighbors]:
     """Particles and list at the end of an interval, every particle in the slab where it is; within `shard_map`.
 
-    Nothing happens where all are near enough to their slab and the slabs are balanced.
+    Nothing happens where all are near enough to their slab, nobody has left or come, and the slabs are balanced.
 
     Args:
         division: of the box; static.
@@ -58,7 +57,6 @@ def settled(
         radius: () or (N,) of all particles by identity [m].
         particles: of this slab, R rows.
         neighbors: their list.
-        changed: () bool, the list must be built anew because particles have left or come.
     """
     blocks, ghosts = division.blocks, required(neighbors.ghosts, "ghosts of a list")
     position, low = _positions(particles)
@@ -68,6 +66,8 @@ def settled(
     out = active & (steps != 0)
     if division.stray:
         out = out & (jnp.abs(away) - half > division.stray * search.geometry.cutoff)
+    # Particles that have left or come are not yet in the list.
+    changed = jnp.any(required(particles.identity, "identity of the particles") != ghosts.identity[: ghosts.rows])
     numbers, any_out = _numbers(blocks, active, jnp.any(out) | changed)
     planes = ghosts.planes
     if division.balanced and blocks.number > 1:
@@ -168,6 +168,7 @@ def _row_first(particles: ParticleState) -> ParticleState:
         wall_spring=tuple(x.T for x in particles.wall_spring),
         fluid_memory=jax.tree.map(lambda x: jnp.moveaxis(x, -2, 0), particles.fluid_memory),
         inserted=None,
+        pistons=None,
     )
 
 
@@ -178,6 +179,7 @@ def _row_last(rows: ParticleState, before: ParticleState) -> ParticleState:
         wall_spring=tuple(x.T for x in rows.wall_spring),
         fluid_memory=jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2), rows.fluid_memory),
         inserted=before.inserted,
+        pistons=before.pistons,
     )
 
 

@@ -107,7 +107,7 @@ class Population:
         """() int32, particles that are due after `step` intervals and have not found room."""
         waiting = jnp.zeros((), jnp.int32)
         for k, inlet in enumerate(self.inlets):
-            waiting = waiting + _due(inlet, step) - inserted[k]
+            waiting = waiting + due_after(inlet, step) - inserted[k]
         return waiting
 
 
@@ -134,9 +134,9 @@ def renewed(
         placed: where each of these walls is now; empty where all are at rest.
     """
     before = particles.active
-    particles = _without_those_outside(population, particles)
+    particles = without_those_outside(population, particles)
     for number in range(len(population.inlets)):
-        insertion = _Insertion(population, number, contact.model.surfaces, neighbors.radius, present, placed)
+        insertion = Insertion(population, number, contact.model.surfaces, neighbors.radius, present, placed)
         particles = insertion.with_those_due(inlet_velocity[number], particles, step)
     search = contact.search
     if neighbors.lists_nothing or search is None:
@@ -155,7 +155,7 @@ def renewed(
     return particles._replace(contact_spring=springs, mesh_memory=memory), neighbors
 
 
-def _without_those_outside(population: Population, particles: ParticleState) -> ParticleState:
+def without_those_outside(population: Population, particles: ParticleState) -> ParticleState:
     """Those whose centre is beyond an exit taken out, at rest where they are."""
     stays = required(particles.active, "active of the particles")
     for side in population.exits:
@@ -179,7 +179,7 @@ def _without_those_outside(population: Population, particles: ParticleState) -> 
 
 
 @dataclasses.dataclass(frozen=True)
-class _Insertion:
+class Insertion:
     """How the particles of one inlet come in.
 
     Attributes:
@@ -207,7 +207,7 @@ class _Insertion:
         """Those that are due put where there is room, and the others left to wait."""
         before = required(particles.active, "active of the particles")
         inserted = required(particles.inserted, "inserted of the particles")
-        due = _due(self.inlet, step)
+        due = due_after(self.inlet, step)
         start = lax.stop_gradient(centres_in_box(particles, self.population.box, self.population.periodic))
         position, active, count = cond_in_batch(
             due > inserted[self.number],
@@ -228,21 +228,15 @@ class _Insertion:
         self, position: Array, active: Array, inserted: Array, due: Array, step: Array
     ) -> tuple[Array, Array, Array]:
         """Positions, who is present and how many of the inlet have come, after up to `batch` more."""
-        inlet, radius, dtype = self.inlet, self.radius, position.dtype
-        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(self.population.seed), step), self.number)
-        drawn = jax.random.uniform(key, (inlet.batch, TRIES, position.shape[1]), dtype)
-        lower, upper = jnp.asarray(inlet.lower, dtype), jnp.asarray(inlet.upper, dtype)
+        inlet, radius = self.inlet, self.radius
+        drawn, corners = self.drawn(position, step)
 
         def one(carry: tuple[Array, Array, Array], u: Array) -> tuple[tuple[Array, Array, Array], None]:
             position, active, count = carry
             row = inlet.row(count)
             own = radius if radius.ndim == 0 else radius[row]
-            if inlet.region is None:
-                places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
-                free = self._free(places, own, position, active) & (count < due)
-            else:
-                places, inside = inlet.region.places(u, own)
-                free = inside & self._free(places, own, position, active) & (count < due)
+            places, free = self.tried(u, corners, own, (position, active))
+            free = free & (count < due)
             chosen = places[jnp.argmax(free)]
             comes = jnp.any(free)
             position = position.at[row].set(jnp.where(comes, chosen, position[row]))
@@ -251,7 +245,28 @@ class _Insertion:
 
         return lax.scan(one, (position, active, inserted), drawn)[0]
 
-    def _free(self, places: Array, own: Array, position: Array, active: Array) -> Array:
+    def drawn(self, position: Array, step: Array) -> tuple[Array, tuple[Array, Array]]:
+        """(batch, T, D) random numbers of a step from 0 to 1, of the type of the positions; and the inlet's corners."""
+        inlet, dtype = self.inlet, position.dtype
+        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(self.population.seed), step), self.number)
+        drawn = jax.random.uniform(key, (inlet.batch, TRIES, position.shape[1]), dtype)
+        return drawn, (jnp.asarray(inlet.lower, dtype), jnp.asarray(inlet.upper, dtype))
+
+    def tried(
+        self, u: Array, corners: tuple[Array, Array], own: Array, others: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """(T, D) places of random numbers for a particle of radius `own`, and (T,) bool, which of them are free.
+
+        Others are positions (N, D) and which of them are present (N,).
+        """
+        if self.inlet.region is None:
+            lower, upper = corners
+            places = lower[None] + own + u * (upper - lower - 2.0 * own)[None]
+            return places, self.free(places, own, *others)
+        places, inside = self.inlet.region.places(u, own)
+        return places, inside & self.free(places, own, *others)
+
+    def free(self, places: Array, own: Array, position: Array, active: Array) -> Array:
         """(T,) bool, at which of the places (T, D) a particle of radius `own` () touches nothing."""
         squared = jnp.zeros((places.shape[0], position.shape[0]), position.dtype)
         for axis, (length, wraps) in enumerate(zip(self.population.box, self.population.periodic, strict=True)):
@@ -269,6 +284,6 @@ class _Insertion:
         return free
 
 
-def _due(inlet: Inlet, step: Array) -> Array:
+def due_after(inlet: Inlet, step: Array) -> Array:
     """() int32, how many should have come in after `step` intervals."""
     return jnp.sum((jnp.asarray(inlet.due, jnp.int32) <= step).astype(jnp.int32))

@@ -1,169 +1,159 @@
-"""Scenes of a fluid, with and without particles, on one device and in slabs of the box on several."""
+"""Random scenes on several devices against one, and what they differ by.
+
+An interval of a scene is run from the same state on one device and in slabs, again and again, while one device goes on:
+so that errors do not grow with the chaos of collisions. `python -m tests.cases.slabs 20 2` runs 20 scenes on 2 devices.
+"""
 
 from __future__ import annotations
 
-import random
+import sys
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from jaxdem.fluid.grid import Grid
-from jaxdem.fluid.momentum import FluidState
-from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
-from jaxdem.numerics.blocks import MESH_AXIS, Blocks
-from tests.cases.flows import random_faces
-
-SLABS, SAME = PartitionSpec(MESH_AXIS), PartitionSpec()
-PERIODIC = {"kind": "periodic"}
-ALONG_X = {"left": PERIODIC, "right": PERIODIC}
+import jaxdem
+from jaxdem import devices
+from jaxdem.failures import failures
 
 
-def fluid_scene(cells: list[int], boundary: dict[str, Any], **fluid: Any) -> dict[str, Any]:
-    """A fluid alone on cells of 0.1 m, stirred at random by `stirred`."""
-    tables: dict[str, Any] = {
+def random_scene(seed: int) -> dict[str, Any]:
+    """Tables of a scene: 2-D or 3-D, walls or periodic sides, one size or several, perhaps with an exit or a fluid."""
+    draw = np.random.default_rng(seed)
+    dimension = int(draw.integers(2, 4))
+    fluid, comes = bool(draw.random() < 0.3), bool(draw.random() < 0.3)
+    length, width = 0.4, 0.1
+    size = [length, width] if dimension == 2 else [length, width, width]
+    axis = int(draw.integers(0, dimension))
+    size[0], size[axis] = size[axis], size[0]
+    wraps = [bool(draw.random() < 0.5) for _ in size]
+    names = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}[dimension]
+    boundary = {name: {"kind": "periodic"} for k, name in enumerate(names) if wraps[k // 2]}
+    contact = {"young_modulus": 4e6, "friction": 0.4, "restitution": float(draw.uniform(0.4, 0.9)), "speed": 3.0}
+    if draw.random() < 0.5:
+        contact |= {"rolling_friction": 0.1, "rolling_model": "epsd"}
+    grains: dict[str, Any] = {"radius": 0.01, "density": 2500.0}
+    low, high = np.full(dimension, 0.012), np.asarray(size) - 0.012
+    counts = np.floor((high - low) / 0.0215).astype(int) + 1
+    places = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, dimension)
+    places = low + 0.0215 * places + draw.uniform(0, 0.0007, places.shape)
+    places = places[draw.random(len(places)) < 0.7]
+    grains["position"] = places.tolist()
+    if draw.random() < 0.5:
+        grains["radius"] = draw.uniform(0.006, 0.01, len(places)).tolist()
+    grains["velocity"] = draw.normal(0.0, 0.4, places.shape).tolist()
+    tables = {
         "precision": "float64",
-        "domain": {"size": [0.1 * n for n in cells]},
-        "fluid": {"cells": cells, "viscosity": 1e-2, "time_step": 0.01, **fluid},
+        "domain": {"size": size, "gravity": [0.0] * (dimension - 1) + [-9.81]},
+        "particles": grains,
+        "contact": contact,
         "boundary": boundary,
-        "time": {"end": 0.1, "output_interval": 0.1},
+        "time": {"end": 0.4, "output_interval": 0.01},
     }
-    if len(cells) == 2:
-        tables["domain"]["depth"] = 1.0
+    if fluid:
+        cells = [max(8, int(round(x / 0.025))) for x in size]
+        tables["fluid"] = {"cells": cells, "density": 1.2, "viscosity": 1.5e-5, "time_step": 2e-3}
+        if dimension == 2:
+            tables["domain"]["depth"] = 0.02
+        if wraps[-1]:
+            tables["domain"]["gravity"] = [0.0] * dimension
+    if comes and not wraps[0]:
+        boundary["right"] = {"particles": "remove"} | ({"kind": "outlet"} if fluid else {})
     return tables
 
 
-FLUIDS: dict[str, dict[str, Any]] = {
-    "periodic": fluid_scene([8, 6], ALONG_X | {"bottom": PERIODIC, "top": PERIODIC}),
-    "closed": fluid_scene([8, 6], {"top": {"kind": "moving_wall", "velocity": [0.5, 0.0]}}),
-    "jet": fluid_scene(
-        [8, 6],
-        {
-            "left": {"kind": "inlet", "velocity": 0.5, "from": 0.05, "to": 0.23, "profile": "parabolic"},
-            "right": {"kind": "outlet"},
-        },
-        advection="central",
-        smagorinsky=0.2,
-    ),
-    "updraft": fluid_scene(
-        [8, 6],
-        {
-            "bottom": {"kind": "inlet", "velocity": 0.5, "from": 0.13, "to": 0.47},
-            "top": {"kind": "outlet", "from": 0.1, "to": 0.6},
-            "left": {"kind": "free_slip"},
-        },
-        advection="superbee",
-    ),
-    "stream": fluid_scene([8, 6], ALONG_X | {"top": {"kind": "free_slip"}}, bulk_velocity=[0.5, 0.0], bed_mixing={}),
-    "jet, 3-D": fluid_scene(
-        [4, 4, 6],
-        {
-            "bottom": {"kind": "inlet", "velocity": 0.5, "from": [0.05, 0.05], "to": [0.25, 0.33]},
-            "top": {"kind": "outlet"},
-        },
-    ),
-    "periodic, 3-D": fluid_scene([4, 4, 6], ALONG_X | {"front": PERIODIC, "back": PERIODIC}, advection="central_4"),
-}
-"""Every kind of side, drive, eddy viscosity and advection."""
+class Difference(NamedTuple):
+    """Of an interval in slabs to that on one device, over the largest of each kind on one device.
 
-FLUIDS["periodic"]["domain"]["gravity"] = [0.0, 0.0]
-
-
-def coupled_scene(dimension: int, boundary: dict[str, Any], model: str = "A", **coupling: Any) -> dict[str, Any]:
-    """A dozen grains in a stream."""
-    size = [0.4, 0.2] if dimension == 2 else [0.2, 0.1, 0.2]
-    tables: dict[str, Any] = {
-        "precision": "float64",
-        "domain": {"size": size},
-        "particles": {"radius": 0.006, "density": 2650.0, "position": places(size)},
-        "contact": {"young_modulus": 5e6, "friction": 0.3},
-        "fluid": {
-            "cells": [8, 4] if dimension == 2 else [8, 4, 8],
-            "viscosity": 1e-4,
-            "time_step": 0.002,
-            "velocity": [0.1, *[0.0] * (dimension - 1)],
-            "model": model,
-        },
-        "boundary": boundary,
-        "coupling": coupling,
-        "time": {"end": 0.02, "output_interval": 0.02},
-    }
-    if dimension == 2:
-        tables["domain"]["depth"] = 0.04
-    return tables
-
-
-def places(size: list[float], count: int = 12, radius: float = 0.006) -> list[list[float]]:
-    """Centres of grains that do not touch, at random; one on the plane that two slabs share."""
-    draw, found = random.Random(3), [[0.5 * s for s in size]]
-    while len(found) < count:
-        x = [draw.uniform(1.2 * radius, s - 1.2 * radius) for s in size]
-        if all(sum((a - b) ** 2 for a, b in zip(x, y, strict=True)) > (2.05 * radius) ** 2 for y in found):
-            found.append(x)
-    return found
-
-
-def stirred(grid: Grid, fluid: FluidState) -> FluidState:
-    """The fluid with a random velocity added, none through walls."""
-    more = random_faces(grid)
-    faces = tuple(jnp.asarray(u + 0.2 * v) for u, v in zip(fluid.face_velocity, more, strict=True))
-    return fluid._replace(face_velocity=faces)
-
-
-def on_slabs(number, function, given, result):
-    """A function of one slab as one of `number` slabs, to be jitted.
-
-    Args:
-        number: of slabs, each on a device.
-        function: of one slab.
-        given: for every argument `SLABS`, or `SAME` for one that is the same in all slabs.
-        result: one of the two.
+    Attributes:
+        force, velocity, position, spin: of the particles.
+        contacts: number of pairs that touch in the one and not in the other.
+        momentum: over the sum of m |v|.
     """
-    mesh = Mesh(np.array(jax.devices()[:number]), (MESH_AXIS,))
 
-    def of_one(*arguments):
-        arguments = [
-            jax.tree.map(lambda x: x[0], a) if spec == SLABS else a for spec, a in zip(given, arguments, strict=True)
-        ]
-        found = function(*arguments)
-        return jax.tree.map(lambda x: x[None], found) if result == SLABS else found
-
-    return jax.shard_map(of_one, mesh=mesh, in_specs=tuple(given), out_specs=result, check_vma=False)
-
-
-def run_on_slabs(number, function, given, arguments):
-    """What a function of one slab gives in all of them, and the text of the compiled program."""
-    mesh = Mesh(np.array(jax.devices()[:number]), (MESH_AXIS,))
-    placed = [
-        jax.device_put(jax.tree.map(np.asarray, a), NamedSharding(mesh, spec))
-        for spec, a in zip(given, arguments, strict=True)
-    ]
-    compiled = jax.jit(on_slabs(number, function, given, SLABS)).lower(*placed).compile()
-    return compiled(*placed), compiled.as_text()
-
-
-class Comparison(NamedTuple):
-    """Largest differences between a fluid in slabs and the fluid on one device, over the largest value."""
-
+    force: float
     velocity: float
-    pressure: float
-    void_fraction: float
+    position: float
+    spin: float
+    contacts: int
+    momentum: float
 
 
-def compared(blocks: Blocks, slabs: FluidState, fluid: FluidState) -> Comparison:
-    """Of a fluid in slabs and one on one device."""
-    whole = fluid_of_slabs(blocks, slabs)
-    speed = max(float(jnp.abs(u).max()) for u in fluid.face_velocity)
-    pairs = zip(whole.face_velocity, fluid.face_velocity, strict=True)
-    apart = max(float(np.abs(a - np.asarray(b)).max()) for a, b in pairs)
-    pressure = np.abs(whole.pressure - np.asarray(fluid.pressure)).max() / np.abs(fluid.pressure).max()
-    void = 0.0 if fluid.void_fraction is None else np.abs(whole.void_fraction - np.asarray(fluid.void_fraction)).max()
-    return Comparison(apart / speed, float(pressure), float(void))
+def apart(one: Any, other: Any) -> float:
+    """Largest difference over the largest value."""
+    one, other = np.asarray(one), np.asarray(other)
+    return float(np.abs(one - other).max(initial=0.0) / max(np.abs(one).max(initial=0.0), 1e-300))
 
 
-def in_slabs(grid: Grid, number: int, axis: int, fluid: FluidState) -> tuple[Blocks, FluidState]:
-    """Slabs of a box, and its fluid in them."""
-    blocks = Blocks(number, axis, grid.periodic[axis])
-    return blocks, fluid_in_slabs(grid, blocks, fluid)
+class Pair:
+    """A scene on one device and in slabs."""
+
+    def __init__(self, scene: jaxdem.Scene, number: int):
+        self.simulation, self.parameters = jaxdem.build(scene)
+        self.divided, _ = jaxdem.build(scene, devices=number)
+        self.state, self.neighbors = jaxdem.initial_state(scene, self.simulation, self.parameters)
+        self.room = None
+        self.step = jax.jit(lambda s, n: self.simulation.step(self.parameters, s, n))
+        self.step_of_slabs = jax.jit(lambda s, n: self.divided.step(self.parameters, s, n))
+
+    def distributed(self) -> tuple:
+        """The present state in slabs."""
+        state, lists = devices.distributed(self.divided, self.parameters, self.state, self.neighbors, self.room)
+        if lists is not None:
+            self.room = devices.SlabRoom.of(lists)
+        return state, lists
+
+    def stepped(self, state: Any, lists: Any) -> tuple:
+        """A distributed state after one interval, with more room if it is needed."""
+        new = self.step_of_slabs(state, lists)
+        while int(failures(self.divided, new[2])) & 1:
+            state, lists = devices.enlarged(self.divided, self.parameters, state, lists, new[1])
+            self.room = devices.SlabRoom.of(lists)
+            new = self.step_of_slabs(state, lists)
+        return new
+
+    def go_on(self, intervals: int) -> None:
+        """So many intervals on one device."""
+        for _ in range(intervals):
+            self.state, self.neighbors, report = self.step(self.state, self.neighbors)
+            assert int(failures(self.simulation, report)) == 0, int(failures(self.simulation, report))
+
+    def difference(self, intervals: int = 1) -> Difference:
+        """After so many intervals from the present state, with which one device goes on."""
+        state, lists = self.distributed()
+        for _ in range(intervals):
+            state, lists, _ = self.stepped(state, lists)
+        self.go_on(intervals)
+        whole, contacts = devices.gathered(self.divided, state, lists)
+        one, other = self.state.particles, whole.particles
+        there = slice(None) if one.active is None else np.asarray(one.active)
+        if one.active is not None:
+            np.testing.assert_array_equal(one.active, other.active)
+        mass = np.broadcast_to(np.asarray(self.parameters.bodies.mass), len(one.velocity))[there, None]
+        momenta = [np.sum(mass * np.asarray(p.velocity)[there], axis=0) for p in (one, other)]
+        total = np.sum(mass * np.abs(np.asarray(one.velocity)[there]))
+        own = devices.contacts.contacts_of_list(one.contact_spring, jax.device_get(self.neighbors))
+        pairs = [
+            set(zip(np.minimum(c.first, c.second), np.maximum(c.first, c.second), strict=True)) for c in (own, contacts)
+        ]
+        parts = ("contact_force", "velocity", "position", "angular_velocity")
+        found = [apart(np.asarray(getattr(one, p))[there], np.asarray(getattr(other, p))[there]) for p in parts]
+        return Difference(*found, len(pairs[0] ^ pairs[1]), float(np.abs(momenta[0] - momenta[1]).max() / total))
+
+
+def main(scenes: int, number: int) -> None:
+    """Prints the largest differences of every scene."""
+    for seed in range(scenes):
+        tables = random_scene(seed)
+        pair = Pair(jaxdem.load_scene(tables), number)
+        kinds = [len(tables["domain"]["size"]), "fluid" if "fluid" in tables else "dry", pair.divided.blocks]
+        found = []
+        for _ in range(6):
+            found.append(pair.difference())
+            pair.go_on(4)
+        print(seed, *kinds, len(tables["particles"]["position"]), np.max(found, axis=0), flush=True)
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    main(int(sys.argv[1]), int(sys.argv[2]))
