@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -26,6 +27,9 @@ POPULATION_COLUMNS = ("present", "removed")
 """Numbers of particles, in runs in which they change."""
 DRIVE_COLUMNS = ("pressure_gradient", "bulk_velocity")
 """Of the fluid along each periodic axis, `pressure_gradient_x` and so on, in runs in which something drives it."""
+
+PISTON_COLUMN = re.compile(r"wall_\d+_displacement")
+"""How far a wall that a force holds has moved, by the number of its table [m]."""
 
 _HEADER = ",".join(COLUMNS)
 _EXTRA = {*POPULATION_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
@@ -76,4 +80,5 @@ def read_history(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _of_a_history(names: tuple[str, ...]) -> bool:
-    return names[: len(COLUMNS)] == COLUMNS and _EXTRA.issuperset(names[len(COLUMNS) :])
+    others = [name for name in names[len(COLUMNS) :] if not PISTON_COLUMN.fullmatch(name)]
+    return names[: len(COLUMNS)] == COLUMNS and _EXTRA.issuperset(others)

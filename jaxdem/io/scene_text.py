@@ -134,7 +134,14 @@ def depth(scene: dict[str, Any], cell: tuple[float, ...]) -> float:
 def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
     """Columns of the history beside the metrics; see `io.history`."""
     population = POPULATION_COLUMNS if comes_and_goes(scene) else ()
-    return (*population, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene)))
+    drive = (f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene))
+    return (*population, *drive, *piston_columns(scene))
+
+
+def piston_columns(scene: dict[str, Any]) -> tuple[str, ...]:
+    """How far each piston has moved, by the number of its wall."""
+    walls = scene.get("walls", []) if "particles" in scene else []
+    return tuple(f"wall_{k}_displacement" for k, wall in enumerate(walls) if wall.get("piston") is not None)
 
 
 def probe_names(scene: dict[str, Any]) -> list[str]:

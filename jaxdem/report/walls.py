@@ -51,23 +51,59 @@ class Opening(NamedTuple):
     stop: tuple[float, float]
 
 
-def solid(scene: Mapping[str, Any], box: Sequence[float], time: float = 0.0) -> Solid | None:
+def solid(
+    scene: Mapping[str, Any], box: Sequence[float], time: float = 0.0, history: Mapping[str, Array] | None = None
+) -> Solid | None:
     """The walls of a scene that are there at a time; None where there are none.
 
     Args:
         scene: tables of scene.toml.
         box: side lengths (D,) [m].
         time: of the frame [s].
+        history: of the run, with the way of each piston.
     """
     # A wall that vanishes at the time of a frame has gone in it, whatever rounding the frame's time has.
     now = time * (1.0 + 1e-9)
-    walls = [wall for wall in scene.get("walls", ()) if wall.get("begin", 0.0) <= now < wall.get("end", math.inf)]
+    walls = [
+        dict(wall) | _place(wall, time, _way(history, k, time))
+        for k, wall in enumerate(scene.get("walls", ()))
+        if wall.get("begin", 0.0) <= now < wall.get("end", math.inf)
+    ]
     return _solid(json.dumps(walls), tuple(box)) if walls else None
+
+
+def _place(wall: Mapping[str, Any], time: float, way: float) -> dict[str, Any]:
+    """Where a wall has moved, {} for one at rest."""
+    if not (wall.get("motion") or wall.get("piston")):
+        return {}
+    from jaxdem.solids.motion_tables import placement_of  # loads JAX
+
+    placed = placement_of(wall, time, way)
+    if placed is None:
+        return {}
+    turn = np.eye(placed.dimension) if placed.rotation is None else np.asarray(placed.rotation)
+    if wall["kind"] == "cylinder" and _same_tube(wall, turn, np.asarray(placed.shift)):
+        return {}  # one picture for all angles of a drum
+    return {"rotation": turn.tolist(), "shift": np.asarray(placed.shift).tolist(), "motion": None}
+
+
+def _same_tube(wall: Mapping[str, Any], turn: Array, shift: Array) -> bool:
+    """Whether a cylinder covers itself after it has moved."""
+    center, size = np.asarray(wall["center"]), 1e-9 * float(wall["radius"])
+    axis = np.zeros(len(center)) if wall.get("axis") is None else _unit(wall["axis"])
+    moved = turn @ center + shift - center
+    return bool(np.abs(moved - (moved @ axis) * axis).max() < size and np.allclose(turn @ axis, axis, atol=1e-12))
+
+
+def _way(history: Mapping[str, Array] | None, number: int, time: float) -> float:
+    """How far a piston has moved at a time [m]."""
+    column = None if history is None else history.get(f"wall_{number}_displacement")
+    return 0.0 if history is None or column is None else float(np.interp(time, history["time"], column))
 
 
 @lru_cache(maxsize=8)
 def _solid(tables: str, box: tuple[float, ...]) -> Solid:
-    """See `solid`; kept, for walls stand still and are the same in many frames of a run."""
+    """See `solid`; kept, for walls that stand still are the same in many frames of a run."""
     walls = json.loads(tables)
     spacing = max(box[0], box[-1]) / RESOLUTION[len(box)]
     counts = [max(2, round(box[0] / spacing)), *([SLICES] * (len(box) - 2)), max(2, round(box[-1] / spacing))]
@@ -84,7 +120,9 @@ def _distance(walls: Sequence[Mapping[str, Any]], points: Array) -> Array:
 
 
 def _distances(wall: Mapping[str, Any], points: Array) -> list[Array]:
-    """Of the surfaces that a wall consists of, at points (..., D)."""
+    """Of the surfaces that a wall consists of, at points (..., D); of one that has moved at X = R^T (x - s)."""
+    if "shift" in wall:
+        points = (points - np.asarray(wall["shift"])) @ np.asarray(wall["rotation"])
     if wall["kind"] == "plane":
         return [(points - np.asarray(wall["point"])) @ _unit(wall["normal"])]
     if wall["kind"] == "cylinder":

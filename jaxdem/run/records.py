@@ -125,7 +125,17 @@ def history_of(
     row = metrics.history_row(instant.time, known)
     counts = particle_counts(case.simulation, instant.state)
     numbers = {name: float(counts[name]) for name in ("present", "removed") if name in counts}
-    return row | numbers | drive_figures(case, instant.state, gradient)
+    return row | numbers | drive_figures(case, instant.state, gradient) | piston_figures(case, instant.state)
+
+
+def piston_figures(case: Case, state: State) -> dict[str, float]:
+    """How far every piston has moved along its direction [m]; {} without."""
+    pistons = None if state.particles is None else state.particles.pistons
+    if pistons is None:
+        return {}
+    way = np.asarray(pistons.displacement, np.float64)
+    names = [f"wall_{k}_displacement" for k, wall in enumerate(case.scene.walls) if wall.piston is not None]
+    return {name: float(way[k]) for k, name in enumerate(names)}
 
 
 def drive_figures(case: Case, state: State, gradient: np.ndarray | None) -> dict[str, float]:

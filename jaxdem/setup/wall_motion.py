@@ -14,20 +14,11 @@ from jaxdem.errors import InputError, required
 from jaxdem.numerics.placement import Placement
 from jaxdem.particles.moving_walls import Piston, PistonNumbers, SurfaceMotion
 from jaxdem.scene import Scene
-from jaxdem.scene.wall_motion import WallMotion
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import surfaces_of
-from jaxdem.solids.motion import (
-    ActiveTime,
-    Course,
-    Oscillation,
-    RigidMotion,
-    Rotation,
-    Table,
-    Translation,
-    Uniform,
-)
+from jaxdem.solids.motion import RigidMotion, Table
+from jaxdem.solids.motion_tables import motion_of, number, numbers_of, placement_of, unit
 
 Values = float | str | np.ndarray | Sequence[float | Sequence[float]] | None
 """What a key of a scene may hold."""
@@ -41,14 +32,19 @@ LARGEST_WAY = 0.1
 that a wall meets at this speed overlaps it by more in one step than a contact should in all."""
 
 
+def tables_of(wall: Wall) -> dict[str, Any]:
+    """A wall as the scene file has it."""
+    return wall.model_dump(exclude_none=True)
+
+
 def rigid_motion(wall: Wall) -> RigidMotion | None:
     """The given motion of a wall; None where there is none."""
-    return RigidMotion(tuple(_part(wall, motion) for motion in wall.motion)) if wall.motion else None
+    return motion_of(tables_of(wall))
 
 
 def motion_numbers(wall: Wall, number: Callable[[Values], Array]) -> tuple[dict[str, Array], ...]:
     """The numbers of its parts, each made by `number`."""
-    return tuple({name: number(value) for name, value in _numbers(motion).items()} for motion in wall.motion or ())
+    return tuple({name: number(value) for name, value in part.items()} for part in numbers_of(tables_of(wall)))
 
 
 def piston_numbers(scene: Scene, number: Callable[[Values], Array]) -> tuple[PistonNumbers, ...]:
@@ -69,12 +65,12 @@ def surface_motions(
     """
     found: list[SurfaceMotion | None] = []
     pistons: list[Piston] = []
-    for number, wall in enumerate(scene.walls):
+    for index, wall in enumerate(scene.walls):
         count, motion = len(surfaces_of(wall)), rigid_motion(wall)
-        entry = None if motion is None else SurfaceMotion(motion, number)
+        entry = None if motion is None else SurfaceMotion(motion, index)
         if wall.piston is not None:
-            direction = _unit(wall.piston.direction)
-            entry = SurfaceMotion(motion, number, len(pistons), direction)
+            direction = unit(wall.piston.direction)
+            entry = SurfaceMotion(motion, index, len(pistons), direction)
             own = tuple(sides + len(found) + k for k in range(count))
             pistons.append(Piston(direction, own, wall.piston.force_times))
         found += [entry] * count
@@ -84,10 +80,7 @@ def surface_motions(
 
 def placements_at(scene: Scene, time: float) -> tuple[Placement | None, ...]:
     """Where the walls of a scene have moved at a time by their given motions, in float64; None for those at rest."""
-    return tuple(
-        None if motion is None else motion.at(motion_numbers(wall, _double), (_double(time), None))
-        for wall, motion in ((wall, rigid_motion(wall)) for wall in scene.walls)
-    )
+    return tuple(placement_of(tables_of(wall), time) if wall.motion else None for wall in scene.walls)
 
 
 def wall_speed(scene: Scene, wall: Wall) -> float:
@@ -97,7 +90,10 @@ def wall_speed(scene: Scene, wall: Wall) -> float:
 
 @functools.lru_cache(maxsize=64)
 def _speed(wall: Wall, box: tuple[float, ...], end: float) -> float:
-    motion, numbers = required(rigid_motion(wall), "motion"), motion_numbers(wall, _double)
+    motion, numbers = (
+        required(rigid_motion(wall), "motion"),
+        [{k: number(v) for k, v in part.items()} for part in numbers_of(tables_of(wall))],
+    )
     golden = (math.sqrt(5.0) - 1.0) / 2.0
     times = [0.0, end, *(end * np.modf(golden * np.arange(1.0, SAMPLES))[0])]
     for part in motion.parts:
@@ -108,7 +104,7 @@ def _speed(wall: Wall, box: tuple[float, ...], end: float) -> float:
     corners = np.asarray(np.meshgrid(*[(0.0, length) for length in box])).reshape(len(box), -1)
     fastest = 0.0
     for time in times:
-        velocity = motion.at(numbers, (_double(time), None)).velocity_at(tuple(corners))  # type: ignore[arg-type]
+        velocity = motion.at(numbers, (number(time), None)).velocity_at(tuple(corners))  # type: ignore[arg-type]
         fastest = max(fastest, float(np.sqrt(np.max(sum(np.square(component) for component in velocity)))))
     return fastest
 
@@ -165,7 +161,7 @@ def check_pistons(particles: ParticleSetup, contact_step: float, stable: float) 
     for k, wall in enumerate(scene.walls):
         if wall.piston is None:
             continue
-        direction, size = np.abs(_unit(wall.piston.direction)), np.asarray(scene.domain.size)
+        direction, size = np.abs(unit(wall.piston.direction)), np.asarray(scene.domain.size)
         sections = np.prod(size) / size
         count = min(max(1.0, float(direction @ sections) / (2.0 * radius) ** (len(size) - 1)), particles.total)
         least = 2.0 * count * mass * (contact_step / stable) ** 2
@@ -177,34 +173,3 @@ def check_pistons(particles: ParticleSetup, contact_step: float, stable: float) 
                 f"would swing faster than this resolves, and needs {least:.3g} kg",
                 f"set mass = {1.01 * least:.3g} or more, or lower contact.time_step",
             )
-
-
-def _part(wall: Wall, motion: WallMotion) -> Translation | Rotation:
-    active = ActiveTime(motion.begin or 0.0, math.inf if motion.end is None else motion.end)
-    if not motion.turns:
-        direction = motion.velocity or motion.direction or ()
-        return Translation(_unit(direction), _course(motion), active)
-    axis = motion.axis or wall.axis
-    return Rotation(motion.center or wall.center or (), None if axis is None else _unit(axis), _course(motion), active)
-
-
-def _course(motion: WallMotion) -> Course:
-    if motion.kind == "oscillation":
-        return Oscillation()
-    return Table(required(motion.times, "times")) if motion.kind == "table" else Uniform()
-
-
-def _numbers(motion: WallMotion) -> dict[str, Values]:
-    if motion.kind == "oscillation":
-        return {"amplitude": motion.amplitude, "frequency": motion.frequency, "phase": motion.phase or 0.0}
-    if motion.kind == "table":
-        return {"values": motion.angle if motion.turns else motion.displacement}
-    return {"rate": motion.rate if motion.velocity is None else math.hypot(*motion.velocity)}
-
-
-def _double(value: Values) -> Any:
-    return np.asarray(value, np.float64)[()]
-
-
-def _unit(vector: Sequence[float]) -> tuple[float, ...]:
-    return tuple((np.asarray(vector) / math.hypot(*vector)).tolist())

@@ -18,7 +18,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
+from jaxdem import build as build_simulation
 from jaxdem import load_scene
+from jaxdem.particles.moving_walls import PistonState, placements
+from jaxdem.particles.surfaces import surface_contacts
 from jaxdem.report import animation, pictures, single, snapshots, walls
 from jaxdem.report.comparison import Candidate, build
 from jaxdem.report.player import player
@@ -200,3 +203,55 @@ def test_a_wall_is_drawn_in_the_frames_in_which_it_is_there(make: Any) -> None:
     assert page is not None
     data = json.loads(re.search(r'id="player-data">(.*?)</script>', page)[1])["runs"][0]
     assert data["wall"] == [0, -1, 1] and len(data["walls"]) == 2
+
+
+MOTIONS = {
+    2: ({"kind": "rotation", "rate": 0.7, "center": [0.4, 0.3]}, {"kind": "translation", "velocity": [0.1, -0.05]}),
+    3: (
+        {"kind": "oscillation", "amplitude": 0.1, "frequency": 0.3, "direction": [1.0, 0.0, 2.0]},
+        {"kind": "rotation", "rate": -0.4, "center": [0.4, 0.2, 0.3], "axis": [1.0, 2.0, 0.0]},
+    ),
+}
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_walls_that_move_are_drawn_where_the_solver_has_them(dimension):
+    """Signed distances at points, of a wall with motions and of a piston."""
+    time, way = 1.3, 0.07
+    box = [1.0] * dimension
+    direction = [0.6, *([0.0] * (dimension - 2)), 0.8]
+    piston = {"direction": direction, "force": 1.0, "mass": 1e6}
+    moving = [dict(wall) | {"motion": list(MOTIONS[dimension])} for wall in WALLS[dimension]]
+    moving[0]["piston"] = piston
+    tables = {
+        "precision": "float64",
+        "domain": {"size": box},
+        "particles": {"radius": 0.01, "density": 2500.0, "position": []},
+        "contact": {"young_modulus": 1e7, "speed": 0.1},
+        "coupling": {"interval": 0.1},
+        "walls": moving,
+        "time": {"end": 1.3, "output_interval": 1.3},
+    }
+    simulation, parameters = build_simulation(load_scene(tables))
+    history = {"time": np.array([0.0, 2.6]), "wall_0_displacement": np.array([0.0, 2.0 * way])}
+    state = PistonState(jnp.asarray([way]), None, jnp.asarray([0.0]))
+    motions = simulation.wall_motions(parameters, jnp.asarray(13))
+    placed = placements(simulation.contact.model.motions, motions, jnp.zeros(()), state)
+    points = np.random.default_rng(1).uniform(0.0, 1.0, (50, dimension))
+    overlap, _ = surface_contacts(
+        simulation.contact.model.surfaces, tuple(jnp.asarray(points.T)), (None,) * dimension, jnp.zeros(()), placed
+    )
+    found, number = np.asarray(overlap), 0
+    for k, wall in enumerate(moving):
+        drawn = wall | walls._place(wall, time, walls._way(history, k, time))
+        for distance in walls._distances(drawn, points):
+            np.testing.assert_allclose(distance, -found[number], atol=1e-12)
+            number += 1
+    assert number == len(found)
+    assert not np.allclose(walls.solid(tables, box, time, history).share, walls.solid(tables, box, 0.0).share)
+
+
+def test_a_drum_is_one_picture_for_all_its_angles():
+    drum = {"kind": "cylinder", "center": [0.5, 0.5], "radius": 0.4, "motion": [{"kind": "rotation", "rate": 3.0}]}
+    scene = {"walls": [drum]}
+    assert walls.solid(scene, [1.0, 1.0], 0.2) is walls.solid(scene, [1.0, 1.0], 0.9)
