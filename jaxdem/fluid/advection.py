@@ -149,7 +149,22 @@ class CentralFourth:
         return behind / 3.0 + ahead / 6.0, ahead / 3.0 + behind / 6.0
 
 
-def advection(grid: Grid, sides: Sides, scheme: AdvectionScheme, flux: FaceField, velocity: FaceField) -> FaceField:
+class ClosedFaces(Protocol):
+    """Surfaces within the mesh, see `cut_cells`."""
+
+    def surface_value(self, grid: Grid, value: Array, padded: Array, which: int, axis: int) -> Array:
+        """What is carried between control volumes of which one may be closed."""
+        ...
+
+
+def advection(
+    grid: Grid,
+    sides: Sides,
+    scheme: AdvectionScheme,
+    flux: FaceField,
+    velocity: FaceField,
+    cut: ClosedFaces | None = None,
+) -> FaceField:
     """-div(F u) on every face [m/s2 times void fraction]; of the values on boundary faces those on outlets are used.
 
     A boundary face stands for half a cell. What comes in through an outlet brings half of its momentum, see `Outlet`.
@@ -163,6 +178,7 @@ def advection(grid: Grid, sides: Sides, scheme: AdvectionScheme, flux: FaceField
         scheme: reconstruction.
         flux: F = g u on the faces, the flux of the fluid volume [m/s].
         velocity: u on the faces [m/s].
+        cut: surfaces within the mesh; None without.
     """
     result = []
     for which, component in enumerate(velocity):
@@ -170,7 +186,10 @@ def advection(grid: Grid, sides: Sides, scheme: AdvectionScheme, flux: FaceField
         for axis in range(grid.dimension):
             padded = with_ghosts(grid, sides, component, which, axis)
             carrier = _flux_through_control_surfaces(grid, flux, which, axis)
-            transported = carrier * _surface_value(scheme, padded, carrier, axis)
+            value = _surface_value(scheme, padded, carrier, axis)
+            if cut is not None:
+                value = cut.surface_value(grid, value, padded, which, axis)
+            transported = carrier * value
             if which == axis:
                 transported = _with_inlet_momentum(grid, sides.boundary, transported, flux[axis], component, axis)
             transported = _drawn_in_by_half(grid, sides.boundary, transported, carrier, axis)

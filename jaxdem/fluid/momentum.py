@@ -24,6 +24,7 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity, with_outflow
+from jaxdem.fluid.cut_cells import CutCells, SurfaceShares, cut_stress, pressure_on_surfaces, seen_stress, surface_loads
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.drive import Drive, DriveParameters, given_gradient, held
 from jaxdem.fluid.grid import (
@@ -31,6 +32,7 @@ from jaxdem.fluid.grid import (
     FaceField,
     Grid,
     agreed,
+    along,
     box_largest,
     box_mean,
     box_smallest,
@@ -53,6 +55,9 @@ from jaxdem.fluid.subgrid_stress import (
 )
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time
+
+FLUX_TOLERANCE = 1e-3
+"""Largest divergence of the flux that carries momentum between surfaces within a step, in units of U/h."""
 
 
 class FluidState(NamedTuple):
@@ -89,6 +94,7 @@ class FluidProperties(NamedTuple):
         bed_mixing: mixing length of a stream over a bed; None compiles none.
         drive: of periodic axes; None where nothing drives the fluid.
         gravity: (D,) that drives it along periodic axes; `Parameters` gives it [m/s2].
+        cut: surfaces within the mesh, see `cut_cells`; None compiles none.
     """
 
     density: Array
@@ -99,6 +105,7 @@ class FluidProperties(NamedTuple):
     bed_mixing: BedMixing | None = None
     drive: DriveParameters | None = None
     gravity: Array | None = None
+    cut: CutCells | None = None
 
 
 class FaceExchange(NamedTuple):
@@ -123,6 +130,7 @@ class FluidStep(NamedTuple):
         divergence: () largest |d(g)/dt + div(g u)| after the projection, times h/U [-].
         side_load: (2 D, D, 1 + D) mean load on every side of the box, see `side_forces`; None unless the solver
             measures it [N], [N m].
+        surface_load: (S, D, 1 + D) the same on the surfaces within the mesh; None without [N], [N m].
     """
 
     state: FluidState
@@ -130,6 +138,7 @@ class FluidStep(NamedTuple):
     solver: SolverReport
     divergence: Array
     side_load: Array | None = None
+    surface_load: Array | None = None
 
 
 class _Rates(NamedTuple):
@@ -139,11 +148,13 @@ class _Rates(NamedTuple):
         total: rate of change of g u by advection and stress.
         stress: divergence of the stress over density.
         on_sides: load of stress and advection on the sides over density, see `side_forces`; None unless measured.
+        to_closed: what faces that a surface closes would gain, on all faces [m/s2]; None without surfaces.
     """
 
     total: FaceField
     stress: FaceField
     on_sides: Array | None = None
+    to_closed: FaceField | None = None
 
 
 @static
@@ -158,6 +169,7 @@ class FluidSolver:
         model: of the equations, "A" or "B".
         drive: of periodic axes; None compiles none.
         measured_sides: of the box, whose loads are found, see `side_forces`; none: no such term is compiled.
+        surfaces: number of surfaces within the mesh, see `cut_cells`.
 
     Source of the models: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II
     and III.
@@ -170,6 +182,7 @@ class FluidSolver:
     model: Literal["A", "B"] = "A"
     drive: Drive | None = None
     measured_sides: tuple[int, ...] = ()
+    surfaces: int = 0
 
     @property
     def shares_stress(self) -> bool:
@@ -214,47 +227,85 @@ class FluidSolver:
         state = state._replace(mean_gradient=self._mean_gradient(properties, state, middle))
         slope = pressure_slope(grid, self.boundary, state)
         pull = tuple(g * s / properties.density for g, s in zip(weight, slope, strict=True))
+        cut, open_old, open_new, friction = properties.cut, old, new, None
+        if cut is not None:
+            open_old, open_new, growth = cut.opened(old), cut.opened(new), cut.open_cells * growth
+            friction = _product(weight, tuple(time_step * properties.viscosity * r for r in cut.friction))
+            mobility, shift = cut.moved(mobility, shift, new, friction)
+            pull = cut.pushed(pull)
 
         def advance(rates: FaceField) -> FaceField:
             advanced = tuple(
                 (g * u + time_step * (rate - p) + extra) * m
                 for g, u, rate, p, extra, m in zip(old, state.face_velocity, rates, pull, shift, mobility, strict=True)
             )
-            return set_normal_velocity(grid, self._sides(properties, end), advanced, new)
+            advanced = set_normal_velocity(grid, self._sides(properties, end), advanced, new)
+            return advanced if cut is None else cut.with_walls(advanced)
 
-        first_flux = _product(old, state.face_velocity)
+        first_flux = _product(open_old, state.face_velocity)
         if void_fraction is not None:
-            first_flux = self.corrected(first_flux, growth)
+            first_flux = self.corrected(first_flux, growth, cut)
         rates = [self._rates(properties, first_flux, state.face_velocity, weight, state.void_fraction, time)]
         trial = advance(rates[0].total)
-        flux = self.corrected(_product(new, trial), growth)
+        flux = self.corrected(_product(open_new, trial), growth, cut)
         rates.append(self._rates(properties, flux, trial, weight, void_fraction, end))
         mean = _weighted(rates, (0.5, 0.5))
         predicted = advance(mean.total)
         if self.advection.stages == 3:
             # The third stage is at the middle of the step, which Heun's result is twice as far as.
             velocity = _halfway(state.face_velocity, predicted)
-            flux = _halfway(_product(old, state.face_velocity), _product(new, predicted))
-            flux = self.corrected(flux, growth)
+            flux = _halfway(_product(open_old, state.face_velocity), _product(open_new, predicted))
+            flux = self.corrected(flux, growth, cut)
             g = None if void_fraction is None else 0.5 * (_or_one(state.void_fraction) + void_fraction)
             rates.append(self._rates(properties, flux, velocity, weight, g, time + 0.5 * time_step))
             mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
             predicted = advance(mean.total)
         push = tuple((time_step / properties.density) * w * m for w, m in zip(weight, mobility, strict=True))
+        if cut is not None:
+            push = cut.pushed(push)
         mean_gradient = state.mean_gradient
         if self.drive is not None and any(self.drive.held):
             numbers = required(properties.drive, "parameters.fluid.drive")
             target = at_time(self.drive.times, required(numbers.bulk_velocity, "bulk_velocity of the drive"), end)
-            predicted, change = held(grid, self.drive, target, predicted, new, push)
+            if cut is not None:
+                target = target * open_section(grid, cut)
+            predicted, change = held(grid, self.drive, target, predicted, open_new, push)
             mean_gradient = required(mean_gradient, "mean_gradient of the fluid") + change
-        velocity, pressure, report, remaining = self._project(state.pressure, predicted, new, push, growth)
+        velocity, pressure, report, remaining = self._project(state.pressure, predicted, open_new, push, growth, cut)
         fluid = FluidState(velocity, pressure, void_fraction, mean_gradient)
         on_sides = None
         if mean.on_sides is not None:
             on_sides = properties.density * mean.on_sides + pressure_on_sides(grid, self.measured_sides, pressure)
             if exchange is not None:
                 on_sides = on_sides + self._handed_to_sides(properties, fluid, mean.stress, weight, exchange, time_step)
-        return FluidStep(fluid, mean.stress, report, remaining, on_sides)
+        if cut is None or friction is None:
+            return FluidStep(fluid, mean.stress, report, remaining, on_sides)
+        held_back = tuple(r * (u - w) / time_step for r, u, w in zip(friction, velocity, cut.velocity, strict=True))
+        stress = seen_stress(grid, self.boundary, cut, mean.stress, _over(held_back, weight))
+        to_closed = required(mean.to_closed, "to_closed of the rates")
+        load = self._load_of_surfaces(properties, cut, pressure, (held_back, to_closed), exchange, time_step)
+        return FluidStep(fluid, stress, report, remaining, on_sides, load)
+
+    def _load_of_surfaces(
+        self,
+        properties: FluidProperties,
+        cut: CutCells,
+        pressure: Array,
+        accelerations: tuple[FaceField, FaceField],
+        exchange: FaceExchange | None,
+        time_step: Array,
+    ) -> Array:
+        """Load of friction, of what faces that are closed would gain, and of the pressure, on every surface."""
+        grid, on_faces = self.grid, []
+        for axis, (friction, gained) in enumerate(zip(*accelerations, strict=True)):
+            volume = face_control_volume(grid, axis).astype(friction.dtype)
+            force = properties.density * volume * (friction + gained)
+            if exchange is not None:
+                handed = exchange.forcing[axis] - exchange.resistance[axis] * cut.velocity[axis]
+                force = force + jnp.where(cut.open_faces[axis] > 0.0, 0.0, handed / time_step)
+            on_faces.append(force)
+        shares = SurfaceShares(tuple(on_faces), pressure_on_surfaces(grid, cut, pressure))
+        return surface_loads(grid, cut, shares, self.surfaces)
 
     def _handed_to_sides(
         self,
@@ -374,9 +425,11 @@ class FluidSolver:
 
         The subgrid stress belongs to the first: it moves the fluid's momentum and is no force on what is in the fluid.
         """
-        grid, sides = self.grid, self._sides(properties, time)
-        rates = advection(grid, sides, self.advection, flux, velocity)
+        grid, sides, cut = self.grid, self._sides(properties, time), properties.cut
+        rates = advection(grid, sides, self.advection, flux, velocity, cut)
         on_sides = gained_at_sides(grid, self.measured_sides, rates) if self.measured_sides else None
+        if cut is not None:
+            return self._cut_rates(cut, rates, sides, velocity, weight, (properties.viscosity, void_fraction))
         flow = self._subgrid_flow(properties, velocity, void_fraction, time)
         if flow is not None:
             within = subgrid_stress(grid, flow, void_fraction)
@@ -394,7 +447,27 @@ class FluidSolver:
         total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
         return _Rates(total, stress, on_sides)
 
-    def corrected(self, flux: FaceField, growth: Array | float) -> FaceField:
+    def _cut_rates(
+        self,
+        cut: CutCells,
+        rates: FaceField,
+        sides: Sides,
+        velocity: FaceField,
+        weight: tuple[CellOrOne, ...],
+        fluid: tuple[Array, Array | None],
+    ) -> _Rates:
+        """Rates of a stage between surfaces, from those of advection; `fluid` are viscosity and void fraction."""
+        viscosity, void_fraction = fluid
+        stress = lost = tuple(jnp.zeros_like(u) for u in velocity)
+        if self.viscous:
+            stress, lost = cut_stress(self.grid, sides, cut, velocity, viscosity, void_fraction is not None)
+        zipped = zip(rates, weight, stress, cut.inertia, strict=True)
+        total = cut.on_open(tuple((r + g * s) / m for r, g, s, m in zipped))
+        zipped = zip(rates, weight, lost, cut.open_faces, strict=True)
+        to_closed = tuple(jnp.where(a > 0.0, 0.0, r) + g * s for r, g, s, a in zipped)
+        return _Rates(total, stress, None, to_closed)
+
+    def corrected(self, flux: FaceField, growth: Array | float, cut: CutCells | None = None) -> FaceField:
         """The flux changed so that div(F) = -d(g)/dt: on outlets by the speed that balances the box, within by a
         gradient.
 
@@ -403,12 +476,25 @@ class FluidSolver:
         """
         grid = self.grid
         excess = divergence(grid, flux) + growth
+        if cut is not None:
+            return self._corrected_between_surfaces(flux, excess, cut)
         if self.boundary.has_outlet:
             flux = with_outflow(grid, self.boundary, flux, -box_mean(grid, excess))
             excess = divergence(grid, flux) + growth
         potential = fast_inverse(grid, None)(excess)
         slope = pressure_gradient(grid, _closed(self.boundary), potential)
         return tuple(f + s for f, s in zip(flux, slope, strict=True))
+
+    def _corrected_between_surfaces(self, flux: FaceField, excess: Array, cut: CutCells) -> FaceField:
+        """The same through open fractions, to `FLUX_TOLERANCE`: the projection after it is exact."""
+        grid = self.grid
+        scale = sum_of(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
+        scale = scale + jnp.finfo(excess.dtype).tiny
+        potential, _ = solve_pressure(
+            grid, self.boundary, cut.open_faces, excess, FLUX_TOLERANCE * scale, cut.open_cells > 0.0
+        )
+        slope = pressure_gradient(grid, self.boundary, potential)
+        return tuple(f - a * s for f, a, s in zip(flux, cut.open_faces, slope, strict=True))
 
     def _project(
         self,
@@ -417,6 +503,7 @@ class FluidSolver:
         void_fraction: tuple[CellOrOne, ...],
         push: tuple[Array | float, ...],
         growth: Array | float,
+        cut: CutCells | None = None,
     ) -> tuple[FaceField, Array, SolverReport, Array]:
         """Velocity made to satisfy continuity, the pressure that did it, and how well the solver has done.
 
@@ -426,8 +513,10 @@ class FluidSolver:
             void_fraction: on the faces [-].
             push: change of the velocity by a pressure gradient, on the faces [m3 s/kg].
             growth: rate of change of the void fraction [1/s].
+            cut: surfaces within the mesh; void fraction and growth are then of the open parts.
         """
         grid, boundary = self.grid, self.boundary
+        fluid_cells = None if cut is None else cut.open_cells > 0.0
         flux = _product(void_fraction, predicted)
         # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
         scale = sum(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
@@ -439,7 +528,7 @@ class FluidSolver:
         for tolerance in passes:
             source = divergence(grid, _product(void_fraction, velocity)) + growth
             correction, report = solve_pressure(
-                grid, boundary, _product(void_fraction, push), source, tolerance * scale
+                grid, boundary, _product(void_fraction, push), source, tolerance * scale, fluid_cells
             )
             slope = pressure_gradient(grid, boundary, correction)
             velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True)))
@@ -461,8 +550,17 @@ def pressure_slope(grid: Grid, boundary: Boundary, state: FluidState, continued:
     return tuple(s + state.mean_gradient[axis] for axis, s in enumerate(slope))
 
 
+def open_section(grid: Grid, cut: CutCells) -> Array:
+    """(D,) mean open fraction of the faces of every axis [-]."""
+    return jnp.stack([box_mean(grid, along(a, axis, None, -1)) for axis, a in enumerate(cut.open_faces)])
+
+
 def _or_one(void_fraction: Array | None) -> CellOrOne:
     return 1.0 if void_fraction is None else void_fraction
+
+
+def _over(faces: FaceField, weights: Sequence[CellOrOne]) -> FaceField:
+    return tuple(f / w for f, w in zip(faces, weights, strict=True))
 
 
 def _product(a, b):  # type: ignore[no-untyped-def]

@@ -25,6 +25,8 @@ from jaxdem.numerics.blocks import total
 from jaxdem.numerics.products import PRECISION
 
 MAXIMUM_ITERATIONS = 200
+SMALL_DIAGONAL = 0.7
+"""Of the matrix in a cut cell, over that of a whole one, under which it is inverted by itself too [-]."""
 
 
 class SolverReport(NamedTuple):
@@ -77,6 +79,7 @@ def solve_pressure(
     coefficient: tuple[Array | float, ...],
     source: Array,
     tolerance: Array,
+    fluid_cells: Array | None = None,
 ) -> tuple[Array, SolverReport]:
     """p with div(coefficient grad p) = source, differentiated implicitly.
 
@@ -86,12 +89,16 @@ def solve_pressure(
         coefficient: positive, on the faces.
         source: on the cells.
         tolerance: () largest residual allowed, in the unit of `source`.
+        fluid_cells: bool, where surfaces close faces: the cells with an open face; None without surfaces. The
+            coefficient of a closed face is zero.
 
     Returns:
-        p on the cells, of mean zero where there is no outlet; and the report.
+        p on the cells, of mean zero where there is no outlet, zero in cells without fluid; and the report.
     """
     singular = not boundary.has_outlet
     inverse = fast_inverse(grid, boundary)
+    if fluid_cells is not None:
+        inverse = with_cut_cells(grid, boundary, inverse, coefficient)
     dtype = source.dtype
 
     def operator(p: Array) -> Array:
@@ -99,6 +106,8 @@ def solve_pressure(
         return -divergence(grid, tuple(c * s for c, s in zip(coefficient, slope, strict=True)))
 
     def centred(x: Array) -> Array:
+        if fluid_cells is not None:
+            return _centred_on(fluid_cells, x, singular)
         return x - box_mean(grid, x) if singular else x
 
     def solve(_, b: Array) -> tuple[Array, SolverReport]:  # type: ignore[no-untyped-def]
@@ -113,6 +122,42 @@ def solve_pressure(
     return lax.custom_linear_solve(
         operator, -source, solve, transpose_solve=transpose_solve, symmetric=False, has_aux=True
     )
+
+
+def _centred_on(cells: Array, x: Array, singular: bool) -> Array:
+    """x on some cells, zero on the others; less its mean where only differences have a meaning."""
+    x = jnp.where(cells, x, 0.0)
+    if not singular:
+        return x
+    return jnp.where(cells, x - jnp.sum(x) / jnp.sum(cells.astype(x.dtype)), 0.0)
+
+
+def with_cut_cells(grid: Grid, boundary: Boundary, inverse, coefficient):  # type: ignore[no-untyped-def]
+    """A preconditioner for a coefficient that surfaces make small or zero on some faces: the inverse with a constant
+    coefficient, over the mean of that on open faces, plus one over the diagonal in cells where this is small.
+
+    Args:
+        grid: the grid.
+        boundary: sides.
+        inverse: of minus the Laplacian.
+        coefficient: on the faces, zero on closed ones.
+    """
+    diagonal, whole = jnp.zeros((), coefficient[0].dtype), 0.0
+    for axis, c in enumerate(coefficient):
+        factor = 1.0 / grid.spacing[axis] ** 2
+        if not grid.periodic[axis]:
+            ends = []
+            for upper in (False, True):
+                is_open = of_slab(grid, open_fraction(grid, boundary.side(axis, upper)), c.dtype)
+                ends.append(2.0 * is_open * along(c, axis, *((-1, None) if upper else (0, 1))))
+            c = jnp.concatenate((ends[0], along(c, axis, 1, -1), ends[1]), axis)
+        diagonal = diagonal + factor * (along(c, axis, None, -1) + along(c, axis, 1, None))
+        whole = whole + 2.0 * factor
+    has_fluid = diagonal > 0.0
+    mean = jnp.sum(diagonal) / jnp.sum(has_fluid.astype(diagonal.dtype)) / whole
+    small = has_fluid & (diagonal < SMALL_DIAGONAL * mean * whole)
+    local = jnp.where(small, 1.0 / jnp.where(small, diagonal, 1.0), 0.0)
+    return lambda r: inverse(r) / mean + local * r
 
 
 def _conjugate_gradients(grid, operator, inverse, b, tolerance, centred):  # type: ignore[no-untyped-def]
