@@ -15,6 +15,7 @@ from jaxdem.coupling.exchange import Exchange, ExchangeDiagnostics, FluidForces,
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart
 from jaxdem.coupling.inputs import MeshFields, drag_inputs
 from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.open_cells import open_weights, seen_slope
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
@@ -145,9 +146,11 @@ class Coupling:
         solver, bodies, properties = self.interval.solver, mixture.bodies, mixture.properties
         grid = solver.grid
         centres = centres_in_box(particles, grid.size, grid.periodic)
-        weights = present_weights(self.deposition.weights(grid, centres, bodies.radius), particles.active)
-        solids = solid_fraction(grid, weights, bodies.volume)
-        slope = pressure_slope(grid, solver.boundary, fluid, continued=True)
+        cut = properties.cut
+        weights = open_weights(self.deposition.weights(grid, centres, bodies.radius), cut)
+        weights = present_weights(weights, particles.active)
+        solids = solid_fraction(grid, weights, bodies.volume, cut)
+        slope = seen_slope(pressure_slope(grid, solver.boundary, fluid, continued=True), cut)
         fields = MeshFields(fluid.face_velocity, slope, solids)
         inputs = drag_inputs(grid, weights, fields, particles.velocity, bodies, properties)
         sampled = SampledFluid(weights, solids, inputs, inputs)

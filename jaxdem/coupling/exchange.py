@@ -27,6 +27,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.drag import IntervalDrag
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalStart, MeanForce
 from jaxdem.coupling.interpolation import Weights, deposit_on_faces, interpolate, interpolate_faces
+from jaxdem.coupling.open_cells import of_whole_cells, seen_slope
 from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.fluid.grid import FaceField, Grid, box_smallest, cell_average, face_total, gradient, sum_of
 from jaxdem.fluid.interval import (
@@ -350,7 +351,8 @@ class Exchange:
         given, lost = carry.balance
         particles, solids, grid = self.start.particles, self.solids, self.start.grid
         volume = present_volume(self.start.bodies.volume, particles.velocity.shape[0], particles.active)
-        volume, deposited = total_of(grid.blocks, (volume, jnp.sum(solids)))
+        in_cells = of_whole_cells(solids, self.start.properties.cut)
+        volume, deposited = total_of(grid.blocks, (volume, jnp.sum(in_cells)))
         return ExchangeDiagnostics(
             jnp.max(jnp.abs(given - lost)) / (carry.terms + jnp.finfo(solids.dtype).tiny),
             volume_error(deposited * grid.cell_volume, volume),
@@ -380,6 +382,7 @@ class Exchange:
     def _pressure_impulse(self, fluid: FluidState) -> Array:
         """(N, D) -t V grad p [kg m/s]."""
         slope = pressure_slope(self.start.grid, self.interval.solver.boundary, fluid, continued=True)
+        slope = seen_slope(slope, self.start.properties.cut)
         volume = as_column(self.start.bodies.volume)
         return -self.substeps.step * volume * interpolate_faces(self.start.weights, slope)
 

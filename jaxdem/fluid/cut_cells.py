@@ -31,7 +31,7 @@ from jax import Array
 from jaxdem.fluid.boundary import Boundary, Sides, with_ghosts
 from jaxdem.fluid.diffusion import to_boundary
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, control_width, divergence, sum_of
-from jaxdem.fluid.mesh import layers
+from jaxdem.numerics import vectors
 from jaxdem.numerics.host import namespace
 
 LEAST_OPEN = 0.01
@@ -51,6 +51,7 @@ class CutCells(NamedTuple):
         velocity: u_w of the nearest surface, on the faces [m/s].
         nearest_to_faces: int32, number of the surface that is nearest to every face.
         nearest_to_cells: the same of every cell.
+        spin: (S, A) angular velocity of every surface that turns along itself; None where none does [rad/s].
     """
 
     open_faces: FaceField
@@ -59,6 +60,7 @@ class CutCells(NamedTuple):
     velocity: FaceField
     nearest_to_faces: FaceField
     nearest_to_cells: Array
+    spin: Array | None = None
 
     @property
     def inertia(self) -> FaceField:
@@ -76,6 +78,21 @@ class CutCells(NamedTuple):
     def on_open(self, faces: Sequence[CellOrOne]) -> FaceField:
         """The faces, zero where they are closed."""
         return tuple(jnp.where(a > 0.0, f, 0.0) for a, f in zip(self.open_faces, faces, strict=True))
+
+    def growth(self, rate: Array, closed_box: bool) -> Array:
+        """Rate of change of the void fraction times the open part of the cells [1/s].
+
+        Args:
+            rate: of the void fraction [1/s].
+            closed_box: whether there is no outlet. Particles keep their volume, so the mean is rounding then, which no
+                flow can take up.
+        """
+        rate = self.open_cells * rate
+        if not closed_box:
+            return rate
+        fluid = self.open_cells > 0.0
+        mean = jnp.sum(rate) / jnp.sum(fluid.astype(rate.dtype))
+        return jnp.where(fluid, rate - mean, 0.0)
 
     def with_walls(self, velocity: FaceField) -> FaceField:
         """The velocity, on closed faces that of the surface [m/s]."""
@@ -114,7 +131,7 @@ class CutCells(NamedTuple):
             padded: the component with two layers beyond either end.
             which, axis: component, and axis along which the control volumes follow each other.
         """
-        is_open = _padded(grid, self.open_faces[which], which, axis) > 0.0
+        is_open = _padded(grid, self.open_faces, which, axis) > 0.0
         below, above = along(is_open, axis, None, -1), along(is_open, axis, 1, None)
         near = along(padded, axis, 1, -1)
         of_one = jnp.where(below, along(near, axis, None, -1), along(near, axis, 1, None))
@@ -139,11 +156,11 @@ def cut_stress(
     """
     result, lost = [], []
     expansion = _expansion_of_whole_cells(grid, cut, velocity) if compressed else None
-    for which, (u, a) in enumerate(zip(velocity, cut.open_faces, strict=True)):
+    for which, u in enumerate(velocity):
         terms = []
         for axis in range(grid.dimension):
             near = along(with_ghosts(grid, sides, u, which, axis), axis, 1, -1)
-            weight = _padded(grid, a, which, axis)
+            weight = _padded(grid, cut.open_faces, which, axis)
             link = jnp.minimum(along(weight, axis, None, -1), along(weight, axis, 1, None))
             flux = link * (along(near, axis, 1, None) - along(near, axis, None, -1)) / grid.spacing[axis]
             width = control_width(grid, axis, u.dtype) if which == axis else grid.spacing[axis]
@@ -213,16 +230,30 @@ def _inner_slope(grid: Grid, cell: Array, axis: int) -> Array:
     return jnp.concatenate((seam, inner, seam), axis)
 
 
-def _padded(grid: Grid, faces: Array, which: int, axis: int) -> Array:
-    """Faces of component `which` with one layer more on either end of an axis: the last one's value at a side."""
-    count = grid.cells[axis]
+def _padded(grid: Grid, open_faces: FaceField, which: int, axis: int) -> Array:
+    """Open fractions of component `which` with one layer more on either end of an axis; beyond a side what is open of
+    it."""
+    faces, count = open_faces[which], grid.cells[axis]
+    xp = namespace(faces)
     if not grid.periodic[axis]:
-        ends = layers(faces, axis, (0,)), layers(faces, axis, (-1,))
+        ends = _open_side(grid, open_faces, which, axis, False), _open_side(grid, open_faces, which, axis, True)
     elif which == axis:
-        ends = layers(faces, axis, (count - 1,)), layers(faces, axis, (1 % (count + 1),))
+        ends = along(faces, axis, count - 1, count), along(faces, axis, 1, 2)
     else:
-        ends = layers(faces, axis, (count - 1,)), layers(faces, axis, (0,))
-    return jnp.concatenate((ends[0], faces, ends[1]), axis)
+        ends = along(faces, axis, count - 1, count), along(faces, axis, 0, 1)
+    return xp.concatenate((ends[0], faces, ends[1]), axis)
+
+
+def _open_side(grid: Grid, open_faces: FaceField, which: int, axis: int, upper: bool) -> Array:
+    """What is open of a side of the box beside every face of a component."""
+    side = along(open_faces[axis], axis, *((-1, None) if upper else (0, 1)))
+    if which == axis:
+        return side
+    first, last = along(side, which, 0, 1), along(side, which, -1, None)
+    inner = 0.5 * (along(side, which, None, -1) + along(side, which, 1, None))
+    if grid.periodic[which]:
+        first = last = 0.5 * (first + last)
+    return namespace(side).concatenate((first, inner, last), which)
 
 
 def friction_of(grid: Grid, open_faces: FaceField, distance: FaceField) -> FaceField:
@@ -241,41 +272,33 @@ def friction_of(grid: Grid, open_faces: FaceField, distance: FaceField) -> FaceF
         xp = namespace(a)
         total, least, near = xp.zeros_like(d), xp.zeros_like(d), a < 1.0
         for axis in range(grid.dimension):
+            beside, wide = _padded(grid, open_faces, which, axis), _with_distance_beyond(grid, d, which, axis)
             for upper in (False, True):
-                next_d, next_a, closed = _neighbor(grid, a, d, (which, axis), upper)
-                link = xp.minimum(a, next_a) / grid.spacing[axis] ** 2
-                total = total + link * (next_d - d)
-                least = least + xp.where(closed, a, 0.0) / grid.spacing[axis] ** 2
+                ends = (2, None) if upper else (None, -2)
+                next_a, next_d = along(beside, axis, *ends), along(wide, axis, *ends)
+                total = total + xp.minimum(a, next_a) * (next_d - d) / grid.spacing[axis] ** 2
+                least = least + xp.where(next_a <= 0.0, a, 0.0) / grid.spacing[axis] ** 2
                 near = near | (next_a < 1.0)
-        beside = (a > 0.0) & (d > 0.0)
-        friction = xp.maximum(total / xp.where(beside, d, 1.0), least)
-        result.append(xp.where(beside & near, friction, 0.0))
+        has_distance = (a > 0.0) & (d > 0.0)
+        friction = xp.maximum(total / xp.where(has_distance, d, 1.0), least)
+        result.append(xp.where(has_distance & near, friction, 0.0))
     return tuple(result)
 
 
-def _neighbor(grid: Grid, a: Array, d: Array, place: tuple[int, int], upper: bool) -> tuple[Array, Array, Array]:
-    """Distance, open fraction and whether it is closed, of the next face along an axis; beyond a side the distance goes
-    on linearly."""
-    which, axis = place
-    xp, count = namespace(a), grid.cells[axis]
-
-    def shifted(f: Array, beyond: Array) -> Array:
-        if upper:
-            return xp.concatenate((along(f, axis, 1, None), beyond), axis)
-        return xp.concatenate((beyond, along(f, axis, None, -1)), axis)
-
+def _with_distance_beyond(grid: Grid, distance: Array, which: int, axis: int) -> Array:
+    """Distances with one layer more on either end of an axis; beyond a side they go on linearly."""
+    xp, count = namespace(distance), grid.cells[axis]
     if grid.periodic[axis]:
         first = 1 if which == axis else 0
-        at = (first, first + 1) if upper else (count - 1, count)
-        next_a = shifted(a, along(a, axis, *at))
-        return shifted(d, along(d, axis, *at)), next_a, next_a <= 0.0
-    end, inner = ((-1, None), (-2, -1)) if upper else ((0, 1), (1, 2))
-    own, before = along(d, axis, *end), along(d, axis, *inner)
-    if before.shape[axis] == 0:
-        before = own
-    before = xp.where(before > 0.0, before, own)
-    next_a = shifted(a, along(a, axis, *end))
-    return shifted(d, 2.0 * own - before), next_a, next_a <= 0.0
+        ends = along(distance, axis, count - 1, count), along(distance, axis, first, first + 1)
+        return xp.concatenate((ends[0], distance, ends[1]), axis)
+    beyond = []
+    for end, inner in (((0, 1), (1, 2)), ((-1, None), (-2, -1))):
+        own, before = along(distance, axis, *end), along(distance, axis, *inner)
+        if before.shape[axis] == 0:
+            before = own
+        beyond.append(2.0 * own - xp.where(before > 0.0, before, own))
+    return xp.concatenate((beyond[0], distance, beyond[1]), axis)
 
 
 class SurfaceShares(NamedTuple):
@@ -290,13 +313,23 @@ class SurfaceShares(NamedTuple):
     on_cells: tuple[Array, ...]
 
 
-def pressure_on_surfaces(grid: Grid, cut: CutCells, pressure: Array) -> tuple[Array, ...]:
-    """p times the area of the cut in every cell: the difference of the open parts of its opposite faces [N]."""
-    found = []
-    for axis, a in enumerate(cut.open_faces):
-        area = grid.cell_volume / grid.spacing[axis]
-        found.append(area * pressure * (along(a, axis, None, -1) - along(a, axis, 1, None)))
-    return tuple(found)
+def stress_on_cuts(grid: Grid, cut: CutCells, pressure: Array, dynamic_viscosity: Array) -> tuple[Array, ...]:
+    """p A on the cut of every cell, A its area along the normal out of the fluid: the difference of the open parts of
+    the cell's opposite faces; and where the surface turns with W, mu W cross A [N].
+
+    The second is what the transposed gradient of the velocity, which the balance of momentum leaves out, does to the
+    surface. It has no resultant on a closed surface, but a torque.
+    """
+    areas = tuple(
+        (grid.cell_volume / grid.spacing[axis]) * (along(a, axis, None, -1) - along(a, axis, 1, None))
+        for axis, a in enumerate(cut.open_faces)
+    )
+    found = tuple(pressure * area for area in areas)
+    if cut.spin is None:
+        return found
+    own = cut.spin[cut.nearest_to_cells]
+    turned = vectors.rotate(tuple(own[..., k] for k in range(own.shape[-1])), areas)
+    return tuple(f + dynamic_viscosity * t for f, t in zip(found, turned, strict=True))
 
 
 def surface_loads(grid: Grid, cut: CutCells, shares: SurfaceShares, count: int) -> Array:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.grid import Grid, along
 from jaxdem.fluid.mesh import at_side, of_slab
@@ -51,6 +51,7 @@ class FluidDiagnostics(NamedTuple):
             `fluid.side_forces`; None where nothing asks for it [N], [N m].
         pressure_gradient: (D,) mean gradient of the pressure along periodic axes, without a meaning along others; None
             where nothing drives the fluid [Pa/m].
+        surface_load: (S, D, 1 + D) mean load on the surfaces within the mesh; None without [N], [N m].
     """
 
     substeps: Array
@@ -62,6 +63,7 @@ class FluidDiagnostics(NamedTuple):
     finite: Array
     side_load: Array | None = None
     pressure_gradient: Array | None = None
+    surface_load: Array | None = None
 
 
 class Substeps(NamedTuple):
@@ -93,17 +95,21 @@ class StepSums(NamedTuple):
     Attributes:
         side_load: see `FluidStep`; None where it is not measured.
         mean_gradient: see `FluidState`; None where nothing drives the fluid.
+        surface_load: see `FluidStep`; None without surfaces.
     """
 
     side_load: Array | None
     mean_gradient: Array | None
+    surface_load: Array | None = None
 
     def plus(self, result: FluidStep) -> StepSums:
         """With one step more."""
-        load, gradient = self
+        load, gradient, on_surfaces = self
         load = None if load is None or result.side_load is None else load + result.side_load
         added = result.state.mean_gradient
-        return StepSums(load, None if gradient is None or added is None else gradient + added)
+        if on_surfaces is not None and result.surface_load is not None:
+            on_surfaces = on_surfaces + result.surface_load
+        return StepSums(load, None if gradient is None or added is None else gradient + added, on_surfaces)
 
 
 @static
@@ -125,7 +131,14 @@ class FluidInterval:
     reversible: bool = False
 
     def in_blocks(self, blocks: Blocks, drift: float = 0.0) -> Self:
-        """The interval of the fluid in one slab of the box; see `Grid`."""
+        """The interval of the fluid in one slab of the box; see `Grid`.
+
+        Raises:
+            InputError: the fluid sees walls.
+        """
+        if self.solver.surfaces > 0:
+            limit = "a fluid that sees walls (walls.*.fluid) runs on one device"
+            raise InputError("--devices", blocks.number, limit, "leave the option out")
         solver = dataclasses.replace(self.solver, grid=self.solver.grid.in_blocks(blocks, drift))
         return dataclasses.replace(self, solver=solver)
 
@@ -147,7 +160,10 @@ class FluidInterval:
         """Zeros to add up over the fluid steps."""
         size, dtype = self.solver.grid.dimension, state.pressure.dtype
         load = jnp.zeros((2 * size, size, 1 + size), dtype) if self.solver.measured_sides else None
-        return StepSums(load, None if state.mean_gradient is None else jnp.zeros_like(state.mean_gradient))
+        count = self.solver.surfaces
+        on_surfaces = jnp.zeros((count, size, 1 + size), dtype) if count else None
+        gradient = None if state.mean_gradient is None else jnp.zeros_like(state.mean_gradient)
+        return StepSums(load, gradient, on_surfaces)
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:
         """The fluid steps that Courant and viscosity number ask for, at least `substeps` of them."""
@@ -227,10 +243,11 @@ def diagnostics(
 ) -> FluidDiagnostics:
     """Figures of an interval that ends with `state`."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
-    load, gradient = (None if total is None else total / substeps.number for total in sums)
+    load, gradient, on_surfaces = (None if total is None else total / substeps.number for total in sums)
     if gradient is not None:  # of the pressure itself, with the weight that the reduced one leaves out
         gradient = gradient + properties.density * required(properties.gravity, "gravity of the fluid")
     sound = jnp.all(jnp.asarray(finite))
     if grid.blocks is not None:
         sound = ~any_of(grid.blocks, ~sound)
-    return FluidDiagnostics(substeps.number, substeps.courant, substeps.viscous, *record, sound, load, gradient)
+    courant, viscous = substeps.courant, substeps.viscous
+    return FluidDiagnostics(substeps.number, courant, viscous, *record, sound, load, gradient, on_surfaces)

@@ -24,7 +24,15 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity, with_outflow
-from jaxdem.fluid.cut_cells import CutCells, SurfaceShares, cut_stress, pressure_on_surfaces, seen_stress, surface_loads
+from jaxdem.fluid.cut_cells import (
+    CutCells,
+    SurfaceShares,
+    continued,
+    cut_stress,
+    seen_stress,
+    stress_on_cuts,
+    surface_loads,
+)
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.drive import Drive, DriveParameters, given_gradient, held
 from jaxdem.fluid.grid import (
@@ -219,7 +227,9 @@ class FluidSolver:
         growth: Array | float = 0.0
         if void_fraction is not None:
             growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
-            if not self.boundary.has_outlet:
+            if properties.cut is not None:
+                growth = properties.cut.growth(growth, not self.boundary.has_outlet)
+            elif not self.boundary.has_outlet:
                 # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
                 growth = growth - box_mean(grid, growth)
         mobility, shift = self._exchange_terms(properties, exchange, new)
@@ -229,7 +239,7 @@ class FluidSolver:
         pull = tuple(g * s / properties.density for g, s in zip(weight, slope, strict=True))
         cut, open_old, open_new, friction = properties.cut, old, new, None
         if cut is not None:
-            open_old, open_new, growth = cut.opened(old), cut.opened(new), cut.open_cells * growth
+            open_old, open_new = cut.opened(old), cut.opened(new)
             friction = _product(weight, tuple(time_step * properties.viscosity * r for r in cut.friction))
             mobility, shift = cut.moved(mobility, shift, new, friction)
             pull = cut.pushed(pull)
@@ -280,31 +290,64 @@ class FluidSolver:
                 on_sides = on_sides + self._handed_to_sides(properties, fluid, mean.stress, weight, exchange, time_step)
         if cut is None or friction is None:
             return FluidStep(fluid, mean.stress, report, remaining, on_sides)
-        held_back = tuple(r * (u - w) / time_step for r, u, w in zip(friction, velocity, cut.velocity, strict=True))
-        stress = seen_stress(grid, self.boundary, cut, mean.stress, _over(held_back, weight))
-        to_closed = required(mean.to_closed, "to_closed of the rates")
-        load = self._load_of_surfaces(properties, cut, pressure, (held_back, to_closed), exchange, time_step)
+        # Of the fluid and of the particles' part of it.
+        held_back = tuple(
+            properties.viscosity * r * (u - w) for r, u, w in zip(cut.friction, velocity, cut.velocity, strict=True)
+        )
+        stress = seen_stress(grid, self.boundary, cut, mean.stress, held_back)
+        on_faces = _sum_of_fields(held_back, required(mean.to_closed, "to_closed of the rates"))
+        on_faces = tuple(properties.density * f for f in on_faces)
+        if exchange is not None:
+            solids = 1.0 - required(void_fraction if weighting is None else weighting, "void fraction")
+            shares = self._taken_from_surfaces(properties, fluid, stress, weight, cut.open_cells * solids)
+            on_faces = _sum_of_fields(on_faces, shares)
+        load = self._load_of_surfaces(properties, fluid, on_faces, exchange, time_step)
         return FluidStep(fluid, stress, report, remaining, on_sides, load)
+
+    def _taken_from_surfaces(
+        self,
+        properties: FluidProperties,
+        fluid: FluidState,
+        stress: FaceField,
+        weight: tuple[CellOrOne, ...],
+        solids: Array,
+    ) -> FaceField:
+        """What particles take of pressure gradient and stress beyond what the fluid leaves them on cut and closed
+        faces, over the volume of whole control volumes [N/m3]: the surfaces take the opposite.
+
+        Args:
+            properties: of the fluid.
+            fluid: at the end of the step.
+            stress: as particles see it [m/s2].
+            weight: part of both that acts on the fluid.
+            solids: volume of the particles over that of whole cells [-].
+        """
+        grid, cut = self.grid, required(properties.cut, "cut cells")
+        if not self.shares_stress:
+            return tuple(jnp.zeros_like(u) for u in fluid.face_velocity)
+        slope = continued(cut, pressure_slope(grid, self.boundary, fluid, continued=True))
+        seen = face_average(grid, solids)
+        parts = zip(seen, cut.open_faces, weight, slope, stress, strict=True)
+        return tuple((s - a * (1.0 - w)) * (p - properties.density * t) for s, a, w, p, t in parts)
 
     def _load_of_surfaces(
         self,
         properties: FluidProperties,
-        cut: CutCells,
-        pressure: Array,
-        accelerations: tuple[FaceField, FaceField],
+        fluid: FluidState,
+        on_faces: FaceField,
         exchange: FaceExchange | None,
         time_step: Array,
     ) -> Array:
-        """Load of friction, of what faces that are closed would gain, and of the pressure, on every surface."""
-        grid, on_faces = self.grid, []
-        for axis, (friction, gained) in enumerate(zip(*accelerations, strict=True)):
-            volume = face_control_volume(grid, axis).astype(friction.dtype)
-            force = properties.density * volume * (friction + gained)
+        """Load on every surface: what acts on its faces [N/m3], what particles hand to closed faces, the pressure."""
+        grid, cut, forces = self.grid, required(properties.cut, "cut cells"), []
+        for axis, density in enumerate(on_faces):
+            force = face_control_volume(grid, axis).astype(density.dtype) * density
             if exchange is not None:
                 handed = exchange.forcing[axis] - exchange.resistance[axis] * cut.velocity[axis]
                 force = force + jnp.where(cut.open_faces[axis] > 0.0, 0.0, handed / time_step)
-            on_faces.append(force)
-        shares = SurfaceShares(tuple(on_faces), pressure_on_surfaces(grid, cut, pressure))
+            forces.append(force)
+        viscosity = properties.density * properties.viscosity
+        shares = SurfaceShares(tuple(forces), stress_on_cuts(grid, cut, fluid.pressure, viscosity))
         return surface_loads(grid, cut, shares, self.surfaces)
 
     def _handed_to_sides(
@@ -463,8 +506,8 @@ class FluidSolver:
             stress, lost = cut_stress(self.grid, sides, cut, velocity, viscosity, void_fraction is not None)
         zipped = zip(rates, weight, stress, cut.inertia, strict=True)
         total = cut.on_open(tuple((r + g * s) / m for r, g, s, m in zipped))
-        zipped = zip(rates, weight, lost, cut.open_faces, strict=True)
-        to_closed = tuple(jnp.where(a > 0.0, 0.0, r) + g * s for r, g, s, a in zipped)
+        zipped = zip(rates, lost, cut.open_faces, strict=True)
+        to_closed = tuple(jnp.where(a > 0.0, 0.0, r) + s for r, s, a in zipped)
         return _Rates(total, stress, None, to_closed)
 
     def corrected(self, flux: FaceField, growth: Array | float, cut: CutCells | None = None) -> FaceField:
@@ -489,7 +532,8 @@ class FluidSolver:
         """The same through open fractions, to `FLUX_TOLERANCE`: the projection after it is exact."""
         grid = self.grid
         scale = sum_of(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
-        scale = scale + jnp.finfo(excess.dtype).tiny
+        # Of a flow that is slower than the volumes change, what is left of that counts.
+        scale = jnp.maximum(scale, box_largest(grid, jnp.abs(excess)))
         potential, _ = solve_pressure(
             grid, self.boundary, cut.open_faces, excess, FLUX_TOLERANCE * scale, cut.open_cells > 0.0
         )
@@ -559,8 +603,8 @@ def _or_one(void_fraction: Array | None) -> CellOrOne:
     return 1.0 if void_fraction is None else void_fraction
 
 
-def _over(faces: FaceField, weights: Sequence[CellOrOne]) -> FaceField:
-    return tuple(f / w for f, w in zip(faces, weights, strict=True))
+def _sum_of_fields(a: FaceField, b: FaceField) -> FaceField:
+    return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 def _product(a, b):  # type: ignore[no-untyped-def]

@@ -18,6 +18,7 @@ from jaxdem.scene.coupling import Closure, Coupling, check_on_mesh, coupling_wit
 from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
 from jaxdem.scene.drive import check_drive, check_own_gravity
 from jaxdem.scene.fluid import Fluid
+from jaxdem.scene.fluid_walls import check_fluid_walls
 from jaxdem.scene.materials import MaterialPairs, Materials
 from jaxdem.scene.packs import check_settling
 from jaxdem.scene.particles import Particles, largest_radius
@@ -142,9 +143,9 @@ def completed(scene: Scene) -> Scene:
     _check_tables(scene)
     boundary, box = completed_boundary(scene.boundary, scene.domain.size, scene.particles is not None)
     update: dict[str, object] = {"domain": _completed_domain(scene), "boundary": boundary}
+    check_walls(scene.walls, box)
     if scene.particles is not None:
         inlets = completed_inlets(scene.particles, box, scene.time.end)
-        check_walls(scene.walls, box)
         update["particles"] = scene.particles.model_copy(update={"inlet": inlets})
         update["contact"] = scene.contact or Contact()
         update["coupling"] = scene.coupling if scene.fluid is not None else coupling_without_fluid(scene.coupling)
@@ -171,6 +172,7 @@ def completed(scene: Scene) -> Scene:
         check_drive(found.fluid, found.domain, found.periodic)
         if found.fluid.bed_mixing is not None:
             check_bed_mixing(found.boundary)
+    check_fluid_walls(found.walls, found.fluid, found.coupling if found.fluid is not None else None)
     has = found.particles is not None, found.fluid is not None
     time = found.time
     place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary)
@@ -199,6 +201,8 @@ def _check_tables(scene: Scene) -> None:
     """Refuses tables that need another one."""
     if scene.particles is None:
         for name in ("walls", "materials", "material_pairs"):
+            if name == "walls" and all(wall.seen_by_fluid for wall in scene.walls):
+                continue
             if getattr(scene, name):
                 remedy = f"remove [[{name}]], or add [particles]"
                 raise InputError(name, f"{len(getattr(scene, name))} tables", "need [particles]", remedy)

@@ -39,7 +39,7 @@ NEEDED = {
 }
 """Keys that each kind of wall must have, and what they are."""
 
-OF_ALL = ("name", "material", "begin", "end", "motion", "piston")
+OF_ALL = ("name", "material", "begin", "end", "motion", "piston", "fluid")
 OF_MESH = (
     "file", "points", "scale", "rotate", "translate", "spacing", "closed", "touch", "smooth_angle", "repair",
 )  # fmt: skip
@@ -47,7 +47,7 @@ OPTIONAL = {
     "plane": OF_ALL,
     "cylinder": ("axis", "inside", *OF_ALL),
     "wedge": OF_ALL,
-    "mesh": (*OF_MESH, *(name for name in OF_ALL if name not in ("motion", "piston"))),
+    "mesh": (*OF_MESH, *(name for name in OF_ALL if name not in ("motion", "piston", "fluid"))),
 }
 """Keys that it may have."""
 
@@ -101,6 +101,8 @@ class Wall(Section):
             [s].
         motion: list of tables, how the wall moves; see `[[walls.motion]]`.
         piston: the wall is held by a force; see `[walls.piston]`.
+        fluid: what the wall is to the fluid: "none" (it flows through), "no_slip" (it sticks to the wall) or
+            "free_slip". Default: "none".
     """
 
     name: Annotated[str, Field(strict=True, min_length=1, max_length=100)] | None = None
@@ -128,6 +130,7 @@ class Wall(Section):
     end: Positive | None = None
     motion: Tables[WallMotion] | None = None
     piston: Piston | None = None
+    fluid: Literal["none", "no_slip", "free_slip"] | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Wall:
@@ -158,6 +161,11 @@ class Wall(Section):
         if self.end is not None and self.end <= (self.begin or 0.0):
             raise wrong("end", self.end, f"must be after begin = {self.begin or 0.0} s", "raise end, or lower begin")
         return self
+
+    @property
+    def seen_by_fluid(self) -> bool:
+        """Whether the fluid does not flow through it."""
+        return self.fluid in ("no_slip", "free_slip")
 
     @property
     def moves(self) -> bool:

@@ -16,6 +16,7 @@ from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.scene import Scene
 from jaxdem.scene.boundary import parabolic_axes
 from jaxdem.setup.drive import bulk_speed
+from jaxdem.setup.fluid_walls import wall_speed_in_fluid
 
 
 def scene_boundary(
@@ -75,7 +76,7 @@ def boundary_speed(scene: Scene) -> float:
     if scene.fluid is not None and scene.fluid.velocity is not None:
         speeds.append(math.hypot(*scene.fluid.velocity))
     if scene.fluid is not None:
-        speeds.append(bulk_speed(scene.fluid))
+        speeds += [bulk_speed(scene.fluid), wall_speed_in_fluid(scene)]
     return max(speeds)
 
 

@@ -27,6 +27,7 @@ from jaxdem.setup.contact import contact_interval
 from jaxdem.setup.coupling import fluid_coupling
 from jaxdem.setup.extensions import Extensions, refuse_unknown
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
+from jaxdem.setup.fluid_walls import FluidWalls, fluid_walls
 from jaxdem.setup.magnitudes import check_magnitudes, check_memory
 from jaxdem.setup.merge import merged
 from jaxdem.setup.parameters import scene_parameters
@@ -113,7 +114,7 @@ class Case:
         state, neighbors = settle(state, neighbors)
         coupling, fluid = self.simulation.coupling, state.fluid
         if coupling is not None and fluid is not None and state.particles is not None:
-            void_fraction = initial_void_fraction(coupling, self.parameters.mixture.bodies, state.particles)
+            void_fraction = initial_void_fraction(coupling, self.parameters.mixture, state.particles)
             state = state._replace(fluid=fluid._replace(void_fraction=void_fraction))
         return state, neighbors
 
@@ -197,12 +198,14 @@ def build_case(
     steps = time_steps(scene, fluid, particles, Fraction(0) if start is None else start.time)
     clock = None if start is None else start.clock(steps.interval)
     population = contact = interval = coupling = None
+    seen = FluidWalls()
     if particles is not None:
         check_settling_time(particles, steps.interval)
         population = population_of(particles, steps.interval, clock)
         contact = contact_interval(particles, steps, population, extensions, dtype)
     if fluid is not None:
-        interval = fluid_interval(fluid, boundary, steps)
+        seen = fluid_walls(scene, fluid.grid, boundary)
+        interval = fluid_interval(fluid, boundary, steps, len(seen.walls))
     if interval is not None and particles is not None and scene.coupling is not None:
         closure = drag_closure(scene, scene.coupling, closure)
         surroundings = surroundings_of(scene, particles, closure)
@@ -222,6 +225,7 @@ def build_case(
         clock=clock,
     )
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
+    parameters = seen.put_into(parameters)
     probes = scene_probes(scene, steps, clock, 0 if particles is None else particles.total)
     return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start)
 

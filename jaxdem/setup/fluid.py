@@ -54,8 +54,8 @@ def fluid_velocity(scene: Scene) -> tuple[float, ...]:
     return velocity or (0.0,) * scene.dimension
 
 
-def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps) -> FluidInterval:
-    """Solver and fluid steps of a coupling interval.
+def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surfaces: int = 0) -> FluidInterval:
+    """Solver and fluid steps of a coupling interval; `surfaces` is the number of surfaces that the fluid sees.
 
     Raises:
         InputError: no incompressible fluid can flow through these sides.
@@ -63,7 +63,8 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps) -> F
     table = fluid.table
     check_flow(fluid.scene, fluid.grid, boundary)
     viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0 or table.bed_mixing is not None
+    drive = drive_of(fluid.scene, table)
     solver = FluidSolver(
-        fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive_of(fluid.scene, table)
+        fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive, surfaces=surfaces
     )
     return FluidInterval(solver, steps.interval, steps.fluid_substeps, table.courant_limit)

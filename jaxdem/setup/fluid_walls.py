@@ -1,134 +1,173 @@
-"""The surfaces that the fluid sees: from signed distances to the open parts of its mesh."""
+"""The walls of a scene that the fluid sees, and the mesh that they leave open."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+import dataclasses
+import math
+from collections.abc import Callable
 
 import numpy as np
-from jax import Array
 
-from jaxdem.fluid.cut_cells import LEAST_OPEN, CutCells, friction_of
-from jaxdem.fluid.grid import FaceField, Grid, along
-from jaxdem.numerics.host import namespace
-from jaxdem.solids.clipping import positive_part
+from jaxdem.errors import InputError
+from jaxdem.fluid.boundary import Boundary, coverage, open_fraction
+from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.host import on_device
+from jaxdem.particles.surfaces import Cylinder, Plane
+from jaxdem.scene import Scene
+from jaxdem.scene.fluid_walls import seen_by_fluid
+from jaxdem.scene.wall_motion import WallMotion
+from jaxdem.scene.walls import Wall
+from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
+from jaxdem.setup.walls import surfaces_of
+from jaxdem.state import Parameters
 
-ON_SURFACE = 1e-9
-"""A corner nearer to a surface than this part of a cell is on it [-]."""
-
-DEAD_ENDS = 2
-"""Faces one behind the other that are closed where nothing can flow."""
-
-Velocity = Callable[[np.ndarray], np.ndarray]
+Points = np.ndarray
 
 
-class FluidSurface(NamedTuple):
-    """A surface that the fluid sees.
+@dataclasses.dataclass(frozen=True)
+class FluidWalls:
+    """What the fluid sees of the walls of a scene.
 
     Attributes:
-        distance: points (..., D) [m] -> (...) [m], positive in the fluid.
-        no_slip: whether the fluid sticks to it; else it slips freely.
-        velocity: points (..., D) [m] -> (..., D) of the surface [m/s]; None for one at rest.
+        cut: the open parts of its mesh, arrays of NumPy in float64; None where it sees none.
+        walls: number in the scene of the wall that each surface belongs to.
+        closed_pockets: number of cells that surfaces enclose, without a way out: the fluid there is left out.
     """
 
-    distance: Callable[[np.ndarray], np.ndarray]
-    no_slip: bool = True
-    velocity: Velocity | None = None
+    cut: CutCells | None = None
+    walls: tuple[int, ...] = ()
+    closed_pockets: int = 0
+
+    def put_into(self, parameters: Parameters) -> Parameters:
+        """The parameters with the open parts of the mesh."""
+        if self.cut is None or parameters.fluid is None:
+            return parameters
+        dtype = parameters.gravity.dtype
+
+        def placed(array: np.ndarray) -> object:
+            return on_device(array, dtype if array.dtype.kind == "f" else array.dtype)
+
+        whole = {
+            name: tuple(placed(part) for part in value) if isinstance(value, tuple) else placed(value)
+            for name, value in self.cut._asdict().items()
+            if value is not None
+        }
+        return parameters._replace(fluid=parameters.fluid._replace(cut=CutCells(**whole)))  # type: ignore[arg-type]
 
 
-def corner_points(grid: Grid) -> np.ndarray:
-    """(n + 1, m + 1, ..., D) corners of the cells [m]."""
-    return _points(grid, [np.arange(n + 1.0) for n in grid.cells])
-
-
-def face_points(grid: Grid, axis: int) -> np.ndarray:
-    """(..., D) middles of the faces of an axis [m]."""
-    return _points(grid, [np.arange(n + 1.0) if a == axis else np.arange(n) + 0.5 for a, n in enumerate(grid.cells)])
-
-
-def _points(grid: Grid, numbers: Sequence[np.ndarray]) -> np.ndarray:
-    return np.stack(np.meshgrid(*(k * h for k, h in zip(numbers, grid.spacing, strict=True)), indexing="ij"), axis=-1)
-
-
-def cut_cells(
-    grid: Grid, distances: Sequence[Array], no_slip: Sequence[bool], velocity: FaceField | None = None
-) -> CutCells:
-    """The open parts of a mesh, from distances on its corners; of NumPy's arrays or JAX's.
+def fluid_walls(scene: Scene, grid: Grid, boundary: Boundary) -> FluidWalls:
+    """The walls that the fluid sees, as they cut its mesh.
 
     Args:
-        grid: the grid.
-        distances: of every surface, at the corners (n + 1, m + 1, ...), positive in the fluid [m].
-        no_slip: of every surface; else it slips freely.
-        velocity: of the nearest surface, on the faces; None for surfaces at rest [m/s].
+        scene: the scene.
+        grid: its mesh.
+        boundary: its sides.
+
+    Raises:
+        InputError: no fluid is left, or an inlet or outlet is closed.
     """
-    xp, axes = namespace(distances[0]), tuple(range(grid.dimension))
-    tiny = ON_SURFACE * min(grid.spacing)
-    stacked = xp.stack([xp.where(abs(d) < tiny, 0.0 * d, d) for d in distances])
-    nearest = xp.min(stacked, axis=0)
-    faces, mean, labels = [], [], []
-    sticks = xp.asarray(no_slip)
-    for axis in axes:
-        others = tuple(a for a in axes if a != axis)
-        part = positive_part(nearest, others)
-        is_open = part.fraction >= LEAST_OPEN
-        faces.append(xp.where(is_open, part.fraction, 0.0))
-        mean.append(xp.where(is_open, part.integral / xp.where(is_open, part.fraction, 1.0), 0.0))
-        labels.append(_nearest(stacked, others))
-    _close_dead_ends(grid, faces, mean, positive_part(nearest, axes).fraction)
-    friction = tuple(
-        xp.where(sticks[label], r, 0.0)
-        for label, r in zip(labels, friction_of(grid, tuple(faces), tuple(mean)), strict=True)
-    )
-    has_open = xp.zeros(grid.cells, bool)
-    for axis, a in enumerate(faces):
-        has_open = has_open | (along(a, axis, None, -1) > 0.0) | (along(a, axis, 1, None) > 0.0)
-    cells = xp.where(has_open, positive_part(nearest, axes).fraction, 0.0)
-    still = tuple(xp.zeros_like(a) for a in faces) if velocity is None else velocity
-    return CutCells(tuple(faces), cells, friction, still, tuple(labels), _nearest(stacked, axes))
+    seen = seen_by_fluid(scene.walls)
+    if not seen:
+        return FluidWalls()
+    surfaces, owners = [], []
+    for number, wall in seen:
+        for surface in surfaces_of(wall):
+            surfaces.append(FluidSurface(_distance(number, surface), wall.fluid == "no_slip", *_moving(wall)))
+            owners.append(number)
+    cut, pockets = cut_cells_of(grid, surfaces, boundary, scene.particles is not None)
+    key = f"walls.{seen[0][0]}.fluid"
+    if not np.any(cut.open_cells):
+        limit = "the walls that the fluid sees leave no cell of the mesh open"
+        remedy = "check the side that the walls face, and the size of the cells (fluid.cells)"
+        raise InputError(key, seen[0][1].fluid, limit, remedy)
+    _check_openings(scene, grid, boundary, cut)
+    return FluidWalls(cut, tuple(owners), pockets)
 
 
-def _close_dead_ends(grid: Grid, faces: list[Array], mean: list[Array], cells: Array) -> None:
-    """Closes the only open face of cells that are more solid than open: nothing flows through it.
-
-    Left open, it would hold the fluid at rest before a surface that moves along itself.
-    """
-    xp = namespace(cells)
-    for _ in range(DEAD_ENDS):
-        count = xp.zeros_like(cells)
-        for axis, a in enumerate(faces):
-            is_open = (a > 0.0).astype(cells.dtype)
-            count = count + along(is_open, axis, None, -1) + along(is_open, axis, 1, None)
-        dead = (count <= 1.0) & (cells < 0.5)
-        for axis in range(grid.dimension):
-            seam = along(dead, axis, 0, 1), along(dead, axis, -1, None)
-            if grid.periodic[axis]:
-                both = seam[0] | seam[1]
-                seam = both, both
-            above = xp.concatenate((dead, seam[1]), axis)
-            closed = above | xp.concatenate((seam[0], dead), axis)
-            faces[axis] = xp.where(closed, 0.0, faces[axis])
-            mean[axis] = xp.where(closed, 0.0, mean[axis])
+def wall_speed_in_fluid(scene: Scene) -> float:
+    """The largest speed with which a wall that the fluid sees moves along itself [m/s]."""
+    speeds = [0.0]
+    for _, wall in seen_by_fluid(scene.walls):
+        for motion in wall.motion or ():
+            if motion.velocity is not None:
+                speeds.append(math.hypot(*motion.velocity))
+            else:
+                reach = wall.radius if wall.kind == "cylinder" else math.hypot(*scene.domain.size)
+                speeds.append(abs(motion.rate or 0.0) * (reach or 0.0))
+    return max(speeds)
 
 
-def _nearest(stacked: Array, axes: tuple[int, ...]) -> Array:
-    """Number of the surface with the least mean distance from the corners of a face or cell."""
-    for axis in axes:
-        stacked = 0.5 * (along(stacked, 1 + axis, None, -1) + along(stacked, 1 + axis, 1, None))
-    return namespace(stacked).argmin(stacked, axis=0).astype(np.int32)
+def _distance(number: int, surface: object) -> Callable[[Points], np.ndarray]:
+    """Signed distance of a surface at points (..., D), in float64."""
+    if isinstance(surface, Plane):
+        normal = np.asarray(surface.normal) / math.hypot(*surface.normal)
+        return lambda x: (x - np.asarray(surface.point)) @ normal
+    if isinstance(surface, Cylinder):
+        return lambda x: _of_cylinder(surface, x)
+    limit = "the fluid sees planes, cylinders and wedges"
+    raise InputError(f"walls.{number}.fluid", "...", limit, 'set fluid = "none" for this wall')
 
 
-def cut_cells_of(grid: Grid, surfaces: Sequence[FluidSurface]) -> CutCells:
-    """The open parts of a mesh between surfaces at rest, or that move along themselves; on the host."""
-    corners = corner_points(grid)
-    distances = [surface.distance(corners) for surface in surfaces]
-    found = cut_cells(grid, distances, [surface.no_slip for surface in surfaces])
-    if all(surface.velocity is None for surface in surfaces):
-        return found
-    velocity = []
-    for axis, (label, like) in enumerate(zip(found.nearest_to_faces, found.velocity, strict=True)):
-        points, own = face_points(grid, axis), np.zeros(like.shape)
-        for k, surface in enumerate(surfaces):
-            if surface.velocity is not None:
-                own = np.where(np.asarray(label) == k, surface.velocity(points)[..., axis], own)
-        velocity.append(own)
-    return found._replace(velocity=tuple(velocity))  # type: ignore[arg-type]
+def _of_cylinder(surface: Cylinder, points: Points) -> np.ndarray:
+    across = points - np.asarray(surface.center)
+    if surface.axis is not None:
+        axis = np.asarray(surface.axis) / math.hypot(*surface.axis)
+        across = across - (across @ axis)[..., None] * axis
+    gap: np.ndarray = surface.radius - np.linalg.norm(across, axis=-1)
+    return gap if surface.inside else -gap
+
+
+def _moving(wall: Wall) -> tuple[Callable[[Points], np.ndarray] | None, tuple[float, ...] | None]:
+    """Velocity at points, and angular velocity, of a wall that moves along itself; None of one at rest."""
+    if not wall.motion:
+        return None, None
+    motions = wall.motion
+    size = 3 if len(wall.point or wall.center or wall.apex or ()) == 3 else 1
+    spin = np.zeros(size)
+    for motion in motions:
+        spin = spin + _spin(wall, motion, size)
+
+    def velocity(points: Points) -> np.ndarray:
+        total = np.zeros(points.shape)
+        for motion in motions:
+            if motion.velocity is not None:
+                total = total + np.asarray(motion.velocity)
+                continue
+            arm = points - np.asarray(motion.center or wall.center or wall.point or ())
+            turning = _spin(wall, motion, size)
+            if size == 1:
+                total = total + turning[0] * np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
+            else:
+                total = total + np.cross(turning, arm)
+        return total
+
+    return velocity, tuple(spin.tolist())
+
+
+def _spin(wall: Wall, motion: WallMotion, size: int) -> np.ndarray:
+    if motion.velocity is not None:
+        return np.zeros(size)
+    axis = motion.axis or wall.axis
+    unit = np.ones(1) if size == 1 or axis is None else np.asarray(axis) / math.hypot(*axis)
+    return unit * (motion.rate or 0.0)
+
+
+def _check_openings(scene: Scene, grid: Grid, boundary: Boundary, cut: CutCells) -> None:
+    """Refuses inlets and outlets that the walls close, and inlets cut by a wall in a box without an outlet."""
+    for name, side in zip(scene.sides, boundary.sides, strict=True):
+        end = slice(-1, None) if side.upper else slice(0, 1)
+        place = (*(slice(None),) * side.axis, end)
+        open_part = np.asarray(cut.open_faces[side.axis])[place]
+        outlet, inlet = side.condition.sets_pressure, side.kind == "inlet"
+        if not (outlet or inlet):
+            continue
+        own = open_fraction(grid, side) if outlet else coverage(grid, side)
+        own = np.broadcast_to(own, open_part.shape)
+        if not np.any((own > 0.0) & (open_part > 0.0)):
+            limit = "walls that the fluid sees close all of it"
+            raise InputError(f"boundary.{name}.kind", side.kind, limit, "move the wall or the patch of the side")
+        if inlet and not boundary.has_outlet and np.any((own > 0.0) & (open_part < 1.0)):
+            limit = "a wall that the fluid sees covers a part of it, so that what comes in is less than the scene says"
+            remedy = "make a side an outlet, or give the inlet a patch beside the wall"
+            raise InputError(f"boundary.{name}.kind", side.kind, limit, remedy)

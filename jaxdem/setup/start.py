@@ -7,15 +7,17 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
-from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.coupled import Coupling, Mixture
+from jaxdem.coupling.open_cells import open_weights
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError, required
 from jaxdem.failures import MINIMUM_VOID_FRACTION
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.momentum import FluidSolver, FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
-from jaxdem.particles.integrate import ParticleProperties, ParticleState
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import MeshRoom
@@ -66,7 +68,7 @@ def first_state(
     if simulation.fluid is not None:
         void_fraction = None
         if simulation.coupling is not None and state is not None:
-            void_fraction = initial_void_fraction(simulation.coupling, parameters.mixture.bodies, state)
+            void_fraction = initial_void_fraction(simulation.coupling, parameters.mixture, state)
         now = simulation.during(parameters, _full((), 0, np.int32))
         fluid = resting_fluid(scene, simulation.fluid.solver, now, void_fraction)
     return State(state, fluid, _full((), 0, np.int32)), room
@@ -76,8 +78,16 @@ def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, voi
     """The fluid with the velocity that the scene gives everywhere, zero by default, and the pressure of rest."""
     dtype, velocity = parameters.gravity.dtype, fluid_velocity(scene)
     faces = tuple(_full(solver.grid.face_shape(axis), speed, dtype) for axis, speed in enumerate(velocity))
+    if parameters.fluid is not None and parameters.fluid.cut is not None:
+        faces = _beside_walls(parameters.fluid.cut, velocity, dtype)
     gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
     return FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
+
+
+def _beside_walls(cut: CutCells, velocity: tuple[float, ...], dtype: DTypeLike) -> tuple[Array, ...]:
+    """The velocity on open faces, on closed ones that of the wall."""
+    parts = zip(cut.open_faces, velocity, cut.velocity, strict=True)
+    return tuple(on_device(np.where(np.asarray(a) > 0.0, speed, np.asarray(w)), dtype) for a, speed, w in parts)
 
 
 def inlet_places(scene: Scene, particles: ParticleSetup) -> list[np.ndarray]:
@@ -173,16 +183,18 @@ def with_mesh_memory(particles: ParticleState, contact: ContactInterval, room: R
     return particles._replace(mesh_memory=memory)
 
 
-def initial_void_fraction(coupling: Coupling, bodies: ParticleProperties, particles: ParticleState) -> Array:
+def initial_void_fraction(coupling: Coupling, mixture: Mixture, particles: ParticleState) -> Array:
     """Void fraction of the cells, on the host.
 
     Raises:
         InputError: it is too low for the fluid's equations.
     """
     grid, deposition = coupling.interval.solver.grid, coupling.deposition
-    position, active, bodies = jax.tree.map(np.asarray, (particles.position, particles.active, bodies))
-    weights = present_weights(deposition.weights(grid, position, bodies.radius), active)
-    void_fraction = on_device(1.0 - solid_fraction(grid, weights, bodies.volume), position.dtype)
+    given = particles.position, particles.active, mixture.bodies, mixture.properties.cut
+    position, active, bodies, cut = jax.tree.map(np.asarray, given)
+    weights = open_weights(deposition.weights(grid, position, bodies.radius), cut)
+    solids = solid_fraction(grid, present_weights(weights, active), bodies.volume, cut)
+    void_fraction = on_device(1.0 - solids, position.dtype)
     lowest = float(np.min(np.asarray(void_fraction)))
     if lowest < MINIMUM_VOID_FRACTION:
         raise InputError(

@@ -247,10 +247,11 @@ class Beginning:
         void_fraction = None
         if self.simulation.coupling is not None and state is not None and own is not None:
             stored = self.start.arrays.get("state.fluid.void_fraction")
-            if stored is not None and self._same_deposit(own):
+            beside_walls = self.parameters.flow.cut is not None  # those of the run before may have been others
+            if stored is not None and self._same_deposit(own) and not beside_walls:
                 void_fraction = on_device(stored, self._dtype)
             else:
-                void_fraction = initial_void_fraction(self.simulation.coupling, self.parameters.mixture.bodies, state)
+                void_fraction = initial_void_fraction(self.simulation.coupling, self.parameters.mixture, state)
         settings = self.scene.start
         now = self.simulation.during(self.parameters, on_device(self.start.step, np.int32))
         if not had_fluid or (settings is not None and settings.fluid == "new"):

@@ -1,0 +1,50 @@
+"""The exchange beside surfaces that the fluid sees: particles give to the open part of the cells."""
+
+from __future__ import annotations
+
+from jax import Array
+
+from jaxdem.coupling.interpolation import Weights
+from jaxdem.fluid.cut_cells import CutCells, continued
+from jaxdem.fluid.grid import FaceField
+from jaxdem.numerics.host import namespace
+
+
+def open_weights(weights: Weights, cut: CutCells | None) -> Weights:
+    """Weights of particles times the open parts of their cells, over the sum of these: w_pc V_c / sum_c w_pc V_c.
+
+    So all of a particle's volume is in the fluid, and where it is far from a surface nothing changes. Of a particle
+    that reaches no open cell they stay as they are.
+
+    Args:
+        weights: of the N particles.
+        cut: the open parts; None without surfaces.
+    """
+    if cut is None:
+        return weights
+    xp = namespace(weights.weight)
+    shares = weights.weight * xp.ravel(cut.open_cells)[weights.index]
+    total = xp.sum(shares, axis=1, keepdims=True)
+    reaches = total > 1e-6
+    return weights._replace(weight=xp.where(reaches, shares / xp.where(reaches, total, 1.0), weights.weight))
+
+
+def over_open_part(cells: Array, cut: CutCells | None) -> Array:
+    """A quantity of whole cells, as one of their open parts."""
+    if cut is None:
+        return cells
+    xp = namespace(cells)
+    return cells / xp.where(cut.open_cells > 0.0, cut.open_cells, 1.0)
+
+
+def of_whole_cells(cells: Array, cut: CutCells | None) -> Array:
+    """The inverse of `over_open_part`."""
+    if cut is None:
+        return cells
+    xp = namespace(cells)
+    return cells * xp.where(cut.open_cells > 0.0, cut.open_cells, 1.0)
+
+
+def seen_slope(slope: FaceField, cut: CutCells | None) -> FaceField:
+    """A gradient on the faces as particles see it: on closed faces that of the open ones beside them."""
+    return slope if cut is None else continued(cut, slope)

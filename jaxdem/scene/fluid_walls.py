@@ -1,0 +1,117 @@
+"""Walls that the fluid sees, `[[walls]] fluid`: what they cannot do. Each refusal names the key."""
+
+from __future__ import annotations
+
+import math
+
+from jaxdem.errors import InputError
+from jaxdem.scene.coupling import Coupling
+from jaxdem.scene.fluid import Fluid
+from jaxdem.scene.wall_motion import WallMotion
+from jaxdem.scene.walls import Wall
+
+PARALLEL = 1e-9
+"""Sine of the angle up to which two directions are taken for parallel."""
+
+
+def seen_by_fluid(walls: tuple[Wall, ...]) -> list[tuple[int, Wall]]:
+    """Number and table of the walls that the fluid sees."""
+    return [(number, wall) for number, wall in enumerate(walls) if wall.seen_by_fluid]
+
+
+def check_fluid_walls(walls: tuple[Wall, ...], fluid: Fluid | None, coupling: Coupling | None) -> None:
+    """Refuses walls that the fluid cannot see, and what does not work beside them.
+
+    Args:
+        walls: of the scene.
+        fluid: its table; None without a fluid.
+        coupling: its table; None unless there are particles and a fluid.
+
+    Raises:
+        InputError: naming key and remedy.
+    """
+    seen = seen_by_fluid(walls)
+    for number, wall in seen:
+        key = f"walls.{number}.fluid"
+        if fluid is None:
+            raise InputError(key, wall.fluid, "the scene has no fluid", "remove this key, or add [fluid]")
+        _check_at_rest(f"walls.{number}", wall)
+    if seen and fluid is not None:
+        _check_models(fluid, coupling)
+
+
+def _check_at_rest(key: str, wall: Wall) -> None:
+    remedy = 'set fluid = "none" for this wall, or leave this key out'
+    for name in ("begin", "end", "piston"):
+        if getattr(wall, name) is not None:
+            limit = "the mesh of the fluid is cut once: a wall that it sees is there all the time and keeps its place"
+            raise InputError(f"{key}.{name}", getattr(wall, name), limit, remedy)
+    for number, motion in enumerate(wall.motion or ()):
+        uniform = motion.kind in ("translation", "rotation") and motion.begin is None and motion.end is None
+        if not (uniform and _along_itself(wall, motion)):
+            limit = (
+                "a wall that the fluid sees may move along itself alone, at a steady speed: a plane in its own "
+                "directions or about its normal, a cylinder about or along its axis, a wedge along its edge"
+            )
+            raise InputError(f"{key}.motion.{number}", motion.kind, limit, 'set fluid = "none", or another motion')
+
+
+def _along_itself(wall: Wall, motion: WallMotion) -> bool:
+    """Whether the surface of a wall stays where it is while the wall moves."""
+    if motion.kind == "translation":
+        velocity = motion.velocity or ()
+        if wall.kind == "plane":
+            return abs(_cosine(velocity, wall.normal or ())) < PARALLEL
+        if wall.kind == "cylinder":
+            return wall.axis is not None and _sine(velocity, wall.axis) < PARALLEL
+        return all(abs(_cosine(velocity, _across(wall, k))) < PARALLEL for k in (0, 1))
+    axis = motion.axis or wall.axis
+    if wall.kind == "plane":
+        return axis is not None and _sine(axis, wall.normal or ()) < PARALLEL
+    if wall.kind != "cylinder" or wall.center is None:
+        return False
+    apart = tuple(a - b for a, b in zip(motion.center or wall.center, wall.center, strict=True))
+    on_axis = math.hypot(*apart) <= PARALLEL * (wall.radius or 0.0)
+    if wall.axis is None:
+        return on_axis
+    parallel = axis is not None and _sine(axis, wall.axis) < PARALLEL
+    return parallel and (on_axis or _sine(apart, wall.axis) < PARALLEL)
+
+
+def _across(wall: Wall, which: int) -> tuple[float, ...]:
+    """Normal of a plane of a wedge: the part of the other direction across its own."""
+    first, second = wall.directions or ((), ())
+    a, b = (first, second) if which == 0 else (second, first)
+    along = sum(x * y for x, y in zip(a, b, strict=True)) / sum(x * x for x in a)
+    return tuple(y - along * x for x, y in zip(a, b, strict=True))
+
+
+def _cosine(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    size = math.hypot(*a) * math.hypot(*b)
+    return sum(x * y for x, y in zip(a, b, strict=True)) / size if size > 0.0 else 0.0
+
+
+def _sine(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    return math.sqrt(max(0.0, 1.0 - _cosine(a, b) ** 2)) if abs(_cosine(a, b)) < 1.0 - 1e-15 else 0.0
+
+
+def _check_models(fluid: Fluid, coupling: Coupling | None) -> None:
+    """Refuses models that do not know of surfaces."""
+    limit = "does not work beside a wall that the fluid sees"
+    given: dict[str, object] = {
+        "fluid.smagorinsky": fluid.smagorinsky or None,
+        "fluid.subgrid": fluid.subgrid,
+        "fluid.bed_mixing": fluid.bed_mixing,
+    }
+    if coupling is not None:
+        given |= {
+            "coupling.void_fraction": coupling.void_fraction if coupling.void_fraction == "diffusion" else None,
+            "coupling.deconvolution": coupling.deconvolution or None,
+            "coupling.self_disturbance": coupling.self_disturbance or None,
+            "coupling.drag_inputs_coarsened": coupling.drag_inputs_coarsened
+            if coupling.drag_inputs_coarsened > 1
+            else None,
+        }
+    for key, value in given.items():
+        if value is not None:
+            raise InputError(key, value, limit, 'leave it out, or set fluid = "none" for all walls')
