@@ -504,10 +504,10 @@ class FluidSolver:
         stress = lost = tuple(jnp.zeros_like(u) for u in velocity)
         if self.viscous:
             stress, lost = cut_stress(self.grid, sides, cut, velocity, viscosity, void_fraction is not None)
-        zipped = zip(rates, weight, stress, cut.inertia, strict=True)
-        total = cut.on_open(tuple((r + g * s) / m for r, g, s, m in zipped))
-        zipped = zip(rates, lost, cut.open_faces, strict=True)
-        to_closed = tuple(jnp.where(a > 0.0, 0.0, r) + s for r, s, a in zipped)
+        on_open = zip(rates, weight, stress, cut.inertia, strict=True)
+        total = cut.on_open(tuple((r + g * s) / m for r, g, s, m in on_open))
+        on_closed = zip(rates, lost, cut.open_faces, strict=True)
+        to_closed = tuple(jnp.where(a > 0.0, 0.0, r) + s for r, s, a in on_closed)
         return _Rates(total, stress, None, to_closed)
 
     def corrected(self, flux: FaceField, growth: Array | float, cut: CutCells | None = None) -> FaceField:
