@@ -47,7 +47,17 @@ class LammpsContact:
             for remark in remarks:
                 deck.notes.differ(self.lines[k, k], remark)
         law = "linear_spring_dashpot" if self.pairs[1, 1].normal == "hooke" else "hertz_mindlin"
-        contact = {"law": law} | own[1]
+        contact: dict[str, Any] = {"law": law} | own[1]
+        kinds = {model.adhesion for model in self.pairs.values()}
+        works = {key: model.work for key, model in self.pairs.items()}
+        if kinds != {None}:
+            kind = next(kind for kind in ("jkr", "dmt") if kind in kinds)
+            contact["cohesion"] = {"kind": kind, "work_of_adhesion": works[1, 1]}
+            if len(kinds - {None}) > 1:
+                deck.notes.differ(
+                    self.line, "a scene has one kind of cohesion: jkr, with the work of dmt where that is"
+                )
+            own = {k: values | {"work_of_adhesion": works[k, k]} for k, values in own.items()}
         if any(values["rolling_friction"] for values in own.values()):
             contact["rolling_model"] = "epsd"
         self._walls(deck, contact)
@@ -65,6 +75,7 @@ class LammpsContact:
             if a != b and b <= deck.types:
                 values, _ = constants(given, deck, model)
                 some = {key: values[key] for key in ("restitution", "friction", "rolling_friction")}
+                some |= {"work_of_adhesion": works[a, b]} if kinds != {None} else {}
                 pairs.append({"materials": [f"type{a}", f"type{b}"], **some})
         return {"contact": contact, "materials": materials} | ({"material_pairs": pairs} if pairs else {})
 
@@ -74,9 +85,15 @@ class LammpsContact:
         frictions = {model.friction for _, model in deck.wall_models}
         if frictions - {own.friction} and deck.types == 1:
             contact["wall_friction"] = min(frictions - {own.friction})
+        works = {model.work if model.adhesion else 0.0 for _, model in deck.wall_models}
+        even = own.adhesion is not None and own.work > 0.0 and deck.types == 1 and len(works) == 1
+        if even:
+            contact["cohesion"]["wall_factor"] = plain(works.pop() / own.work)
         for line, model in deck.wall_models:
             names = [
-                n for n in ("normal", "stiffness", "poisson", "eta", "rolling") if getattr(model, n) != getattr(own, n)
+                n
+                for n in ("normal", "stiffness", "poisson", "eta", "rolling", *(() if even else ("adhesion", "work")))
+                if getattr(model, n) != getattr(own, n)
             ]
             kept = contact.get("wall_friction", own.friction)
             names += ["friction"] if model.friction != kept else []

@@ -16,8 +16,9 @@ from jaxdem.foreign.region import plain
 CONSTANTS = {
     "youngsModulus": "young_modulus", "poissonsRatio": "poisson_ratio", "coefficientRestitution": "restitution",
     "coefficientFriction": "friction", "coefficientRollingFriction": "rolling_friction",
+    "cohesionEnergyDensity": "energy_density",
 }  # fmt: skip
-PAIRS = ("coefficientRestitution", "coefficientFriction", "coefficientRollingFriction")
+PAIRS = ("coefficientRestitution", "coefficientFriction", "coefficientRollingFriction", "cohesionEnergyDensity")
 PROPERTIES = (*CONSTANTS, "characteristicVelocity")
 
 
@@ -37,8 +38,11 @@ def contact_words(given: dict[str, str]) -> Answer:
     rolling = given.get("rolling_friction", "off")
     if rolling not in ("off", "cdt"):
         different.append(f"rolling friction {rolling} becomes 'epsd', with contact.rolling_damping at its default")
-    if given.get("cohesion", "off") != "off":
-        different.append("cohesion is left out")
+    cohesion = given.get("cohesion", "off")
+    if cohesion == "sjkr2":
+        different.append("cohesion sjkr2 becomes sjkr, whose contact area is that of the intersection")
+    elif cohesion not in ("off", "sjkr"):
+        different.append(f"cohesion {cohesion} is left out")
     others = set(given) - {"model", "tangential", "rolling_friction", "cohesion"}
     if others:
         different.append(f"{', '.join(sorted(others))} left out")
@@ -57,11 +61,17 @@ class LiggghtsContact:
     words: dict[str, str]
     line: int
 
+    @property
+    def coheres(self) -> bool:
+        """Whether particles attract each other in a way that has a counterpart."""
+        return self.words.get("cohesion", "off") in ("sjkr", "sjkr2")
+
     def lacking(self, deck: Deck, model: Model) -> list[str]:
         """See `ContactModel`."""
         hooke = self.words["model"] == "hooke"
         needed = ["youngsModulus", "poissonsRatio", "coefficientRestitution"]
         needed += ["characteristicVelocity"] if hooke else []
+        needed += ["cohesionEnergyDensity"] if self.coheres else []
         found = [f"{name} (fix property/global)" for name in needed if name not in model.properties]
         for name, values in model.properties.items():
             count = deck.types**2 if name in PAIRS else deck.types
@@ -76,7 +86,12 @@ class LiggghtsContact:
         properties = model.properties
         contact: dict[str, Any] = {"law": "hertz_mindlin"}
         given = {key: properties[name] for name, key in CONSTANTS.items() if name in properties}
-        contact |= {key: values[0] for key, values in given.items()}
+        density = given.get("energy_density")
+        if not self.coheres:
+            given.pop("energy_density", None)
+        contact |= {key: values[0] for key, values in given.items() if key != "energy_density"}
+        if self.coheres and density is not None:
+            contact["cohesion"] = {"kind": "sjkr", "energy_density": density[0]}
         rolling = self.words.get("rolling_friction", "off")
         if rolling == "off":
             contact["rolling_friction"] = 0.0

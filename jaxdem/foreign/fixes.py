@@ -107,7 +107,8 @@ def property_global(deck: Deck, words: list[str]) -> Answer:
         found = numbers(values[1:], types * types)
     else:
         found = numbers(values, len(values))
-    factor = {"youngsModulus": deck.unit.pressure, "characteristicVelocity": deck.unit.speed}.get(name, 1.0)
+    units = {"youngsModulus": deck.unit.pressure, "cohesionEnergyDensity": deck.unit.pressure}
+    factor = (units | {"characteristicVelocity": deck.unit.speed}).get(name, 1.0)
     deck.model.properties[name] = [value * factor for value in found]
     return TAKEN, "[contact], or [[materials]] and [[material_pairs]]"
 

@@ -12,7 +12,10 @@ from jaxdem.foreign.notes import Unknown
 from jaxdem.foreign.units import Units
 from jaxdem.foreign.words import numbers
 
-NORMAL = {"hooke": 2, "hertz": 2, "hertz/material": 3}
+NORMAL = {"hooke": 2, "hertz": 2, "hertz/material": 3, "jkr": 4, "dmt": 4}
+ADHESIVE = ("jkr", "dmt")
+"""Normal laws that are hertz/material with adhesion."""
+
 TANGENTIAL = ("mindlin", "mindlin/force", "mindlin_rescale", "mindlin_rescale/force", "linear_history")
 BY_RESTITUTION = ("tsuji", "coeff_restitution")
 """Damping models whose constant is a coefficient of restitution."""
@@ -34,6 +37,8 @@ class GranModel(NamedTuple):
         tangential: k_t [N/m] of hooke, [Pa] of hertz; None where it follows from E and nu.
         friction, rolling: coefficients [-].
         different: what is not as in the deck.
+        adhesion: "jkr" or "dmt"; None without.
+        work: of adhesion, twice the surface energy in the deck [J/m2].
     """
 
     normal: str
@@ -45,6 +50,8 @@ class GranModel(NamedTuple):
     friction: float
     rolling: float
     different: tuple[str, ...]
+    adhesion: str | None = None
+    work: float = 0.0
 
 
 def old_model(style: str, words: Sequence[str], unit: Units) -> GranModel:
@@ -76,7 +83,7 @@ def granular_model(words: Sequence[str], unit: Units) -> GranModel:
     """
     normal = words[0]
     if normal not in NORMAL:
-        raise Unknown(f"the normal law {normal} has no counterpart; use hooke, hertz or hertz/material")
+        raise Unknown(f"the normal law {normal} has no counterpart; use hooke, hertz, hertz/material, jkr or dmt")
     given = numbers(list(words[1:]), NORMAL[normal])
     parts: dict[str, list[str]] = {}
     for word in words[1 + NORMAL[normal] :]:
@@ -99,11 +106,15 @@ def granular_model(words: Sequence[str], unit: Units) -> GranModel:
         name for name in ("twisting", "cutoff", "limit_damping", "heat") if parts.get(name, ["none"])[:1] != ["none"]
     ]
     different += [f"{', '.join(left)} left out"] if left else []
-    poisson = given[2] if normal == "hertz/material" else USUAL_POISSON
+    material, adhesion, work = normal == "hertz/material", None, 0.0
+    if normal in ADHESIVE:
+        material, adhesion, work = True, normal, 2.0 * given[3] * unit.mass / unit.time**2
+    poisson = given[2] if material else USUAL_POISSON
     eta = given[1] * scales.get(damping, 1.0)
     return GranModel(
-        normal, given[0] * stiffness, poisson, damping, eta, tangential, friction, rolling, tuple(different)
-    )
+        "hertz/material" if material else normal, given[0] * stiffness, poisson, damping, eta, tangential, friction,
+        rolling, tuple(different), adhesion, work,
+    )  # fmt: skip
 
 
 def _tangential(words: list[str], normal: str, unit: float, different: list[str]) -> tuple[float | None, float]:

@@ -158,3 +158,26 @@ def test_what_a_scene_cannot_be_is_refused(tmp_path, changes, words):
     assert changes[0] in decks.POUR
     with pytest.raises(InputError, match=words):
         decks.imported(tmp_path, decks.POUR.replace(*changes))
+
+
+def test_adhesion_of_the_granular_style(tmp_path):
+    """gamma is the surface energy of one surface, in cgs erg/cm2 = 1e-3 J/m2; the work of adhesion is twice that."""
+    own = "jkr 1e7 0.8 0.3 50.0 tangential mindlin NULL 1.0 0.4 damping tsuji"
+    text = decks.GRANULAR.replace("pair_coeff 1 1 hertz/material 1e7 0.8 0.3", "pair_coeff 1 1 jkr 1e7 0.8 0.3 50.0")
+    text = text.replace("pair_coeff 1 2 hertz/material 2e7 0.7 0.2", "pair_coeff 1 2 jkr 2e7 0.7 0.2 20.0")
+    assert own in text
+    tables = decks.imported(tmp_path, text)[0]
+    assert tables["contact"]["cohesion"]["kind"] == "jkr"
+    assert [one["work_of_adhesion"] for one in tables["materials"]] == pytest.approx([0.1, 0.0])
+    assert tables["material_pairs"][0]["work_of_adhesion"] == pytest.approx(0.04)
+    load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize(("wall", "factor"), [("hertz/material 5e6 0.5 0.3", 0.0), ("jkr 5e6 0.5 0.3 0.01", 0.5)])
+def test_adhesion_of_walls(tmp_path, wall, factor):
+    text = decks.SILO.replace("pair_coeff * * hertz/material 5e6 0.5 0.3", "pair_coeff * * jkr 5e6 0.5 0.3 0.02")
+    text = text.replace("granular hertz/material 5e6 0.5 0.3", f"granular {wall}")
+    text = text.replace("fix w2 all wall/gran hertz/history 1e5 NULL 50 NULL 0.3 0 zplane NULL 0.149\n", "")
+    cohesion = decks.imported(tmp_path, text)[0]["contact"]["cohesion"]
+    assert cohesion["work_of_adhesion"] == pytest.approx(0.04)
+    assert cohesion["wall_factor"] == pytest.approx(factor)

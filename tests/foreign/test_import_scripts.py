@@ -103,6 +103,18 @@ def test_a_data_file_in_other_units_with_open_ends(tmp_path):
     np.testing.assert_allclose(case.present.density, 2500.0)
 
 
+def test_energy_density_of_cohesion(tmp_path):
+    """SJKR of LIGGGHTS; in a deck without it the density has no effect."""
+    density = "fix m5 all property/global cohesionEnergyDensity peratomtypepair 1 3e4\n"
+    for words, kind in (("cohesion sjkr", TAKEN), ("", TAKEN), ("cohesion washino", DIFFERS)):
+        text = decks.HOPPER.replace("tangential history\ntimestep", f"tangential history {words}\ntimestep")
+        tables, _, made = decks.imported(tmp_path, text.replace("fix m4", density + "fix m4"))
+        found = tables["contact"].get("cohesion")
+        assert found == ({"kind": "sjkr", "energy_density": 3e4} if words == "cohesion sjkr" else None)
+        assert decks.note_on(made, "pair_style").kind == kind
+        load_scene(tmp_path / "scene.toml")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -1,0 +1,143 @@
+"""Slope of a cohesive heap against the Bond number: pull-off force of two grains over the weight of one.
+
+    python benchmarks/cohesive_heap.py [--count 500] [--seeds 3]
+
+Discs of JKR settle behind a gate, the gate vanishes, and they slump. The slope is that of a line through the tops of
+the grains between 15 % and 85 % of the height. Writes results/cohesive_heap.{json,md} and
+docs/results/cohesive_heap.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+import jaxdem
+from benchmarks import harness
+
+RADIUS, DENSITY, GATE, OPENED, END = 1e-3, 2500.0, 0.05, 0.2, 0.8
+WEIGHT = DENSITY * 4.0 / 3.0 * math.pi * RADIUS**3 * 9.81
+BONDS = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
+SHOWN = (0.0, 4.0, 16.0)
+FIGURE = Path(__file__).parents[1] / "docs" / "results" / "cohesive_heap.png"
+
+
+def scene_of(bond: float, seed: int, count: int) -> jaxdem.Scene:
+    """Grains behind a gate that vanishes at `OPENED`."""
+    height = 1.6 * count * math.pi * RADIUS**2 / (0.8 * GATE)
+    return jaxdem.load_scene(
+        {
+            "seed": seed,
+            "domain": {"size": [0.2, 1.2 * height], "gravity": [0.0, -9.81]},
+            "particles": {
+                "count": count,
+                "density": DENSITY,
+                "distribution": {"kind": "normal", "mean": RADIUS, "standard_deviation": 0.1 * RADIUS,
+                                 "lower": 0.8 * RADIUS, "upper": 1.2 * RADIUS},
+                "pack": {"kind": "random", "start": [0.0, 0.0], "stop": [GATE, height], "spacing": 1.001},
+            },
+            "contact": {
+                "young_modulus": 1e6, "restitution": 0.3, "friction": 0.5, "rolling_friction": 0.2, "speed": 0.8,
+                "cohesion": {"kind": "jkr", "work_of_adhesion": bond * WEIGHT / (1.5 * math.pi * 0.5 * RADIUS)},
+            },
+            "walls": [{"kind": "plane", "point": [GATE, 0.0], "normal": [-1.0, 0.0], "end": OPENED}],
+            "time": {"end": END, "output_interval": 0.2},
+        }
+    )  # fmt: skip
+
+
+def slope(position: np.ndarray, radius: np.ndarray) -> float:
+    """Angle of the free surface against the floor [degrees]."""
+    x, top = position[:, 0], position[:, 1] + radius
+    edges = np.arange(0.0, x.max() + 2.0 * RADIUS, 2.0 * RADIUS)
+    places = np.digitize(x, edges)
+    columns = [(np.mean(x[places == k]), top[places == k].max()) for k in np.unique(places)]
+    middle, surface = np.array(columns).T
+    height = surface.max()
+    # From the last column that is as high as 85 % to the first that is as low as 15 %.
+    begin = int(np.max(np.flatnonzero(surface >= 0.85 * height)))
+    low = np.flatnonzero((surface <= 0.15 * height) & (np.arange(len(surface)) > begin))
+    end = int(low[0]) if len(low) else len(surface) - 1
+    across, along = surface[begin : end + 1], middle[begin : end + 1]
+    if len(along) < 3:  # a step: the two ends of it
+        return math.degrees(math.atan2(across[0] - across[-1], along[-1] - along[0]))
+    return math.degrees(math.atan(-np.polyfit(along, across, 1)[0]))
+
+
+def draw(found: dict[float, list[float]], heaps: dict[float, tuple[np.ndarray, np.ndarray]]) -> None:
+    """The angles with their range, and three heaps."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import EllipseCollection
+
+    figure, axes = plt.subplots(1, 1 + len(heaps), figsize=(13, 3.4), width_ratios=[1.3] + [1.0] * len(heaps))
+    bonds = list(found)
+    mean = [float(np.mean(found[bond])) for bond in bonds]
+    for bond in bonds:
+        axes[0].plot([bond] * len(found[bond]), found[bond], "o", color="tab:blue", markersize=4, alpha=0.6)
+    axes[0].plot(bonds, mean, "-", color="tab:blue", label="mean")
+    axes[0].set_xscale("symlog", linthresh=0.5)
+    axes[0].set_xticks(bonds, [f"{bond:g}" for bond in bonds])
+    axes[0].set_xlabel("Bond number, pull-off force over weight")
+    axes[0].set_ylabel("slope [degrees]")
+    axes[0].set_ylim(0.0, 90.0)
+    axes[0].grid(alpha=0.3)
+    for axis, (bond, (position, radius)) in zip(axes[1:], heaps.items(), strict=True):
+        size = 2e3 * radius
+        axis.add_collection(
+            EllipseCollection(size, size, np.zeros(len(size)), units="x", offsets=1e3 * position,
+                              offset_transform=axis.transData, facecolor="tab:orange", edgecolor="k", linewidth=0.2)
+        )  # fmt: skip
+        axis.set_xlim(0.0, 100.0)
+        axis.set_ylim(0.0, 75.0)
+        axis.set_aspect("equal")
+        axis.set_title(f"Bond number {bond:g}", fontsize=10)
+        axis.set_xlabel("x [mm]")
+    axes[1].set_ylabel("z [mm]")
+    figure.tight_layout()
+    figure.savefig(FIGURE, dpi=110)
+
+
+def main() -> None:
+    """Runs all heaps."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--count", type=int, default=400)
+    parser.add_argument("--seeds", type=int, default=3)
+    arguments = parser.parse_args()
+    found: dict[float, list[float]] = {}
+    heaps: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+    begin = time.process_time()
+    for bond in BONDS:
+        found[bond] = []
+        for seed in range(arguments.seeds):
+            with tempfile.TemporaryDirectory() as folder:
+                run = jaxdem.simulate(scene_of(bond, seed, arguments.count), Path(folder) / "run")
+                last: Any = run.particles(-1)
+                position, radius = np.asarray(last["position"])[:, :2], np.asarray(last["radius"])
+                position = position[:, [0, 1]]
+            found[bond].append(slope(position, radius))
+            if seed == 0 and bond in SHOWN:
+                heaps[bond] = position, radius
+        print(f"Bond {bond:g}: {', '.join(f'{angle:.1f}' for angle in found[bond])} degrees", flush=True)
+    draw(found, heaps)
+    lines = ["| Bond number | slope [degrees], mean | seeds |", "| --- | --- | --- |"]
+    for bond, angles in found.items():
+        lines.append(f"| {bond:g} | {np.mean(angles):.1f} | {', '.join(f'{angle:.1f}' for angle in angles)} |")
+    result = {"arguments": vars(arguments), "slopes": {str(k): v for k, v in found.items()},
+              "processor_seconds": time.process_time() - begin}  # fmt: skip
+    harness.write("cohesive_heap", result, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
