@@ -216,12 +216,17 @@ def gathered_state(simulation: DividedSimulation, state: State) -> State:
 
 
 def gathered_rows(simulation: DividedSimulation, tree: Tree, identity: Any) -> Tree:
-    """Arrays (B, R, ...) of the rows of all slabs as arrays (N, ...) on the host, by identity (B, R)."""
+    """Arrays (B, R, ...) of the rows of all slabs as arrays (N, ...) on the host, by identity (B, R).
+
+    Of other arrays, which are the same in all slabs, those of the first one.
+    """
     number = on_host(identity)
     there = number >= 0
 
     def of(values: Any) -> np.ndarray:
         rows = on_host(values)
+        if rows.shape[:2] != number.shape:
+            return rows[0]
         whole = np.zeros((simulation.count, *rows.shape[2:]), rows.dtype)
         whole[number[there]] = rows[there]
         return whole

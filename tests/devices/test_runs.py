@@ -1,0 +1,200 @@
+"""Runs on several devices and by several processes, as the command line does them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOHDF import vtkHDFReader
+
+from jaxdem.cli.cluster import member
+from jaxdem.errors import InputError
+from jaxdem.io import load_run
+
+ROOT = Path(__file__).parents[2]
+ENVIRONMENT = {name: value for name, value in os.environ.items() if "XLA_FLAGS" not in name} | {
+    "PYTHONPATH": str(ROOT),
+    "XLA_FLAGS": "--xla_cpu_use_fusion_emitters=false" if "fusion" in os.environ.get("XLA_FLAGS", "") else "",
+}
+
+SCENE = """
+precision = "float64"
+[domain]
+size = [0.32, 0.08, 0.12]
+gravity = [3.0, 0.0, -9.81]
+[particles]
+count = 80
+radius = 0.01
+density = 2500.0
+[particles.pack]
+kind = "lattice"
+start = [0.0, 0.0, 0.0]
+stop = [0.32, 0.08, 0.08]
+jitter = 0.002
+[contact]
+young_modulus = 1e6
+friction = 0.4
+restitution = 0.6
+[time]
+end = 0.2
+output_interval = 0.01
+[output]
+checkpoint_interval = 1e-3
+"""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def line(*arguments):
+    return [sys.executable, "-m", "jaxdem", *map(str, arguments)]
+
+
+def command(*arguments):
+    return subprocess.run(line(*arguments), env=ENVIRONMENT, capture_output=True, text=True, timeout=280, check=False)
+
+
+@pytest.fixture(scope="module")
+def on_two(scene, tmp_path_factory):
+    """A run on two devices of one process."""
+    out = tmp_path_factory.mktemp("two") / "run"
+    done = command("run", scene, "--out", out, "--devices", 2, "--quiet")
+    assert done.returncode == 0, done.stderr
+    return load_run(out)
+
+
+def largest_difference(one, other):
+    assert one.number_of_frames == other.number_of_frames
+    first, second = one.particles(-1), other.particles(-1)
+    return {name: np.abs(np.subtract(first[name], second[name], dtype=float)).max() for name in first}
+
+
+def test_four_devices_do_what_one_does(scene, tmp_path):
+    for out, more in (("one", ()), ("four", ("--devices", 4))):
+        done = command("run", scene, "--out", tmp_path / out, "--set", "time.end=0.1", "--quiet", *more)
+        assert done.returncode == 0, done.stderr
+    one, four = load_run(tmp_path / "one"), load_run(tmp_path / "four")
+    difference = largest_difference(one, four)
+    assert difference["position"] < 1e-12 and difference["velocity"] < 1e-10 and difference["contact_force"] < 1e-8
+    told = four.summary["devices"]
+    assert told["number"] == 4 and sum(told["particles"]) == 80 and told["migrations"] > 0
+    np.testing.assert_allclose(four.history["kinetic_energy"], one.history["kinetic_energy"], rtol=1e-10)
+    assert not (tmp_path / "four" / ".checkpoint").exists(), "one process has one file"
+    # It goes on on one device, to rounding.
+    for out in ("one", "four"):
+        done = command("run", scene, "--out", tmp_path / out, "--set", "time.end=0.12", "--resume", "--quiet")
+        assert done.returncode == 0, done.stderr
+    difference = largest_difference(load_run(tmp_path / "one"), load_run(tmp_path / "four"))
+    assert 0.0 < difference["position"] < 1e-12
+
+
+def frames(out):
+    path = out / "history.csv"
+    return len(path.read_text().splitlines()) - 1 if path.is_file() else 0
+
+
+def started(scene, out, *more):
+    """A run by two processes, and those, when it has written further frames."""
+    before = frames(out)
+    launcher = subprocess.Popen(
+        line("run", scene, "--out", out, "--processes", 2, "--quiet", *more),
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 240
+    while frames(out) < before + 3:
+        assert launcher.poll() is None and time.monotonic() < deadline, launcher.communicate()[1]
+        time.sleep(0.02)
+    children = Path(f"/proc/{launcher.pid}/task/{launcher.pid}/children").read_text().split()
+    return launcher, [int(child) for child in children]
+
+
+def alive(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().split(")")[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the processes in /proc")
+def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path):
+    out = tmp_path / "run"
+    launcher, processes = started(scene, out)
+    assert len(processes) == 2
+    begin = time.monotonic()
+    os.kill(processes[1], signal.SIGKILL)
+    shown, said = launcher.communicate(timeout=60)
+    assert launcher.returncode == 1 and time.monotonic() - begin < 60
+    assert said.count("jaxdem:") == 1 and "Process 1 of 2 was ended by signal 9" in said and "--resume" in said
+    assert shown == "" and not any(map(alive, processes))
+
+    launcher, processes = started(scene, out, "--resume")
+    os.kill(processes[1], signal.SIGTERM)  # one of them alone: all stop
+    shown, said = launcher.communicate(timeout=60)
+    assert launcher.returncode == 143 and said.count("jaxdem:") == 1 and "checkpoint" in said
+    assert not any(map(alive, processes)) and frames(out) < on_two.number_of_frames
+
+    done = command("run", scene, "--out", out, "--processes", 2, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("valid     yes") and done.stdout.count("valid") == 1
+    run = load_run(out)
+    assert max(largest_difference(run, on_two).values()) == 0.0, "bit for bit, on the same number of devices"
+    for name, column in on_two.history.items():
+        assert np.array_equal(run.history[name], column, equal_nan=True), name
+    assert run.summary["devices"]["processes"] == 2 and run.summary["complete"]
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(out / "particles.vtkhdf"))
+    reader.UpdateInformation()
+    assert reader.GetNumberOfSteps() == run.number_of_frames
+    reader.SetStep(run.number_of_frames - 1)
+    reader.Update()
+    points = vtk_to_numpy(reader.GetOutput().GetPoints().GetData())
+    assert np.array_equal(points, run.particles(-1)["position"])
+
+
+def test_a_message_comes_once(scene, tmp_path):
+    """What is wrong is said before processes are started, or by the first of them alone."""
+    for arguments, text in (
+        (("--processes", 2, "--devices", 3), "must be a multiple of the number of processes, 2"),
+        (("--processes", 2, "--set", "particles.count=-1"), "particles.count"),
+        (("--devices", 2, "--profile"), "--profile"),
+    ):
+        done = command("run", scene, "--out", tmp_path / "run", *arguments)
+        assert done.returncode == 2 and done.stderr.count("jaxdem:") == 1 and text in done.stderr, done.stderr
+        assert not (tmp_path / "run").exists()
+
+
+def test_who_a_process_is():
+    slurm = {
+        "SLURM_JOB_ID": "7", "SLURM_STEP_NODELIST": "a", "SLURM_NTASKS": "4", "SLURM_PROCID": "3", "SLURM_LOCALID": "1"
+    }  # fmt: skip
+    assert member({}) is None
+    assert member(slurm)[:3] == (3, 4, None)
+    assert member(slurm | {"SLURM_NTASKS": "1", "SLURM_PROCID": "0"}) is None
+    assert member(slurm | {"JAXDEM_PROCESSES": "1"}) is None
+    del slurm["SLURM_STEP_NODELIST"]  # a batch script, outside of srun
+    assert member(slurm) is None
+    given = {"JAXDEM_PROCESS": "1", "JAXDEM_PROCESSES": "2", "JAXDEM_COORDINATOR": "host:1234"}
+    assert member(given)[:3] == (1, 2, "host:1234")
+    with pytest.raises(InputError, match="0 to 1"):
+        member(given | {"JAXDEM_PROCESS": "2"})
+    with pytest.raises(InputError, match="whole number"):
+        member(given | {"JAXDEM_PROCESS": "one"})
+    mpi = {"OMPI_COMM_WORLD_RANK": "1", "OMPI_COMM_WORLD_SIZE": "2"}
+    with pytest.raises(InputError, match="JAX_COORDINATOR_ADDRESS"):
+        member(mpi)
+    assert member(mpi | {"JAX_COORDINATOR_ADDRESS": "host:1"})[:3] == (1, 2, "host:1")
