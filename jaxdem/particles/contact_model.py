@@ -98,9 +98,10 @@ class ContactModel:
         wall_times: when the surfaces are there; None where all always are.
         measured: numbers of the walls whose loads are summed; none: then no such term is compiled.
         cohesion: what pulls bodies together, or None: then no such term is compiled.
-        motions: how each surface moves, None for one at rest; empty where all are at rest.
+        motions: how each surface, and then each mesh, moves, None for one at rest; empty where all are at rest.
         pistons: walls that a force holds; their loads are measured.
         meshes: walls that are meshes; none: then no such term is compiled.
+        lists: number of meshes of the scene, those included that are not there now.
     """
 
     law: ContactLaw
@@ -114,6 +115,7 @@ class ContactModel:
     motions: tuple[SurfaceMotion | None, ...] = ()
     pistons: tuple[Piston, ...] = ()
     meshes: tuple[MeshWall, ...] = ()
+    lists: int = 0
 
     @property
     def walls(self) -> int:
@@ -133,7 +135,7 @@ class ContactModel:
     def with_walls(self, kept: tuple[int, ...]) -> ContactModel:
         """The model with these of its walls, the sides among them, at all times."""
         sides, analytic = len(self.sides), self.analytic_walls
-        surfaces = tuple(self.surfaces[k - sides] for k in kept if sides <= k < analytic)
+        surfaces = tuple(self.surfaces[k - sides] for k in kept if k >= sides)
         meshes = tuple(self.meshes[k - analytic] for k in kept if k >= analytic)
         materials = self.materials
         if materials is not None:

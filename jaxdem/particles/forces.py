@@ -323,7 +323,7 @@ class _Loop:
 
     def _wall_velocity(self, overlap: Array, normal: Vector) -> Vector:
         """Velocity of the walls at the contacts, D arrays (S, 1), or (S, N) where walls move [m/s]."""
-        velocities = self.surroundings.wall_velocity
+        velocities = self.surroundings.wall_velocity[: self.model.analytic_walls]
         if not self.surroundings.placements:
             return tuple(jnp.stack(components)[:, None] for components in zip(*velocities, strict=True))
         sides, placed_surfaces = len(self.model.sides), self.surroundings.placements
@@ -343,7 +343,7 @@ class _Loop:
 
     def _wall_spin(self) -> Vector | None:
         """Angular velocity of the walls, A arrays (S, 1); None where none turns [rad/s]."""
-        placed_surfaces = self.surroundings.placements
+        placed_surfaces = self.surroundings.placements[: len(self.model.surfaces)]
         if all(placed is None or placed.angular_velocity is None for placed in placed_surfaces):
             return None
         still = jnp.zeros_like(self.motion.angular_velocity[0], shape=len(self.motion.angular_velocity))
@@ -429,7 +429,7 @@ class _Loop:
             overlaps.append(jnp.stack(depths))
             normals.append(walls.wall_normals(model.sides, overlaps[0].dtype, len(motion.position)))
         if model.surfaces:
-            placed = self.surroundings.placements
+            placed = self.surroundings.placements[: len(model.surfaces)]
             overlap, normal = surface_contacts(model.surfaces, motion.position, motion.low, radius, placed)
             overlaps.append(overlap)
             normals.append(normal)
@@ -441,10 +441,15 @@ class _Loop:
     def add_meshes(self, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Motion]:
         """Adds the contacts with the meshes; returns the motion with what they keep."""
         displacement = displacement_since_build(self.motion.position, self.motion.low, neighbors)
+        placements, surfaces = self.surroundings.placements, len(self.model.surfaces)
         memory, crowded, loads = list(self.motion.mesh_memory), jnp.zeros((), bool), []
         for k, mesh in enumerate(self.model.meshes):
             listed, wall = neighbors.meshes[mesh.number], self.model.analytic_walls + k
-            pair, touch, springs = self.mesh(listed, listed.of_rows(displacement), memory[mesh.number])
+            placed = placements[surfaces + k] if placements else None
+            moved = listed.of_rows(displacement)
+            if placed is not None:
+                moved = listed.moved(placed, self.motion.position, self.motion.low)
+            pair, touch, springs = self.mesh(listed, moved, memory[mesh.number], placed)
             material, index = self.surroundings.wall, self.model.materials
             if index is not None:
                 material = index.with_wall(material, wall, listed.row)
@@ -457,28 +462,51 @@ class _Loop:
             crowded = crowded | touch.crowded
             if wall in self.model.measured:
                 mass = jnp.where(jnp.any(pair.overlap > 0, axis=0), listed.radius_of_rows(self.properties.mass), 0.0)
-                loads.append(self._mesh_loads(listed, force, torque, mass))
+                loads.append(self._mesh_loads(listed, wall, force, torque, mass))
         walls = loads if sums.walls is None else [sums.walls, *loads]
         joined: WallLoads | None = jax.tree.map(lambda *rows: jnp.concatenate(rows), *walls) if walls else None
         return sums._replace(walls=joined, crowded=crowded), self.motion._replace(mesh_memory=tuple(memory))
 
-    def mesh(self, listed: MeshList, moved: Vector, memory: MeshMemory) -> tuple[_ContactPair, MeshTouch, Vector]:
+    def mesh(
+        self, listed: MeshList, moved: Vector, memory: MeshMemory, placed: Placement | None
+    ) -> tuple[_ContactPair, MeshTouch, Vector]:
         """The contacts (C, M) with a mesh, a body of infinite radius and mass, and what they have kept."""
         motion = self.motion
         radius, mass = listed.radius_of_rows(self.properties.radius), listed.radius_of_rows(self.properties.mass)
         expected, velocity = listed.of_rows(self.mid_velocity), listed.of_rows(motion.velocity)
         # Within the step an overlap changes by less than this.
-        touch = touching(listed, moved, radius, 0.5 * self.time_step * vectors.length(expected))
-        radius, mass = _row(radius), _row(mass)
+        reach, position = vectors.length(expected), listed.of_rows(motion.position)
+        if placed is not None:
+            reach = vectors.length(vectors.subtract(expected, placed.velocity_at(position)))
+            if placed.angular_velocity is not None:
+                reach = reach + 2.0 * radius * vectors.length(tuple(placed.angular_velocity))
+        touch = touching(listed, moved, radius, 0.5 * self.time_step * reach)
+        radius, mass, expected, velocity = _row(radius), _row(mass), _rows(expected), _rows(velocity)
+        normal = touch.normal
+        if placed is not None:
+            normal = placed.to_box(normal)
+            arm = 0.5 * jnp.maximum(touch.overlap, 0.0) - radius
+            wall = placed.velocity_at(vectors.add_scaled(_rows(position), arm, normal))
+            expected, velocity = vectors.subtract(expected, wall), vectors.subtract(velocity, wall)
+            memory = self._turned_memory(memory, placed)
         pair = _ContactPair(
-            touch.overlap, touch.normal, approach=_rows(expected), velocity=_rows(velocity),
+            touch.overlap, normal, approach=expected, velocity=velocity,
             spin=_rows(listed.of_rows(motion.angular_velocity)), other_spin=None,
             radius=radius, other_radius=jnp.zeros((), touch.overlap.dtype),
             effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
         )  # fmt: skip
         return pair, touch, remembered(memory, touch, pair.normal)
 
-    def _mesh_loads(self, listed: MeshList, force: Vector, torque: Vector, mass: Array) -> WallLoads:
+    def _turned_memory(self, memory: MeshMemory, placed: Placement) -> MeshMemory:
+        """What contacts keep, turned with the mesh since the step before."""
+        if placed.angular_velocity is None or len(self.motion.position) == 2:
+            return memory
+        spin = tuple(placed.angular_velocity)
+        angle = vectors.scale(self.time_step, spin)
+        normal = tangent.turned_by(memory.normal, angle)
+        return MeshMemory(normal, self._turned_with_walls(memory.spring, spin))
+
+    def _mesh_loads(self, listed: MeshList, wall: int, force: Vector, torque: Vector, mass: Array) -> WallLoads:
         """What each particle does to a mesh, (1, N), of the forces and torques (M,) on those that are listed, and of
         the mass (M,) of those that touch it."""
         turning = vectors.add(vectors.moment(listed.of_rows(self.motion.position), force), torque)
@@ -488,7 +516,7 @@ class _Loop:
             return _rows(listed.added((blank,) * len(values), values))
 
         forces, torques = spread(vectors.scale(-1.0, force)), spread(vectors.scale(-1.0, turning))
-        return WallLoads(forces, torques, (jnp.zeros_like(forces[0]),), spread((mass,)))
+        return WallLoads(forces, torques, self._power(wall, forces, torques), spread((mass,)))
 
     def _load(self, material: ContactMaterial, pair: _ContactPair, spring: Vector) -> _ContactLoad:
         """What all contacts do; zero, and nothing computed, where nothing touches."""

@@ -15,6 +15,7 @@ from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import any_of, total
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.contact_model import ContactModel
@@ -29,6 +30,7 @@ from jaxdem.particles.neighbors import (
     carry_memory,
     displacement_since_build,
     out_of_date,
+    way_of_meshes,
     with_radius,
 )
 from jaxdem.particles.slab_steps import (
@@ -201,7 +203,7 @@ def _advanced(
         carry = carry._replace(slab=slab._replace(due=jnp.where(late, 0, jnp.int32(NEVER))))
     loop = _reversible_loop if interval.reversible else _fast_loop
     neighbors = with_radius(neighbors, properties.radius)
-    carry, neighbors = loop(interval, step, time_step, carry, neighbors, active)
+    carry, neighbors = loop(interval, surroundings, step, time_step, carry, neighbors, active)
     if carry.crowded is not None:
         neighbors = dataclasses.replace(neighbors, overflow=neighbors.overflow | carry.crowded)
     duration = interval.steps * time_step
@@ -241,6 +243,7 @@ def _pushed(
 
 def _reversible_loop(
     interval: ContactInterval,
+    around: Surroundings,
     step: _Step,
     time_step: Array,
     carry: _Carry,
@@ -251,7 +254,7 @@ def _reversible_loop(
 
     @jax.checkpoint
     def checked_step(both: tuple[_Carry, Neighbors], _: None) -> tuple[tuple[_Carry, Neighbors], None]:
-        carry, neighbors = _with_list_in_date(interval, time_step, *both, active)
+        carry, neighbors = _with_list_in_date(interval, around, time_step, *both, active)
         return (step(carry, neighbors), neighbors), None
 
     return lax.scan(checked_step, (carry, neighbors), None, length=interval.steps)[0]
@@ -259,6 +262,7 @@ def _reversible_loop(
 
 def _fast_loop(
     interval: ContactInterval,
+    around: Surroundings,
     step: _Step,
     time_step: Array,
     carry: _Carry,
@@ -268,13 +272,13 @@ def _fast_loop(
     """Stretches of steps between rebuilds: within a stretch the list is constant and never copied."""
 
     def stretch(both: tuple[_Carry, Neighbors]) -> tuple[_Carry, Neighbors]:
-        carry, neighbors = _with_list_in_date(interval, time_step, *both, active)
+        carry, neighbors = _with_list_in_date(interval, around, time_step, *both, active)
 
         # Whether the list covers the next step is found at the end of a step, beside its last drift: in the
         # condition of the loop the positions would be read again.
         def step_on(going: tuple[_Carry, Array]) -> tuple[_Carry, Array]:
             carry = step(going[0], neighbors)
-            return carry, _stale(interval, time_step, carry, neighbors)
+            return carry, _stale(interval, around, time_step, carry, neighbors)
 
         carry, _ = lax.while_loop(
             lambda going: (going[0].step < interval.steps) & ~going[1],
@@ -286,7 +290,9 @@ def _fast_loop(
     return lax.while_loop(lambda both: both[0].step < interval.steps, stretch, (carry, neighbors))
 
 
-def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors) -> Array:
+def _stale(
+    interval: ContactInterval, around: Surroundings, time_step: Array, carry: _Carry, neighbors: Neighbors
+) -> Array:
     """() bool: the list does not cover the coming step, up to its end."""
     # A list of nothing is never out of date: the loop would wait for it for ever.
     if interval.search is None or neighbors.lists_nothing:
@@ -295,11 +301,35 @@ def _stale(interval: ContactInterval, time_step: Array, carry: _Carry, neighbors
         return carry.step >= carry.slab.due
     motion = drift(carry.motion, time_step)
     displacement = displacement_since_build(motion.position, motion.low, neighbors)
-    return out_of_date(displacement, interval.search.geometry)
+    way = way_of_meshes(neighbors, _meshes_placed(interval, around, time_step, carry))
+    return out_of_date(displacement, interval.search.geometry, way)
+
+
+def _meshes_placed(
+    interval: ContactInterval, around: Surroundings, time_step: Array, carry: _Carry
+) -> tuple[Placement | None, ...]:
+    """Where each mesh is at the end of the coming step, None for one at rest; empty where all are.
+
+    Of a scene some of whose walls are not there yet, or not any more, also those.
+    """
+    model = interval.model
+    if not any(model.motions[len(model.surfaces) :]):
+        return ()
+    pistons = None if carry.pistons is None else carry.pistons.drifted(time_step)
+    placed = around.after(model, (carry.step + 1) * time_step, pistons).placements[len(model.surfaces) :]
+    found: list[Placement | None] = [None] * model.lists
+    for mesh, one in zip(model.meshes, placed, strict=True):
+        found[mesh.number] = one
+    return tuple(found)
 
 
 def _with_list_in_date(
-    interval: ContactInterval, time_step: Array, carry: _Carry, neighbors: Neighbors, active: Array | None
+    interval: ContactInterval,
+    around: Surroundings,
+    time_step: Array,
+    carry: _Carry,
+    neighbors: Neighbors,
+    active: Array | None,
 ) -> tuple[_Carry, Neighbors]:
     """The list rebuilt if it is stale, and the springs moved to its slots."""
 
@@ -314,12 +344,13 @@ def _with_list_in_date(
         if interval.division is not None and carry.slab is not None:
             new, springs, slab = rebuilt(interval.division, search, motion, neighbors, carry.slab)
             return carry._replace(motion=carry.motion._replace(contact_spring=springs), slab=slab), new
-        new = search.update(motion.position, motion.low, neighbors, active)
+        placed = _meshes_placed(interval, around, time_step, carry)
+        new = search.update(motion.position, motion.low, neighbors, active, placed)
         springs = carry_history(carry.motion.contact_spring, neighbors, new)
         motion = carry.motion._replace(contact_spring=springs)
         if neighbors.meshes:
             motion = motion._replace(mesh_memory=carry_memory(motion.mesh_memory, neighbors, new))
         return carry._replace(motion=motion), new
 
-    stale = _stale(interval, time_step, carry, neighbors)
+    stale = _stale(interval, around, time_step, carry, neighbors)
     return cond_in_batch(stale, rebuild, (carry, neighbors))

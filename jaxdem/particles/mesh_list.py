@@ -17,9 +17,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.typing import DTypeLike
 
+from jaxdem.errors import required
 from jaxdem.numerics import compensated
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.placement import Placement, at_rest
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.mesh_surface import (
@@ -90,6 +93,9 @@ class MeshList:
         corners: the same.
         contacts: C, room for contacts of a grain; static.
         looks: see `MeshRoom`; static.
+        placement: of the mesh at the build, with a rotation; None of one at rest.
+        reference: (M,) grains of the rows at the build, in the frame of the mesh; None of one at rest.
+        images: (M,) whole periods by which they were moved into the box; None without, and of one at rest.
     """
 
     surface: MeshSurface | None
@@ -99,6 +105,35 @@ class MeshList:
     corners: NearCorners | None
     contacts: int = dataclasses.field(metadata={"static": True})
     looks: tuple[int, int, int] = dataclasses.field(metadata={"static": True})
+    placement: Placement | None = None
+    reference: Places | None = None
+    images: Places | None = None
+
+    def moved(self, placed: Placement, position: Vector, low: tuple[Low, ...]) -> Vector:
+        """D arrays (M,), motion of the grains of the rows since the build in the frame of a mesh that moves [m].
+
+        Args:
+            placed: the mesh now.
+            position, low: D arrays (N,), all grains now [m].
+        """
+        reference, images = required(self.reference, "reference"), required(self.images, "images")
+        grain = jnp.minimum(self.row, max(position[0].shape[0] - 1, 0))
+        now = Places(position, low).of(grain)
+        inside = [compensated.difference(*one, *image) for one, image in zip(now.pairs, images.pairs, strict=True)]
+        own = placed.to_body(tuple(high for high, _ in inside), tuple(rest for _, rest in inside))
+        pairs = zip(Places(*own).pairs, reference.pairs, strict=True)
+        return tuple(compensated.rounded_difference(*one, *before) for one, before in pairs)
+
+    def way(self, placed: Placement) -> Array:
+        """() how far a point of the mesh has moved at most since the build [m]."""
+        hull = required(required(self.surface, "surface").hull, "hull")
+        before = required(self.placement, "placement")
+
+        def places(placement: Placement) -> Array:
+            found = hull if placement.rotation is None else hull @ placement.rotation.T
+            return found + placement.shift[None]
+
+        return jnp.sqrt(jnp.max(jnp.sum((places(placed) - places(before)) ** 2, axis=1)))
 
     @property
     def near(self) -> tuple[Near, ...]:
@@ -176,16 +211,38 @@ class MeshSearch:
     periodic: tuple[bool, ...]
     skin: float
 
+    def images(self, position: Vector) -> Places:
+        """Whole periods from the box to the images that positions are in."""
+        found = [
+            compensated.whole_periods(jnp.floor(x / length), length) if wraps else _zero(x)
+            for x, length, wraps in zip(position, self.box, self.periodic, strict=True)
+        ]
+        return Places(tuple(high for high, _ in found), tuple(low for _, low in found))
+
     def inside(self, position: Vector, low: tuple[Low, ...]) -> Places:
         """Positions moved by whole periods into the box."""
-        high, trailing = [], []
-        for x, rest, length, wraps in zip(position, low, self.box, self.periodic, strict=True):
-            pair = (x, rest)
-            if wraps:
-                pair = compensated.difference(*pair, *compensated.whole_periods(jnp.floor(x / length), length))
-            high.append(pair[0])
-            trailing.append(pair[1])
-        return Places(tuple(high), tuple(trailing))
+        given = zip(Places(position, low).pairs, self.images(position).pairs, self.periodic, strict=True)
+        found = [compensated.difference(*one, *image) if wraps else one for one, image, wraps in given]
+        return Places(tuple(high for high, _ in found), tuple(rest for _, rest in found))
+
+    def listed_beside(
+        self,
+        surface: MeshSurface,
+        placement: Placement,
+        position: Vector,
+        low: tuple[Low, ...],
+        radius: Array,
+        room: MeshRoom,
+        active: Array | None,
+    ) -> tuple[MeshList, Array]:
+        """`listed` of a mesh that moves, which has this placement now."""
+        places = self.inside(position, low)
+        own = Places(*placement.to_body(places.high, places.low))
+        found, overflow = self.listed(surface, own, radius, room, active)
+        grain = jnp.minimum(found.row, max(position[0].shape[0] - 1, 0))
+        images = self.images(position)
+        kept = dataclasses.replace(found, placement=placement, reference=own.of(grain), images=images.of(grain))
+        return kept, overflow
 
     def listed(
         self, surface: MeshSurface, places: Places, radius: Array, room: MeshRoom, active: Array | None
@@ -265,6 +322,24 @@ class MeshSearch:
         near = jax.tree.map(lambda x: at((x,), flat)[0], found.values)
         blank = -2.0 * FAR * (radius if radius.ndim == 0 else jnp.max(radius))
         return near._replace(overlap=jnp.where(number >= 0, near.overlap, blank))
+
+
+def _zero(x: Array) -> tuple[Array, Low]:
+    return jnp.zeros_like(x), jnp.zeros_like(x) if x.dtype == jnp.float32 else None
+
+
+def whole(placed: Placement | None, dimension: int, dtype: DTypeLike) -> Placement:
+    """A placement with all of its arrays, at rest; that of the file where there is none."""
+    like = jnp.zeros((), dtype)
+    found = at_rest(dimension, like) if placed is None else placed
+    single = like.dtype == jnp.float32
+    turn, turn_low = found.rotation, found.rotation_low
+    if turn is None:
+        turn = jnp.eye(dimension, dtype=dtype)
+        turn_low = jnp.zeros_like(turn) if single else None
+    zero = jnp.zeros(dimension, dtype)
+    placed = Placement(turn, turn_low, found.shift, found.shift_low, zero, None, zero)
+    return jax.tree.map(jnp.asarray, lax.stop_gradient(placed))
 
 
 class _Found:

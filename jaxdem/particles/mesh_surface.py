@@ -126,11 +126,17 @@ class CornerTable(NamedTuple):
 
 
 class MeshSurface(NamedTuple):
-    """What grains can touch of a mesh; None for what it has not."""
+    """What grains can touch of a mesh; None for what it has not.
+
+    Attributes:
+        faces, edges, corners: in the frame of the mesh.
+        hull: (H, D) points that enclose it, of a mesh that moves; None of one at rest [m].
+    """
 
     faces: FaceTable
     edges: EdgeTable | None
     corners: CornerTable | None
+    hull: Array | None = None
 
 
 def on_host(surface: MeshSurface) -> MeshSurface:

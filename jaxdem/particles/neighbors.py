@@ -23,12 +23,13 @@ from scipy.spatial import KDTree
 
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.mesh_contact import MeshMemory
-from jaxdem.particles.mesh_list import NUMBERS, MeshList, MeshRoom, MeshSearch, carried, needed, with_margin
+from jaxdem.particles.mesh_list import NUMBERS, MeshList, MeshRoom, MeshSearch, carried, needed, whole, with_margin
 from jaxdem.particles.mesh_surface import MeshSurface, on_host
 from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, pairs_of, place_of
 from jaxdem.particles.regions import into_period
@@ -195,9 +196,19 @@ def with_radius(neighbors: Neighbors, radius: Array) -> Neighbors:
     return dataclasses.replace(neighbors, radius=radius, overlap=overlap, meshes=meshes)
 
 
-def out_of_date(displacement: Vector, geometry: NeighborGeometry) -> Array:
-    """() bool: a particle has moved so far that an unlisted pair might touch."""
-    return jnp.max(vectors.dot(displacement, displacement)) > (0.5 * geometry.skin) ** 2
+def way_of_meshes(neighbors: Neighbors, placed: Sequence[Placement | None]) -> Array | float:
+    """() how far a point of a mesh has moved at most since the list was built [m]; `placed` is where each is now."""
+    found: Array | float = 0.0
+    for mesh, now in zip(neighbors.meshes, placed, strict=True) if placed else ():
+        if now is not None and mesh.placement is not None:
+            found = jnp.maximum(found, mesh.way(lax.stop_gradient(now)))
+    return found
+
+
+def out_of_date(displacement: Vector, geometry: NeighborGeometry, way: Array | float = 0.0) -> Array:
+    """() bool: a particle has moved so far that an unlisted pair might touch, meshes having moved by `way` [m]."""
+    most, limit = jnp.max(vectors.dot(displacement, displacement)), 0.5 * geometry.skin
+    return most > limit**2 if isinstance(way, float) else jnp.sqrt(most) + way > limit
 
 
 @static
@@ -207,10 +218,12 @@ class NeighborSearch:
     Attributes:
         geometry: of the box, and how far the list reaches.
         typical_radius: of the mean volume of all particles, those still to come included [m].
+        moving: of each mesh, whether it moves.
     """
 
     geometry: NeighborGeometry
     typical_radius: float
+    moving: tuple[bool, ...] = ()
 
     @property
     def reach(self) -> float:
@@ -286,12 +299,20 @@ class NeighborSearch:
         )
 
     def update(
-        self, position: Vector, low: tuple[Low, ...], neighbors: Neighbors, active: Array | None = None
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        neighbors: Neighbors,
+        active: Array | None = None,
+        placed: Sequence[Placement | None] = (),
     ) -> Neighbors:
-        """The list rebuilt at these positions for the same radii; jittable, room unchanged, overflow flagged."""
+        """The list rebuilt at these positions for the same radii; jittable, room unchanged, overflow flagged.
+
+        `placed` is where each mesh is, None for one at rest; empty where all are.
+        """
         radius = neighbors.radius
         given = lax.stop_gradient((position, low, radius))
-        built = self._built(*given, neighbors.room, neighbors.overflow, active, neighbors.surfaces)
+        built = self._built(*given, neighbors.room, neighbors.overflow, active, neighbors.surfaces, tuple(placed))
         return dataclasses.replace(with_radius(built, radius), builds=neighbors.builds + 1)
 
     def _built(
@@ -303,6 +324,7 @@ class NeighborSearch:
         overflow: Array,
         active: Array | None = None,
         surfaces: tuple[MeshSurface, ...] = (),
+        placed: tuple[Placement | None, ...] = (),
     ) -> Neighbors:
         if room.slots == 0:
             index = jnp.zeros((0, *position[0].shape), jnp.int32)
@@ -310,18 +332,25 @@ class NeighborSearch:
             index, crowded = self.in_reach(position, low, room, active)
             overflow = overflow | crowded
         listed = self.listed(index, position, low, radius, room, overflow)
-        return self.with_meshes(listed, surfaces, room, active) if surfaces else listed
+        return self.with_meshes(listed, surfaces, room, active, placed) if surfaces else listed
 
     def with_meshes(
-        self, listed: Neighbors, surfaces: tuple[MeshSurface, ...], room: Room, active: Array | None
+        self,
+        listed: Neighbors,
+        surfaces: tuple[MeshSurface, ...],
+        room: Room,
+        active: Array | None,
+        placed: Sequence[Placement | None] = (),
     ) -> Neighbors:
         """The list with those of the meshes, at its own positions; jittable."""
-        search = self.mesh_search
-        places = search.inside(listed.reference, listed.reference_low)
-        found = [
-            search.listed(surface, places, listed.radius, own, active)
-            for surface, own in zip(surfaces, room.meshes, strict=True)
-        ]
+        search, position, low = self.mesh_search, listed.reference, listed.reference_low
+        places, found = search.inside(position, low), []
+        for k, (surface, own) in enumerate(zip(surfaces, room.meshes, strict=True)):
+            if surface.hull is None:
+                found.append(search.listed(surface, places, listed.radius, own, active))
+            else:
+                placement = whole(placed[k] if placed else None, len(position), position[0].dtype)
+                found.append(search.listed_beside(surface, placement, position, low, listed.radius, own, active))
         overflow = functools.reduce(jnp.logical_or, (crowded for _, crowded in found), listed.overflow)
         return dataclasses.replace(listed, meshes=tuple(one for one, _ in found), overflow=overflow)
 

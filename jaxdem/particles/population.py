@@ -146,7 +146,7 @@ def renewed(
 
     def rebuild(kept: _Kept) -> _Kept:
         springs, memory, neighbors = kept
-        new = search.update(position, low, neighbors, particles.active)
+        new = search.update(position, low, neighbors, particles.active, placed[len(contact.model.surfaces) :])
         return carry_history(springs, neighbors, new), carry_memory(memory, neighbors, new), new
 
     changed = jnp.any(particles.active != before)

@@ -175,7 +175,7 @@ def surface_contacts(
         position: D arrays (N,), leading part [m].
         low: D arrays (N,) or Nones, trailing part [m].
         radius: () or (N,) [m].
-        placements: of each surface, None for one at rest; empty where all are.
+        placements: of each surface, and perhaps of further walls, None for one at rest; empty where all are.
 
     Returns:
         overlap (S, N), negative for a gap [m]; normal, D arrays (S, N).
@@ -183,7 +183,7 @@ def surface_contacts(
     x = jnp.stack(position, axis=1)
     found = [
         _contacts(surface, x, low, radius) if placed is None else _placed(surface, placed, position, low, radius)
-        for surface, placed in zip(surfaces, placements or (None,) * len(surfaces), strict=True)
+        for surface, placed in zip(surfaces, placements[: len(surfaces)] or (None,) * len(surfaces), strict=True)
     ]
     overlaps, normals = zip(*found, strict=True)
     return jnp.stack(overlaps), tuple(jnp.stack(component) for component in zip(*normals, strict=True))

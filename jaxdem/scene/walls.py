@@ -47,7 +47,7 @@ OPTIONAL = {
     "plane": OF_ALL,
     "cylinder": ("axis", "inside", *OF_ALL),
     "wedge": OF_ALL,
-    "mesh": (*OF_MESH, *(name for name in OF_ALL if name not in ("motion", "piston", "fluid"))),
+    "mesh": (*OF_MESH, *(name for name in OF_ALL if name != "fluid")),
 }
 """Keys that it may have."""
 
@@ -207,7 +207,7 @@ def check_walls(walls: tuple[Wall, ...], box: Box) -> None:
         if wall.name is not None and wall.name in [other.name for other in walls[:k]]:
             raise InputError(f"{key}.name", wall.name, "is the name of another wall too", "give each its own name")
         if wall.kind == "mesh":
-            _check_mesh(key, wall, solid)
+            _check_mesh(key, wall, box)
         elif wall.kind == "plane":
             box.check_same_along_periodic_axes(f"{key}.normal", wall.normal or ())
         elif wall.kind == "wedge":
@@ -225,12 +225,20 @@ def check_walls(walls: tuple[Wall, ...], box: Box) -> None:
             check_motion(f"{key}.motion.{n}", motion, box, wall.center)
 
 
-def _check_mesh(key: str, wall: Wall, solid: bool) -> None:
-    """Refuses keys of a mesh that do not fit the number of axes.
+def _check_mesh(key: str, wall: Wall, box: Box) -> None:
+    """Refuses keys of a mesh that do not fit the box.
 
     Raises:
-        InputError: points in 3-D or of another number of coordinates, or another number of angles or spacings.
+        InputError: points in 3-D or of another number of coordinates, another number of angles or spacings, or a motion
+            along a periodic axis.
     """
+    solid = len(box.size) == 3
+    ways = [(f"motion.{n}", motion.velocity or motion.direction) for n, motion in enumerate(wall.motion or ())]
+    ways += [] if wall.piston is None else [("piston", wall.piston.direction)]
+    for name, way in ways:
+        if any(wraps and component for wraps, component in zip(box.periodic, way or (), strict=False)):
+            limit = "moves along a periodic axis, out of its images there"
+            raise InputError(f"{key}.{name}", way, limit, "move it across the periodic axes, or make the sides walls")
     if wall.points is not None and (solid or any(len(point) != 2 for point in wall.points)):
         remedy = "give a file in 3-D, and points [x, z] in 2-D"
         raise InputError(f"{key}.points", wall.points[0], "are for 2-D scenes and have two coordinates", remedy)

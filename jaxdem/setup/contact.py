@@ -69,7 +69,8 @@ def contact_interval(
         InputError: the box is too small for the neighbour list, or two walls are one.
     """
     bodies = particles.bodies
-    search = NeighborSearch(neighbor_geometry(particles), _typical_radius(particles))
+    moving = tuple(mesh.moves for mesh in particles.meshes)
+    search = NeighborSearch(neighbor_geometry(particles), _typical_radius(particles), moving)
     sides = _box_walls(particles, population)
     surfaces = scene_surfaces(particles.scene, extensions.get("walls", ()), dtype)
     times = wall_times(particles, extensions.get("walls", ()), steps.interval)
@@ -87,7 +88,18 @@ def contact_interval(
         limit = "acts between grains and at planes, cylinders and wedges, and the scene has walls that are meshes"
         raise InputError("contact.cohesion", "...", limit, "remove it, or the walls of kind mesh")
     model = ContactModel(
-        law, _rolling(particles), sides, surfaces, index, times, measured, cohesion, motions, pistons, meshes
+        law,
+        _rolling(particles),
+        sides,
+        surfaces,
+        index,
+        times,
+        measured,
+        cohesion,
+        motions,
+        pistons,
+        meshes,
+        len(meshes),
     )
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 

@@ -11,6 +11,7 @@ from typing import Any, cast
 import jax
 import numpy as np
 from jax import Array
+from scipy.spatial import ConvexHull, QhullError
 
 from jaxdem.errors import InputError
 from jaxdem.numerics.host import on_device
@@ -41,6 +42,9 @@ SAMPLES = 4096
 
 LARGEST, SMALLEST = 100.0, 0.001
 """Extents over that of the box at which a mesh is taken to have another unit [-]."""
+
+MOST_OF_HULL = 512
+"""Points of a hull that are followed; of more the box around it is."""
 
 LAYER = 1.15
 """Grains of diameter d on a surface of size d^2, in 2-D of length d, in a dense layer [-]."""
@@ -73,6 +77,11 @@ class WallMesh:
         """Whether it is touched from both sides."""
         return self.wall.touch != "front"
 
+    @property
+    def moves(self) -> bool:
+        """Whether it moves."""
+        return self.wall.moves
+
     @cached_property
     def features(self) -> Features:
         """What grains can touch of it."""
@@ -87,7 +96,8 @@ class WallMesh:
 
     def traced(self, dtype: np.dtype[np.floating]) -> MeshSurface:
         """The same as arrays of JAX."""
-        return _traced(self.surface, dtype)
+        found = _traced(self.surface, dtype)
+        return found._replace(hull=on_device(_hull(self.mesh), dtype)) if self.moves else found
 
     @cached_property
     def usual(self) -> tuple[int, ...]:
@@ -325,6 +335,19 @@ def _corner(faces: Any, k: int) -> np.ndarray:
     rows = np.concatenate([faces.inward[:, others], faces.normal[:, None]], axis=1)
     right = np.concatenate([faces.offset[:, others], np.zeros((len(faces.anchor), 1))], axis=1)
     return faces.anchor + np.linalg.solve(rows, right[..., None])[..., 0]
+
+
+def _hull(mesh: SurfaceMesh) -> np.ndarray:
+    """(H, D) points that enclose a mesh: those of its convex hull, or the corners of the box around it [m]."""
+    points = mesh.points[np.unique(mesh.cells)]
+    try:
+        found = points[ConvexHull(points).vertices]
+    except QhullError:  # it is flat
+        found = points
+    if len(found) <= MOST_OF_HULL:
+        return np.asarray(found)
+    lower, upper = mesh.bounds
+    return np.stack(np.meshgrid(*zip(lower, upper, strict=True)), axis=-1).reshape(-1, mesh.dimension)
 
 
 def _bins(levels: tuple[Level, ...]) -> tuple[Bins, ...]:

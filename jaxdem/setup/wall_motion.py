@@ -56,7 +56,7 @@ def piston_numbers(scene: Scene, number: Callable[[Values], Array]) -> tuple[Pis
 def surface_motions(
     scene: Scene, functions: int, sides: int
 ) -> tuple[tuple[SurfaceMotion | None, ...], tuple[Piston, ...]]:
-    """How each surface moves, () where all are at rest; and the pistons.
+    """How each surface, and then each mesh, moves, () where all are at rest; and the pistons.
 
     Args:
         scene: the scene.
@@ -65,8 +65,13 @@ def surface_motions(
     """
     found: list[SurfaceMotion | None] = []
     pistons: list[Piston] = []
-    for index, wall in enumerate(scene.walls):
-        count, motion = len(surfaces_of(wall)), rigid_motion(wall)
+    numbered = list(enumerate(scene.walls))
+    analytic = sum(len(surfaces_of(wall)) for wall in scene.walls) + functions
+    for index, wall in sorted(numbered, key=lambda one: one[1].kind == "mesh"):
+        is_mesh = wall.kind == "mesh"
+        count, motion = 1 if is_mesh else len(surfaces_of(wall)), rigid_motion(wall)
+        if is_mesh and len(found) < analytic:
+            found += [None] * functions
         entry = None if motion is None else SurfaceMotion(motion, index)
         if wall.piston is not None:
             direction = unit(wall.piston.direction)
@@ -74,7 +79,8 @@ def surface_motions(
             own = tuple(sides + len(found) + k for k in range(count))
             pistons.append(Piston(direction, own, wall.piston.force_times))
         found += [entry] * count
-    found += [None] * functions
+    if len(found) < analytic:
+        found += [None] * functions
     return (tuple(found) if any(found) else ()), tuple(pistons)
 
 

@@ -44,3 +44,18 @@ def test_a_plane_of_triangles_is_a_plane(planes, precision, within):
         found = flight(grains_scene([on_mesh(path)], *grains, precision=precision), 16)
         assert np.abs(found.position - expected.position).max() < within * 0.04
         assert np.abs(found.spin - expected.spin).max() < 50 * within * np.abs(expected.spin).max()
+
+
+def test_a_plane_of_triangles_that_moves_is_a_plane_that_moves(planes):
+    """It swings, turns and shifts, one on top of the other; in periodic directions too."""
+    motion = [
+        {"kind": "oscillation", "direction": [0.0, 0.0, 1.0], "amplitude": 0.004, "frequency": 9.0},
+        {"kind": "rotation", "axis": [0.0, 1.0, 0.0], "center": [0.5, 0.0, HEIGHT], "rate": 0.4},
+        {"kind": "translation", "velocity": [0.3, 0.1, 0.02]},
+    ]
+    grains = twelve()
+    expected = flight(grains_scene([PLANE | {"motion": motion}], *grains), 16)
+    found = flight(grains_scene([on_mesh(planes[200], motion=motion)], *grains), 16)
+    assert np.abs(found.position - expected.position).max() < 1e-12
+    still = flight(grains_scene([on_mesh(planes[200])], *grains), 16)
+    assert np.abs(still.position - expected.position).max() > 1e-3
