@@ -107,8 +107,15 @@ def halo_of(grid: Grid, half_width: tuple[float, ...]) -> Halo | None:
     """The halo that particles of this reach need [m]; None for a box on one device."""
     if grid.blocks is None:
         return None
-    axis = grid.blocks.axis
-    return Halo(grid, grid.blocks, math.ceil((half_width[axis] + grid.drift) / grid.spacing[axis] + 1e-9))
+    return Halo(grid, grid.blocks, halo_layers(grid, half_width, grid.blocks.axis))
+
+
+def halo_layers(grid: Grid, half_width: tuple[float, ...], axis: int) -> int:
+    """Cells beyond a slab across an axis that its particles may reach [-].
+
+    One at least: rounding puts a particle on the border into either cell.
+    """
+    return math.ceil((half_width[axis] + grid.drift) / grid.spacing[axis] + 1e-9)
 
 
 class Weights(NamedTuple):

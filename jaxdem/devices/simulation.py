@@ -9,8 +9,9 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
+from jaxdem.devices.cut import STRAY, drift_of, slabs_of
 from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, device_mesh, on_slabs
-from jaxdem.devices.refused import chosen_blocks, require_divisible
+from jaxdem.devices.refused import require_divisible
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
@@ -19,9 +20,6 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import step
-
-STRAY = 0.5
-"""How far particles may be out of their slab at the end of an interval, over the largest diameter."""
 
 
 @static
@@ -89,8 +87,7 @@ def divided(
         devices: how many, or which.
         position: (M, D) of the particles that there are at the start [m]; None for none.
         count: N, number of all that there ever are; M if None.
-        axis: that is cut. If None the one along which the particles reach farthest, or the box in a scene with a fluid,
-            among those whose cells are a multiple of the number of devices.
+        axis: that is cut; None for the best, see `slabs_of`.
 
     Raises:
         InputError: there are not so many devices, the slabs would be too narrow, or something in the scene does not
@@ -98,13 +95,13 @@ def divided(
     """
     mesh = device_mesh(devices)
     require_divisible(simulation)
-    blocks = chosen_blocks(simulation, mesh.devices.size, position, axis)
+    blocks = slabs_of(simulation, mesh.devices.size, position, axis)
     own = {field.name: getattr(simulation, field.name) for field in dataclasses.fields(Simulation)}
     if simulation.contact is not None:
         division = Division(blocks, simulation.box[blocks.axis], STRAY, balanced=simulation.fluid is None)
         own["contact"] = dataclasses.replace(simulation.contact, division=division)
     if simulation.fluid is not None:
-        drift = 0.0 if simulation.contact is None else STRAY * simulation.search.geometry.cutoff
+        drift = drift_of(simulation)
         own["fluid"] = simulation.fluid.in_blocks(blocks, drift)
         if simulation.coupling is not None:
             own["coupling"] = simulation.coupling.in_blocks(blocks, drift)

@@ -1,0 +1,141 @@
+"""Scenes with a fluid on several devices, through the front door, against one device."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import InputError, devices
+from tests.cases.slabs import ALONG_X, FLUIDS, compared, coupled_scene, places
+
+SIZE = [0.4, 0.2]
+
+
+def crowd(**changes):
+    """Grains that fly through a fluid in a box that is periodic along x, and collide."""
+    tables = coupled_scene(2, ALONG_X, virtual_mass=0.5, lift=["magnus"], rotational_drag=True)
+    tables["particles"]["position"] = places(SIZE, count=60)
+    return jaxdem.load_scene(tables, changes)
+
+
+def stirred(state, speed=1.0):
+    """The state with random velocities and spins of the grains."""
+    draw, particles = np.random.default_rng(5), state.particles
+    velocity = speed * draw.normal(size=particles.velocity.shape)
+    spin = 20.0 * draw.normal(size=particles.angular_velocity.shape)
+    return state._replace(
+        particles=particles._replace(velocity=jnp.asarray(velocity), angular_velocity=jnp.asarray(spin))
+    )
+
+
+def test_grains_in_a_fluid_move_as_on_one_device(number=4):
+    """After 20 coupling intervals with collisions and grains that change slabs: everything within 1e-11."""
+    scene = crowd()
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    state = stirred(state)
+    divided, _ = jaxdem.build(scene, devices=number)
+    assert divided.undivided() == simulation and divided.slabs.axis == 0
+    slabs, lists = devices.distributed(divided, parameters, state, neighbors)
+    step = jax.jit(simulation.step)
+    many = jax.jit(divided.step).lower(parameters, slabs, lists).compile()
+    assert "all-gather" not in many.as_text()
+    for _ in range(20):
+        state, neighbors, report = step(parameters, state, neighbors)
+        slabs, lists, figures = many(parameters, slabs, lists)
+        assert not figures.particles.overflow and figures.fluid.converged
+        assert figures.exchange.momentum < 1e-13 and figures.exchange.volume < 1e-13
+    whole, _ = devices.gathered(divided, slabs, lists)
+    assert devices.counts(lists).migrations > 0 and report.particles.collision_force > 0.0
+    assert max(compared(divided.slabs, slabs.fluid, state.fluid)) < 1e-11
+    memory = whole.particles.fluid_memory["virtual_mass"], state.particles.fluid_memory["virtual_mass"]
+    names = ("position", "velocity", "angular_velocity", "contact_force", "fluid_force")
+    pairs = [(getattr(whole.particles, name), getattr(state.particles, name)) for name in names]
+    for one, other in [*pairs, memory]:
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * np.abs(other).max())
+    for part in ("fluid", "exchange"):
+        one, other = getattr(figures, part), getattr(report, part)
+        for name in ("courant", "iterations", "void_fraction", "out_of_range", "substeps"):
+            if hasattr(one, name):
+                np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-10)
+
+
+def test_gradient_through_coupled_steps_is_that_of_one_device():
+    """Of the kinetic energy of grains and fluid after 20 intervals on two devices, by the viscosity, the stiffness, the
+    density of the grains and the gravity: within 1e-10."""
+    scene = crowd(
+        **{
+            "coupling.virtual_mass": 0.0,
+            "coupling.lift": [],
+            "coupling.rotational_drag": False,
+            "fluid.advection": "upwind",
+        }
+    )
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    state = stirred(state)
+    divided, _ = jaxdem.build(scene, devices=2)
+    slabs, lists = devices.distributed(divided, parameters, state, neighbors)
+
+    def energy(simulation, numbers, state, neighbors):
+        fluid = parameters.fluid._replace(viscosity=numbers["viscosity"])
+        bodies = parameters.bodies._replace(density=numbers["density"])
+        contact = parameters.contact._replace(young_modulus=numbers["stiffness"])
+        own = parameters._replace(fluid=fluid, bodies=bodies, contact=contact, gravity=numbers["gravity"])
+        end = jaxdem.rollout(simulation, own, state, neighbors, 20).state
+        upward = end.fluid.face_velocity[1]
+        moving = (
+            end.particles.velocity
+            if end.particles.active is None
+            else jnp.where(end.particles.active[..., None], end.particles.velocity, 0.0)
+        )
+        return jnp.sum(moving**2) + jnp.sum(upward**2)
+
+    numbers = {
+        "viscosity": parameters.fluid.viscosity,
+        "density": parameters.bodies.density,
+        "stiffness": parameters.contact.young_modulus,
+        "gravity": parameters.gravity,
+    }
+    found = []
+    for which, start in ((simulation, (state, neighbors)), (divided, (slabs, lists))):
+        by_numbers = jax.value_and_grad(lambda numbers, *start, which=which: energy(which, numbers, *start))
+        found.append(jax.jit(by_numbers)(numbers, *start))
+    assert devices.counts(lists).particles.min() > 0
+    for one, other in zip(jax.tree.leaves(found[1]), jax.tree.leaves(found[0]), strict=True):
+        assert np.any(np.asarray(other) != 0.0)
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10 * np.abs(other).max())
+
+
+def test_a_fluid_alone_goes_into_slabs_and_on():
+    """From `build` to `gathered` without particles; and back onto one device."""
+    scene = jaxdem.load_scene(FLUIDS["jet"])
+    simulation, parameters = jaxdem.build(scene)
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+    divided, _ = jaxdem.build(scene, devices=2)
+    slabs, lists = jaxdem.initial_state(scene, divided, parameters)
+    assert lists is None
+    for _ in range(3):
+        state, _, _ = jax.jit(simulation.step)(parameters, state, None)
+        slabs, _, _ = jax.jit(divided.step)(parameters, slabs, None)
+    assert max(compared(divided.slabs, slabs.fluid, state.fluid)) < 1e-12
+    whole, contacts = devices.gathered(divided, slabs, None)
+    again, _ = devices.on_one_device(divided, parameters, whole, contacts)
+    assert again.step == 3
+    np.testing.assert_array_equal(again.fluid.pressure, whole.fluid.pressure)
+
+
+@pytest.mark.parametrize(
+    ("changes", "number", "words"),
+    [
+        ({"fluid.cells": [9, 5]}, 2, ["along x the 9 cells of fluid.cells are no multiple of it (such as 8 or 10)"]),
+        ({}, 3, ["no multiple of it", "Use 2 devices"]),
+        ({"coupling.kernel_width": 2.2}, 4, ["slabs of 2 cells would be narrower", "coupling.kernel_width", "Use 2"]),
+    ],
+)
+def test_slabs_that_cannot_be_are_refused(changes, number, words):
+    with pytest.raises(InputError) as refused:
+        jaxdem.build(crowd(**changes), devices=number)
+    for word in words:
+        assert word in str(refused.value)
