@@ -266,9 +266,12 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
 
 
 def on_one_device(
-    simulation: DividedSimulation, parameters: Parameters, state: State, contacts: Contacts
-) -> tuple[State, Neighbors]:
+    simulation: DividedSimulation, parameters: Parameters, state: State, contacts: Contacts | None
+) -> tuple[State, Neighbors | None]:
     """State and list for `simulation.undivided()`, from what `gathered` gives; not jittable."""
+    fluid, step = jax.tree.map(jnp.asarray, state.fluid), jnp.asarray(state.step)
+    if contacts is None:
+        return State(None, fluid, step), None
     particles = jax.tree.map(jnp.asarray, required(state.particles, "state.particles"))
     neighbors = simulation.undivided().allocate(parameters, particles)
     first, second = np.asarray(neighbors.pairs.first), np.asarray(neighbors.pairs.second)
@@ -281,7 +284,7 @@ def on_one_device(
     springs = np.zeros((len(contacts.values), len(pair)), particles.position.dtype)
     springs[:, place] = contacts.values
     particles = particles._replace(contact_spring=tuple(jnp.asarray(x) for x in springs))
-    return state._replace(particles=particles, step=jnp.asarray(state.step)), neighbors
+    return State(particles, fluid, step), neighbors
 
 
 def enlarged(

@@ -7,24 +7,23 @@ import pytest
 
 import jaxdem
 from jaxdem.numerics.blocks import Blocks
-from tests.cases.slabs import ALONG_X, SAME, SLABS, compared, coupled_scene, in_slabs, run_on_slabs
+from tests.cases.fluid_slabs import ALONG_X, SAME, SLABS, compared, coupled_scene, in_slabs, run_on_slabs
 
 SCENES = {
-    "kernel": coupled_scene(2, ALONG_X, deconvolution=0.05),
     "centre, closed box": coupled_scene(2, {}, void_fraction="centre"),
     "divided, on a coarser mesh": coupled_scene(
         2,
         ALONG_X,
         void_fraction="divided",
         drag_inputs_coarsened=2,
+        deconvolution=0.05,
         lift=["saffman_mei", "magnus"],
         rotational_drag=True,
     ),
-    "diffusion, jet": coupled_scene(
-        2, {"left": {"kind": "inlet", "velocity": 0.2}, "right": {"kind": "outlet"}}, void_fraction="diffusion"
+    "diffusion, jet, model B": coupled_scene(
+        2, {"left": {"kind": "inlet", "velocity": 0.2}, "right": {"kind": "outlet"}}, "B", void_fraction="diffusion"
     ),
     "forces with a memory, 3-D": coupled_scene(3, ALONG_X, virtual_mass=0.5, basset=4),
-    "model B, 3-D": coupled_scene(3, {}, model="B"),
 }
 
 
@@ -54,12 +53,10 @@ def rows_of(particles, number, axis, width, drift):
 @pytest.mark.parametrize(
     ("name", "number", "axis", "drift"),
     [
-        ("kernel", 2, 0, 0.02),
         ("centre, closed box", 2, 1, 0.01),
         ("divided, on a coarser mesh", 2, 0, 0.0),
-        ("diffusion, jet", 4, 0, 0.0),
-        ("forces with a memory, 3-D", 2, 0, 0.0),
-        ("model B, 3-D", 2, 2, 0.0),
+        ("diffusion, jet, model B", 4, 0, 0.0),
+        ("forces with a memory, 3-D", 2, 2, 0.02),
     ],
 )
 def test_exchange_is_that_of_one_device(name, number, axis, drift):

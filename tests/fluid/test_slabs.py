@@ -12,9 +12,9 @@ from jaxdem.closures import SubgridClosure
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.pressure import fast_inverse
-from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
+from jaxdem.fluid.slabs import fluid_of_slabs
 from jaxdem.numerics.blocks import Blocks
-from tests.cases.slabs import FLUIDS, SAME, SLABS, compared, in_slabs, on_slabs, run_on_slabs, stirred
+from tests.cases.fluid_slabs import FLUIDS, SAME, SLABS, compared, in_slabs, run_on_slabs, stirred
 
 INTERVALS = 20
 
@@ -40,7 +40,6 @@ def marched(interval, properties, fluid, number=INTERVALS):
 @pytest.mark.parametrize(
     ("name", "number", "axis"),
     [
-        ("periodic", 4, 0),
         ("closed", 2, 1),
         ("jet", 4, 0),
         ("updraft", 3, 1),
@@ -81,40 +80,6 @@ def test_fields_and_reports_are_those_of_one_device(name, number, axis):
             np.testing.assert_array_equal(slab, many[0])
         bound = 1e-14 if field == "divergence" else 1e-12 * size
         np.testing.assert_allclose(many[0], one, rtol=0, atol=bound, err_msg=field)
-
-
-def test_gradient_is_that_of_one_device(number=2, axis=0):
-    """Of a weighted sum of energy and pressure after ten intervals of a jet, by all numbers of the fluid and its first
-    velocity: within 1e-10 (seen: 3e-14)."""
-    interval, properties, fluid = built("jet", **{"fluid.smagorinsky": 0.0, "fluid.advection": "upwind"})
-    interval = dataclasses.replace(interval, reversible=True)
-    draw = np.random.default_rng(1)
-    weights = jax.tree.map(lambda x: draw.normal(size=x.shape), fluid)
-    blocks, slabs = in_slabs(interval.solver.grid, number, axis, fluid)
-    split = fluid_in_slabs(interval.solver.grid, blocks, weights)
-    # Of a face that two slabs have, the lower one's counts.
-    np.moveaxis(split.face_velocity[axis], 1 + axis, 1)[1:, 0] = 0.0
-
-    def energy(fluid, weights):
-        squares = sum(jnp.sum(w * u**2) for w, u in zip(weights.face_velocity, fluid.face_velocity, strict=True))
-        return squares + 1e-2 * jnp.sum(weights.pressure * fluid.pressure)
-
-    def one(properties, fluid):
-        return energy(marched(interval, properties, fluid, 10)[0], weights)
-
-    own = interval.in_blocks(blocks)
-    march = on_slabs(number, lambda *given: marched(own, *given, 10)[0], [SAME, SLABS], SLABS)
-    value, (by_numbers, by_fluid) = jax.jit(jax.value_and_grad(one, (0, 1)))(properties, fluid)
-    total, (many_numbers, many_fluid) = jax.jit(
-        jax.value_and_grad(lambda properties, slabs: energy(march(properties, slabs), split), (0, 1))
-    )(properties, jax.tree.map(jnp.asarray, slabs))
-    np.testing.assert_allclose(total, value, rtol=1e-12)
-    for a, b in zip(jax.tree.leaves(many_numbers), jax.tree.leaves(by_numbers), strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10 * np.abs(b).max())
-    other = 1 - axis
-    found = fluid_of_slabs(blocks, many_fluid).face_velocity[other]
-    exact = np.asarray(by_fluid.face_velocity[other])
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("kinds", [("periodic", "periodic"), ("no_slip", "outlet"), ("outlet", "outlet")])
