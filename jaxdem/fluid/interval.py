@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxdem.errors import InputError, required
+from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.grid import Grid, along
 from jaxdem.fluid.mesh import at_side, of_slab
@@ -131,14 +131,7 @@ class FluidInterval:
     reversible: bool = False
 
     def in_blocks(self, blocks: Blocks, drift: float = 0.0) -> Self:
-        """The interval of the fluid in one slab of the box; see `Grid`.
-
-        Raises:
-            InputError: the fluid sees walls.
-        """
-        if self.solver.surfaces > 0:
-            limit = "a fluid that sees walls (walls.*.fluid) runs on one device"
-            raise InputError("--devices", blocks.number, limit, "leave the option out")
+        """The interval of the fluid in one slab of the box; see `Grid`."""
         solver = dataclasses.replace(self.solver, grid=self.solver.grid.in_blocks(blocks, drift))
         return dataclasses.replace(self, solver=solver)
 
