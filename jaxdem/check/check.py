@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
+from jaxdem.check.over_devices import DeviceReport, check_devices
 from jaxdem.check.packs import pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
@@ -20,6 +21,7 @@ from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
 from jaxdem.fluid.interval import VISCOUS_LIMIT
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.samples import samples_every
+from jaxdem.run.single_run import refuse_on_several_devices
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.boundaries import boundary_speed
@@ -30,6 +32,9 @@ from jaxdem.state import State
 
 WORKING_COPIES = 3
 """Copies of a state that a compiled step is taken to need: before, after, and in between."""
+
+RUNNING = "total while running"
+"""Name of the sum of the memory."""
 
 FLOAT32_ROUNDING = 2.0**-24
 
@@ -69,6 +74,7 @@ class CheckReport:
         probes: of each probe its name, and what it costs and writes.
         packs: of the start, and the columns of its file that are not read, as (name, text).
         start: what the scene begins from, see `Case.start_figures`; {} where it begins at t = 0.
+        devices: what it will be on several devices; None where none are asked for.
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
     """
@@ -103,16 +109,18 @@ class CheckReport:
     probes: tuple[tuple[str, str], ...]
     packs: tuple[tuple[str, str], ...]
     start: dict[str, object]
+    devices: DeviceReport | None
     compiled_in: tuple[str, ...]
     left_out: tuple[str, ...]
 
 
-def check_scene(scene: Scene, start: StartPoint | None = None) -> CheckReport:
+def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | None = None) -> CheckReport:
     """Look a scene over without running it; programs are compiled only for walls beside the box.
 
     Args:
         scene: the scene.
         start: state that it begins from, of a scene with `[start]`; read from the run that it names if not given.
+        devices: number of devices that it is to run on; None for one.
 
     Raises:
         InputError: whatever `simulate` would refuse before its first step.
@@ -143,6 +151,11 @@ def check_scene(scene: Scene, start: StartPoint | None = None) -> CheckReport:
     void = None
     if state.fluid is not None and state.fluid.void_fraction is not None:
         void = np.asarray(state.fluid.void_fraction)
+    memory = _memory(simulation, state, neighbors)
+    over = None
+    if devices is not None and devices > 1:
+        refuse_on_several_devices(case)
+        over = check_devices(case, devices, state, neighbors, memory[RUNNING])
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
     return CheckReport(
         precision=scene.precision,
@@ -166,11 +179,12 @@ def check_scene(scene: Scene, start: StartPoint | None = None) -> CheckReport:
         screen_load=load,
         cost=cost,
         warnings=(*unit_warnings(scene), *probe_cautions(case), *cautions(scene, bodies, spacing, load, cost)),
-        memory=_memory(simulation, state, neighbors),
+        memory=memory,
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
         packs=pack_rows(case.particles),
         start=case.start_figures,
+        devices=over,
         compiled_in=compiled_in,
         left_out=left_out,
         **_particle_figures(case),
@@ -272,7 +286,7 @@ def _memory(simulation: Simulation, state: State, neighbors: Neighbors | None) -
         of_one = coupling.deposition.weights(grid, place, place[0, 0])
         memory["kernel weights"] = count * of_one.index.size * (of_one.index.itemsize + real.itemsize)
     memory = {name: size for name, size in memory.items() if size}
-    return memory | {"total while running": WORKING_COPIES * sum(memory.values())}
+    return memory | {RUNNING: WORKING_COPIES * sum(memory.values())}
 
 
 def _bytes(tree: object) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from rich.console import Group
 from rich.markup import escape
@@ -11,6 +11,7 @@ from rich.table import Table
 
 from jaxdem.check.check import CheckReport
 from jaxdem.check.engineering import Number
+from jaxdem.check.over_devices import DeviceReport
 from jaxdem.check.run_cost import FACTOR
 from jaxdem.cli.terminal import merge_text
 from jaxdem.closures.correlation import VOID_FRACTION_FLOOR
@@ -38,6 +39,7 @@ def render(report: CheckReport) -> Group:
         "Engineering numbers": [(n.name, _number(n)) for n in report.numbers],
         "Wall time (estimate)": _wall_time(report),
         "Memory (estimate)": [(name, _size(number)) for name, number in report.memory.items()],
+        "Devices (estimate)": [] if report.devices is None else _devices(report.devices),
         "Program": [
             ("compiled in", ", ".join(report.compiled_in)),
             ("left out", ", ".join(report.left_out) or "nothing"),
@@ -177,6 +179,36 @@ def _number(number: Number) -> str:
     if number.unit != "-":
         text += f" {number.unit}"
     return f"{text}; {number.note}" if number.note else text
+
+
+def _devices(report: DeviceReport) -> Iterable[tuple[str, str]]:
+    yield "devices", f"{report.number}, each with a part of the box along axis {report.axis}"
+    if report.cells:
+        yield "cells of each", str(report.cells)
+    if report.particles:
+        yield "particles of each", _range(report.particles)
+        yield "ghosts of each", f"{_range(report.ghosts)}: particles of its neighbours within reach of the border"
+        yield "sent by each", f"{_size(report.sent[0])} in a contact step"
+    if report.cells:
+        yield "sent by each", f"{_size(report.sent[1])} in an iteration of the pressure"
+    yield "memory of each", f"{_size(report.memory)} while running"
+    if report.shorter is None or report.useful is None:
+        return
+    text = f"{report.shorter:.2g} times as fast as on one device"
+    if report.useful == 1:
+        text += ". Several devices do not help"
+    elif report.useful < report.number:
+        text += f". So many devices do not help: with {report.useful} it is about as fast"
+    else:
+        text += f". More than {report.useful} devices do not help"
+    yield "contact steps", text
+    if max(report.particles) > 1.2 * sum(report.particles) / report.number:
+        yield "uneven", "with a fluid all devices have as many cells, and the one with most particles sets the pace"
+
+
+def _range(numbers: Sequence[int]) -> str:
+    low, high = min(numbers), max(numbers)
+    return str(low) if low == high else f"{low} to {high}"
 
 
 def _wall_time(report: CheckReport) -> Iterable[tuple[str, str]]:

@@ -132,6 +132,10 @@ DeviceCount = Annotated[
         "it out. [1]",
     ),
 ]
+CheckedDevices = Annotated[
+    int | None,
+    Option("--devices", metavar="N", min=1, help="Say also what each of N devices has to do and to send. [1]"),
+]
 ProcessCount = Annotated[
     int | None,
     Option(

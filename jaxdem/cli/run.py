@@ -17,10 +17,11 @@ if TYPE_CHECKING:
     from jaxdem.scene import Scene
 
 
-def check(scene: options.SceneFiles, settings: options.Settings = None) -> None:
+def check(scene: options.SceneFiles, settings: options.Settings = None, devices: options.CheckedDevices = None) -> None:
     """Check a scene without running it: time-step limits, engineering numbers, wall time, memory, warnings.
 
-    The exit code is 2 if `run` would refuse the scene. Several scenes, and the stages of one, are checked in turn.
+    The exit code is 2 if `run` would refuse the scene. Several scenes, and the stages of one, are checked in turn. The
+    devices that are asked for need not be there.
     """
     description = read_scenes(scene, settings)
     start_jax(description.precision)
@@ -28,7 +29,7 @@ def check(scene: options.SceneFiles, settings: options.Settings = None) -> None:
     from jaxdem.cli.check_table import render
 
     with units_beside_a_refusal(description):
-        for name, report in check_stages(description):
+        for name, report in check_stages(description, devices):
             if name:
                 terminal.line(f"Stage {name}")
             terminal.show(render(report))

@@ -32,14 +32,11 @@ from jaxdem.run.probing import Watch
 from jaxdem.run.records import Instant
 from jaxdem.run.restart import ROWS, from_arrays, to_arrays
 from jaxdem.setup.builder import Case
-from jaxdem.setup.stored import REMEDY, stored
+from jaxdem.setup.stored import REMEDY, SLAB_COUNT, stored
 from jaxdem.state import State
 
-SLAB_COUNT = "slabs"
-"""Attribute of a checkpoint of a run on several devices: their number."""
-
 SLAB_AXIS = "slab_axis"
-"""The same: the axis of the box that is cut."""
+"""Attribute of a checkpoint of a run on several devices: the axis of the box that is cut."""
 
 ROOM = "slab_room"
 """Array of such a checkpoint: what the arrays of a slab have room for."""

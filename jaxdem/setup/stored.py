@@ -18,6 +18,9 @@ Arrays = Mapping[str, np.ndarray]
 COLUMN_MARGIN = 8
 """A column of the search's table has room for all particles at most when it is made; it grows with the list."""
 
+SLAB_COUNT = "slabs"
+"""Attribute of a checkpoint of a run on several devices: their number."""
+
 REMEDY = "resume with the scene and version that wrote the checkpoint"
 
 

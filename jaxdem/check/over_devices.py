@@ -1,0 +1,167 @@
+"""What a scene will be on several devices, before it runs: who has what, what is sent, and whether it pays."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import numpy as np
+
+from jaxdem.check.run_cost import CPU, GPU, run_cost
+from jaxdem.devices.refused import chosen_blocks, require_divisible
+from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
+from jaxdem.errors import required
+from jaxdem.numerics.blocks import Blocks
+from jaxdem.numerics.vectors import components
+from jaxdem.particles.ghosts import Division
+from jaxdem.particles.migration import NARROWEST
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.setup.builder import Case
+from jaxdem.state import State
+
+LATENCY = {"cpu": 0.15e-3, "gpu": 20e-6}
+"""Of the messages of a contact step, both directions [s]: measured between two processes over gloo, and assumed between
+cards of one host."""
+
+BANDWIDTH = {"cpu": 1e9, "gpu": 50e9}
+"""At which they go on [B/s]; the same."""
+
+WORTH = 0.8
+"""More devices do not help where a step does not become shorter than so much of that on half of them."""
+
+MOST = 1024
+"""Numbers of devices up to this one are looked at."""
+
+
+@dataclasses.dataclass(frozen=True)
+class DeviceReport:
+    """A scene on several devices; estimates.
+
+    Attributes:
+        number: of devices.
+        axis: of the box that is cut.
+        particles: of every device at the start.
+        ghosts: of every device: particles of its neighbours.
+        cells: of every device; 0 without a fluid.
+        sent: by every device in a contact step, and in an iteration of the pressure [B].
+        memory: of every device while running [B].
+        shorter: a contact step on one device over one on these [-]; None without particles.
+        useful: number of devices up to which twice as many are worth it; None without particles.
+    """
+
+    number: int
+    axis: int
+    particles: tuple[int, ...]
+    ghosts: tuple[int, ...]
+    cells: int
+    sent: tuple[int, int]
+    memory: int
+    shorter: float | None
+    useful: int | None
+
+
+def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | None, memory: int) -> DeviceReport:
+    """The report on so many devices.
+
+    Args:
+        case: the scene.
+        number: of devices.
+        state, neighbors: at the start; of the list shapes are enough.
+        memory: of one device [B].
+
+    Raises:
+        InputError: something in the scene does not work on several devices, or no axis can be cut so often.
+    """
+    simulation = case.simulation
+    require_divisible(simulation)
+    position = None if case.particles is None else case.particles.position
+    blocks = chosen_blocks(simulation, number, position, None)
+    cells = 0
+    if simulation.fluid is not None:
+        cells = math.prod(simulation.fluid.solver.grid.cells) // number
+    if state.particles is None or neighbors is None:
+        return DeviceReport(number, blocks.axis, (), (), cells, (0, _pressure_bytes(case, blocks)), memory // number,
+                            None, None)  # fmt: skip
+    counts, ghosts, room = _spread(case, blocks, state)
+    item = state.particles.position.dtype.itemsize
+    dimension = len(simulation.box)
+    low = 0 if state.particles.position_low is None else dimension
+    # Position, velocity, spin and the velocity that a contact step expects, and one number.
+    values = 3 * dimension + state.particles.angular_velocity[0].size + low
+    sent = 2 * (room.ghosts * values * item + 4)
+    rows = (room.rows + 2 * room.ghosts) / max(len(state.particles.position), 1)
+    times = {
+        devices: _step_time(case, neighbors, sent, max(ghosts), devices)
+        for devices in (1, number, *(2**k for k in range(int(math.log2(MOST)) + 1)))
+    }
+    widest = simulation.box[blocks.axis] / (NARROWEST * simulation.search.reach)
+    useful = 1
+    while 2 * useful <= min(MOST, widest) and times[2 * useful] < WORTH * times[useful]:
+        useful *= 2
+    return DeviceReport(
+        number,
+        blocks.axis,
+        tuple(map(int, counts)),
+        tuple(map(int, ghosts)),
+        cells,
+        (sent, _pressure_bytes(case, blocks)),
+        int(memory * rows),
+        float(times[1] / times[number]),
+        useful,
+    )
+
+
+def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.ndarray, SlabRoom]:
+    """Particles and ghosts of every slab at the start, and the room for them."""
+    simulation, search = case.simulation, case.simulation.search
+    particles = required(state.particles, "state.particles")
+    division = Division(blocks, simulation.box[blocks.axis], 0.0, balanced=simulation.fluid is None)
+    position = np.asarray(particles.position, float)
+    if particles.active is not None:
+        position = position[np.asarray(particles.active)]
+    position = np.where(simulation.periodic, np.mod(position, simulation.box), position)
+    along = position[:, blocks.axis]
+    planes = division.length * np.arange(1, blocks.number) / blocks.number
+    if division.balanced:
+        planes = equal_planes(division, search, along)
+    slab = slab_of(planes, along)
+    counts = np.bincount(slab, minlength=blocks.number)
+    ghosts = np.zeros(blocks.number, int)
+    ends = [*planes, *([division.length] if blocks.periodic and blocks.number > 1 else [])]
+    for k, plane in enumerate(ends):
+        apart = along - plane
+        if blocks.periodic:
+            apart = apart - division.length * np.round(apart / division.length)
+        near = np.abs(apart) < search.reach
+        ghosts[k] += int(np.sum(near & (apart >= 0)))
+        ghosts[(k + 1) % blocks.number] += int(np.sum(near & (apart < 0)))
+    listed = search.room(components(particles.position), particles.active)
+    return counts, ghosts, needed_room(division, search, position, planes, listed)
+
+
+def _pressure_bytes(case: Case, blocks: Blocks) -> int:
+    """Sent by a device in an iteration of the pressure: the layer beside each border, and the slab for the transform
+    along the cut axis, there and back [B]."""
+    fluid = case.simulation.fluid
+    if fluid is None:
+        return 0
+    cells = math.prod(fluid.solver.grid.cells)
+    item = np.dtype(case.scene.precision).itemsize
+    layer = cells // fluid.solver.grid.cells[blocks.axis]
+    slab = cells // blocks.number
+    return item * (2 * layer + 2 * slab * (blocks.number - 1) // blocks.number)
+
+
+def _step_time(case: Case, neighbors: Neighbors, sent: int, ghosts: int, number: int) -> float:
+    """Of a contact step on so many devices, with as many ghosts on each [s]."""
+    steps, gpu = case.simulation.steps, jax.default_backend() != "cpu"
+    whole = run_cost(case.simulation, neighbors).contacts
+    step = whole / (steps.outputs * steps.intervals_per_output * steps.contacts_per_interval)
+    launch = (GPU if gpu else CPU).launch
+    if number == 1:
+        return step
+    kind = "gpu" if gpu else "cpu"
+    count = neighbors.reference[0].shape[0]
+    share = 1.0 / number + ghosts / max(count, 1)
+    return launch + (step - launch) * share + LATENCY[kind] + sent / BANDWIDTH[kind]

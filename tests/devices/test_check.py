@@ -1,0 +1,58 @@
+"""What `jaxdem check --devices` says."""
+
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem.check.check import check_scene
+from jaxdem.cli.check_table import render
+from jaxdem.errors import InputError
+
+
+def scene_of(**changes):
+    """Layers of a cubic lattice, periodic along x."""
+    tables = {
+        "precision": "float64",
+        "domain": {"size": [1.6, 0.1, 0.1]},
+        "particles": {
+            "count": 80 * 25,
+            "radius": 0.0099,
+            "density": 2500.0,
+            "pack": {"kind": "lattice", "start": [0, 0, 0], "stop": [1.6, 0.1, 0.1], "spacing": 0.02 / 0.0198},
+        },
+        "contact": {"young_modulus": 1e6},
+        "boundary": {"left": {"kind": "periodic"}, "right": {"kind": "periodic"}},
+        "time": {"end": 0.1, "output_interval": 0.05},
+    }
+    return jaxdem.load_scene(tables | changes)
+
+
+def test_particles_and_ghosts_of_a_lattice():
+    report = check_scene(scene_of(), devices=4).devices
+    assert report.axis == 0 and sum(report.particles) == 2000 and report.particles == (500,) * 4
+    # The list reaches over two centres' distance, 0.02, and not over two of them: a layer of 25 on either side.
+    assert report.ghosts == (50,) * 4
+    assert report.sent[0] > 2 * 25 * 12 * 8, "position, velocity, expected velocity and spin of a layer on both sides"
+    assert report.sent[1] == 0 and report.cells == 0
+
+
+def test_small_scenes_are_not_helped_and_large_ones_are():
+    grains = {"particles": {**scene_of().tables()["particles"], "count": 300}}
+    small, large = check_scene(scene_of(**grains), devices=2), check_scene(scene_of(), devices=2)
+    assert small.devices.useful == 1 and small.devices.shorter < 1.0 < large.devices.shorter < 2.0
+    assert large.devices.useful > 1
+    from rich.console import Console
+
+    console = Console(width=200)
+    with console.capture() as said:
+        console.print(render(small))
+    assert "Several devices do not help" in said.get()
+
+
+def test_what_cannot_be_divided_is_refused_by_name():
+    with pytest.raises(InputError, match="devices = 100: a slab must be"):
+        check_scene(scene_of(), devices=100)
+    fluid = {"fluid": {"cells": [15, 5, 5], "density": 1.2, "viscosity": 1e-5, "time_step": 1e-3}}
+    with pytest.raises(InputError, match="multiple of the number of devices, 4"):
+        check_scene(scene_of(particles=None, contact=None, **fluid), devices=4)
+    assert np.isfinite(check_scene(scene_of(), devices=1).cost.total) and check_scene(scene_of()).devices is None
