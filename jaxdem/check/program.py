@@ -46,6 +46,7 @@ def compiled_parts(
             ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
             ("mixing length over a bed", parameters.fluid.bed_mixing is not None),
             ("learned subgrid stress", parameters.fluid.subgrid is not None),
+            (f"mesh cut by {solver.surfaces or 'the'} surfaces", solver.surfaces > 0),
             ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
             ("velocity of a side over time", any(side.times is not None for side in solver.boundary.sides)),
             ("coupling of particles and fluid", simulation.coupling is not None),
@@ -130,8 +131,16 @@ def _materials(scene: Scene) -> str:
 def _walls_beside_the_box(scene: Scene) -> str:
     if not scene.walls:
         return "additional walls"
-    kinds = f"additional walls: {', '.join(wall.kind + _times_of(wall) + _motion_of(wall) for wall in scene.walls)}"
-    return f"{kinds} (for particles only; they do not affect the fluid)" if scene.fluid is not None else kinds
+    words = (wall.kind + _times_of(wall) + _motion_of(wall) + _in_fluid(wall) for wall in scene.walls)
+    kinds = f"additional walls: {', '.join(words)}"
+    if scene.fluid is None or any(wall.seen_by_fluid for wall in scene.walls):
+        return kinds
+    return f"{kinds} (for particles only; they do not affect the fluid)"
+
+
+def _in_fluid(wall: Wall) -> str:
+    """What a wall is to the fluid, in words; empty where it does not see it."""
+    return f", {wall.fluid} for the fluid" if wall.seen_by_fluid else ""
 
 
 def _times_of(wall: Wall) -> str:

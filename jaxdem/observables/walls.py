@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.numerics import vectors
 from jaxdem.state import Diagnostics
 from jaxdem.structure import Structure
@@ -53,6 +53,9 @@ def measuring_walls(
         contact = dataclasses.replace(contact, model=dataclasses.replace(contact.model, measured=measured))
     if fluid is not None:
         chosen = tuple(range(2 * len(simulation.box))) if sides is None else tuple(sorted(set(sides)))
+        if chosen and fluid.solver.surfaces > 0:
+            limit = "the force of the fluid on a side of the box is not measured beside walls that the fluid sees"
+            raise InputError("probes", "a side of the box", limit, "measure the walls, or set their fluid to none")
         fluid = dataclasses.replace(fluid, solver=dataclasses.replace(fluid.solver, measured_sides=chosen))
         coupling = None if coupling is None else dataclasses.replace(coupling, interval=fluid)
     return dataclasses.replace(simulation, contact=contact, fluid=fluid, coupling=coupling)
@@ -115,6 +118,36 @@ def fluid_force(diagnostics: Diagnostics, axis: int, upper: bool) -> Array:
     return _side_load(diagnostics, axis, upper)[:, 0]
 
 
+def force_in_fluid(diagnostics: Diagnostics, surfaces: tuple[int, ...]) -> Array:
+    """(D,) mean force of the fluid on surfaces that it sees, over an interval: pressure and viscous stress [N].
+
+    The pressure is the reduced one. Of a mean gradient along periodic axes it has no part.
+
+    Args:
+        diagnostics: of a step.
+        surfaces: their numbers among those that the fluid sees.
+    """
+    return _surface_load(diagnostics, surfaces)[:, 0]
+
+
+def torque_in_fluid(diagnostics: Diagnostics, surfaces: tuple[int, ...], about: Array) -> Array:
+    """(A,) mean torque of the fluid on surfaces that it sees, about a point a [N m]; see `fluid_torque`.
+
+    A force acts at the middle of its face or cell, so the arms are right to the size of a cell.
+
+    Args:
+        diagnostics: of a step.
+        surfaces: their numbers among those that the fluid sees.
+        about: (D,) the point a [m].
+    """
+    return _torque_of(_surface_load(diagnostics, surfaces), about)
+
+
+def _surface_load(diagnostics: Diagnostics, surfaces: tuple[int, ...]) -> Array:
+    loads = required(required(diagnostics.fluid, "fluid").surface_load, "surface_load of the diagnostics")
+    return jnp.sum(loads[jnp.asarray(surfaces)], axis=0)
+
+
 def fluid_torque(diagnostics: Diagnostics, axis: int, upper: bool, about: Array) -> Array:
     """(A,) mean torque of the fluid on a side of the box over an interval, about a point a [N m]:
 
@@ -129,7 +162,11 @@ def fluid_torque(diagnostics: Diagnostics, axis: int, upper: bool, about: Array)
         upper: whether it is the upper one.
         about: (D,) the point a [m].
     """
-    load = _side_load(diagnostics, axis, upper)
+    return _torque_of(_side_load(diagnostics, axis, upper), about)
+
+
+def _torque_of(load: Array, about: Array) -> Array:
+    """(A,) from force and first moments (D, 1 + D)."""
     moment, dimension = load[:, 1:] - load[:, :1] * about[None], load.shape[0]
     # moment[k, j] is the sum of (x_j - a_j) f_k.
     planes = ((0, 1),) if dimension == 2 else ((1, 2), (2, 0), (0, 1))

@@ -8,7 +8,16 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics.static import static
-from jaxdem.observables.walls import fluid_force, fluid_torque, mesh_walls, side_walls, surface_walls, wall_load
+from jaxdem.observables.walls import (
+    fluid_force,
+    fluid_torque,
+    force_in_fluid,
+    mesh_walls,
+    side_walls,
+    surface_walls,
+    torque_in_fluid,
+    wall_load,
+)
 from jaxdem.probes.base import Column, Interval, Probe
 from jaxdem.state import Parameters
 from jaxdem.structure import Structure
@@ -28,6 +37,7 @@ class WallProbe(Probe):
         turning: components of the torque that have a meaning.
         with_particles, with_fluid: what it measures.
         moves: whether the wall moves, so that the forces on it have a power.
+        in_fluid: numbers of its surfaces among those that the fluid sees.
     """
 
     name: str
@@ -40,6 +50,7 @@ class WallProbe(Probe):
     with_fluid: bool
     moves: bool = False
     mesh: int | None = None
+    in_fluid: tuple[int, ...] = ()
     NUMBERS: ClassVar[tuple[str, ...]] = ("about",)
 
     def walls(self, structure: Structure) -> tuple[int, ...]:
@@ -73,6 +84,11 @@ class WallProbe(Probe):
             found |= {self._torque(k): load.torque[k] for k in self.turning}
             found |= {"power": load.power} if self.moves else {}
             found |= {"mass_in_contact": load.mass}
+        if self.with_fluid and self.in_fluid:
+            force = force_in_fluid(interval.diagnostics, self.in_fluid)
+            torque = torque_in_fluid(interval.diagnostics, self.in_fluid, jnp.asarray(self.about))
+            found |= {f"fluid_force_{axis}": force[k] for k, axis in enumerate(self.axes)}
+            found |= {f"fluid_{self._torque(k)}": torque[k] for k in self.turning}
         if self.with_fluid and self.side is not None:
             force = fluid_force(interval.diagnostics, *self.side)
             torque = fluid_torque(interval.diagnostics, *self.side, jnp.asarray(self.about))

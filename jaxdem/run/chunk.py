@@ -40,7 +40,7 @@ class Records(NamedTuple):
 
     Attributes:
         collision_force, fastest, builds, waiting: see `ParticleDiagnostics`.
-        substeps, courant, iterations, divergence, pressure_gradient: see `FluidDiagnostics`.
+        substeps, courant, iterations, divergence, pressure_gradient, surface_load: see `FluidDiagnostics`.
         momentum, volume, out_of_range: see `ExchangeDiagnostics`.
     """
 
@@ -53,6 +53,7 @@ class Records(NamedTuple):
     iterations: Array | None = None
     divergence: Array | None = None
     pressure_gradient: Array | None = None
+    surface_load: Array | None = None
     momentum: Array | None = None
     volume: Array | None = None
     out_of_range: Array | None = None

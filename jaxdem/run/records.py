@@ -15,6 +15,7 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.drive import bulk_velocity
 from jaxdem.fluid.grid import cell_average, face_average
+from jaxdem.fluid.momentum import open_section
 from jaxdem.numerics.axes import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
@@ -121,6 +122,10 @@ def history_of(
             collision = collision / float(bodies.parcels.grains)
     if fluid is not None:
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
+        cut = case.fluid_walls.cut
+        if cut is not None:  # cells that are more open than solid
+            is_open = np.asarray(cut.open_cells) >= 0.5
+            arrays |= {name: arrays[name][is_open] for name in ("fluid_pressure", "fluid_velocity")}
     known = metrics.Quantities(collision_force=None if particles is None else collision, **arrays)
     row = metrics.history_row(instant.time, known)
     counts = particle_counts(case.simulation, instant.state)
@@ -149,7 +154,12 @@ def drive_figures(case: Case, state: State, gradient: np.ndarray | None) -> dict
         gradient = np.asarray(fluid.mean_gradient + parameters.flow.density * parameters.gravity)
     whole = (1.0,) * grid.dimension
     on_faces = whole if fluid.void_fraction is None else face_average(grid, fluid.void_fraction)
+    cut = case.parameters.flow.cut
+    if cut is not None:
+        on_faces = cut.opened(on_faces)
     bulk = np.asarray(bulk_velocity(grid, drive, fluid.face_velocity, on_faces))
+    if cut is not None:  # over the open part of the cross-section
+        bulk = bulk / np.asarray(open_section(grid, cut))
     axes = [(axis, name) for axis, name in enumerate(AXES[grid.dimension]) if drive.driven[axis]]
     found = {f"pressure_gradient_{name}": float(gradient[axis]) for axis, name in axes}
     return found | {f"bulk_velocity_{name}": float(bulk[axis]) for axis, name in axes}

@@ -82,6 +82,7 @@ def run_summary(
         **_inlet_figures(simulation, state, totals),
         **_liquid_figures(case, state),
         **({"start": case.start_figures} if case.start is not None else {}),
+        **_walls_in_fluid(case, totals),
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
@@ -94,6 +95,20 @@ def run_summary(
             "ensemble_spread": totals.spread / totals.ensemble_force if totals.ensemble_force else None,
         },
     }
+
+
+def _walls_in_fluid(case: Case, totals: Totals) -> dict[str, Any]:
+    """Mean force of the fluid on every wall that it sees, over the run [N]; {} without such walls."""
+    owners = case.fluid_walls.walls
+    if not owners or not totals.intervals:
+        return {}
+    forces = np.reshape(totals.surface_force, (len(owners), -1)) / totals.intervals
+    found = []
+    for number in dict.fromkeys(owners):
+        own = forces[[k for k, owner in enumerate(owners) if owner == number]].sum(axis=0)
+        name = case.scene.walls[number].name
+        found.append({"wall": number, "name": name, "fluid_force_mean": own.tolist()})
+    return {"walls_in_fluid": found}
 
 
 def _law_name(scene: Scene, parameters: Parameters) -> str | None:

@@ -42,6 +42,7 @@ class Totals:
     collision_intervals: int = 0
     gradient: tuple[float, ...] = ()
     gradient_intervals: int = 0
+    surface_force: tuple[float, ...] = ()
     out_of_range: float = 0.0
     spread: float = 0.0
     ensemble_force: float = 0.0
@@ -84,6 +85,12 @@ class Totals:
             for row in rows:  # one after the other: the sum is the same however the intervals are cut into chunks
                 before = before + row
             self.gradient, self.gradient_intervals = tuple(before.tolist()), self.gradient_intervals + count
+        if records.surface_load is not None:
+            forces = told["surface_load"][..., 0].astype(float)
+            so_far = np.asarray(self.surface_force) if self.surface_force else np.zeros(forces[0].size)
+            for row in forces:
+                so_far = so_far + np.ravel(row)
+            self.surface_force = tuple(so_far.tolist())
         if records.waiting is not None:
             self.waiting = int(told["waiting"][-1])
             self.waiting_most = max(self.waiting_most, int(told["waiting"].max()))

@@ -56,6 +56,7 @@ class Case:
         parameters: its numbers.
         probes: what is measured while it runs.
         start: state of the run that it begins from; None where it begins at t = 0.
+        fluid_walls: what the fluid sees of the walls.
     """
 
     scene: Scene
@@ -64,6 +65,7 @@ class Case:
     parameters: Parameters
     probes: tuple[ScheduledProbe, ...] = ()
     start: StartPoint | None = None
+    fluid_walls: FluidWalls = FluidWalls()
 
     def _beginning(self, start: StartPoint) -> Beginning:
         own = self.particles.start if isinstance(self.particles, StartedParticles) else start
@@ -204,7 +206,7 @@ def build_case(
         population = population_of(particles, steps.interval, clock)
         contact = contact_interval(particles, steps, population, extensions, dtype)
     if fluid is not None:
-        seen = fluid_walls(scene, fluid.grid, boundary)
+        seen = fluid_walls(scene, fluid.grid, boundary, extensions)
         interval = fluid_interval(fluid, boundary, steps, len(seen.walls))
     if interval is not None and particles is not None and scene.coupling is not None:
         closure = drag_closure(scene, scene.coupling, closure)
@@ -227,7 +229,7 @@ def build_case(
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
     parameters = seen.put_into(parameters)
     probes = scene_probes(scene, steps, clock, 0 if particles is None else particles.total)
-    return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start)
+    return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start, seen)
 
 
 def _particles(scene: Scene, start: StartPoint | None) -> ParticleSetup | None:

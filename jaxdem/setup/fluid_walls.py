@@ -19,6 +19,7 @@ from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.scene.wall_motion import WallMotion
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
+from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.state import Parameters
 
@@ -56,20 +57,24 @@ class FluidWalls:
         return parameters._replace(fluid=parameters.fluid._replace(cut=CutCells(**whole)))  # type: ignore[arg-type]
 
 
-def fluid_walls(scene: Scene, grid: Grid, boundary: Boundary) -> FluidWalls:
+def fluid_walls(scene: Scene, grid: Grid, boundary: Boundary, extensions: Extensions) -> FluidWalls:
     """The walls that the fluid sees, as they cut its mesh.
 
     Args:
         scene: the scene.
         grid: its mesh.
         boundary: its sides.
+        extensions: parts of the user.
 
     Raises:
-        InputError: no fluid is left, or an inlet or outlet is closed.
+        InputError: no fluid is left, an inlet or outlet is closed, or a part of the user's does not know of walls.
     """
     seen = seen_by_fluid(scene.walls)
     if not seen:
         return FluidWalls()
+    if extensions.get("subgrid") is not None:
+        limit = "does not work beside a wall that the fluid sees"
+        raise InputError("subgrid", "...", limit, 'leave it out, or set fluid = "none" for all walls')
     surfaces, owners = [], []
     for number, wall in seen:
         for surface in surfaces_of(wall):

@@ -19,6 +19,7 @@ from jaxdem.probes.profile import ProfileProbe
 from jaxdem.probes.wall import WallProbe
 from jaxdem.scene import Scene
 from jaxdem.scene import probes as described
+from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.scene.probe_places import measured_at, number_of, torque_axes
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.simulation import Simulation
@@ -127,7 +128,9 @@ def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
         mesh = None
         if wall.kind == "mesh":
             mesh = sum(one.kind == "mesh" for one in scene.walls[:number])
-        return WallProbe(probe.name, axes, None, own, about, turning, has[0], False, wall.moves, mesh)
+        in_fluid = _surfaces_in_fluid(scene, number)
+        given = has[0], bool(in_fluid), wall.moves
+        return WallProbe(probe.name, axes, None, own, about, turning, *given, mesh, in_fluid)
     name = probe.side or ""
     axis, upper = scene.box.normal_of(name)
     middle = [0.5 * length for length in scene.domain.size]
@@ -135,6 +138,13 @@ def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
     about, has = probe.about or tuple(middle), measured_at(scene.boundary[name], *has)
     moves = scene.boundary[name].kind == "moving_wall"
     return WallProbe(probe.name, axes, (axis, upper), (), about, turning, *has, moves)
+
+
+def _surfaces_in_fluid(scene: Scene, number: int) -> tuple[int, ...]:
+    """Numbers of the surfaces of a wall among those that the fluid sees."""
+    seen = seen_by_fluid(scene.walls)
+    owners = [k for k, wall in seen for _ in surfaces_of(wall)]
+    return tuple(k for k, owner in enumerate(owners) if owner == number)
 
 
 def with_measured_walls(simulation: Simulation, probes: tuple[ScheduledProbe, ...]) -> Simulation:

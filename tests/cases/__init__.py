@@ -17,6 +17,7 @@ MODULES = (
     "moving_walls",
     "fluid",
     "outlets",
+    "walls_in_fluid",
     "exchange",
     "fluidised",
     "hindered",

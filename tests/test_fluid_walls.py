@@ -1,0 +1,152 @@
+"""Walls that the fluid sees, from scenes: what is refused, rest, momentum with grains, probes and summary."""
+
+import copy
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxdem import InputError, build, initial_state, load_scene, simulate
+from jaxdem.fluid.grid import face_average, face_control_volume, face_total
+from jaxdem.setup.builder import build_case
+
+TILTED = (
+    {"kind": "plane", "point": [0.05, 0.03], "normal": [-0.2, 1.0], "fluid": "no_slip"},
+    {"kind": "plane", "point": [0.35, 0.1], "normal": [-1.0, -0.3], "fluid": "free_slip"},
+    {"kind": "cylinder", "center": [0.2, 0.2], "radius": 0.19, "fluid": "no_slip"},
+)
+
+
+def tables(*walls, grains=True, **changes):
+    found = {
+        "precision": "float64",
+        "domain": {"size": [0.4, 0.4], "depth": 0.02, "gravity": [3.0, -9.0]},
+        "fluid": {"cells": [12, 12], "density": 1000.0, "viscosity": 1e-4},
+        "walls": [copy.deepcopy(wall) for wall in walls],
+        "time": {"end": 0.04, "output_interval": 0.02},
+    }
+    if grains:
+        found["particles"] = {
+            "radius": 0.008, "density": 1000.0, "position": [[0.15, 0.2], [0.25, 0.22], [0.2, 0.12], [0.2, 0.3]],
+        }  # fmt: skip
+        found["contact"] = {"young_modulus": 1e7}
+    for key, value in changes.items():
+        found[key] = found.get(key, {}) | value if isinstance(value, dict) else value
+    return found
+
+
+def refusal(given, act=lambda given: build(load_scene(given))):
+    with pytest.raises(InputError) as caught:
+        act(given)
+    assert caught.value.remedy
+    return str(caught.value)
+
+
+CYLINDER = {"kind": "cylinder", "center": [0.2, 0.2], "radius": 0.06, "inside": False, "fluid": "no_slip"}
+STREAM = {"boundary": {"left": {"kind": "inlet", "velocity": [0.1, 0.0]}, "right": {"kind": "outlet"}}}
+
+
+def test_what_does_not_work_is_refused_by_name():
+    wall = TILTED[2]
+    assert "walls.0.begin" in refusal(tables(wall | {"begin": 0.1}))
+    assert "walls.0.piston" in refusal(tables(TILTED[0] | {"piston": {"direction": [0.0, 1.0], "force": 1.0}}))
+    moving = {"motion": [{"kind": "translation", "velocity": [0.1, 0.0]}]}
+    assert "walls.0.motion.0" in refusal(tables(wall | moving))
+    off_centre = {"motion": [{"kind": "rotation", "rate": 1.0, "center": [0.21, 0.2]}]}
+    assert "walls.0.motion.0" in refusal(tables(wall | off_centre))
+    assert "fluid.smagorinsky" in refusal(tables(wall, fluid={"smagorinsky": 0.1}))
+    assert "coupling.void_fraction" in refusal(tables(wall, coupling={"void_fraction": "diffusion"}))
+    no_fluid = tables(wall)
+    del no_fluid["fluid"]
+    assert "walls.0.fluid" in refusal(no_fluid)
+    nothing_left = {"kind": "plane", "point": [0.0, 1.0], "normal": [0.0, 1.0], "fluid": "no_slip"}
+    assert "no cell" in refusal(tables(nothing_left, grains=False))
+    before_the_inlet = {"kind": "plane", "point": [0.1, 0.0], "normal": [1.0, 0.0], "fluid": "no_slip"}
+    assert "boundary.left.kind" in refusal(tables(before_the_inlet, grains=False, **STREAM))
+    sides = {"probes": [{"name": "floor", "kind": "wall", "side": "bottom", "interval": 0.02}]}
+    assert "probes" in refusal(tables(wall, **sides))
+    assert "need [particles]" in refusal(tables({k: v for k, v in CYLINDER.items() if k != "fluid"}, grains=False))
+
+
+def test_turning_cylinders_and_sliding_planes_are_allowed():
+    turning = CYLINDER | {"motion": [{"kind": "rotation", "rate": 2.0}]}
+    sliding = {"kind": "plane", "point": [0.0, 0.03], "normal": [0.0, 1.0], "fluid": "no_slip"}
+    sliding["motion"] = [{"kind": "translation", "velocity": [0.3, 0.0]}]
+    _, parameters = build(load_scene(tables(turning, sliding, grains=False)))
+    cut = parameters.fluid.cut
+    assert float(cut.spin[0, 0]) == 2.0
+    assert float(jnp.abs(cut.velocity[0]).max()) == pytest.approx(0.3)
+    near = np.asarray(cut.nearest_to_faces[1]) == 0
+    assert float(np.abs(np.asarray(cut.velocity[1]))[near].max()) == pytest.approx(2.0 * 0.06, rel=0.02)
+
+
+def momentum(simulation, parameters, fluid):
+    grid, cut = simulation.fluid.solver.grid, parameters.fluid.cut
+    g = face_average(grid, fluid.void_fraction)
+    volumes = (1000.0 * face_control_volume(grid, axis) for axis in range(2))
+    parts = zip(cut.inertia, volumes, g, fluid.face_velocity, cut.open_faces, strict=True)
+    return np.asarray(face_total(grid, tuple(m * v * h * u * (a > 0.0) for m, v, h, u, a in parts)))
+
+
+def test_water_and_grains_in_a_tilted_box_rest_and_the_third_law_holds():
+    scene = load_scene(tables(*TILTED))
+    simulation, parameters = build(scene)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    step = jax.jit(simulation.step)
+    for _ in range(3):
+        state, neighbors, told = step(parameters, state, neighbors)
+    assert max(float(jnp.abs(u).max()) for u in state.fluid.face_velocity) < 1e-15
+    assert float(jnp.abs(state.particles.velocity).max()) < 1e-14
+    assert float(told.exchange.volume) < 1e-13
+    # Heavier grains sink: what the fluid gains is what grains and walls do not get.
+    heavy = parameters._replace(bodies=parameters.bodies._replace(density=jnp.asarray(2500.0)))
+    for _ in range(4):
+        before = momentum(simulation, heavy, state.fluid)
+        state, neighbors, told = step(heavy, state, neighbors)
+        gained = (momentum(simulation, heavy, state.fluid) - before) / simulation.interval
+        on_walls = np.asarray(told.fluid.surface_load)[:, :, 0]
+        given = np.asarray(told.forces.total).sum(axis=0)
+        assert np.abs(gained + on_walls.sum(axis=0) + given).max() < 1e-10 * np.abs(on_walls).sum()
+        assert float(told.fluid.divergence) < 1e-11
+    assert np.abs(gained).max() > 1e-3
+
+
+def test_forces_in_probes_and_summary(tmp_path):
+    probes = [{"name": "drag", "kind": "wall", "wall": 0, "interval": 0.01, "average": True}]
+    given = tables(CYLINDER, grains=False, probes=probes, domain={"gravity": [0.0, 0.0]}, **STREAM)
+    whole = simulate(load_scene(given), out=tmp_path / "whole")
+    rows = h5py.File(whole.path / "probes.h5")["drag"][:]
+    assert rows["fluid_force_x"][-1] > 0.0
+    mean = whole.summary["walls_in_fluid"][0]["fluid_force_mean"]
+    assert mean[0] == pytest.approx(rows["fluid_force_x"].mean(), rel=1e-12)
+    case = build_case(load_scene(given))
+    solid = np.asarray(case.fluid_walls.cut.open_cells) == 0.0
+    assert solid.any()
+    frame = whole.fluid(-1)
+    assert not np.asarray(frame["pressure"])[solid].any()
+
+
+def test_float32_and_three_dimensions():
+    tube = {
+        "kind": "cylinder",
+        "center": [0.2, 0.2, 0.2],
+        "radius": 0.15,
+        "axis": [0.0, 0.3, 1.0],
+        "fluid": "no_slip",
+    }
+    given = {
+        "domain": {"size": [0.4, 0.4, 0.4], "gravity": [0.0, 0.0, 0.0]},
+        "fluid": {"cells": [8, 8, 8], "density": 1000.0, "viscosity": 1e-3, "time_step": 0.01},
+        "walls": [tube],
+        "boundary": {"bottom": {"kind": "inlet", "velocity": [0.0, 0.0, 0.05]}, "top": {"kind": "outlet"}},
+        "time": {"end": 0.02, "output_interval": 0.02},
+    }
+    scene = load_scene(given)
+    simulation, parameters = build(scene)
+    state, _ = initial_state(scene, simulation, parameters)
+    state, _, told = jax.jit(simulation.step)(parameters, state, None)
+    assert bool(told.fluid.converged) and bool(told.fluid.finite)
+    assert float(told.fluid.divergence) < 1e-5
+    assert state.fluid.pressure.dtype == jnp.float32
