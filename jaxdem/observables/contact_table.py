@@ -35,8 +35,8 @@ class ContactTable(NamedTuple):
         force: (R, D) on the first particle [N].
         normal_force: (R,) its part along the normal, positive where it repels [N].
         tangential_force: (R,) length of the rest [N].
-        mobilised: (R,) tangential force over Coulomb's limit, friction times normal force: 1 where the contact slides,
-            a little less while it is being pressed together; 0 without friction [-].
+        mobilised: (R,) tangential force over Coulomb's limit, friction times normal force (and adhesion): 1 where the
+            contact slides, a little less while it is being pressed together; 0 without friction [-].
     """
 
     first: Array
@@ -98,7 +98,8 @@ def _rows(touching: Touching, bodies: tuple[Array, Array, Array], centres: Array
     overlap, normal, force = touching.overlap.reshape(-1), flat(touching.normal), flat(touching.force)
     along = vectors.dot(force, normal)
     across = vectors.length(vectors.add_scaled(force, -along, normal))
-    limit = flat((touching.friction,))[0] * jnp.maximum(along, 0.0)
+    pressing = along if touching.adhesion is None else along + flat((touching.adhesion,))[0]
+    limit = flat((touching.friction,))[0] * jnp.maximum(pressing, 0.0)
     slides = limit > 0.0
     mobilised = jnp.where(slides, across / jnp.where(slides, limit, 1.0), 0.0)
     normals = vectors.stack(normal)

@@ -48,6 +48,9 @@ COHESIONS: dict[str, Callable[[], Cohesion]] = {
     "sjkr": SimplifiedJKR,
 }
 
+AT_MESHES = ("dmt", "sjkr")
+"""Kinds of cohesion that walls of kind mesh have too: they act while bodies overlap, and remember nothing."""
+
 
 def contact_interval(
     particles: ParticleSetup,
@@ -84,9 +87,10 @@ def contact_interval(
     measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
     cohesion = _cohesion(particles, extensions)
     meshes = tuple(MeshWall(number, mesh.usual) for number, mesh in enumerate(particles.meshes))
-    if meshes and cohesion is not None:
-        limit = "acts between grains and at planes, cylinders and wedges, and the scene has walls that are meshes"
-        raise InputError("contact.cohesion", "...", limit, "remove it, or the walls of kind mesh")
+    kind = particles.contact.cohesion_kind
+    if meshes and kind is not None and kind not in AT_MESHES:
+        limit = "acts over a gap, and lists of walls that are meshes reach as far as contacts only"
+        raise InputError("contact.cohesion.kind", kind, limit, f"take {' or '.join(AT_MESHES)}, or planes as walls")
     model = ContactModel(
         law,
         _rolling(particles),

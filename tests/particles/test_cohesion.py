@@ -26,6 +26,7 @@ from jaxdem.particles.cohesion import (
 )
 from jaxdem.particles.materials import surroundings
 from tests.cases.cohesion import EFFECTIVE_MODULUS, EFFECTIVE_RADIUS, RADIUS, WORK, jkr_radii, two
+from tests.cases.surfaces import flight, grains_scene, plane_mesh, saved
 from tests.cases.worlds import World, advance, constants, forces, track, world
 
 JKR = {"kind": "jkr", "work_of_adhesion": 0.05}
@@ -221,6 +222,24 @@ def test_a_tangential_spring_lives_in_the_neck():
         after, _ = track(made, 1e-6, 3, 1)
         spring = float(after.state.contact_spring[1][0])
         assert abs(spring) == pytest.approx(held * 3e-9, rel=0.02, abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["dmt", "sjkr"])
+def test_a_mesh_pulls_as_a_plane(kind, tmp_path):
+    """Grains that fall on a plane of triangles, stick or slide: the same as on a plane wall."""
+    path = saved(plane_mesh(10, warp=0.3), tmp_path / "plane.ply")
+    place, velocity = [[0.4, 0.5, 0.321], [0.6, 0.5, 0.33]], [[0.2, 0.1, -0.05], [0.3, 0.0, -0.4]]
+    cohesion = {"kind": "dmt", "work_of_adhesion": 3.0} if kind == "dmt" else {"kind": "sjkr", "energy_density": 1e5}
+    contact = {"young_modulus": 1e7, "restitution": 0.5, "friction": 0.4, "speed": 1.0, "cohesion": cohesion}
+    walls = ({"kind": "plane", "point": [0.0, 0.0, 0.3], "normal": [0.0, 0.0, 1.0]},
+             {"kind": "mesh", "file": path, "translate": [0.0, 0.0, 0.3]})  # fmt: skip
+    plane, mesh = (flight(grains_scene([wall], place, velocity, contact=contact), 16).position for wall in walls)
+    del contact["cohesion"]
+    bare = flight(grains_scene([walls[0]], place, velocity, contact=contact), 16).position
+    assert np.abs(mesh - plane).max() < 1e-12
+    assert np.abs(bare - plane).max() > 1e-5
+    with pytest.raises(InputError, match="lists of walls that are meshes"):
+        jaxdem.build(jaxdem.load_scene(grains_scene([walls[1]], place, contact=contact | {"cohesion": JKR})))
 
 
 def test_the_list_reaches_as_far_as_the_attraction():
