@@ -67,23 +67,29 @@ class Halo:
         """Number of cells per axis, with the halo."""
         return tuple(n + 2 * self.layers * (a == self.blocks.axis) for a, n in enumerate(self.grid.cells))
 
-    def filled(self, cells: Array) -> Array:
-        """A cell array of the slab with the neighbours' cells in the halo; beyond a side of the box without a
-        meaning."""
+    def filled(self, fields: list[Array]) -> list[Array]:
+        """Cell arrays of the slab with the neighbours' cells in the halo; beyond a side of the box without a meaning.
+        One message each way carries the layers of all."""
         axis = self.blocks.axis
-        before = self.blocks.from_lower(along(cells, axis, -self.layers, None))
-        after = self.blocks.from_upper(along(cells, axis, 0, self.layers))
-        return jnp.concatenate((before, cells, after), axis)
+        before = self.blocks.from_lower(jnp.stack([along(field, axis, -self.layers, None) for field in fields]))
+        after = self.blocks.from_upper(jnp.stack([along(field, axis, 0, self.layers) for field in fields]))
+        return [jnp.concatenate(parts, axis) for parts in zip(before, fields, after, strict=True)]
 
-    def folded(self, wide: Array) -> Array:
-        """A cell array of the slab, with what all particles have put there: the adjoint of `filled`."""
-        axis, width = self.blocks.axis, self.layers
-        count = self.grid.cells[axis]
-        first = self.blocks.from_lower(along(wide, axis, count + width, None))
-        last = self.blocks.from_upper(along(wide, axis, 0, width))
-        at_lower = jnp.concatenate((first, jnp.zeros_like(along(wide, axis, 0, count - width))), axis)
-        at_upper = jnp.concatenate((jnp.zeros_like(along(wide, axis, 0, count - width)), last), axis)
-        return along(wide, axis, width, width + count) + at_lower + at_upper
+    def folded(self, fields: list[Array]) -> list[Array]:
+        """Cell arrays of the slab, with what all particles have put there: the adjoint of `filled`."""
+        axis, width, count = self.blocks.axis, self.layers, self.grid.cells[self.blocks.axis]
+        first = self.blocks.from_lower(jnp.stack([along(field, axis, count + width, None) for field in fields]))
+        last = self.blocks.from_upper(jnp.stack([along(field, axis, 0, width) for field in fields]))
+        rest = jnp.zeros_like(along(first[0], axis, 0, 1), shape=self._with_layers(count - width))
+        return [
+            along(field, axis, width, width + count)
+            + jnp.concatenate((lower, rest), axis)
+            + jnp.concatenate((rest, upper), axis)
+            for field, lower, upper in zip(fields, first, last, strict=True)
+        ]
+
+    def _with_layers(self, number: int) -> tuple[int, ...]:
+        return tuple(number if a == self.blocks.axis else n for a, n in enumerate(self.grid.cells))
 
     def place(self, columns: Array) -> tuple[Array, Array]:
         """Number within slab and halo of layers of cells of the whole box along the cut axis, and whether each lies
@@ -183,23 +189,35 @@ def point_weights(grid: Grid, half_width: tuple[float, ...], points: Array) -> W
 
 def deposit(grid: Grid, weights: Weights, quantity: Array) -> Array:
     """Particle quantities (N,) spread over the cells: sum_p w_pc q_p, in the unit of the quantity."""
-    halo, shares = weights.halo, weights.weight * quantity[:, None]
-    cells = grid.cells if halo is None else halo.cells
+    return _deposited(grid, weights, [quantity])[0]
+
+
+def _deposited(grid: Grid, weights: Weights, quantities: list[Array]) -> list[Array]:
+    """Several quantities (N,), each as by `deposit`."""
+    fields = [_spread(grid, weights, quantity) for quantity in quantities]
+    if weights.halo is not None:
+        fields = weights.halo.folded(fields)
+    return [_smoothed(weights, field) for field in fields]
+
+
+def _spread(grid: Grid, weights: Weights, quantity: Array) -> Array:
+    """A quantity (N,) on the cells that the particles reach, with the halo."""
+    shares = weights.weight * quantity[:, None]
+    cells = grid.cells if weights.halo is None else weights.halo.cells
     size = math.prod(cells)
     if isinstance(shares, np.ndarray) and isinstance(weights.index, np.ndarray):
         spread = np.bincount(np.ravel(weights.index), np.ravel(shares), size).astype(shares.dtype)
     else:
         flat = jnp.zeros(size, quantity.dtype)
         spread = flat.at[weights.index].add(shares, mode="promise_in_bounds")
-    field = spread.reshape(cells)
-    return _smoothed(weights, field if halo is None else halo.folded(field))
+    return spread.reshape(cells)
 
 
 def interpolate(weights: Weights, cells: tuple[Array, ...]) -> Array:
     """Cell fields at the particles, sum_c w_pc f_c: (N, number of fields)."""
     fields = [_smoothed(weights, c) for c in cells]
     if weights.halo is not None:
-        fields = [weights.halo.filled(field) for field in fields]
+        fields = weights.halo.filled(fields)
     table = jnp.stack([field.reshape(-1) for field in fields], axis=1)
     return jnp.einsum("ns,nsk->nk", weights.weight, table[weights.index], precision=PRECISION)
 
@@ -209,7 +227,7 @@ def deposit_on_faces(grid: Grid, weights: Weights, quantity: Array) -> FaceField
     if quantity.ndim == 1:
         cells = (deposit(grid, weights, quantity),) * grid.dimension
     else:
-        cells = tuple(deposit(grid, weights, quantity[:, a]) for a in range(grid.dimension))
+        cells = tuple(_deposited(grid, weights, [quantity[:, a] for a in range(grid.dimension)]))
     return share_to_faces(grid, cells)
 
 
