@@ -9,7 +9,8 @@ import jax
 import numpy as np
 
 from jaxdem.check.run_cost import CPU, GPU, run_cost
-from jaxdem.devices.refused import chosen_blocks, require_divisible
+from jaxdem.devices.cut import slabs_of
+from jaxdem.devices.refused import require_divisible
 from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
@@ -76,7 +77,7 @@ def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | 
     simulation = case.simulation
     require_divisible(simulation)
     position = None if case.particles is None else case.particles.position
-    blocks = chosen_blocks(simulation, number, position, None)
+    blocks = slabs_of(simulation, number, position)
     cells = 0
     if simulation.fluid is not None:
         cells = math.prod(simulation.fluid.solver.grid.cells) // number
