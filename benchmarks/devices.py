@@ -1,0 +1,348 @@
+"""One box on several devices: contact steps a second, what is lost to messages, and what a model says of more devices.
+
+    python benchmarks/devices.py [--quick] [--sizes 20000 200000] [--weak 10000] [--windows 5]
+
+The pile is the column of contact.py, which slides at 2 m/s, so that lists are renewed about as often as in a flowing
+heap. Contenders, each in processes of its own, one after the other:
+
+- one: one device, the plain program, on one core; also on two cores;
+- machinery: one device with the program of several, on one core: what one device loses by it;
+- devices: host devices of one process on all cores;
+- processes: two processes joined by `jax.distributed` over loopback, one core each.
+
+Strong scaling: the same grains on more devices. Weak scaling: `--weak` grains a device. The share of messages is the
+time that sending the ghosts of a contact step takes by itself, over that of the step. Where cards are at hand the same
+contenders run on them, without processes. `--quick` does the smallest size with short windows; about two minutes.
+
+The model: a contact step takes launch + work N (1 + ghosts) + latency + bytes / bandwidth. Launch and work are fitted
+to one device, latency and bandwidth to messages between the two processes. What it says for cards is a prediction with
+assumed numbers, which the table names.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+from benchmarks import contact, harness
+
+# jax is imported by the processes that measure: flags and cores are theirs.
+
+SLIDE = 2.0  # of the column [m/s]
+PARTICLE_STEPS = 2e6  # in a window
+QUICK_STEPS = 4e5
+MESSAGES = (100, 1000, 10_000)  # rows of the messages that are timed
+WIDTH = 8  # numbers of a ghost in them
+CARD = {"launch": 37e-6, "work": 1.0e-9, "latency": 20e-6, "bandwidth": 50e9}
+"""Assumed of cards: launch of contact.py's program on an H100, work of a grain in 3-D [s], messages between cards of a
+host."""
+GHOST_LAYERS, GHOST_NUMBERS = 1.3, 12  # layers of grains within reach of a border, and numbers of each in 3-D
+
+
+# --- inside a process of its own --------------------------------------------------------------------------
+
+
+def measure(given: dict[str, Any]) -> dict[str, Any] | None:
+    """Windows of contact steps of one contender; None from all processes but the first."""
+    import jax
+
+    if given["devices"] > given["processes"]:
+        jax.config.update("jax_num_cpu_devices", given["devices"])
+    if given["processes"] > 1:
+        from jaxdem.run.peers import join
+
+        join(given["rank"], given["processes"], f"127.0.0.1:{given['port']}", [given["rank"]])
+    import jaxdem
+    from jaxdem import devices as over
+    from jaxdem.devices.mesh import SAME, put
+
+    steps = max(20, round(given["particle_steps"] / given["count"]))
+    with tempfile.TemporaryDirectory() as folder:
+        scene = jaxdem.load_scene(write_scene(Path(folder), given["count"], steps))
+        divided = given["devices"] if given["devices"] > 1 or given["machinery"] else None
+        simulation, parameters = jaxdem.build(scene, devices=divided)
+        state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    same = parameters if divided is None else put(simulation.mesh, parameters, SAME)
+
+    def compiled() -> Any:
+        return jax.jit(lambda p, s, n: simulation.step(p, s, n)[:2]).lower(same, state, neighbors).compile()
+
+    advance, seconds, builds = compiled(), [], []
+    while len(seconds) < given["windows"] + 1:
+        begin = time.perf_counter()
+        found = jax.block_until_ready(advance(same, state, neighbors))
+        duration = time.perf_counter() - begin
+        if bool(np.any(over.mesh.on_host(found[1].overflow))):
+            if divided is None:
+                found = simulation.with_room(state, neighbors, neighbors.room.enlarged())
+            else:
+                found = over.enlarged(simulation, parameters, state, neighbors, found[1])
+            state, neighbors = found
+            advance = compiled()
+            continue
+        before = int(np.max(over.mesh.on_host(neighbors.builds)))
+        state, neighbors = found
+        seconds.append(duration)
+        builds.append(int(np.max(over.mesh.on_host(neighbors.builds))) - before)
+    steps = simulation.steps.contacts_per_interval
+    result: dict[str, Any] = {"steps": steps, "seconds": seconds[1:], "builds": builds[1:]}
+    if divided is not None:
+        told = over.counts(neighbors)
+        room = over.SlabRoom.of(neighbors)
+        result |= {
+            "particles": told.particles.tolist(),
+            "ghosts": told.ghosts.tolist(),
+            "migrations": told.migrations,
+            "cuts": told.cuts,
+            "room_of_ghosts": room.ghosts,
+        }
+        if given["devices"] > 1:
+            result["message_seconds"] = message_time(simulation.mesh, room.ghosts, 500)
+            if given["messages"]:
+                result["sizes"] = {str(rows): message_time(simulation.mesh, rows, 500) for rows in MESSAGES}
+    return result if given["rank"] == 0 else None
+
+
+def message_time(mesh: Any, rows: int, count: int) -> float:
+    """Seconds of sending rows of ghosts to both neighbours at once, the least of three times so many."""
+    import jax
+    import jax.numpy as jnp
+    from jax import lax
+
+    from jaxdem.devices.mesh import SLABS, on_slabs, put
+    from jaxdem.numerics.blocks import Blocks
+
+    blocks = Blocks(mesh.devices.size, 0, False)
+
+    def send(x: Any) -> Any:
+        return lax.fori_loop(0, count, lambda _, y: 0.5 * (blocks.from_lower(y) + blocks.from_upper(y)), x)
+
+    given = put(mesh, np.ones((mesh.devices.size, rows, WIDTH), np.float32), SLABS)
+    program = jax.jit(on_slabs(mesh, send, (SLABS,), SLABS))
+    jax.block_until_ready(program(given))
+    seconds = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        jax.block_until_ready(program(given))
+        seconds.append((time.perf_counter() - begin) / count)
+    assert jnp.float32 == given.dtype
+    return min(seconds)
+
+
+def write_scene(folder: Path, count: int, steps: int) -> Path:
+    """The sliding column as a scene file; an interval has `steps` contact steps."""
+    position, box = contact.column(count)
+    np.save(folder / "position.npy", position)
+    np.save(folder / "velocity.npy", np.broadcast_to((SLIDE, 0.0), position.shape))
+    interval = 1.0 / round(1.0 / (steps * contact.STEP))
+    scene = folder / "column.toml"
+    scene.write_text(
+        f"""
+[domain]
+size = {list(box)}
+depth = 0.04
+[particles]
+position = "position.npy"
+velocity = "velocity.npy"
+radius = {contact.RADIUS}
+density = {contact.DENSITY}
+[contact]
+young_modulus = 7e7
+restitution = 0.7
+friction = 0.1
+rolling_friction = 0.1
+time_step = {contact.STEP}
+speed = 5.0
+[time]
+end = 1.0
+output_interval = {interval}
+"""
+    )
+    return scene
+
+
+# --- the contenders ---------------------------------------------------------------------------------------
+
+
+def run(arguments: argparse.Namespace, count: int, devices: int, **more: Any) -> dict[str, Any]:
+    """A contender, in processes of its own."""
+    given = {
+        "count": count, "devices": devices, "processes": 1, "machinery": False, "messages": False, "cores": devices,
+        "windows": arguments.windows, "particle_steps": arguments.particle_steps,
+    } | more  # fmt: skip
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        given["port"] = probe.getsockname()[1]
+    cores = sorted(os.sched_getaffinity(0))
+    children = []
+    for rank in range(given["processes"]):
+        own = [cores[rank % len(cores)]] if given["processes"] > 1 else cores[: given["cores"]]
+        command = [sys.executable, __file__, "--measure", json.dumps(given | {"rank": rank})]
+        # Each process sees its own cores from the start: XLA makes as many threads.
+        children.append(
+            subprocess.Popen(
+                command,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                preexec_fn=lambda own=own: os.sched_setaffinity(0, own),
+            )
+        )
+    said = [child.communicate(timeout=900) for child in children]
+    if any(child.returncode for child in children):
+        reason = next(err for child, (_, err) in zip(children, said, strict=True) if child.returncode)
+        return {"failed": reason.strip().splitlines()[-1][:300]} | given
+    result: dict[str, Any] = json.loads(said[0][0].splitlines()[-1])
+    rate = [count * result["steps"] / seconds for seconds in result["seconds"]]
+    step = min(result["seconds"]) / result["steps"]
+    result |= {"million_particle_steps_per_second": harness.spread([value / 1e6 for value in rate]), "step": step}
+    if "message_seconds" in result:
+        result["share_of_messages"] = result["message_seconds"] / step
+    return given | result
+
+
+def contenders(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """All of them, by name."""
+    cores, found = len(os.sched_getaffinity(0)), {}
+
+    def add(name: str, count: int, devices: int, **more: Any) -> None:
+        found[name] = run(arguments, count, devices, **more)
+        told = found[name]
+        rate = told.get("million_particle_steps_per_second", {}).get("median", math.nan)
+        print(f"{name}: {rate:.3g} million particle-steps/s {told.get('failed', '')}", file=sys.stderr, flush=True)
+
+    for size in arguments.sizes:
+        add(f"{size}: one", size, 1)
+        add(f"{size}: one, all cores", size, 1, cores=cores)
+        add(f"{size}: machinery", size, 1, machinery=True)
+        add(f"{size}: 2 devices", size, 2, cores=cores)
+        add(f"{size}: 2 processes", size, 2, processes=2, messages=True)
+    if not arguments.quick:
+        smallest = arguments.sizes[0]
+        add(f"{smallest}: 4 devices", smallest, 4, cores=cores)
+        for devices in (1, 2, 4):
+            count = devices * arguments.weak
+            add(f"weak: {devices} x {arguments.weak}", count, devices, cores=cores)
+    return found
+
+
+# --- the model --------------------------------------------------------------------------------------------
+
+
+def fitted(found: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """Launch and work from one device, latency and bandwidth from messages between processes."""
+    one = [row for name, row in found.items() if name.endswith(": one") and "step" in row]
+    counts, steps = [row["count"] for row in one], [row["step"] for row in one]
+    work, launch = np.polyfit(counts, steps, 1) if len(one) > 1 else (steps[0] / counts[0], 0.0)
+    messages = next((row["sizes"] for row in found.values() if "sizes" in row), None)
+    model = {"launch": max(float(launch), 0.0), "work": float(work)}
+    if messages is not None:
+        sizes = [4 * WIDTH * int(rows) for rows in messages]
+        slope, latency = np.polyfit(sizes, list(messages.values()), 1)
+        model |= {"latency": max(float(latency), 0.0), "bandwidth": 1.0 / float(slope) if slope > 0 else math.inf}
+    return model
+
+
+def modelled(model: dict[str, float], row: dict[str, Any]) -> float:
+    """A contact step of a contender by the model [s]."""
+    if row["devices"] == 1:
+        return model["launch"] + model["work"] * row["count"]
+    rows = max(row["particles"]) + max(row["ghosts"])
+    sent = 4 * WIDTH * row["room_of_ghosts"]
+    return model["launch"] + model["work"] * rows + model["latency"] + sent / model["bandwidth"]
+
+
+def predicted(count: float, cards: int) -> dict[str, float]:
+    """A contact step on cards with so many grains each, by the model with `CARD`; 3-D, slabs as wide as high."""
+    ghosts = GHOST_LAYERS * count ** (2.0 / 3.0)
+    alone = CARD["launch"] + CARD["work"] * count
+    sent = 4 * GHOST_NUMBERS * ghosts
+    step = CARD["launch"] + CARD["work"] * (count + 2 * ghosts) + CARD["latency"] + sent / CARD["bandwidth"]
+    return {"cards": cards, "grains": count, "step": step, "efficiency": alone / step, "rate": cards * count / step}
+
+
+def table(found: dict[str, dict[str, Any]], model: dict[str, float], predictions: list[dict[str, float]]) -> str:
+    """Contenders with their gain, the model beside them, and the predictions."""
+    heading = (
+        "contender", "million particle-steps/s, median (range)", "over one", "share of messages",
+        "grains of each", "ghosts of each", "moves of the cut planes a build", "by the model",
+    )  # fmt: skip
+    lines = [heading, ("---",) * len(heading)]
+    for name, row in found.items():
+        if "failed" in row:
+            lines.append((name, row["failed"], *("",) * 6))
+            continue
+        rate = row["million_particle_steps_per_second"]
+        base = found.get(f"{name.split(':')[0]}: one")
+        if name.startswith("weak"):
+            base = next(value for other, value in found.items() if other.startswith("weak: 1 "))
+        gain = rate["median"] / base["million_particle_steps_per_second"]["median"] if base else math.nan
+        share = f"{100 * row['share_of_messages']:.0f} %" if "share_of_messages" in row else ""
+        spread, ghosts = (
+            (" to ".join(map(str, sorted({min(row[key]), max(row[key])}))) if key in row else "")
+            for key in ("particles", "ghosts")
+        )
+        cuts = f"{row['cuts'] / max(sum(row['builds']), 1):.2f}" if "cuts" in row else ""
+        by_model = ""
+        if row["devices"] == 1 or "latency" in model:
+            by_model = f"{row['count'] / modelled(model, row) / 1e6:.3g}"
+        values = f"{rate['median']:.3g} ({rate['lowest']:.3g}-{rate['highest']:.3g})"
+        lines.append((name, values, f"{gain:.2f}", share, spread, ghosts, cuts, by_model))
+    text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    numbers = [f"launch {1e6 * model['launch']:.0f} us", f"work {1e9 * model['work']:.0f} ns a grain"]
+    if "latency" in model:
+        numbers += [f"latency {1e6 * model['latency']:.0f} us", f"bandwidth {model['bandwidth'] / 1e9:.2g} GB/s"]
+    text += f"\n\nModel, fitted to one device and to messages between two processes: {', '.join(numbers)}.\n"
+    text += (
+        "\n**Prediction, not measured.** Cards, with these numbers assumed: "
+        f"launch {1e6 * CARD['launch']:.0f} us, work {1e9 * CARD['work']:.2g} ns a grain and contact step, "
+        f"latency {1e6 * CARD['latency']:.0f} us, bandwidth {CARD['bandwidth'] / 1e9:.0f} GB/s.\n\n"
+        "| cards | grains a card | ms a contact step | efficiency | billion particle-steps/s |\n"
+        "| --- | --- | --- | --- | --- |\n"
+    )
+    for row in predictions:
+        text += (
+            f"| {row['cards']} | {row['grains']:.0e} | {1e3 * row['step']:.3g} | {100 * row['efficiency']:.0f} % "
+            f"| {row['rate'] / 1e9:.3g} |\n"
+        )
+    return text.rstrip()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[20_000, 200_000])
+    parser.add_argument("--weak", type=int, default=10_000)
+    parser.add_argument("--windows", type=int, default=5)
+    parser.add_argument("--particle-steps", type=float, default=None)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.measure:
+        result = measure(json.loads(arguments.measure))
+        print(json.dumps(result), flush=True)
+        return
+    if arguments.quick:
+        arguments.sizes, arguments.windows = arguments.sizes[:1], min(arguments.windows, 3)
+    arguments.particle_steps = arguments.particle_steps or (QUICK_STEPS if arguments.quick else PARTICLE_STEPS)
+    found = contenders(arguments)
+    model = fitted(found)
+    predictions = [predicted(count, cards) for cards in (8, 64) for count in (1e6, 1e7)]
+    result = {"rows": found, "model": model, "card": CARD, "predictions": predictions, "quick": arguments.quick}
+    harness.write("devices", result, table(found, model, predictions))
+
+
+if __name__ == "__main__":
+    main()
