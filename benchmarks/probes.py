@@ -1,6 +1,6 @@
 """What a probe costs that measures in every coupling interval.
 
-    taskset -c 0 python benchmarks/probes.py [--pairs 60] [--only WORD ...]
+    taskset -c 0 python benchmarks/probes.py [--pairs 60] [--only PATTERN ...]
 
 A scene without probes, and the same scene with one probe, as runs in one process, in turns: an output of the one, an
 output of the other. The cost is the processor time of the one over that of the other, less 1, per pair. Both have what
@@ -11,6 +11,7 @@ where the name says so.
 from __future__ import annotations
 
 import argparse
+import re
 import statistics
 import sys
 import tempfile
@@ -97,7 +98,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         without = Contender(plain, Path(folder) / "without")
         for name, keys in probes(plain.domain.size).items():
-            if given.only and not any(word in name for word in given.only):
+            if given.only and not any(re.search(words, name) for words in given.only):
                 continue
             keys |= {key: keys[key] * interval for key in ("sample_interval", "interval") if key in keys}
             one = Contender(_scene({"probes": [{"name": "probe", **keys}]}), Path(folder) / name)

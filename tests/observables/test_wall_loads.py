@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxdem
 from jaxdem.observables import fluid_force, fluid_torque, measuring_walls, side_walls, surface_walls, wall_load
@@ -38,12 +39,35 @@ def begun(tables):
     return simulation, parameters, *jaxdem.initial_state(scene, simulation, parameters)
 
 
-def test_loads_of_walls_that_are_not_measured_are_nan():
+@pytest.fixture(scope="module")
+def program():
+    """Function of the grains' velocity, what is added to that of the lid, and weights: the weighted sum of loads on
+    three sides, these 18 loads and all that was measured; and its slopes. And the state that it starts from."""
+    simulation, parameters, state, neighbors = begun(MIXTURE)
+    simulation = measuring_walls(simulation.reversible())
+    about = jnp.asarray([0.03, 0.07])
+
+    def loads(velocity, lid, weights):
+        particles = state.particles._replace(velocity=velocity)
+        sides = parameters.fluid.side_velocity
+        moved = parameters._replace(fluid=parameters.fluid._replace(side_velocity=(*sides[:3], sides[3] + lid)))
+        report = simulation.step(moved, state._replace(particles=particles), neighbors)[2]
+        found = []
+        for side in (FLOOR, LEFT, LID):
+            load = wall_load(report, side_walls(simulation, *side), about)
+            found += [load.force, load.torque, fluid_force(report, *side), fluid_torque(report, *side, about)]
+        numbers = jnp.concatenate([jnp.ravel(one) for one in found])
+        return weights @ numbers, (numbers, report)
+
+    return jax.jit(jax.value_and_grad(loads, argnums=(0, 1), has_aux=True)), state
+
+
+def test_loads_of_walls_that_are_not_measured_are_nan(program):
     """And those that are measured are the same, to rounding, as where all are."""
     simulation, parameters, state, neighbors = begun(MIXTURE)
     floor = side_walls(simulation, *FLOOR)
     chosen = (*floor, *surface_walls(simulation, (0,)))
-    of_all = jax.jit(measuring_walls(simulation).step)(parameters, state, neighbors)[2]
+    of_all = program[0](state.particles.velocity, jnp.zeros(2), jnp.zeros(18))[0][1][1]
     some = jax.jit(measuring_walls(simulation, chosen, (2,)).step)(parameters, state, neighbors)[2]
     none = jax.eval_shape(measuring_walls(simulation, (), ()).step, parameters, state, neighbors)[2]
     assert none.particles.walls is None and none.fluid.side_load is None
@@ -88,36 +112,21 @@ def test_sides_that_move_get_what_the_grains_lose():
     assert touched
 
 
-def test_slopes_of_loads_on_walls():
+def test_slopes_of_loads_on_walls(program):
     """Reverse mode against central differences, of forces and torques of grains and fluid on three sides."""
-    simulation, parameters, state, neighbors = begun(MIXTURE)
-    simulation = measuring_walls(simulation.reversible())
-    about = jnp.asarray([0.03, 0.07])
-
-    def loads(velocity, lid):
-        particles = state.particles._replace(velocity=velocity)
-        sides = parameters.fluid.side_velocity
-        fluid = parameters.fluid._replace(side_velocity=(*sides[:3], sides[3] + lid))
-        moved = parameters._replace(fluid=fluid)
-        report = simulation.step(moved, state._replace(particles=particles), neighbors)[2]
-        found = [jnp.zeros(0)]
-        for side in (FLOOR, LEFT, LID):
-            load = wall_load(report, side_walls(simulation, *side), about)
-            found += [*load, fluid_force(report, *side), fluid_torque(report, *side, about)]
-        return jnp.concatenate(found)
-
-    velocity, lid = state.particles.velocity, jnp.zeros(2)
-    value = jax.jit(loads)
-    at = np.asarray(value(velocity, lid))
+    value_and_slope, start = program
+    given = (start.particles.velocity, jnp.zeros(2))
+    at = np.asarray(value_and_slope(*given, jnp.zeros(18))[0][1][0])
     assert np.count_nonzero(at) >= 14
-    weights = jnp.asarray(np.random.default_rng(3).standard_normal(len(at)) / np.maximum(np.abs(at), 1e-3))
-    slope = jax.jit(jax.grad(lambda *given: weights @ loads(*given), argnums=(0, 1)))(velocity, lid)
+    weights = jnp.asarray(np.random.default_rng(3).standard_normal(18) / np.maximum(np.abs(at), 1e-3))
+    slopes = value_and_slope(*given, weights)[1]
     random = np.random.default_rng(4)
-    for which, given in enumerate((velocity, lid)):
-        along, size = jnp.asarray(random.standard_normal(given.shape)), 1e-6
-        ends = [[velocity, lid], [velocity, lid]]
-        for end, sign in zip(ends, (1.0, -1.0), strict=True):
-            end[which] = given + sign * size * along
-        numerical = weights @ (value(*ends[0]) - value(*ends[1])) / (2.0 * size)
-        np.testing.assert_allclose(jnp.sum(slope[which] * along), numerical, rtol=1e-5)
+    for which, slope in enumerate(slopes):
+        along, size = jnp.asarray(random.standard_normal(slope.shape)), 1e-6
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [one + sign * size * along if k == which else one for k, one in enumerate(given)]
+            ends.append(float(value_and_slope(*moved, weights)[0][0]))
+        numerical = (ends[0] - ends[1]) / (2.0 * size)
+        np.testing.assert_allclose(jnp.sum(slope * along), numerical, rtol=1e-5)
         assert abs(numerical) > 1e-3
