@@ -12,6 +12,7 @@ import numpy as np
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
 from jaxdem.check.over_devices import DeviceReport, check_devices
+from jaxdem.check.mesh_rows import mesh_rows
 from jaxdem.check.packs import pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
@@ -73,6 +74,7 @@ class CheckReport:
         population: what is known beforehand of particles that come and go, as (name, text).
         probes: of each probe its name, and what it costs and writes.
         packs: of the start, and the columns of its file that are not read, as (name, text).
+        meshes: walls that are meshes, as (key, text).
         start: what the scene begins from, see `Case.start_figures`; {} where it begins at t = 0.
         devices: what it will be on several devices; None where none are asked for.
         compiled_in: parts of the model that are in the program.
@@ -108,6 +110,7 @@ class CheckReport:
     population: tuple[tuple[str, str], ...]
     probes: tuple[tuple[str, str], ...]
     packs: tuple[tuple[str, str], ...]
+    meshes: tuple[tuple[str, str], ...]
     start: dict[str, object]
     devices: DeviceReport | None
     compiled_in: tuple[str, ...]
@@ -183,6 +186,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
         packs=pack_rows(case.particles),
+        meshes=() if case.particles is None else mesh_rows(case.particles.meshes),
         start=case.start_figures,
         devices=over,
         compiled_in=compiled_in,
@@ -275,7 +279,9 @@ def _particle_figures(case: Case) -> dict[str, float | None]:
 
 def _memory(simulation: Simulation, state: State, neighbors: Neighbors | None) -> dict[str, int]:
     """Estimates in bytes."""
-    memory = {"particles": _bytes(state.particles), "neighbour list": _bytes(neighbors)}
+    listed = neighbors if neighbors is None or not neighbors.meshes else neighbors.without_surfaces()
+    memory = {"particles": _bytes(state.particles), "neighbour list": _bytes(listed)}
+    memory["meshes"] = 0 if neighbors is None else _bytes(neighbors.surfaces)
     coupling = simulation.coupling
     memory["fluid"] = _bytes(state.fluid)
     memory["kernel weights"] = 0

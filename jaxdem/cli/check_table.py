@@ -35,6 +35,7 @@ def render(report: CheckReport) -> Group:
         "Scene": _scene(report),
         "Time steps": _steps(report),
         "Resolution": _resolution(report),
+        "Meshes": report.meshes,
         "Probes": report.probes,
         "Engineering numbers": [(n.name, _number(n)) for n in report.numbers],
         "Wall time (estimate)": _wall_time(report),

@@ -29,6 +29,7 @@ from jaxdem.io.probes import PROBES_FOLDER, Columns, ProbeFiles
 from jaxdem.io.samples import SampleFormat, sample_frame
 from jaxdem.io.summary import SUMMARY, read_summary, write_summary
 from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
+from jaxdem.io.wall_file import WALLS
 
 SCENE, HISTORY, CHECKPOINT = "scene.toml", "history.csv", "checkpoint.h5"
 START = "start.h5"
@@ -483,7 +484,7 @@ def _just_begun(path: Path) -> bool:
     if not (path / SCENE).is_file():
         return False
     aside = (name for one in (HISTORY, START, CHECKPOINT) for name in aside_names(path / one))
-    begun = {SCENE, HISTORY, START, PROBES_FOLDER, checkpoint_file.PARTS, *aside}
+    begun = {SCENE, HISTORY, START, WALLS, PROBES_FOLDER, checkpoint_file.PARTS, *aside}
     return _entries(path) <= begun
 
 

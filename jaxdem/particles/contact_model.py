@@ -135,13 +135,13 @@ class ContactModel:
     def with_walls(self, kept: tuple[int, ...]) -> ContactModel:
         """The model with these of its walls, the sides among them, at all times."""
         sides, analytic = len(self.sides), self.analytic_walls
-        surfaces = tuple(self.surfaces[k - sides] for k in kept if k >= sides)
+        surfaces = tuple(self.surfaces[k - sides] for k in kept if sides <= k < analytic)
         meshes = tuple(self.meshes[k - analytic] for k in kept if k >= analytic)
         materials = self.materials
         if materials is not None:
             materials = dataclasses.replace(materials, wall=tuple(materials.wall[k] for k in kept))
         measured = tuple(kept.index(k) for k in self.measured if k in kept)
-        motions = tuple(self.motions[k - sides] for k in kept if sides <= k < analytic) if self.motions else ()
+        motions = tuple(self.motions[k - sides] for k in kept if k >= sides) if self.motions else ()
         pistons = tuple(
             dataclasses.replace(piston, walls=tuple(kept.index(k) for k in piston.walls)) for piston in self.pistons
         )

@@ -105,7 +105,7 @@ def take(run: Run, index: int) -> Picture:
     particles, speed = _project(run.particles(index) or {}, run.dimension), _speed(run.fluid(index), run.dimension)
     box = domain_size(run)
     time = float(run.times[index])
-    borders = (solid(run.scene, box, time, run.history), openings(run.scene, box)) if box else ()
+    borders = (solid(run.scene, box, time, run.history, run.path), openings(run.scene, box)) if box else ()
     return Picture(time, *particles, speed, *borders)
 
 

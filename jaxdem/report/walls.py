@@ -1,7 +1,8 @@
 """Walls of `[[walls]]` and openings of the box for pictures, from the scene as run.
 
 A wall is solid where its signed distance is negative. In 3-D the view is from the front: solid is averaged over the
-depth, as the fluid's speed is, and the outline is that of the section at half depth.
+depth, as the fluid's speed is, and the outline is that of the section at half depth. A mesh is a line, the section of
+its surface; filled where it is closed and touched from its front alone.
 """
 
 from __future__ import annotations
@@ -11,16 +12,25 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
+from jaxdem.io.wall_file import read_walls
 from jaxdem.report.runs import Array, lookup
+from jaxdem.solids.defects import defects_of
+from jaxdem.solids.inside import inside
+from jaxdem.solids.surface_mesh import SurfaceMesh
 
 RESOLUTION = {2: 400, 3: 200}
 """Points along the longer side of a picture, by dimension."""
 SLICES = 17
 """Points over the depth; the middle one is at half of it."""
+
+LINE = 0.75
+"""Half of the width of the line that a mesh is drawn by, over the distance of points."""
 
 INLET, OUTLET = "inlet", "outlet"
 
@@ -52,7 +62,11 @@ class Opening(NamedTuple):
 
 
 def solid(
-    scene: Mapping[str, Any], box: Sequence[float], time: float = 0.0, history: Mapping[str, Array] | None = None
+    scene: Mapping[str, Any],
+    box: Sequence[float],
+    time: float = 0.0,
+    history: Mapping[str, Array] | None = None,
+    folder: Path | None = None,
 ) -> Solid | None:
     """The walls of a scene that are there at a time; None where there are none.
 
@@ -61,13 +75,15 @@ def solid(
         box: side lengths (D,) [m].
         time: of the frame [s].
         history: of the run, with the way of each piston.
+        folder: of the run, which has the meshes; without it they are not drawn.
     """
     # A wall that vanishes at the time of a frame has gone in it, whatever rounding the frame's time has.
     now = time * (1.0 + 1e-9)
     walls = [
-        dict(wall) | _place(wall, time, _way(history, k, time))
+        dict(wall) | _place(wall, time, _way(history, k, time)) | {"number": k, "folder": str(folder)}
         for k, wall in enumerate(scene.get("walls", ()))
         if wall.get("begin", 0.0) <= now < wall.get("end", math.inf)
+        and (wall.get("kind") != "mesh" or _mesh_of(str(folder), k) is not None)
     ]
     return _solid(json.dumps(walls), tuple(box)) if walls else None
 
@@ -121,6 +137,8 @@ def _distance(walls: Sequence[Mapping[str, Any]], points: Array) -> Array:
 
 def _distances(wall: Mapping[str, Any], points: Array) -> list[Array]:
     """Of the surfaces that a wall consists of, at points (..., D); of one that has moved at X = R^T (x - s)."""
+    if wall["kind"] == "mesh":
+        return [_distance_from_mesh(wall, points)]
     if "shift" in wall:
         points = (points - np.asarray(wall["shift"])) @ np.asarray(wall["rotation"])
     if wall["kind"] == "plane":
@@ -134,6 +152,61 @@ def _distances(wall: Mapping[str, Any], points: Array) -> list[Array]:
         return [gap if wall.get("inside", True) else -gap]
     a, b = (_unit(direction) for direction in wall["directions"])
     return [(points - np.asarray(wall["apex"])) @ _unit(n) for n in (b - (a @ b) * a, a - (a @ b) * b)]
+
+
+@lru_cache(maxsize=16)
+def _mesh_of(folder: str, number: int) -> SurfaceMesh | None:
+    """The mesh that a wall of a run is, where the scene puts it; None where the run has none."""
+    found = None if folder == "None" else read_walls(folder)
+    if found is None or not np.any(found.wall == number):
+        return None
+    return SurfaceMesh(found.points, found.cells[found.wall == number]).welded()
+
+
+def _distance_from_mesh(wall: Mapping[str, Any], points: Array) -> Array:
+    """Distance at points (nx, [ny,] nz, D) from the section of a mesh with the plane of each slice, less the width of a
+    line; of a closed one that is touched from its front negative inside."""
+    mesh = _mesh_of(wall["folder"], wall["number"])
+    assert mesh is not None
+    if "shift" in wall:
+        mesh = mesh.placed(1.0, np.asarray(wall["rotation"]), wall["shift"])
+    spacing = float(points[(1,) + (0,) * (points.ndim - 2)][0] - points[(0,) * (points.ndim - 1)][0])
+    flat = points if points.ndim == 4 else points[:, None]
+    found = np.full(flat.shape[:-1], 4.0 * spacing + np.ptp(points))
+    for k in range(flat.shape[1]):
+        ends = mesh.corners if mesh.dimension == 2 else _section(mesh, float(flat[0, k, 0, 1]))
+        if len(ends):
+            plane = flat[:, k][..., [0, -1]]
+            found[:, k] = KDTree(_along(ends, 0.5 * spacing)).query(plane)[0]
+    found -= LINE * spacing
+    if wall.get("touch") == "front" and defects_of(mesh).is_closed:
+        within = inside(mesh, flat.reshape(-1, mesh.dimension)).reshape(found.shape)
+        found = np.where(within, np.minimum(found, -spacing), found)
+    return found if points.ndim == 4 else found[:, 0]
+
+
+def _section(mesh: SurfaceMesh, y: float) -> Array:
+    """(L, 2, 2) ends (x, z) of the lines in which triangles meet a plane across the second axis."""
+    above = mesh.points[mesh.cells][..., 1] > y
+    cells = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
+    corners, above = mesh.corners[cells], above[cells]
+    ends = []
+    for k in range(3):
+        a, b = corners[:, k], corners[:, (k + 1) % 3]
+        crosses = above[:, k] != above[:, (k + 1) % 3]
+        part = np.where(crosses, (y - a[:, 1]) / np.where(crosses, b[:, 1] - a[:, 1], 1.0), np.nan)
+        ends.append((a + part[:, None] * (b - a))[:, [0, 2]])
+    three = np.stack(ends, axis=1)
+    order = np.argsort(np.isnan(three[..., 0]), axis=1, kind="stable")[:, :2]
+    return np.take_along_axis(three, order[..., None], axis=1)
+
+
+def _along(ends: Array, step: float) -> Array:
+    """(P, 2) points along lines, no farther apart than a step."""
+    many = np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / step).astype(int) + 1
+    line = np.repeat(np.arange(len(ends)), many)
+    part = (np.arange(len(line)) - np.repeat(np.cumsum(many) - many, many)) / np.repeat(np.maximum(many - 1, 1), many)
+    return ends[line, 0] + part[:, None] * (ends[line, 1] - ends[line, 0])
 
 
 def _unit(vector: Sequence[float] | Array) -> Array:

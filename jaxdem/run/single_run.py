@@ -22,6 +22,7 @@ from jaxdem.run.restart import origin, require_same_parameters
 from jaxdem.run.samples import sample_attributes, samples_every
 from jaxdem.run.signals import noted_signals
 from jaxdem.run.time_loop import Progress, TimeLoop
+from jaxdem.run.wall_surfaces import keep_walls
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.extensions import Extensions
@@ -60,6 +61,7 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
     with noted_signals() as caught, _opened(scene, out, attributes, columns, resume) as directory:
         if case.start is not None:
             directory.keep_start(case.start.arrays, case.start.attributes)
+        keep_walls(case, directory.path)
         loop = TimeLoop(case, directory, state, neighbors, every, options.profile, placement=placement)
         if directory.has_checkpoint:
             loop.restore()

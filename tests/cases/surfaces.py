@@ -36,7 +36,7 @@ def pipe_mesh(sides: int, radius: float, length: float) -> trimesh.Trimesh:
     points = np.concatenate([np.stack([ring[:, 0], np.full(sides, y), ring[:, 1]], axis=1) for y in (0.0, length)])
     k = np.arange(sides)
     nxt = (k + 1) % sides
-    cells = np.concatenate([np.stack([k, nxt + sides, nxt], 1), np.stack([k, k + sides, nxt + sides], 1)])
+    cells = np.concatenate([np.stack([k, nxt, nxt + sides], 1), np.stack([k, nxt + sides, k + sides], 1)])
     return trimesh.Trimesh(points, cells, process=False)
 
 

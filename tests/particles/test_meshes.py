@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+import trimesh
 
-from tests.cases.surfaces import flight, grains_scene, plane_mesh, saved
+import jaxdem
+from jaxdem.errors import InputError
+from jaxdem.particles import forces
+from jaxdem.particles.forces import contact_forces
+from jaxdem.particles.integrate import Motion
+from jaxdem.particles.materials import surroundings
+from jaxdem.setup.builder import build_case
+from tests.cases.surfaces import flight, grains_scene, pipe_mesh, plane_mesh, saved
 
 HEIGHT = 0.3
 PLANE = {"kind": "plane", "point": [0.0, 0.0, HEIGHT], "normal": [0.0, 0.0, 1.0]}
@@ -59,3 +69,118 @@ def test_a_plane_of_triangles_that_moves_is_a_plane_that_moves(planes):
     assert np.abs(found.position - expected.position).max() < 1e-12
     still = flight(grains_scene([on_mesh(planes[200])], *grains), 16)
     assert np.abs(still.position - expected.position).max() > 1e-3
+
+
+CUBE = {"kind": "mesh", "touch": "front", "closed": True}
+
+
+def test_directions_are_continuous_over_a_convex_edge_and_corner(tmp_path):
+    """The force on a grain that is held at an overlap points from the nearest point of a cube, and jumps nowhere."""
+    path = saved(trimesh.creation.box(), tmp_path / "cube.ply")
+    corner, way = np.array([0.7, 0.7, 0.7]), np.linspace(0.0, 1.0, 241)
+    directions = np.stack([np.cos(np.pi * way), np.sin(np.pi * way), np.full_like(way, 0.4)], 1)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    over_edge = [0.7, 0.45, 0.7] + 0.0199 * np.stack([np.cos(1.5 * way), 0 * way, np.sin(1.5 * way)], 1)
+    for places in (corner + 0.0199 * np.abs(directions[60:180]), over_edge):
+        force, normal = held(path, places, scale=0.4, translate=[0.5, 0.5, 0.5])
+        nearest = np.clip(places, 0.3, 0.7)
+        expected = (places - nearest) / np.linalg.norm(places - nearest, axis=1)[:, None]
+        assert np.abs(normal - expected).max() < 1e-9
+        assert np.ptp(np.linalg.norm(force, axis=1)) < 1e-6 * np.linalg.norm(force, axis=1).max()
+
+
+def held(path, places, **given):
+    """Forces (N, 3) and their directions on grains held at places, each alone: at rest, without gravity."""
+    scene = jaxdem.load_scene(
+        grains_scene([CUBE | {"file": path} | given], [[0.1, 0.1, 0.1], [0.9, 0.1, 0.1]], domain={"gravity": [0, 0, 0]})
+    )
+    case = build_case(scene)
+    state, _ = case.initial_state()
+    model = case.simulation.contact.model
+    around = surroundings(case.parameters.materials, case.simulation.wall_velocity(case.parameters, jnp.zeros(())))
+    room = None
+
+    @jax.jit
+    def force(place):
+        position = state.particles.position.at[0].set(place)
+        particles = state.particles._replace(position=position)
+        motion = Motion.of(particles)
+        listed = case.simulation.search._built(
+            motion.position, motion.low, case.parameters.bodies.radius, room, jnp.zeros((), bool), None,
+            case.parameters.meshes,
+        )  # fmt: skip
+        sums, _ = contact_forces(model, around, case.parameters.bodies, motion, listed, jnp.asarray(1e-5))
+        return jnp.stack(sums.force, axis=1)[0], listed.overflow
+
+    room = case.simulation.room(case.parameters, state.particles)
+    found, overflow = jax.lax.map(force, jnp.asarray(places))
+    assert not overflow.any()
+    found = np.asarray(found)
+    return found, found / np.linalg.norm(found, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("smooth_angle", [1.0, 5.0])
+def test_a_wedge_of_triangles_is_a_wedge(tmp_path, smooth_angle):
+    """A concave edge of 90 degrees: two contacts, and the statics of the wedge: each side bears W / sqrt 2."""
+    points = [[0.1, 0.9], [0.5, 0.5], [0.9, 0.9]]
+    mesh = {"kind": "mesh", "points": points, "smooth_angle": smooth_angle}
+    wedge = {"kind": "wedge", "apex": [0.5, 0.5], "directions": [[-1.0, 1.0], [1.0, 1.0]]}
+    given = dict(
+        position=[[0.5, 0.5 + 0.02 * 2**0.5], [0.52, 0.56]],
+        domain={"size": [1.0, 1.0]},
+        contact={"restitution": 0.1, "friction": 0.3},
+    )
+    of_mesh, of_wedge = (flight(grains_scene([wall], **given), 40) for wall in (mesh, wedge))
+    assert np.abs(of_mesh.position - of_wedge.position).max() < 1e-12
+    weight = 2500.0 * 4.0 / 3.0 * np.pi * 0.02**3 * 9.81
+    assert of_mesh.force[-1, 0] == pytest.approx([0.0, weight], abs=1e-3 * weight)
+
+
+@pytest.mark.parametrize("sides", [12, 48])
+def test_a_grain_rests_in_a_pipe_of_flat_sides(tmp_path, sides):
+    """As deep as in the cylinder, within R (1 - cos(pi / n)): on a side, and rolling it finds one contact."""
+    radius = 0.4
+    path = saved(pipe_mesh(sides, radius, 1.0), tmp_path / "pipe.ply")
+    mesh = {"kind": "mesh", "file": path, "translate": [0.5, 0.0, 0.5], "touch": "front", "smooth_angle": 30.0}
+    grain = dict(position=[[0.5, 0.4, 0.135], [0.5, 0.6, 0.135]], contact={"restitution": 0.1})
+    found = flight(grains_scene([mesh], **grain), 25)
+    sagitta = radius * (1.0 - np.cos(np.pi / sides))
+    above = found.position[-1, 0, 2] - (0.5 - radius + 0.02)
+    assert abs(above) < sagitta + 0.01 * 0.04
+
+
+def test_friction_goes_on_over_an_edge_between_coplanar_triangles(planes, monkeypatch):
+    """A grain that slides without spin loses mu g t over all edges. Forgotten springs would show, and do."""
+    mu = 0.2
+    position = [[0.2, 0.31, HEIGHT + 0.02 - 1e-5], [0.2, 0.7, HEIGHT + 0.02 - 1e-5]]
+    grains = dict(position=position, velocity=[[1.5, 0.2, 0.0]] * 2, contact={"friction": mu, "restitution": 0.1})
+    expected = flight(grains_scene([PLANE], **grains), 8)
+    found = flight(grains_scene([on_mesh(planes[20000])], **grains), 8)
+    assert np.abs(found.velocity - expected.velocity).max() < 1e-10
+    speed = np.linalg.norm(found.velocity[:, 0, :2], axis=1)
+    assert np.diff(speed) == pytest.approx(-mu * 9.81 * 0.01, rel=0.05)
+    monkeypatch.setattr(forces, "remembered", lambda memory, touch, normal: tuple(0.0 * x for x in memory.spring))
+    forgotten = flight(grains_scene([on_mesh(planes[20000])], **grains | {"velocity": [[0.05, 0.0, 0.0]] * 2}), 8)
+    kept = flight(grains_scene([PLANE], **grains | {"velocity": [[0.05, 0.0, 0.0]] * 2}), 8)
+    assert np.abs(forgotten.velocity - kept.velocity).max() > 1e-3
+
+
+def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
+    mesh = trimesh.creation.box()
+    sound = saved(mesh, tmp_path / "sound.ply")
+    mesh.faces = np.concatenate([mesh.faces, mesh.faces[:2]])
+    twice = saved(mesh, tmp_path / "twice.ply")
+    place = {"scale": 0.2, "translate": [0.5, 0.5, 0.5]}
+    free = [[0.1, 0.1, 0.1], [0.2, 0.2, 0.9]]
+    for wall, position, words in (
+        ({"file": sound, "scale": 1000.0}, free, "scale = 0.001"),
+        ({"file": sound, **place, "translate": [5.0, 0.5, 0.5]}, free, "outside of the box"),
+        ({"file": twice, **place}, free, "2 triangles that are there already"),
+        ({"file": str(tmp_path / "none.stl"), **place}, free, "cannot be read"),
+        ({"file": sound, **place, "spacing": [1.0, 1.0]}, free, "heights"),
+        ({"file": sound, **place}, [[0.61, 0.5, 0.5], [0.2, 0.2, 0.9]], "walls.0"),
+        ({"file": sound, **place, "touch": "front"}, [[0.5, 0.5, 0.5], [0.2, 0.2, 0.9]], "lies inside of walls.0"),
+    ):
+        with pytest.raises(InputError, match=words):
+            flight(grains_scene([{"kind": "mesh", **wall}], position), 1)
+    assert len(flight(grains_scene([{"kind": "mesh", "file": twice, **place, "repair": True}], free), 1).position)
