@@ -11,8 +11,8 @@ import numpy as np
 
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
-from jaxdem.check.over_devices import DeviceReport, check_devices
 from jaxdem.check.mesh_rows import mesh_rows
+from jaxdem.check.over_devices import DeviceReport, check_devices
 from jaxdem.check.packs import pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
