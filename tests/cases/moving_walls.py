@@ -102,7 +102,7 @@ def on_belt(dimension: int, **contact: Any) -> dict[str, Any]:
 
 @case(
     "grain on a belt",
-    "contact",
+    "moving walls",
     "Coulomb friction: a grain that cannot roll slides until v/(mu g); one that rolls until 2 v/(7 mu g), at 2/7 v",
     fast={"dimensions": (2,)},
 )
@@ -129,7 +129,7 @@ def belt(dimensions: Sequence[int] = (2, 3)) -> list[Figure]:
 
 @case(
     "ball on a turntable",
-    "contact",
+    "moving walls",
     "a homogeneous ball that rolls on a table that turns at W moves in a circle at 2/7 W: laws of motion and of "
     "rolling",
     fast={"end": 0.5},
@@ -159,7 +159,7 @@ def turntable(end: float = 2.0, rate: float = 6.0) -> list[Figure]:
 
 @case(
     "grain on a shaken plate",
-    "contact",
+    "moving walls",
     "z = A sin(w t): a grain leaves where A w^2 sin(w t) = g and flies v^2/(2 g) higher; it stays where A w^2 < g",
     fast={},
 )
@@ -314,7 +314,7 @@ def turned(rate: float, friction: float, radius: float, end: float, settle: floa
 
 @case(
     "half-filled drum",
-    "granular",
+    "moving walls",
     "energy: torque times angular velocity = what contacts take + change of energy; the bed leans more the rougher the "
     "grains and the faster the drum",
     fast={"radius": 0.005, "end": 0.5, "rates": (2.0,)},
@@ -353,7 +353,7 @@ def pressed(damping: float, dimension: int = 2, precision: str = "float64") -> d
 
 @case(
     "lid on a spring",
-    "contact",
+    "moving walls",
     "a lid of mass M under F + M g on two springs k in series: s = (F + M g)/(k/2) (1 - cos(sqrt(k/(2 M)) t))",
     fast={"dimensions": (2,)},
 )
