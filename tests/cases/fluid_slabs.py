@@ -154,7 +154,8 @@ def compared(blocks: Blocks, slabs: FluidState, fluid: FluidState) -> Comparison
     speed = max(float(jnp.abs(u).max()) for u in fluid.face_velocity)
     pairs = zip(whole.face_velocity, fluid.face_velocity, strict=True)
     apart = max(float(np.abs(a - np.asarray(b)).max()) for a, b in pairs)
-    pressure = np.abs(whole.pressure - np.asarray(fluid.pressure)).max() / np.abs(fluid.pressure).max()
+    largest = max(float(np.abs(fluid.pressure).max()), np.finfo(float).tiny)
+    pressure = np.abs(whole.pressure - np.asarray(fluid.pressure)).max() / largest
     void = 0.0 if fluid.void_fraction is None else np.abs(whole.void_fraction - np.asarray(fluid.void_fraction)).max()
     return Comparison(apart / speed, float(pressure), float(void))
 

@@ -83,7 +83,7 @@ def test_exchange_is_that_of_one_device(name, number, axis, drift):
     given = [SAME, SLABS, SLABS, SAME], [mixture, slabs, rows, start]
     (found, many, _, figures), text = run_on_slabs(number, own.advance, *given)
     assert "all-gather" not in text
-    assert max(compared(blocks, found, fluid)) < 1e-11
+    assert np.max(compared(blocks, found, fluid)) < 1e-11
     there = table >= 0
 
     def same(rows, exact, what):

@@ -48,7 +48,7 @@ def test_grains_in_a_fluid_move_as_on_one_device(number=4):
         assert figures.exchange.momentum < 1e-13 and figures.exchange.volume < 1e-13
     whole, _ = devices.gathered(divided, slabs, lists)
     assert devices.counts(lists).migrations > 0 and report.particles.collision_force > 0.0
-    assert max(compared(divided.slabs, slabs.fluid, state.fluid)) < 1e-11
+    assert np.max(compared(divided.slabs, slabs.fluid, state.fluid)) < 1e-11
     memory = whole.particles.fluid_memory["virtual_mass"], state.particles.fluid_memory["virtual_mass"]
     names = ("position", "velocity", "angular_velocity", "contact_force", "fluid_force")
     pairs = [(getattr(whole.particles, name), getattr(state.particles, name)) for name in names]
@@ -105,7 +105,7 @@ def test_gradient_through_coupled_steps_is_that_of_one_device():
 
 def test_a_fluid_alone_goes_into_slabs_and_on():
     """From `build` to `gathered` without particles; and back onto one device."""
-    scene = jaxdem.load_scene(FLUIDS["jet"])
+    scene = jaxdem.load_scene(FLUIDS["stream"])
     simulation, parameters = jaxdem.build(scene)
     state, _ = jaxdem.initial_state(scene, simulation, parameters)
     divided, _ = jaxdem.build(scene, devices=2)
@@ -114,7 +114,7 @@ def test_a_fluid_alone_goes_into_slabs_and_on():
     for _ in range(3):
         state, _, _ = jax.jit(simulation.step)(parameters, state, None)
         slabs, _, _ = jax.jit(divided.step)(parameters, slabs, None)
-    assert max(compared(divided.slabs, slabs.fluid, state.fluid)) < 1e-12
+    assert np.max(compared(divided.slabs, slabs.fluid, state.fluid)) < 1e-12
     whole, contacts = devices.gathered(divided, slabs, None)
     again, _ = devices.on_one_device(divided, parameters, whole, contacts)
     assert again.step == 3

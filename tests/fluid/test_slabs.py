@@ -66,7 +66,7 @@ def test_fields_and_reports_are_those_of_one_device(name, number, axis):
     given = [SAME, SLABS], [properties, slabs]
     (found, figures), text = run_on_slabs(number, lambda *given: marched(own, *given), *given)
     assert "all-gather" not in text and "collective-permute" in text and "all-to-all" in text
-    assert max(compared(blocks, found, whole)) < 1e-12
+    assert np.max(compared(blocks, found, whole)) < 1e-12
     # A face between two slabs has one velocity.
     border = np.moveaxis(np.asarray(found.face_velocity[axis]), 1 + axis, 1)
     np.testing.assert_array_equal(border[:-1, -1], border[1:, 0])
