@@ -50,9 +50,9 @@ def test_small_scenes_are_not_helped_and_large_ones_are():
 
 
 def test_what_cannot_be_divided_is_refused_by_name():
-    with pytest.raises(InputError, match="devices = 100: a slab must be"):
+    with pytest.raises(InputError, match="devices = 100: the box cannot be cut into 100 slabs"):
         check_scene(scene_of(), devices=100)
     fluid = {"fluid": {"cells": [15, 5, 5], "density": 1.2, "viscosity": 1e-5, "time_step": 1e-3}}
-    with pytest.raises(InputError, match="multiple of the number of devices, 4"):
+    with pytest.raises(InputError, match="15"):
         check_scene(scene_of(particles=None, contact=None, **fluid), devices=4)
     assert np.isfinite(check_scene(scene_of(), devices=1).cost.total) and check_scene(scene_of()).devices is None

@@ -27,16 +27,17 @@ ENVIRONMENT = {name: value for name, value in os.environ.items() if "XLA_FLAGS" 
 SCENE = """
 precision = "float64"
 [domain]
-size = [0.32, 0.08, 0.12]
-gravity = [3.0, 0.0, -9.81]
+size = [0.32, 0.12]
+depth = 0.02
+gravity = [3.0, -9.81]
 [particles]
-count = 80
+count = 60
 radius = 0.01
 density = 2500.0
 [particles.pack]
 kind = "lattice"
-start = [0.0, 0.0, 0.0]
-stop = [0.32, 0.08, 0.08]
+start = [0.0, 0.0]
+stop = [0.32, 0.1]
 jitter = 0.002
 [contact]
 young_modulus = 1e6
@@ -75,28 +76,32 @@ def on_two(scene, tmp_path_factory):
 
 
 def largest_difference(one, other):
-    assert one.number_of_frames == other.number_of_frames
-    first, second = one.particles(-1), other.particles(-1)
+    """At the last output that both have."""
+    last = min(one.number_of_frames, other.number_of_frames) - 1
+    first, second = one.particles(last), other.particles(last)
     return {name: np.abs(np.subtract(first[name], second[name], dtype=float)).max() for name in first}
 
 
 def test_four_devices_do_what_one_does(scene, tmp_path):
-    for out, more in (("one", ()), ("four", ("--devices", 4))):
-        done = command("run", scene, "--out", tmp_path / out, "--set", "time.end=0.1", "--quiet", *more)
+    for out, end, more in (
+        ("one", 0.12, ()),
+        ("four", 0.1, ("--devices", 4)),
+    ):
+        done = command("run", scene, "--out", tmp_path / out, "--set", f"time.end={end}", "--quiet", *more)
         assert done.returncode == 0, done.stderr
     one, four = load_run(tmp_path / "one"), load_run(tmp_path / "four")
     difference = largest_difference(one, four)
     assert difference["position"] < 1e-12 and difference["velocity"] < 1e-10 and difference["contact_force"] < 1e-8
     told = four.summary["devices"]
-    assert told["number"] == 4 and sum(told["particles"]) == 80 and told["migrations"] > 0
-    np.testing.assert_allclose(four.history["kinetic_energy"], one.history["kinetic_energy"], rtol=1e-10)
+    assert told["number"] == 4 and sum(told["particles"]) == 60 and told["migrations"] > 0
+    np.testing.assert_allclose(four.history["kinetic_energy"], one.history["kinetic_energy"][:11], rtol=1e-10)
     assert not (tmp_path / "four" / ".checkpoint").exists(), "one process has one file"
     # It goes on on one device, to rounding.
-    for out in ("one", "four"):
-        done = command("run", scene, "--out", tmp_path / out, "--set", "time.end=0.12", "--resume", "--quiet")
-        assert done.returncode == 0, done.stderr
-    difference = largest_difference(load_run(tmp_path / "one"), load_run(tmp_path / "four"))
-    assert 0.0 < difference["position"] < 1e-12
+    done = command("run", scene, "--out", tmp_path / "four", "--set", "time.end=0.12", "--resume", "--quiet")
+    assert done.returncode == 0, done.stderr
+    four = load_run(tmp_path / "four")
+    assert four.number_of_frames == one.number_of_frames == 13
+    assert 0.0 < largest_difference(one, four)["position"] < 1e-12
 
 
 def frames(out):
@@ -151,6 +156,7 @@ def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("valid     yes") and done.stdout.count("valid") == 1
     run = load_run(out)
+    assert run.number_of_frames == on_two.number_of_frames
     assert max(largest_difference(run, on_two).values()) == 0.0, "bit for bit, on the same number of devices"
     for name, column in on_two.history.items():
         assert np.array_equal(run.history[name], column, equal_nan=True), name
