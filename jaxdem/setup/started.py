@@ -22,7 +22,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid
+from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
 from jaxdem.setup.start_point import StartPoint, wall_text, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
 from jaxdem.setup.started_list import carried_springs, widened_list
@@ -63,6 +63,7 @@ class Beginning:
                 self._check_places(particles, state)
             room = self._room(particles, state)
             state = state._replace(contact_spring=(self._zeros(room.pairs),) * self._kept)
+            state = with_mesh_memory(state, required(simulation.contact, "contact"), room)
         if simulation.fluid is not None:
             fluid = self._fluid(state)
         if state is not None and simulation.coupling is not None and simulation.coupling.forces:
@@ -86,7 +87,9 @@ class Beginning:
                 springs = carried_springs(arrays, self._springs("contact_spring"), neighbors)
         kept = tuple(on_device(s, particles.position.dtype) for s in springs)
         kept += (self._zeros(room.pairs),) * (self._kept - len(kept))
-        return state._replace(particles=particles._replace(contact_spring=kept[: self._kept])), neighbors
+        particles = particles._replace(contact_spring=kept[: self._kept])
+        particles = with_mesh_memory(particles, required(simulation.contact, "contact"), neighbors.room)
+        return state._replace(particles=particles), neighbors
 
     def _check_places(self, own: StartedParticles, state: ParticleState) -> None:
         """Refuses particles that overlap each other or a wall by more than a run may have."""
@@ -225,6 +228,8 @@ class Beginning:
     def _keeps_list(self, own: StartedParticles) -> bool:
         """Whether the stored list holds: the same particles in the same places, and as many within its reach."""
         if "room" not in self.start.arrays or not len(self.start.arrays["neighbors.overlap"]):
+            return False
+        if self.parameters.meshes:
             return False
         geometry = self.simulation.search.geometry
         same = self.start.reach == [geometry.cutoff, geometry.skin] and own.same_box

@@ -15,6 +15,7 @@ MODULES = (
     "conservation",
     "granular",
     "moving_walls",
+    "meshes",
     "fluid",
     "outlets",
     "walls_in_fluid",

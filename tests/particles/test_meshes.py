@@ -10,10 +10,12 @@ import trimesh
 
 import jaxdem
 from jaxdem.errors import InputError
+from jaxdem.observables.walls import measuring_walls
 from jaxdem.particles import forces
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.materials import surroundings
+from jaxdem.run.restart import from_arrays, to_arrays
 from jaxdem.setup.builder import build_case
 from tests.cases.surfaces import flight, grains_scene, pipe_mesh, plane_mesh, saved
 
@@ -184,3 +186,53 @@ def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
         with pytest.raises(InputError, match=words):
             flight(grains_scene([{"kind": "mesh", **wall}], position), 1)
     assert len(flight(grains_scene([{"kind": "mesh", "file": twice, **place, "repair": True}], free), 1).position)
+
+
+def test_a_resumed_run_is_the_same_bit_for_bit_and_loads_are_measured(planes):
+    """State, list and what contacts with the mesh keep go through a checkpoint; the mesh bears the weight."""
+    weight = 2500.0 * 4.0 / 3.0 * np.pi * 0.02**3 * 9.81
+    position = [[0.31, 0.4, HEIGHT + 0.0199], [0.62, 0.7, HEIGHT + 0.0199]]
+    tables = grains_scene(
+        [on_mesh(planes[200])], position, velocity=[[0.2, 0.1, 0.0]] * 2, precision="float32",
+        contact={"rolling_friction": 0.05, "rolling_model": "epsd", "restitution": 0.2},
+    )  # fmt: skip
+    case = build_case(jaxdem.load_scene(tables))
+    simulation = measuring_walls(case.simulation)
+    first, listed = case.initial_state()
+    step = jax.jit(simulation.step)
+
+    def after(state, neighbors, count):
+        for _ in range(count):
+            state, neighbors, report = step(case.parameters, state, neighbors)
+        assert not bool(report.particles.overflow)
+        return state, neighbors, report
+
+    middle = after(first, listed, 3)
+    assert np.abs(np.asarray(middle[0].particles.mesh_memory[0].spring[0])).max() > 0.0
+    arrays = to_arrays(middle[0], middle[1], {})
+    assert not [name for name in arrays if "surface" in name]
+    state, neighbors, _ = from_arrays(simulation, first, arrays, case.parameters.meshes)
+    through, straight = after(state, neighbors, 12), after(*middle[:2], 12)
+    for one, other in zip(jax.tree.leaves(through[:2]), jax.tree.leaves(straight[:2]), strict=True):
+        assert np.array_equal(one, other)
+    load = straight[2].particles.walls
+    assert float(load.force[2][-1]) == pytest.approx(-2.0 * weight, rel=0.05)
+    assert float(load.mass[0][-1]) == pytest.approx(2.0 * weight / 9.81, rel=1e-5)
+
+
+def test_gradients_by_friction_are_those_of_a_plane(planes):
+    def slope(wall):
+        position = [[0.31, 0.4, HEIGHT + 0.0199], [0.62, 0.7, HEIGHT + 0.0199]]
+        scene = jaxdem.load_scene(grains_scene([wall], position, velocity=[[0.9, 0.1, 0.0]] * 2))
+        case = build_case(scene)
+        simulation, (state, neighbors) = case.simulation.reversible(), case.initial_state()
+
+        def speed(friction):
+            parameters = case.parameters._replace(contact=case.parameters.contact._replace(friction=friction))
+            return simulation.step(parameters, state, neighbors)[0].particles.velocity[0, 0]
+
+        return jax.jit(jax.grad(speed))(jnp.asarray(0.3))
+
+    found, expected = slope(on_mesh(planes[200])), slope(PLANE)
+    assert float(expected) < -0.05
+    assert float(found) == pytest.approx(float(expected), rel=1e-9)
