@@ -144,14 +144,20 @@ def exchanged(blocks: Blocks, ghosts: Ghosts, own: Vector, due: Array | None) ->
             return chosen
         return jnp.concatenate((chosen, jnp.broadcast_to(due.astype(chosen.dtype), (len(own), 1))), axis=1)
 
+    def filled(from_below: Array, from_above: Array) -> Array:
+        # A row without a ghost is like the first of the slab's own: zeros, as of a radius, would make slopes infinite.
+        there = ghosts.identity[ghosts.rows :] >= 0
+        first = jnp.stack([x[0] for x in own])[:, None]
+        return jnp.where(there[None], jnp.concatenate((from_below, from_above), axis=1), first)
+
     from_below, from_above = blocks.from_lower(packed(ghosts.upper)), blocks.from_upper(packed(ghosts.lower))
     if due is None:
-        return jnp.concatenate((from_below, from_above), axis=1), jnp.full((), NEVER, jnp.int32)
+        return filled(from_below, from_above), jnp.full((), NEVER, jnp.int32)
     heard = lax.stop_gradient(jnp.stack((from_below[0, -1], from_above[0, -1])))
     # At an end there is no neighbour, and zeros come from there.
     ends = jnp.stack((blocks.is_first(), blocks.is_last()))
     earliest = jnp.min(jnp.where(ends, NEVER, heard.astype(jnp.int32)))
-    return jnp.concatenate((from_below[:, :-1], from_above[:, :-1]), axis=1), jnp.minimum(due, earliest)
+    return filled(from_below[:, :-1], from_above[:, :-1]), jnp.minimum(due, earliest)
 
 
 def chosen_ghosts(division: Division, ghosts: Ghosts, position: Vector, low: tuple[Low, ...], reach: float) -> Ghosts:
