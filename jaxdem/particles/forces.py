@@ -50,7 +50,9 @@ class Surroundings(NamedTuple):
         if not model.motions:
             return self
         motions = required(self.motions, "motions of the walls")
-        return self._replace(placements=placements(model.motions, motions, elapsed, pistons))
+        # A stage: the series of sines would be summed anew for every particle.
+        placed = stage(elapsed >= 0, lambda: placements(model.motions, motions, elapsed, pistons))
+        return self._replace(placements=placed)
 
 
 class WallLoads(NamedTuple):

@@ -25,6 +25,7 @@ from jaxdem.numerics.compensated import Low, Pair
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.stages import stage
 
 
 class Surface(Protocol):
@@ -193,9 +194,15 @@ def _placed(
     surface: Surface, placed: Placement, position: Vector, low: tuple[Low, ...], radius: Array
 ) -> tuple[Array, Vector]:
     """The same with one surface (N,) that has moved."""
-    own, own_low = placed.to_body(position, low)
-    overlap, normal = _contacts(surface, jnp.stack(own, axis=1), own_low, radius)
-    return overlap, placed.to_box(normal)
+
+    def evaluated() -> tuple[Array, Vector]:
+        own, own_low = stage(there, lambda: placed.to_body(position, low))
+        overlap, normal = _contacts(surface, jnp.stack(own, axis=1), own_low, radius)
+        return overlap, placed.to_box(normal)
+
+    # Stages, or the place in the body would be computed anew for every component of every force.
+    there = ~(placed.shift[0] > jnp.inf)  # always, also for what is not a number
+    return stage(there, evaluated)
 
 
 def _contacts(surface: Surface, x: Array, low: tuple[Low, ...], radius: Array) -> tuple[Array, Vector]:
