@@ -5,16 +5,18 @@ from __future__ import annotations
 from jax import Array
 
 from jaxdem.coupling.interpolation import Weights
+from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells, continued
 from jaxdem.fluid.grid import FaceField
 from jaxdem.numerics.host import namespace
 
 
 def open_weights(weights: Weights, cut: CutCells | None) -> Weights:
-    """Weights of particles times the open parts of their cells, over the sum of these: w_pc V_c / sum_c w_pc V_c.
+    """Weights of particles times a factor v of their cells, over the sum of these: w_pc v_c / sum_c w_pc v_c.
 
-    So all of a particle's volume is in the fluid, and where it is far from a surface nothing changes. Of a particle
-    that reaches no open cell they stay as they are.
+    The factors are such that particles that stand evenly give an even solid fraction, see `setup.even_deposition`. All
+    of a particle's volume is in the fluid, and where it is far from a surface nothing changes. Of a particle that
+    reaches no open cell the weights stay as they are.
 
     Args:
         weights: of the N particles.
@@ -22,8 +24,8 @@ def open_weights(weights: Weights, cut: CutCells | None) -> Weights:
     """
     if cut is None:
         return weights
-    xp = namespace(weights.weight)
-    shares = weights.weight * xp.ravel(cut.open_cells)[weights.index]
+    xp, factors = namespace(weights.weight), required(cut.deposit_weights, "deposit_weights of the cut cells")
+    shares = weights.weight * xp.ravel(factors)[weights.index]
     total = xp.sum(shares, axis=1, keepdims=True)
     reaches = total > 1e-6
     return weights._replace(weight=xp.where(reaches, shares / xp.where(reaches, total, 1.0), weights.weight))

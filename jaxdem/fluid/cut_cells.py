@@ -52,6 +52,8 @@ class CutCells(NamedTuple):
         nearest_to_faces: int32, number of the surface that is nearest to every face.
         nearest_to_cells: the same of every cell.
         spin: (S, A) angular velocity of every surface that turns along itself; None where none does [rad/s].
+        deposit_weights: factor of every cell on the weights of particles, zero without an open face; None without
+            particles [-].
     """
 
     open_faces: FaceField
@@ -61,6 +63,7 @@ class CutCells(NamedTuple):
     nearest_to_faces: FaceField
     nearest_to_cells: Array
     spin: Array | None = None
+    deposit_weights: Array | None = None
 
     @property
     def inertia(self) -> FaceField:

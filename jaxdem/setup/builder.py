@@ -212,6 +212,7 @@ def build_case(
         closure = drag_closure(scene, scene.coupling, closure)
         surroundings = surroundings_of(scene, particles, closure)
         coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter, surroundings)
+        seen = seen.with_particles(interval.solver.grid, coupling.deposition, particles.bodies.largest_diameter)
     simulation = Simulation(
         interval=steps.interval,
         steps=steps,

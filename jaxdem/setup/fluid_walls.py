@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from jaxdem.coupling.deposition import Deposition
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary, coverage, open_fraction
 from jaxdem.fluid.cut_cells import CutCells
@@ -19,6 +20,7 @@ from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.scene.wall_motion import WallMotion
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
+from jaxdem.setup.even_deposition import even_factors
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.state import Parameters
@@ -33,12 +35,28 @@ class FluidWalls:
     Attributes:
         cut: the open parts of its mesh, arrays of NumPy in float64; None where it sees none.
         walls: number in the scene of the wall that each surface belongs to.
+        surfaces: that the fluid sees.
         closed_pockets: number of cells that surfaces enclose, without a way out: the fluid there is left out.
     """
 
     cut: CutCells | None = None
     walls: tuple[int, ...] = ()
+    surfaces: tuple[FluidSurface, ...] = ()
     closed_pockets: int = 0
+
+    def with_particles(self, grid: Grid, deposition: Deposition, diameter: float) -> FluidWalls:
+        """The same with the weights of the cells for particles up to this diameter [m]."""
+        if self.cut is None:
+            return self
+        open_cells = np.asarray(self.cut.open_cells)
+        even = even_factors(grid, deposition, open_cells, self.distance, 0.5 * diameter)
+        cut = self.cut._replace(deposit_weights=open_cells * even)  # type: ignore[arg-type]
+        return dataclasses.replace(self, cut=cut)
+
+    def distance(self, points: Points) -> np.ndarray:
+        """From the nearest surface at points (..., D), positive in the fluid [m]."""
+        found: np.ndarray = np.min([surface.distance(points) for surface in self.surfaces], axis=0)
+        return found
 
     def put_into(self, parameters: Parameters) -> Parameters:
         """The parameters with the open parts of the mesh."""
@@ -87,7 +105,7 @@ def fluid_walls(scene: Scene, grid: Grid, boundary: Boundary, extensions: Extens
         remedy = "check the side that the walls face, and the size of the cells (fluid.cells)"
         raise InputError(key, seen[0][1].fluid, limit, remedy)
     _check_openings(scene, grid, boundary, cut)
-    return FluidWalls(cut, tuple(owners), pockets)
+    return FluidWalls(cut, tuple(owners), tuple(surfaces), pockets)
 
 
 def wall_speed_in_fluid(scene: Scene) -> float:
