@@ -172,7 +172,7 @@ def test_an_even_cloud_beside_a_wall_gives_an_even_solid_fraction():
         weights = open_weights(kernel.weights(grid, points, radius), cut._replace(deposit_weights=factors))
         solids = solid_fraction(grid, weights, np.asarray(0.3 / 400**2), cut)
         assert np.sum(solids * cut.open_cells) / 100 == pytest.approx(0.3 * len(points) / 400**2, rel=1e-12)
-        # Cells that are more solid than open hold few of the 16 points of a cell that the factors are found with.
+        # The factors are found with 16 points a cell: in a cell that a wall cuts one more or less may count as open.
         spread[name] = np.abs(solids[cut.open_cells > 0.5] / 0.3 - 1.0).max()
-    assert spread["even"] < 0.02
+    assert spread["even"] < 1.0 / 16.0
     assert spread["open parts alone"] > 0.1  # negative control
