@@ -54,7 +54,8 @@ def lid(run: Run) -> None:
 
 def frames(figure: plt.Figure, panels: np.ndarray, run: Run, times: tuple[float, ...]) -> None:
     """Pictures of a run side by side."""
-    box = tuple(run.scene["domain"]["size"])
+    size = run.scene["domain"]["size"]
+    box = size[0], size[-1]
     shown = [pictures.take_nearest(run, time, times[-1]) for time in times]
     tops = pictures.scale_tops([picture for picture in shown if picture])
     for axes, picture in zip(panels, shown, strict=True):
