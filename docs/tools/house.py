@@ -25,6 +25,7 @@ HOLDS = {
     "run": "time loop, run directory, rollout",
     "setup": "scene -> Simulation, Parameters, State",
     "scene": "what a user describes",
+    "devices": "a box on many devices",
     "ensemble": "several runs at once",
     "external": "the fluid of others",
     "simulation": "Simulation",

@@ -14,7 +14,7 @@ from jaxdem.devices.contacts import Contacts, contacts_of_list, contacts_of_slab
 from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
 from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
 from jaxdem.devices.simulation import DividedSimulation
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
 from jaxdem.numerics import vectors
 from jaxdem.particles.ghosts import Ghosts
@@ -296,8 +296,14 @@ def enlarged(
         simulation, parameters: from `jaxdem.build(scene, devices=...)`.
         state, neighbors: distributed, before the step.
         failed: the list after the step, which says what was lacking.
+
+    Raises:
+        InputError: the slabs are too narrow, which no room helps.
     """
     ghosts = required(failed.ghosts, "ghosts of a list")
+    if np.any(on_host(ghosts.narrow)):
+        limit = "a particle went farther than the neighbouring slab, or slabs that are no neighbours came within reach"
+        raise InputError("devices", simulation.slabs.number, limit, "use fewer devices, or a shorter interval")
     needed = np.asarray(on_host(ghosts.needed)).max(axis=0)
     room = SlabRoom.of(neighbors).enlarged(needed)
     whole, contacts = gathered(simulation, state, neighbors)
