@@ -32,7 +32,8 @@ def main() -> None:
     orifice, diameter, bulk = 0.032, 0.004, 1500.0
     law = 0.58 * bulk * 9.81**0.5 * (orifice - 1.4 * diameter) ** 2.5
     panels[-1].axhline(law, color="gray", linestyle="--", label="Beverloo")
-    panels[-1].legend(loc="center left")
+    panels[-1].set_ylim(0.0, 0.42)
+    panels[-1].legend(loc="upper right")
     panels[-1].set(xlabel="time [s]", ylabel="flow of mass out of the silo [kg/s]")
     save(figure, "silo")
 
