@@ -26,7 +26,7 @@ GRAINS = LinearSegmentedColormap.from_list("grains", ["#2B1408", "#7A3B12", "#C9
 """Dark at rest, so that a pack shows on still water, and bright in motion, so that grains show in a jet."""
 
 WALL = LinearSegmentedColormap.from_list("wall", ["#A9AFB700", "#A9AFB7C8"])
-"""Not quite opaque: the fluid does not see these walls, and its speed behind them is part of the result."""
+"""Not quite opaque: the fluid need not see these walls, and its speed behind them is part of the result then."""
 WALL_EDGE = "#2E3338"
 OPENINGS = {INLET: "#009E73", OUTLET: "#CC79A7"}
 
