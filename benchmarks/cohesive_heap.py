@@ -2,9 +2,8 @@
 
     python benchmarks/cohesive_heap.py [--count 500] [--seeds 3]
 
-Discs of JKR settle behind a gate, the gate vanishes, and they slump. The slope is that of a line through the tops of
-the grains between 15 % and 85 % of the height. Writes results/cohesive_heap.{json,md} and
-docs/results/cohesive_heap.png.
+Discs of JKR settle behind a gate, the gate vanishes, and they slump. The slope is that of a wedge with the same centre
+of mass. Writes results/cohesive_heap.{json,md} and docs/results/cohesive_heap.png.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 import jaxdem
 from benchmarks import harness
 
-RADIUS, DENSITY, GATE, OPENED, END = 1e-3, 2500.0, 0.05, 0.2, 0.8
+RADIUS, DENSITY, GATE, OPENED, END = 1e-3, 2500.0, 0.05, 0.2, 0.6
 WEIGHT = DENSITY * 4.0 / 3.0 * math.pi * RADIUS**3 * 9.81
-BONDS = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)
+BONDS = (0.0, 1.0, 4.0, 16.0)
 SHOWN = (0.0, 4.0, 16.0)
 FIGURE = Path(__file__).parents[1] / "docs" / "results" / "cohesive_heap.png"
 
@@ -55,22 +54,14 @@ def scene_of(bond: float, seed: int, count: int) -> jaxdem.Scene:
     )  # fmt: skip
 
 
-def slope(position: np.ndarray, radius: np.ndarray) -> float:
-    """Angle of the free surface against the floor [degrees]."""
-    x, top = position[:, 0], position[:, 1] + radius
-    edges = np.arange(0.0, x.max() + 2.0 * RADIUS, 2.0 * RADIUS)
-    places = np.digitize(x, edges)
-    columns = [(np.mean(x[places == k]), top[places == k].max()) for k in np.unique(places)]
-    middle, surface = np.array(columns).T
-    height = surface.max()
-    # From the last column that is as high as 85 % to the first that is as low as 15 %.
-    begin = int(np.max(np.flatnonzero(surface >= 0.85 * height)))
-    low = np.flatnonzero((surface <= 0.15 * height) & (np.arange(len(surface)) > begin))
-    end = int(low[0]) if len(low) else len(surface) - 1
-    across, along = surface[begin : end + 1], middle[begin : end + 1]
-    if len(along) < 3:  # a step: the two ends of it
-        return math.degrees(math.atan2(across[0] - across[-1], along[-1] - along[0]))
-    return math.degrees(math.atan(-np.polyfit(along, across, 1)[0]))
+def slope(position: np.ndarray) -> float:
+    """Slope of the wedge against the wall that has the same centre of mass [degrees].
+
+    A wedge of height H and length L has it at H/3 and L/3. A line through the surface says less: cohesive heaps break
+    into blocks, whose tops have no slope.
+    """
+    x, z = position.mean(axis=0)
+    return math.degrees(math.atan2(z, x))
 
 
 def draw(found: dict[float, list[float]], heaps: dict[float, tuple[np.ndarray, np.ndarray]]) -> None:
@@ -86,12 +77,13 @@ def draw(found: dict[float, list[float]], heaps: dict[float, tuple[np.ndarray, n
     mean = [float(np.mean(found[bond])) for bond in bonds]
     for bond in bonds:
         axes[0].plot([bond] * len(found[bond]), found[bond], "o", color="tab:blue", markersize=4, alpha=0.6)
-    axes[0].plot(bonds, mean, "-", color="tab:blue", label="mean")
+    axes[0].plot(bonds, mean, "-", color="tab:blue")
     axes[0].set_xscale("symlog", linthresh=0.5)
-    axes[0].set_xticks(bonds, [f"{bond:g}" for bond in bonds])
+    axes[0].set_xticks(bonds, [f"{bond:g}" for bond in bonds], minor=False)
+    axes[0].minorticks_off()
     axes[0].set_xlabel("Bond number, pull-off force over weight")
     axes[0].set_ylabel("slope [degrees]")
-    axes[0].set_ylim(0.0, 90.0)
+    axes[0].set_ylim(0.0, 45.0)
     axes[0].grid(alpha=0.3)
     for axis, (bond, (position, radius)) in zip(axes[1:], heaps.items(), strict=True):
         size = 2e3 * radius
@@ -100,7 +92,7 @@ def draw(found: dict[float, list[float]], heaps: dict[float, tuple[np.ndarray, n
                               offset_transform=axis.transData, facecolor="tab:orange", edgecolor="k", linewidth=0.2)
         )  # fmt: skip
         axis.set_xlim(0.0, 100.0)
-        axis.set_ylim(0.0, 75.0)
+        axis.set_ylim(0.0, 50.0)
         axis.set_aspect("equal")
         axis.set_title(f"Bond number {bond:g}", fontsize=10)
         axis.set_xlabel("x [mm]")
@@ -125,8 +117,7 @@ def main() -> None:
                 run = jaxdem.simulate(scene_of(bond, seed, arguments.count), Path(folder) / "run")
                 last: Any = run.particles(-1)
                 position, radius = np.asarray(last["position"])[:, :2], np.asarray(last["radius"])
-                position = position[:, [0, 1]]
-            found[bond].append(slope(position, radius))
+            found[bond].append(slope(position))
             if seed == 0 and bond in SHOWN:
                 heaps[bond] = position, radius
         print(f"Bond {bond:g}: {', '.join(f'{angle:.1f}' for angle in found[bond])} degrees", flush=True)
