@@ -208,6 +208,26 @@ def check_meshes(
             )
 
 
+def check_inlets_beside_meshes(particles: ParticleSetup) -> None:
+    """Refuses a mesh in the box of an inlet: particles that come in do not look for it.
+
+    Raises:
+        InputError: naming the inlet and the wall.
+    """
+    if not particles.meshes:
+        return
+    drawn = np.random.default_rng(0).uniform(size=(4096, particles.scene.dimension))
+    for k, inlet in enumerate(particles.table.inlet):
+        if inlet.start is None or inlet.stop is None:
+            continue
+        places = np.asarray(inlet.start) + drawn * np.subtract(inlet.stop, inlet.start)
+        for mesh in particles.meshes:
+            radius = np.full(len(places), mesh.largest)
+            if mesh.depth(places, radius).max() > 0.0:
+                limit = f"{mesh.key} (mesh) lies in it or touches its particles, and they would come in on it"
+                raise InputError(f"particles.inlet.{k}", "...", limit, "move the inlet or the wall")
+
+
 def _point(row: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.5g}" for value in row) + ")"
 

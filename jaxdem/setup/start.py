@@ -28,7 +28,13 @@ from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.fluid import fluid_velocity
 from jaxdem.setup.inlet_regions import inlet_space
-from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
+from jaxdem.setup.overlaps import (
+    allowed_overlap,
+    check_initial_positions,
+    check_inlets_beside_meshes,
+    check_meshes,
+    check_surfaces,
+)
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -60,6 +66,7 @@ def first_state(
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         placed = simulation.placed(parameters, state, _full((), 0, np.int32)) if model.motions else ()
         check_surfaces(scene, model.surfaces, present, state, parameters.bodies.radius, allowed, placed)
+        check_inlets_beside_meshes(particles)
         check_meshes(particles.meshes, present, state, parameters.bodies.radius, allowed)
         room = simulation.room(parameters, state)
         state = _with_memory(scene, simulation, parameters.bodies.radius, state, room)

@@ -185,6 +185,10 @@ def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             flight(grains_scene([{"kind": "mesh", **wall}], position), 1)
+    inlet = {"start": [0.1, 0.1, 0.1], "stop": [0.6, 0.6, 0.6], "rate": 1000.0, "velocity": [0.0, 0.0, 0.0]}
+    tables = grains_scene([{"kind": "mesh", "file": sound, **place}], free, particles={"inlet": [inlet]})
+    with pytest.raises(InputError, match=r"particles\.inlet\.0.*walls\.0"):
+        flight(tables, 1)
     assert len(flight(grains_scene([{"kind": "mesh", "file": twice, **place, "repair": True}], free), 1).position)
 
 
