@@ -299,3 +299,31 @@ def bed_in_pipe(cells=16, layers=16, count=14):
         relative("pressure drop of the pipe over that of the duct", 1.0, drop / of_duct, 0.01),
         relative("pressure drop of the pipe", ergun, drop, 0.01, "Pa/m"),
     ]
+
+
+@case("Poiseuille flow in a round pipe", "fluid", "Hagen and Poiseuille, closed form", fast={"cells": (12, 24)})
+def round_pipe(cells=(16, 32)):
+    """Flow and its order, of a pipe along the third axis that a gradient drives."""
+    flows = [_pipe_flow(n) for n in cells]
+    order = math.log2(abs(flows[0] - 1.0) / abs(flows[1] - 1.0)) / math.log2(cells[1] / cells[0])
+    return [
+        relative(f"flow, {0.9 * cells[1]:.3g} cells across", 1.0, flows[1], 0.01),
+        at_least("order of the flow", 1.5, order),
+    ]
+
+
+def _pipe_flow(n):
+    """Flow through a pipe of radius 0.45 in a box of side 1 with n cells a side, over pi G R^4 / (8 mu)."""
+    radius, viscosity = 0.45, 1.0
+    flow = Flow((n, n, 2), (1.0, 1.0, 2.0 / n), ("no_slip",) * 4 + ("periodic",) * 2)
+    pipe = FluidSurface(lambda x: radius - np.hypot(x[..., 0] - 0.503, x[..., 1] - 0.491))
+    cut = jax.tree.map(jnp.asarray, cut_cells_of(flow.grid, [pipe])[0])
+    solver = dataclasses.replace(flow.solver, drive=Drive((False, False, True), (False,) * 3), surfaces=1)
+    gradient = jnp.asarray([0.0, 0.0, -1.0])
+    properties = flow.properties(viscosity)
+    properties = properties._replace(cut=cut, drive=DriveParameters(gradient), gravity=jnp.zeros(3))
+    step = 0.28 / n**2 / 3.0 / viscosity
+    count = int(8.0 * radius**2 / 5.78 / viscosity / step)
+    state, _ = marched(solver, properties, flow.state()._replace(mean_gradient=gradient), step, count)
+    flux = float(jnp.sum((cut.open_faces[2] * state.face_velocity[2])[:, :, 0])) / n**2
+    return flux / (math.pi * radius**4 / 8.0 / viscosity)
