@@ -9,9 +9,9 @@ The flux a g u obeys continuity in every cell, so that the matrix of the pressur
 the exchange with the next face n, the same for both. R is the friction on the surface. It is such that a linear shear
 flow along a surface is kept exactly, u = d with d the mean distance of a face's open part from the surface:
 
-    R d = sum b (d_n - d)/h^2
+    R d = sum b (d_n - d)/h^2 - a lap(d)
 
-At a surface on a grid line it is the friction of a no-slip side, 2/h^2. It is implicit in time. M = max(a, 1/2) is the
+with the Laplacian of the distance, the curvature of the surface. At a surface on a grid line it is the friction of a no-slip side, 2/h^2. It is implicit in time. M = max(a, 1/2) is the
 inertia: a small control volume has that of half a cell, which no steady flow knows of. So small cells put no limit on
 the time step. Faces that are open by less than `LEAST_OPEN` are closed.
 
@@ -36,6 +36,9 @@ from jaxdem.numerics.host import namespace
 
 LEAST_OPEN = 0.01
 """Open fraction under which a face is closed [-]."""
+
+SHARPEST = 0.25
+"""Curvature of a surface times the cell size, above which it counts for this much [-]."""
 
 LEAST_INERTIA = 0.5
 """Of a control volume, in parts of a whole one [-]."""
@@ -259,7 +262,7 @@ def _open_side(grid: Grid, open_faces: FaceField, which: int, axis: int, upper: 
     return namespace(side).concatenate((first, inner, last), which)
 
 
-def friction_of(grid: Grid, open_faces: FaceField, distance: FaceField) -> FaceField:
+def friction_of(grid: Grid, open_faces: FaceField, distance: FaceField, whole: FaceField) -> FaceField:
     """R of every face next to a surface, see the module [1/m2]; also for arrays of NumPy.
 
     It is at least 1/h^2 for each neighbour that is closed, which holds in gaps of few cells, where the distance has its
@@ -269,10 +272,11 @@ def friction_of(grid: Grid, open_faces: FaceField, distance: FaceField) -> FaceF
         grid: the grid.
         open_faces: a.
         distance: mean over the open part of every face, 0 of closed ones [m].
+        whole: mean over the whole of every face, negative in a wall [m].
     """
     result = []
-    for which, (a, d) in enumerate(zip(open_faces, distance, strict=True)):
-        xp = namespace(a)
+    for which, (a, d, m) in enumerate(zip(open_faces, distance, whole, strict=True)):
+        xp, bend = namespace(a), 0.0 * m
         total, least, near = xp.zeros_like(d), xp.zeros_like(d), a < 1.0
         for axis in range(grid.dimension):
             beside, wide = _padded(grid, open_faces, which, axis), _with_distance_beyond(grid, d, which, axis)
@@ -282,6 +286,11 @@ def friction_of(grid: Grid, open_faces: FaceField, distance: FaceField) -> FaceF
                 total = total + xp.minimum(a, next_a) * (next_d - d) / grid.spacing[axis] ** 2
                 least = least + xp.where(next_a <= 0.0, a, 0.0) / grid.spacing[axis] ** 2
                 near = near | (next_a < 1.0)
+            wide = _with_distance_beyond(grid, m, which, axis)
+            bend = bend + (along(wide, axis, 2, None) - 2.0 * m + along(wide, axis, None, -2)) / grid.spacing[axis] ** 2
+        # A kink, where two surfaces meet, is no curvature.
+        limit = SHARPEST / min(grid.spacing)
+        total = total - a * xp.clip(bend, -limit, limit)
         has_distance = (a > 0.0) & (d > 0.0)
         friction = xp.maximum(total / xp.where(has_distance, d, 1.0), least)
         result.append(xp.where(has_distance & near, friction, 0.0))

@@ -103,7 +103,9 @@ def cut_cells(
     if leave_out is not None:
         _close_around(grid, faces, leave_out(tuple(faces.open_part), cells))
     sticks, friction = xp.asarray(no_slip), []
-    for label, r in zip(faces.nearest, friction_of(grid, tuple(faces.open_part), tuple(faces.distance)), strict=True):
+    whole = tuple(_mean_of_corners(nearest, tuple(a for a in axes if a != axis)) for axis in axes)
+    rough = friction_of(grid, tuple(faces.open_part), tuple(faces.distance), whole)
+    for label, r in zip(faces.nearest, rough, strict=True):
         friction.append(xp.where(sticks[label], r, 0.0))
     has_open = _open_faces_of_cells(grid, faces) > 0.0
     still = tuple(xp.zeros_like(a) for a in faces.open_part)
@@ -141,6 +143,12 @@ def _close_around(grid: Grid, faces: _Faces, cells: Array) -> None:
             first = last = first | last
         closed = xp.concatenate((cells, last), axis) | xp.concatenate((first, cells), axis)
         faces.close(axis, closed)
+
+
+def _mean_of_corners(corners: Array, axes: tuple[int, ...]) -> Array:
+    for axis in axes:
+        corners = 0.5 * (along(corners, axis, None, -1) + along(corners, axis, 1, None))
+    return corners
 
 
 def _nearest(stacked: Array, axes: tuple[int, ...]) -> Array:
