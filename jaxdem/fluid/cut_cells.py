@@ -11,9 +11,10 @@ flow along a surface is kept exactly, u = d with d the mean distance of a face's
 
     R d = sum b (d_n - d)/h^2 - a lap(d)
 
-with the Laplacian of the distance, the curvature of the surface. At a surface on a grid line it is the friction of a no-slip side, 2/h^2. It is implicit in time. M = max(a, 1/2) is the
-inertia: a small control volume has that of half a cell, which no steady flow knows of. So small cells put no limit on
-the time step. Faces that are open by less than `LEAST_OPEN` are closed.
+with the Laplacian of the distance, the curvature of the surface. At a surface on a grid line it is the friction of a
+no-slip side, 2/h^2. It is implicit in time. M = max(a, 1/2) is the inertia: a small control volume has that of half a
+cell, which no steady flow knows of. So small cells put no limit on the time step. Faces that are open by less than
+`LEAST_OPEN` are closed.
 
 Source of the weights: Y. T. Ng, C. Min, F. Gibou, J. Comput. Phys. 228 (2009) 8807-8829 (open fractions in the
 projection on a staggered grid). The friction R is derived here.
