@@ -339,6 +339,53 @@ START: Tables = {
 }
 """A start from a frame of another run."""
 
+MOVING: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]]},
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "walls": [
+        {"kind": "plane", "point": [0.0, -0.01], "normal": [0.0, 1.0], "motion": [
+            {"kind": "translation", "velocity": [0.1, 0.0], "begin": 0.001, "end": 0.01},
+            {"kind": "oscillation", "direction": [0.0, 1.0], "amplitude": 0.001, "frequency": 5.0, "phase": 0.5},
+            {"kind": "table", "direction": [1.0, 0.0], "times": [0.0, 0.01], "displacement": [0.0, 0.001]},
+        ]},
+        {"kind": "cylinder", "center": [0.1, 0.1], "radius": 0.2, "motion": [
+            {"kind": "rotation", "center": [0.1, 0.1], "rate": 1.0},
+            {"kind": "table", "center": [0.1, 0.1], "times": [0.0, 0.01], "angle": [0.0, 0.1]},
+        ]},
+        {"kind": "plane", "point": [0.0, 0.15], "normal": [0.0, -1.0], "piston": {
+            "direction": [0.0, -1.0], "force": [1.0, 2.0], "force_times": [0.0, 0.01], "mass": 0.5, "damping": 1.0}},
+        {"kind": "mesh", "points": [[0.0, 0.19], [0.2, 0.19], [0.2, 0.18]], "closed": True, "translate": [0.0, 0.001]},
+    ],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Walls that move, one that a force holds, and a line."""
+
+MESHES: Tables = {
+    "domain": {"size": [0.12, 0.12, 0.25]},
+    "particles": {"radius": 0.004, "density": 2650.0, "position": [[0.06, 0.06, 0.1], [0.06, 0.05, 0.12]]},
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "walls": [
+        {"kind": "mesh", "file": str(Path(__file__).parents[2] / "scenes" / "silo.stl"), "scale": 1.0,
+         "rotate": [0.0, 0.0, 10.0], "translate": [0.0, 0.0, 0.0], "touch": "both", "smooth_angle": 2.0,
+         "repair": True, "closed": False},
+        {"kind": "mesh", "file": str(Path(__file__).parents[1] / "data" / "heights.csv"), "spacing": [0.06, 0.06],
+         "touch": "front", "motion": [
+             {"kind": "rotation", "center": [0.06, 0.06, 0.0], "axis": [0.0, 0.0, 1.0], "rate": 1.0}]},
+    ],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Walls of triangles from a file, and a map of heights that turns."""
+
+CYLINDER: Tables = {
+    "domain": {"size": [0.4, 0.2]},
+    "fluid": {"cells": [16, 8], "viscosity": 1e-4, "time_step": "auto"},
+    "boundary": {"left": {"kind": "inlet", "velocity": 0.1}, "right": {"kind": "outlet"}},
+    "walls": [{"kind": "cylinder", "center": [0.15, 0.1], "radius": 0.04, "inside": False, "fluid": "no_slip"}],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+"""A cylinder in a stream."""
+
 BASES = {
     "coupled": COUPLED,
     "grains": GRAINS,
@@ -352,6 +399,9 @@ BASES = {
     "bed": BED,
     "probes": PROBES,
     "start": START,
+    "moving": MOVING,
+    "meshes": MESHES,
+    "cylinder": CYLINDER,
     **COHESIVE,
 }
 

@@ -66,7 +66,7 @@ def test_a_list_that_is_never_rebuilt_fails(trajectory, monkeypatch):
     """Negative control: with the rebuild switched off the trajectory is another."""
     # Programs are shared by equal descriptions: these are compiled anew, and kept for nobody.
     monkeypatch.setattr(worlds, "runner", worlds.runner.__wrapped__)
-    monkeypatch.setattr(loop, "out_of_date", lambda displacement, geometry: jnp.zeros((), bool))
+    monkeypatch.setattr(loop, "out_of_date", lambda *_: jnp.zeros((), bool))
     end, seen = track(gas(True), 1e-5, 120, 5)
     assert int(end.neighbors.builds) == 1
     assert np.abs(seen.position - trajectory[1].position).max() > 1e-3
@@ -218,8 +218,9 @@ def test_history_follows_the_identity_of_the_pair():
     first, second = map(np.asarray, scene.neighbors.pairs[:2])
     history = tuple(jnp.asarray(np.where(first == second, 0.0, x)) for x in value(first, second))
     moved = position + generator.uniform(-0.01, 0.01, position.shape)
-    slots, pairs, cell = dataclasses.astuple(scene.neighbors.room)
-    new = world(moved, box=(0.08, 0.08), room=Room(slots + 3, pairs + 9, cell)).neighbors
+    room = scene.neighbors.room
+    wider = dataclasses.replace(room, slots=room.slots + 3, pairs=room.pairs + 9)
+    new = world(moved, box=(0.08, 0.08), room=wider).neighbors
     carried = np.stack(carry_history(history, scene.neighbors, new), axis=1)
     old_pairs, kept, lost = listed_pairs(scene.neighbors), 0, 0
     for i, j, vector in zip(*map(np.asarray, new.pairs[:2]), carried, strict=True):
@@ -242,7 +243,7 @@ def test_rebuilds_do_not_change_sliding_contacts(monkeypatch, control):
     assert max(springs) > 1e-7  # the contacts hold springs to be lost
     # Programs are shared by equal descriptions: these are compiled anew, and kept for nobody.
     monkeypatch.setattr(worlds, "runner", worlds.runner.__wrapped__)
-    monkeypatch.setattr(loop, "out_of_date", lambda d, g: jnp.max(jnp.abs(d[0]) + jnp.abs(d[1])) > 1e-9)
+    monkeypatch.setattr(loop, "out_of_date", lambda d, *_: jnp.max(jnp.abs(d[0]) + jnp.abs(d[1])) > 1e-9)
     if control:
         monkeypatch.setattr(
             loop, "carry_history",

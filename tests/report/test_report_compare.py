@@ -346,6 +346,8 @@ def test_imports_no_jax() -> None:
             }, path
             ours = {name for name in names if name.startswith("jaxdem")}
             assert all(
-                name.startswith(("jaxdem.report", "jaxdem.metrics", "jaxdem.errors", "jaxdem.files", "jaxdem.io"))
+                name.startswith(
+                    ("jaxdem.report", "jaxdem.metrics", "jaxdem.errors", "jaxdem.files", "jaxdem.io", "jaxdem.solids")
+                )
                 for name in ours
             ), path
