@@ -224,6 +224,8 @@ def test_the_check_names_the_walls():
     report = check_scene(load_scene(tables(PLANE, WEDGE)))
     assert "additional walls: plane, wedge" in report.compiled_in
     assert "additional walls" in check_scene(load_scene(tables())).left_out
+    line = {"kind": "mesh", "points": [[0.01, 0.05], [0.03, 0.05]]}
+    assert "additional walls: mesh" in check_scene(load_scene(tables(line))).compiled_in
     fluid = {"fluid": {"cells": [8, 8], "viscosity": 1e-6}}
     parts = check_scene(load_scene(tables(PLANE) | fluid)).compiled_in
     assert "additional walls: plane (for particles only; they do not affect the fluid)" in parts

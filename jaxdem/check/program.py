@@ -32,7 +32,7 @@ def compiled_parts(
             ("radius per particle", parameters.bodies is not None and parameters.bodies.radius.ndim > 0),
             ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
             (f"contact with {len(model.sides)} walls", bool(model.sides)),
-            (_walls_beside_the_box(scene), bool(model.surfaces)),
+            (_walls_beside_the_box(scene), bool(model.surfaces or model.meshes)),
             ("positions in pairs of floats", scene.precision == "float32"),
         ]
     parts.append(("gravity over time", simulation.gravity_times is not None))

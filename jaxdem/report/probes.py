@@ -14,12 +14,12 @@ from jaxdem.report.runs import Array
 
 SHOWN = {
     "plane": ("number_flow", "mass_flow", "fluid_volume_flow"),
-    "wall": ("force", "torque", "fluid_force", "fluid_torque"),
+    "wall": ("force", "torque", "power", "fluid_force", "fluid_torque"),
     "point": ("fluid_velocity", "fluid_pressure"),
     "profile": ("solid_fraction", "velocity", "granular_temperature", "stress", "fluid_velocity", "void_fraction"),
 }
-"""By kind, the quantities that are drawn; of vectors and tensors every component on the diagonal. Lists of contacts are
-not drawn."""
+"""By kind, the quantities that are drawn; of vectors and tensors every component on the diagonal. Lists of contacts
+and the power of a wall that does not move are not drawn."""
 
 COMPONENTS = ("", "_x", "_y", "_z", "_xx", "_yy", "_zz")
 
@@ -66,7 +66,8 @@ def _described(row: Row, name: str) -> dict[str, Any]:
 
 def _shown(described: dict[str, Any], table: dict[str, Array]) -> list[str]:
     names = [stem + end for stem in SHOWN.get(described.get("kind", ""), ()) for end in COMPONENTS]
-    return [name for name in names if name in table and np.isfinite(table[name]).any()]
+    known = [name for name in names if name in table and np.isfinite(table[name]).any()]
+    return [name for name in known if name != "power" or np.any(table[name])]
 
 
 def _axes(row: Row, name: str, column: str, described: dict[str, Any]) -> Panel:

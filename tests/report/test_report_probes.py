@@ -62,6 +62,17 @@ def test_panels_hold_series_over_time_profiles_and_points() -> None:
     assert len({one.color for one in alone.series}) == 2 and len({one.line for one in alone.series}) == 1
 
 
+def test_the_power_of_a_wall_is_drawn_where_it_moves() -> None:
+    run, time = measured("a"), np.array([0.5, 1.0])
+    run.probes = FakeProbes(
+        floor={"time": time, "force_z": -time, "power": 0.0 * time},
+        drum={"time": time, "force_z": -time, "power": -time},
+    )
+    run.scene["probes"] = [{"name": name, "kind": "wall", "wall": 0} for name in ("floor", "drum")]
+    labels = [panel.y_label for panel in probe_panels(build(Candidate(run), [Candidate(run)]).every[:1])]
+    assert [label.split(" [")[0] for label in labels] == ["floor: force z", "drum: force z", "drum: power"]
+
+
 def test_places_are_told_by_where_they_are() -> None:
     run = measured("a")
     where = {"x": np.tile([0.25, 0.5], 4), "z": np.full(8, 0.125)}
