@@ -254,11 +254,12 @@ def add_legends(
     for name, quantity in (("fluid", FLUID), (color, QUANTITIES[color])):
         if name in tops:
             tall = figure.bbox.height / figure.dpi
-            figure.colorbar(
+            bar = figure.colorbar(
                 ScalarMappable(_scale(tops, name), quantity.colors), ax=axes, label=quantity.label, location="bottom",
                 extend="max", fraction=0.3 / tall, pad=0.1 / tall, shrink=min(1.0, 7.0 / inches),
                 aspect=min(inches, 7.0) / 0.14,
             )  # fmt: skip
+            bar.ax.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
     kinds = {opening.kind for picture in shown for opening in picture.openings}
     handles = [Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds]
     for picture in shown:

@@ -139,7 +139,8 @@ def frame_size(run: Run) -> tuple[float, float]:
     """Width and height of the figure of one frame [inch]: the box, and room for title, axes and keys."""
     length, height = _box(run)
     scale = LONG_SIDE / max(length, height)
-    return max(scale * length + 1.2, SHORTEST), scale * height + 2.7
+    bars = sum(bool(run.scene.get(table)) for table in ("fluid", "particles"))
+    return max(scale * length + 1.2, SHORTEST), scale * height + (2.7 if bars == 2 else 2.1)
 
 
 class Frame:
