@@ -96,7 +96,7 @@ def test_written_and_read_again_the_walls_are_the_same(tmp_path):
         (PLANE, {"normal": [0.0, math.nan]}, "normal.1", "finite"),
         (CIRCLE, {"axis": [0.0, 1.0]}, "axis", "3-D scenes only"),
         (CIRCLE, {"radius": 0.0}, "radius", "greater than 0"),
-        (CIRCLE, {"inside": "yes"}, "inside", "bool"),
+        (CIRCLE, {"inside": "yes"}, "inside", "true or false"),
         (TUBE, {"axis": ...}, "axis", "needed in 3-D"),
         (TUBE, {"axis": [0.0, 0.0, 0.0]}, "axis", "must not be zero"),
         (WEDGE, {"directions": [[1.0, 1.0]]}, "directions", "two planes"),
