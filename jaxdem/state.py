@@ -12,7 +12,7 @@ from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.fluid.momentum import FluidProperties, FluidState
-from jaxdem.particles.forces import WallLoads
+from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
 from jaxdem.particles.mesh_surface import MeshSurface

@@ -15,7 +15,7 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.axes import AXES
 from jaxdem.numerics.vectors import Vector
 from jaxdem.observables.contacts import contacts
-from jaxdem.particles.forces import Touching
+from jaxdem.particles.contact_sums import Touching
 from jaxdem.particles.integrate import centres_in_box
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.state import Parameters, State

@@ -9,7 +9,8 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.forces import Touching, contacts_now
+from jaxdem.particles.contact_sums import Touching
+from jaxdem.particles.forces import contacts_now
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.neighbors import Neighbors, with_radius

@@ -19,7 +19,9 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.forces import Surroundings, WallLoads, contact_forces
+from jaxdem.particles.contact_step import Surroundings
+from jaxdem.particles.contact_sums import WallLoads
+from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.ghosts import NEVER, Division
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.moving_walls import PistonState, pushed

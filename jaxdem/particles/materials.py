@@ -12,7 +12,7 @@ from jaxdem.errors import required
 from jaxdem.numerics.static import static
 from jaxdem.particles.cohesion import CohesionConstants
 from jaxdem.particles.contact import ContactMaterial
-from jaxdem.particles.forces import Surroundings
+from jaxdem.particles.contact_step import Surroundings
 from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
 
 TANGENTIAL_SHARE = 2.0 / 7.0

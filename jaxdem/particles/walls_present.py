@@ -21,7 +21,8 @@ from jax import Array, lax
 from jaxdem.numerics import vectors
 from jaxdem.numerics.placement import Placement
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.forces import Surroundings, WallLoads
+from jaxdem.particles.contact_step import Surroundings
+from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.mesh_contact import MeshMemory

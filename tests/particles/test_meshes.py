@@ -11,7 +11,7 @@ import trimesh
 import jaxdem
 from jaxdem.errors import InputError
 from jaxdem.observables.walls import measuring_walls
-from jaxdem.particles import forces
+from jaxdem.particles import mesh_forces
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.materials import surroundings
@@ -161,7 +161,7 @@ def test_friction_goes_on_over_an_edge_between_coplanar_triangles(planes, monkey
     assert np.abs(found.velocity - expected.velocity).max() < 1e-10
     speed = np.linalg.norm(found.velocity[:, 0, :2], axis=1)
     assert np.diff(speed) == pytest.approx(-mu * 9.81 * 0.01, rel=0.05)
-    monkeypatch.setattr(forces, "remembered", lambda memory, touch, normal: tuple(0.0 * x for x in memory.spring))
+    monkeypatch.setattr(mesh_forces, "remembered", lambda memory, touch, normal: tuple(0.0 * x for x in memory.spring))
     forgotten = flight(grains_scene([on_mesh(planes[20000])], **grains | {"velocity": [[0.05, 0.0, 0.0]] * 2}), 8)
     kept = flight(grains_scene([PLANE], **grains | {"velocity": [[0.05, 0.0, 0.0]] * 2}), 8)
     assert np.abs(forgotten.velocity - kept.velocity).max() > 1e-3

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxdem.check.check import restitution_error, slip_error
-from jaxdem.particles import forces
+from jaxdem.particles import contact_load
 from jaxdem.particles.contact import LinearSpringDashpot
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from tests.cases.contact import PHASES, after_impact, oblique_step, thrown
@@ -66,7 +66,7 @@ def test_elastic_impacts_gain_no_energy(law):
 
 def test_whole_slip_of_the_first_step_would_gain_energy(monkeypatch):
     """Negative control: with springs that take the whole step's slip when a contact begins the gain is 5 % and more."""
-    monkeypatch.setattr(forces, "_time_of_growth", lambda overlap, speed, step: jnp.full_like(overlap, step))
+    monkeypatch.setattr(contact_load, "_time_of_growth", lambda overlap, speed, step: jnp.full_like(overlap, step))
     assert energies(None, oblique_step(None), (5, 45), (200.0,), 100.0).max() > 0.05
 
 

@@ -1,0 +1,106 @@
+"""Contacts with walls of triangles: bodies of infinite radius and mass, which turn what their contacts keep."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.numerics import vectors
+from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles import tangent
+from jaxdem.particles.contact_load import contact_load
+from jaxdem.particles.contact_pair import ContactPair, on_bodies, row, rows, sum_slots
+from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.contact_sums import Sums, WallLoads
+from jaxdem.particles.integrate import Motion
+from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, remembered, touching
+from jaxdem.particles.mesh_list import MeshList
+from jaxdem.particles.neighbors import Neighbors, displacement_since_build
+
+
+def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Motion]:
+    """Adds the contacts with the meshes; returns the motion with what they keep."""
+    displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
+    placements, surfaces = step.surroundings.placements, len(step.model.surfaces)
+    memory, crowded, loads = list(step.motion.mesh_memory), jnp.zeros((), bool), []
+    for k, mesh in enumerate(step.model.meshes):
+        listed, wall = neighbors.meshes[mesh.number], step.model.analytic_walls + k
+        placed = placements[surfaces + k] if placements else None
+        moved = listed.of_rows(displacement)
+        if placed is not None:
+            moved = listed.moved(placed, step.motion.position, step.motion.low)
+        pair, touch, springs = mesh_contacts(step, listed, moved, memory[mesh.number], placed)
+        material, index = step.surroundings.wall, step.model.materials
+        if index is not None:
+            material = index.with_wall(material, wall, listed.row)
+        load = contact_load(step, material, pair, springs)
+        force, torque, _ = on_bodies(load, pair)
+        force, torque = tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
+        sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
+        kept = vectors.where(touch.found & (pair.overlap > 0), pair.normal, 0.0)
+        memory[mesh.number] = MeshMemory(kept, load.spring)
+        crowded = crowded | touch.crowded
+        if wall in step.model.measured:
+            mass = jnp.where(jnp.any(pair.overlap > 0, axis=0), listed.radius_of_rows(step.properties.mass), 0.0)
+            loads.append(_mesh_loads(step, listed, wall, force, torque, mass))
+    walls = loads if sums.walls is None else [sums.walls, *loads]
+    joined: WallLoads | None = jax.tree.map(lambda *parts: jnp.concatenate(parts), *walls) if walls else None
+    return sums._replace(walls=joined, crowded=crowded), step.motion._replace(mesh_memory=tuple(memory))
+
+
+def mesh_contacts(
+    step: ContactStep, listed: MeshList, moved: Vector, memory: MeshMemory, placed: Placement | None
+) -> tuple[ContactPair, MeshTouch, Vector]:
+    """The contacts (C, M) with a mesh, a body of infinite radius and mass, and what they have kept."""
+    motion = step.motion
+    radius, mass = listed.radius_of_rows(step.properties.radius), listed.radius_of_rows(step.properties.mass)
+    expected, velocity = listed.of_rows(step.mid_velocity), listed.of_rows(motion.velocity)
+    # Within the step an overlap changes by less than this.
+    reach, position = vectors.length(expected), listed.of_rows(motion.position)
+    if placed is not None:
+        reach = vectors.length(vectors.subtract(expected, placed.velocity_at(position)))
+        if placed.angular_velocity is not None:
+            reach = reach + 2.0 * radius * vectors.length(tuple(placed.angular_velocity))
+    touch = touching(listed, moved, radius, 0.5 * step.time_step * reach)
+    radius, mass, expected, velocity = row(radius), row(mass), rows(expected), rows(velocity)
+    normal = touch.normal
+    if placed is not None:
+        normal = placed.to_box(normal)
+        arm = 0.5 * jnp.maximum(touch.overlap, 0.0) - radius
+        wall = placed.velocity_at(vectors.add_scaled(rows(position), arm, normal))
+        expected, velocity = vectors.subtract(expected, wall), vectors.subtract(velocity, wall)
+        memory = _turned_memory(step, memory, placed)
+    pair = ContactPair(
+        touch.overlap, normal, approach=expected, velocity=velocity,
+        spin=rows(listed.of_rows(motion.angular_velocity)), other_spin=None,
+        radius=radius, other_radius=jnp.zeros((), touch.overlap.dtype),
+        effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
+    )  # fmt: skip
+    return pair, touch, remembered(memory, touch, pair.normal)
+
+
+def _turned_memory(step: ContactStep, memory: MeshMemory, placed: Placement) -> MeshMemory:
+    """What contacts keep, turned with the mesh since the step before."""
+    if placed.angular_velocity is None or len(step.motion.position) == 2:
+        return memory
+    spin = tuple(placed.angular_velocity)
+    angle = vectors.scale(step.time_step, spin)
+    normal = tangent.turned_by(memory.normal, angle)
+    return MeshMemory(normal, step.turned_with_walls(memory.spring, spin))
+
+
+def _mesh_loads(
+    step: ContactStep, listed: MeshList, wall: int, force: Vector, torque: Vector, mass: Array
+) -> WallLoads:
+    """What each particle does to a mesh, (1, N), of the forces and torques (M,) on those that are listed, and of
+    the mass (M,) of those that touch it."""
+    turning = vectors.add(vectors.moment(listed.of_rows(step.motion.position), force), torque)
+    blank = jnp.zeros_like(step.motion.position[0])
+
+    def spread(values: Vector) -> Vector:
+        return rows(listed.added((blank,) * len(values), values))
+
+    forces, torques = spread(vectors.scale(-1.0, force)), spread(vectors.scale(-1.0, turning))
+    return WallLoads(forces, torques, step.power(wall, forces, torques), spread((mass,)))

@@ -1,0 +1,111 @@
+"""Contacts between particles: where two of them stand to one another, and the sums of what they do."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.errors import required
+from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles import liquid
+from jaxdem.particles.contact import ContactMaterial
+from jaxdem.particles.contact_load import contact_load
+from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies
+from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.contact_sums import Sums
+from jaxdem.particles.neighbors import Neighbors, displacement_since_build
+from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
+from jaxdem.particles.stages import stage
+
+
+def pair_contacts(step: ContactStep, neighbors: Neighbors) -> tuple[ContactPair, ContactLoad]:
+    """The contacts between particles, and what they do."""
+    pairs, radius = neighbors.pairs, step.properties.radius
+    one, other = _of(radius, pairs.first), _of(radius, pairs.second)
+    # Outside of the stage, for a gather would compute it anew.
+    displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
+    change, approach, velocity, spin, other_spin = stage(
+        pairs.first[0] != pairs.second[0], lambda: _relative_motion(step, pairs, displacement)
+    )
+    overlap, normal = _pair_geometry(neighbors, change, one + other)
+    mass, inertia = step.properties.mass, step.properties.mass * radius**2
+    pair = ContactPair(
+        overlap, normal, approach, velocity, spin, other_spin, one, other,
+        effective_radius=_harmonic(one, other),
+        effective_mass=_harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
+        rolling_inertia=1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
+    )  # fmt: skip
+    return pair, contact_load(step, pair_material(step, neighbors), pair, step.motion.contact_spring)
+
+
+def pair_material(step: ContactStep, neighbors: Neighbors) -> ContactMaterial:
+    """Numbers of the contacts between particles."""
+    material, index = step.surroundings.pair, step.model.materials
+    return material if index is None else index.between_particles(material, neighbors.pairs, step.properties.identity)
+
+
+def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
+    """Adds the contacts between particles; returns their new springs too."""
+    pair, load = pair_contacts(step, neighbors)
+    force, torque, other_torque = on_bodies(load, pair)
+
+    def added(total: Vector, on_one: Vector, on_other: Vector) -> Vector:
+        parts = zip(total, on_one, on_other, strict=True)
+        return tuple(x + sum_over_pairs(a, b, neighbors.pairs) for x, a, b in parts)
+
+    both = added(sums.force, force, vectors.scale(-1.0, force))
+    film, spring = sums.liquid, load.spring
+    if film is not None:
+        volume, constants = step.motion.contact_spring[-1], required(step.surroundings.pair.cohesion, "cohesion")
+        volume, film = liquid.with_pairs(pair.overlap, volume, film, neighbors.pairs, constants)
+        spring = (*spring[:-1], volume)
+    return Sums(both, added(sums.torque, torque, other_torque), liquid=film), spring
+
+
+def _relative_motion(
+    step: ContactStep, pairs: Pairs, displacement: Vector
+) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+    """Of all pairs: change of the separation since the build, velocities of approach and now, both spins."""
+
+    def difference(quantity: Vector) -> Vector:
+        return vectors.subtract(at(quantity, pairs.first), at(quantity, pairs.second))
+
+    spin = step.motion.angular_velocity
+    return (
+        difference(displacement),
+        difference(step.mid_velocity),
+        difference(step.motion.velocity),
+        at(spin, pairs.first),
+        at(spin, pairs.second),
+    )
+
+
+def _pair_geometry(neighbors: Neighbors, change: Vector, radius_sum: Array) -> tuple[Array, Vector]:
+    """Overlap now, and unit normal towards the first particle, of all pairs.
+
+    |r0 + D| - |r0| = D.(2 r0 + D) / (|r0 + D| + |r0|), D the change of the separation since the build:
+    so the overlap keeps its leading digits.
+    """
+    initial = neighbors.separation
+    separation = vectors.add(initial, change)
+    distance = vectors.length(separation)
+    apart = distance > 0
+    distance = jnp.where(apart, distance, 1.0)
+    inverse = 1.0 / distance
+    growth = vectors.dot(change, vectors.add(initial, separation))
+    initial_distance = radius_sum - neighbors.overlap
+    overlap = neighbors.overlap - growth / (distance + initial_distance)
+    # Coincident centres have no direction: they part along the first axis, the lower index backwards.
+    first = jnp.where(apart, separation[0] * inverse, -1.0)
+    return overlap, (first.astype(distance.dtype), *(x * inverse for x in separation[1:]))
+
+
+def _of(quantity: Array, index: Array) -> Array:
+    """() unchanged, of (N,) the rows of these indices."""
+    return quantity if quantity.ndim == 0 else at((quantity,), index)[0]
+
+
+def _harmonic(a: Array, b: Array) -> Array:
+    """1/(1/a + 1/b)."""
+    return a * b / (a + b)
