@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxdem.check.bond_numbers import bond_numbers
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
 from jaxdem.check.mesh_rows import mesh_rows
@@ -178,7 +179,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         speed_limit=steps.speed_limit,
         expected_overlap=steps.expected_overlap,
         maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
-        numbers=engineering_numbers(scene, parameters, case.grains),
+        numbers=(*engineering_numbers(scene, parameters, case.grains), *bond_numbers(case.particles)),
         screen_load=load,
         cost=cost,
         warnings=(*unit_warnings(scene), *probe_cautions(case), *cautions(scene, bodies, spacing, load, cost)),

@@ -276,6 +276,24 @@ def test_check_knows_the_limits(kind):
     assert ("contact_attraction" in report.limits) == (kind in ("van_der_waals", "capillary"))
 
 
+@pytest.mark.parametrize(("kind", "factor"), [("jkr", 1.5), ("dmt", 2.0)])
+def test_check_tells_pull_off_force_and_bond_number(kind, factor):
+    """Against pi w R* times 3/2 or 2, with R* = r/2, over 4/3 pi r^3 rho g."""
+    work = KINDS[kind]["work_of_adhesion"]
+    force = factor * np.pi * work * RADIUS / 2
+    weight = 4 / 3 * np.pi * RADIUS**3 * 2500.0 * 9.81
+    found = {n.name.strip(): (n.low, n.high) for n in check_scene(jaxdem.load_scene(tables_of(KINDS[kind]))).numbers}
+    assert found["pull-off force"] == pytest.approx((force, force))
+    assert found["Bond number"] == pytest.approx((force / weight, force / weight))
+
+
+def test_check_tells_no_pull_off_force_where_there_is_none():
+    tables = tables_of(KINDS["sjkr"])
+    assert not check_scene(jaxdem.load_scene(tables)).numbers
+    del tables["contact"]["cohesion"]
+    assert not check_scene(jaxdem.load_scene(tables)).numbers
+
+
 @pytest.mark.parametrize("kind", ["jkr", "capillary"])
 def test_a_resumed_run_is_the_whole_run_bit_for_bit(kind, tmp_path):
     scene = jaxdem.load_scene(tables_of(KINDS[kind], precision="float32", output={"checkpoint_interval": 0.0}))

@@ -35,6 +35,16 @@ def test_a_plot_has_both_pictures(make: Any, tmp_path: Path) -> None:
         assert np.ptp(imread(file)) > 0.5
 
 
+@pytest.mark.parametrize("cells", [(75, 12), None])
+def test_a_snapshot_has_no_empty_band_above(make: Any, tmp_path: Path, cells: Any) -> None:
+    """With one colour bar and with two: at most 0.6 inch above the title."""
+    run = make("run", cells=cells, size=(2.0, 2.0))
+    single.plot_run(run, tmp_path)
+    white = imread(tmp_path / "snapshot.png")[..., :3].min(axis=(1, 2)) > 0.99
+    height = single.frame_size(run)[1]
+    assert np.argmin(white) / len(white) * height < 0.6
+
+
 def test_what_cannot_be_plotted_is_refused(make: Any, tmp_path: Path) -> None:
     run = make("one", cells=None, outputs=3)
     for options, words in (
