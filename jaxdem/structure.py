@@ -22,7 +22,8 @@ from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.moving_walls import WallMotions, placements
-from jaxdem.particles.neighbors import Neighbors, NeighborSearch
+from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.population import Population, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
 from jaxdem.particles.walls_present import buried

@@ -17,7 +17,7 @@ import pytest
 from jaxdem import InputError, RunError, load_run, load_scene, simulate
 from jaxdem.failures import OF_PARTICLES, failures, first_meaning
 from jaxdem.io import scene_text
-from jaxdem.particles import neighbors as neighbor_module
+from jaxdem.particles import neighbor_search as neighbor_module
 from jaxdem.run import chunk
 from jaxdem.run.chunk import Records
 from jaxdem.run.restart import origin

@@ -7,7 +7,8 @@ import math
 
 import jax
 
-from jaxdem.particles.neighbors import USUAL_PAIRS, USUAL_SLOTS, Neighbors
+from jaxdem.particles.neighbor_search import USUAL_PAIRS, USUAL_SLOTS
+from jaxdem.particles.neighbors import Neighbors
 from jaxdem.simulation import Simulation
 
 

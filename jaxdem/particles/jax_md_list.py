@@ -15,13 +15,8 @@ from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low, Pair
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.integrate import ParticleState, split_low
-from jaxdem.particles.neighbors import (
-    Neighbors,
-    NeighborSearch,
-    carry_history,
-    displacement_since_build,
-    with_radius,
-)
+from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import Neighbors, carry_history, displacement_since_build, with_radius
 
 FORMATS = ("Dense", "Sparse", "OrderedSparse")
 

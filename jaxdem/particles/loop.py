@@ -25,9 +25,9 @@ from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.ghosts import NEVER, Division
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.moving_walls import PistonState, pushed
+from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import (
     Neighbors,
-    NeighborSearch,
     carry_history,
     carry_memory,
     displacement_since_build,

@@ -20,7 +20,8 @@ from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Division, Ghosts
 from jaxdem.particles.integrate import ParticleState, split_low
-from jaxdem.particles.neighbors import Neighbors, NeighborSearch
+from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.slab_list import History, history_of, of_pairs, renewed_list
 
 IMBALANCE = 1.05

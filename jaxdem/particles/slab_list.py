@@ -12,7 +12,8 @@ from jaxdem.errors import required
 from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.ghosts import Division, Ghosts, chosen_ghosts, with_ghosts
-from jaxdem.particles.neighbors import Neighbors, NeighborSearch, Room, with_radius
+from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import Neighbors, Room, with_radius
 from jaxdem.particles.pairs import Pairs, at, repeated
 
 

@@ -18,7 +18,8 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.ghosts import NEVER, Division, Ghosts, exchanged, with_ghosts
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
-from jaxdem.particles.neighbors import Neighbors, NeighborSearch, displacement_since_build
+from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.slab_list import history_of, of_pairs, renewed_list
 
 

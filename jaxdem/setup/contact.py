@@ -18,7 +18,8 @@ from jaxdem.particles.cohesion import (
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.contact_model import ContactModel, MaterialIndex, MeshWall
 from jaxdem.particles.loop import ContactInterval
-from jaxdem.particles.neighbors import NeighborGeometry, NeighborSearch
+from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import NeighborGeometry
 from jaxdem.particles.population import Population
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot, RollingFriction
 from jaxdem.particles.walls import BoxSide, box_sides

@@ -16,7 +16,8 @@ from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.loop import ContactInterval, contact_interval
 from jaxdem.particles.materials import CohesionParameters, ContactParameters, surroundings
-from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, NeighborSearch
+from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import NeighborGeometry, Neighbors
 from jaxdem.particles.pairs import Pairs
 from jaxdem.particles.walls import box_sides
 

@@ -1,0 +1,309 @@
+"""Search for neighbours: who is in reach of whom.
+
+Room for a list is counted on the host by SciPy's tree. Inside jit `cells` finds who is in reach of whom, or a list of
+jax-md says it (`jax_md_list`); `pairs` has each pair once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.typing import DTypeLike
+from scipy.spatial import KDTree
+
+from jaxdem.numerics import compensated
+from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.cells import CellGrid, neighbors_in_cells
+from jaxdem.particles.mesh_list import MeshSearch, needed, whole, with_margin
+from jaxdem.particles.mesh_surface import MeshSurface, on_host
+from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, Room, separation_and_overlap, with_radius
+from jaxdem.particles.pairs import Pairs, pairs_of
+from jaxdem.particles.regions import into_period
+
+EXTRA_CAPACITY = 1.25
+"""Slots are allocated for this multiple of the largest number of neighbours found."""
+
+USUAL_SLOTS = {2: 8, 3: 16}
+"""Slots allocated at least, by dimension: what a dense pack of equal spheres needs once it has formed."""
+
+USUAL_PAIRS = {2: 3.25, 3: 5.0}
+"""Pairs allocated at least for each particle, by dimension: three in a hexagonal layer, and a margin."""
+
+EXTRA_PAIRS = 1.1
+"""Pairs are allocated for this multiple of those found: their sum varies less than the most that one particle has."""
+
+DENSE = {2: 0.85, 3: 0.64}
+"""Solid fraction of a dense pack, by dimension."""
+
+
+@static
+class NeighborSearch:
+    """Allocates and updates `Neighbors`; a single particle and no particle at all have no slots.
+
+    Attributes:
+        geometry: of the box, and how far the list reaches.
+        typical_radius: of the mean volume of all particles, those still to come included [m].
+        moving: of each mesh, whether it moves.
+    """
+
+    geometry: NeighborGeometry
+    typical_radius: float
+    moving: tuple[bool, ...] = ()
+
+    @property
+    def reach(self) -> float:
+        """Pairs nearer than this are listed [m]."""
+        return self.geometry.cutoff + self.geometry.skin
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Number of cells of the search along each axis."""
+        geometry = self.geometry
+        return geometry.cells or CellGrid(geometry.box, geometry.periodic, self.reach, 0).shape
+
+    def _cells(self, position: Vector) -> CellGrid:
+        geometry = self.geometry
+        return CellGrid(geometry.box, geometry.periodic, self.reach, position[0].shape[0], geometry.cells)
+
+    def allocate(
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        radius: Array,
+        room: Room | None = None,
+        active: Array | None = None,
+        surfaces: tuple[MeshSurface, ...] = (),
+    ) -> Neighbors:
+        """A new list with room for these positions, and for what is usual; not jittable.
+
+        Args:
+            position: D arrays (N,), leading parts [m]; must be finite.
+            low: D arrays (N,) or Nones, trailing parts.
+            radius: () or (N,) [m].
+            room: exactly so much room instead. A resumed run asks for what it had, so that it compiles and
+                computes the same.
+            active: (N,) bool, which particles there are; all if None.
+            surfaces: the meshes; with some the room must be given.
+        """
+        if room is None:
+            room = self.room(position, active)
+        # As one program: outside of jit every operation would be compiled by itself.
+        built = jax.jit(self._built)
+        return built(position, low, radius, room, np.zeros((), bool), active, surfaces)
+
+    def shapes(
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        radius: Array,
+        room: Room,
+        surfaces: tuple[MeshSurface, ...] = (),
+    ) -> Neighbors:
+        """What `allocate` gives for these arguments, shapes and types alone; nothing is compiled."""
+        if surfaces:
+            given = (position, low, radius, room, np.zeros((), bool), None, surfaces)
+            return jax.eval_shape(self._built, *given)
+        count, dtype = position[0].shape[0], position[0].dtype
+
+        def shape(*sizes: int, dtype: DTypeLike = jnp.int32) -> Any:  # JAX has no type for arrays and shapes alike
+            return jax.ShapeDtypeStruct(sizes, dtype)
+
+        real, index = shape(room.pairs, dtype=dtype), shape(room.slots, count)
+        given = jax.tree.map(lambda a: shape(*a.shape, dtype=a.dtype), (position, low, radius))
+        return Neighbors(
+            index=index,
+            pairs=Pairs(shape(room.pairs), shape(room.pairs), index),
+            separation=(real,) * len(position),
+            radius=given[2],
+            overlap=real,
+            reference=given[0],
+            reference_low=given[1],
+            overflow=shape(dtype=bool),
+            builds=shape(),
+            cell_slots=room.cell,
+        )
+
+    def update(
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        neighbors: Neighbors,
+        active: Array | None = None,
+        placed: Sequence[Placement | None] = (),
+    ) -> Neighbors:
+        """The list rebuilt at these positions for the same radii; jittable, room unchanged, overflow flagged.
+
+        `placed` is where each mesh is, None for one at rest; empty where all are.
+        """
+        radius = neighbors.radius
+        given = lax.stop_gradient((position, low, radius))
+        built = self._built(*given, neighbors.room, neighbors.overflow, active, neighbors.surfaces, tuple(placed))
+        return dataclasses.replace(with_radius(built, radius), builds=neighbors.builds + 1)
+
+    def _built(
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        radius: Array,
+        room: Room,
+        overflow: Array,
+        active: Array | None = None,
+        surfaces: tuple[MeshSurface, ...] = (),
+        placed: tuple[Placement | None, ...] = (),
+    ) -> Neighbors:
+        if room.slots == 0:
+            index = jnp.zeros((0, *position[0].shape), jnp.int32)
+        else:
+            index, crowded = self.in_reach(position, low, room, active)
+            overflow = overflow | crowded
+        listed = self.listed(index, position, low, radius, room, overflow)
+        return self.with_meshes(listed, surfaces, room, active, placed) if surfaces else listed
+
+    def with_meshes(
+        self,
+        listed: Neighbors,
+        surfaces: tuple[MeshSurface, ...],
+        room: Room,
+        active: Array | None,
+        placed: Sequence[Placement | None] = (),
+    ) -> Neighbors:
+        """The list with those of the meshes, at its own positions; jittable."""
+        search, position, low = self.mesh_search, listed.reference, listed.reference_low
+        places, found = search.inside(position, low), []
+        for k, (surface, own) in enumerate(zip(surfaces, room.meshes, strict=True)):
+            if surface.hull is None:
+                found.append(search.listed(surface, places, listed.radius, own, active))
+            else:
+                placement = whole(placed[k] if placed else None, len(position), position[0].dtype)
+                found.append(search.listed_beside(surface, placement, position, low, listed.radius, own, active))
+        overflow = functools.reduce(jnp.logical_or, (crowded for _, crowded in found), listed.overflow)
+        return dataclasses.replace(listed, meshes=tuple(one for one, _ in found), overflow=overflow)
+
+    def with_room_for_meshes(
+        self,
+        room: Room,
+        surfaces: tuple[MeshSurface, ...],
+        usual: tuple[tuple[int, ...], ...],
+        position: Vector,
+        radius: Array,
+        active: Array | None,
+    ) -> Room:
+        """Room for the lists of the meshes too; on the host.
+
+        Args:
+            room: for that of the particles.
+            surfaces: the meshes.
+            usual: room of each mesh that is needed in any case, `MeshRoom.numbers`.
+            position, radius, active: see `allocate`.
+        """
+        count = position[0].shape[0]
+        there = np.full(count, True) if active is None else np.asarray(active)
+        place = tuple(np.asarray(x, float)[there] for x in position)
+        size = np.asarray(radius, float)
+        size = size if size.ndim == 0 else size[there]
+        numbers: list[int] = []
+        for surface, least in zip(surfaces, usual, strict=True):
+            wanted = needed(self.mesh_search, on_host(surface), place, size)
+            rows, contacts, *rest = least
+            wanted[1:] *= np.array(rest) > 0
+            numbers += [min(with_margin(wanted[0], rows), max(count, 1)), contacts]
+            share = min(1.0, count / rows)  # of the grains that the mesh has room for
+            rest = [math.ceil(share * looks) for looks in rest[:3]] + rest[3:]
+            numbers += [with_margin(number, own) for number, own in zip(wanted[1:], rest, strict=True)]
+        return dataclasses.replace(room, mesh=tuple(numbers))
+
+    @property
+    def mesh_search(self) -> MeshSearch:
+        """How particles find the meshes."""
+        return MeshSearch(self.geometry.box, self.geometry.periodic, self.geometry.skin)
+
+    def in_reach(self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None) -> tuple[Array, Array]:
+        """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough."""
+        inside = compensated.into_box(position, low, self.geometry.box, self.geometry.periodic)
+        return neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active)
+
+    def listed(
+        self,
+        index: Array,
+        position: Vector,
+        low: tuple[Low, ...],
+        radius: Array,
+        room: Room,
+        overflow: Array,
+        identity: Array | None = None,
+    ) -> Neighbors:
+        """The first list of who is in reach of whom; jittable.
+
+        Args:
+            index: (K, N) int32, see `Neighbors`; symmetric, in any order.
+            position, low: D arrays (N,), positions at which they are in reach [m].
+            radius: () or (N,) [m].
+            room: for the list.
+            overflow: () bool, whether something is missing in `index`.
+            identity: (N,) int32, see `pairs_of`.
+        """
+        if room.slots == 0:
+            none, blank = jnp.zeros(0, jnp.int32), jnp.zeros(0, position[0].dtype)
+            pairs, separation, overlap = Pairs(none, none, index), (blank,) * len(position), blank
+        else:
+            pairs, too_many = pairs_of(index, room.pairs, identity)
+            overflow = overflow | too_many
+            separation, overlap = separation_and_overlap(self.geometry, pairs, position, low, radius)
+        builds = jnp.ones((), jnp.int32)
+        return Neighbors(index, pairs, separation, radius, overlap, position, low, overflow, builds, room.cell)
+
+    def room(self, position: Vector, active: Array | None = None) -> Room:
+        """Room for these positions and for a dense pack, with a margin; on the host."""
+        count, dimension = position[0].shape[0], len(position)
+        if count < 2:
+            return Room(0, 0, 1)
+        present = jax.tree.map(np.asarray, position)
+        if active is not None:
+            present = tuple(x[np.asarray(active)] for x in present)
+        cells = self._cells(position)
+        crowd = max(cells.largest_occupancy(present), cells.dense_occupancy(self.geometry.cutoff))
+        usual, each = USUAL_SLOTS[dimension], USUAL_PAIRS[dimension]
+        if active is not None:  # what stands there at the start tells nothing of those who come
+            usual = math.ceil(EXTRA_CAPACITY * self._crowd(self.reach))
+            each = max(each, 0.5 * self._crowd(self.reach))
+            widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
+            crowd = max(crowd, self._crowd(0.6 * max(widths)))
+        found, most = self._found(present)
+        everyone = count * (count - 1) // 2
+        pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
+        # The wide cells of a vast box have room for more than there are.
+        held = min(math.ceil(EXTRA_CAPACITY * crowd), count)
+        return Room(min(max(int(EXTRA_CAPACITY * most), usual), count - 1), pairs + 1, held)
+
+    def _crowd(self, reach: float) -> int:
+        """How many particles of the mean volume a dense pack has within `reach` [m], `USUAL_SLOTS` at least.
+
+        Where particles come in while the scene runs, what stands at the start tells nothing.
+        """
+        dimension = len(self.geometry.box)
+        return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * (reach / self.typical_radius) ** dimension))
+
+    def _found(self, position: Vector) -> tuple[int, int]:
+        """Number of pairs in reach at these positions, and the most neighbours that a particle has; not jittable."""
+        tree = self.tree(position)
+        others = tree.query_ball_point(tree.data, self.reach, return_length=True, workers=-1) - 1
+        return int(others.sum()) // 2, int(others.max(initial=0))
+
+    def tree(self, position: Vector) -> KDTree:
+        """SciPy's tree of these positions, in the box; on the host."""
+        geometry = self.geometry
+        stacked = np.stack([np.asarray(x, float) for x in position], axis=1)
+        inside = np.where(geometry.periodic, into_period(stacked, np.asarray(geometry.box)), stacked)
+        # A period of zero is none.
+        return KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
