@@ -29,8 +29,8 @@ from jaxdem.coupling.exchange import Exchange, FluidForces
 from jaxdem.coupling.interpolation import deposit_on_faces
 from jaxdem.errors import InputError, required
 from jaxdem.failures import failures
+from jaxdem.fluid.fluid_state import FaceExchange, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, face_control_volume, sum_of
-from jaxdem.fluid.momentum import FaceExchange, FluidState, FluidStep
 from jaxdem.fluid.pressure import SolverReport
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState, as_column

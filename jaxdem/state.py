@@ -10,8 +10,8 @@ from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.coupled import Mixture
 from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
-from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials

@@ -7,8 +7,8 @@ from jax import named_scope
 
 from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState, as_column
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings

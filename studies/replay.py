@@ -28,8 +28,8 @@ from scipy.interpolate import CubicHermiteSpline
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.errors import InputError, required
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import cell_average
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.io import Run
 from jaxdem.io.samples import Samples
 from jaxdem.metrics import Quantities, history_row

@@ -7,8 +7,9 @@ import pytest
 
 import jaxdem
 from jaxdem.errors import InputError
+from jaxdem.fluid.fluid_state import FaceExchange
 from jaxdem.fluid.grid import face_control_volume, face_total
-from jaxdem.fluid.momentum import FaceExchange, pressure_slope
+from jaxdem.fluid.momentum import pressure_slope
 
 RADIUS, DEPTH = 0.01, 0.04
 CELL = 0.04**2 * DEPTH

@@ -19,8 +19,9 @@ from jaxdem.coupling.open_cells import open_weights, seen_slope
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval, diagnostics
-from jaxdem.fluid.momentum import FluidProperties, FluidState, pressure_slope
+from jaxdem.fluid.momentum import pressure_slope
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box

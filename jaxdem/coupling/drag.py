@@ -19,7 +19,7 @@ from jaxdem.coupling.presence import present_drag
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
 from jaxdem.coupling.surroundings import Surroundings
-from jaxdem.fluid.momentum import FluidState
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import as_column

@@ -10,8 +10,8 @@ from jax import Array
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights, interpolate
+from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, gradient, second_differences
-from jaxdem.fluid.momentum import FluidProperties
 from jaxdem.particles.integrate import ParticleProperties
 
 

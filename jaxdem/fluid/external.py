@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidInterval, Substeps
-from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.numerics.static import static
 
 

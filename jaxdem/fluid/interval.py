@@ -12,9 +12,10 @@ from jax import Array, lax
 
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import Grid, along
 from jaxdem.fluid.mesh import at_side, of_slab
-from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState, FluidStep
+from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks, any_of, largest
 from jaxdem.numerics.static import static

@@ -34,7 +34,8 @@ from jaxdem.fluid.cut_cells import (
     surface_loads,
 )
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
-from jaxdem.fluid.drive import Drive, DriveParameters, given_gradient, held
+from jaxdem.fluid.drive import Drive, given_gradient, held
+from jaxdem.fluid.fluid_state import FaceExchange, FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
@@ -49,13 +50,12 @@ from jaxdem.fluid.grid import (
     face_control_volume,
     sum_of,
 )
-from jaxdem.fluid.mixing_length import BedMixing, mixing_length_over_bed
+from jaxdem.fluid.mixing_length import mixing_length_over_bed
 from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
 from jaxdem.fluid.side_forces import gained_at_sides, pressure_on_sides, stress_on_sides, viscous_stresses
 from jaxdem.fluid.subgrid import eddy_viscosity
 from jaxdem.fluid.subgrid_stress import (
     SubgridFlow,
-    SubgridLaw,
     subgrid_acceleration,
     subgrid_diffusivity,
     subgrid_flow,
@@ -66,87 +66,6 @@ from jaxdem.numerics.tables import at_time
 
 FLUX_TOLERANCE = 1e-3
 """Largest divergence of the flux that carries momentum between surfaces within a step, in units of U/h."""
-
-
-class FluidState(NamedTuple):
-    """What evolves of the fluid.
-
-    Attributes:
-        face_velocity: interstitial velocity, D face arrays [m/s].
-        pressure: reduced pressure on the cells, of the step that led to the velocity; among particles the mean over the
-            steps of the coupling interval [Pa].
-        void_fraction: on the cells, at the time of the velocity; None without particles [-].
-        mean_gradient: (D,) of the reduced pressure along periodic axes, beside that of `pressure`, which is periodic;
-            None where nothing drives the fluid, see `drive` [Pa/m].
-        pressure_slope: gradient of the reduced pressure, of a fluid that another program solves: it stands for that of
-            `pressure`; None in a fluid of our own [Pa/m].
-    """
-
-    face_velocity: FaceField
-    pressure: Array
-    void_fraction: Array | None
-    mean_gradient: Array | None = None
-    pressure_slope: FaceField | None = None
-
-
-class FluidProperties(NamedTuple):
-    """Numbers of the fluid; traced.
-
-    Attributes:
-        density: () [kg/m3].
-        viscosity: () kinematic [m2/s].
-        side_velocity: (D,) of every side: superficial velocity of an inlet, velocity of a moving wall; (T, D)
-            of an inlet with T times [m/s].
-        smagorinsky: () coefficient of the subgrid viscosity; None compiles none [-].
-        subgrid: closure of the subgrid stress with its weights; None compiles none.
-        bed_mixing: mixing length of a stream over a bed; None compiles none.
-        drive: of periodic axes; None where nothing drives the fluid.
-        gravity: (D,) that drives it along periodic axes; `Parameters` gives it [m/s2].
-        cut: surfaces within the mesh, see `cut_cells`; None compiles none.
-    """
-
-    density: Array
-    viscosity: Array
-    side_velocity: tuple[Array, ...]
-    smagorinsky: Array | None = None
-    subgrid: SubgridLaw | None = None
-    bed_mixing: BedMixing | None = None
-    drive: DriveParameters | None = None
-    gravity: Array | None = None
-    cut: CutCells | None = None
-
-
-class FaceExchange(NamedTuple):
-    """What particles do to the faces during a step: the fluid loses `resistance` u - `forcing`.
-
-    Attributes:
-        resistance: on the faces, >= 0 [kg].
-        forcing: on the faces [kg m/s].
-    """
-
-    resistance: FaceField
-    forcing: FaceField
-
-
-class FluidStep(NamedTuple):
-    """Result of a step.
-
-    Attributes:
-        state: at the new time.
-        viscous_acceleration: div(tau)/rho that acted during the step, on the faces [m/s2].
-        solver: how the pressure solve went.
-        divergence: () largest |d(g)/dt + div(g u)| after the projection, times h/U [-].
-        side_load: (2 D, D, 1 + D) mean load on every side of the box, see `side_forces`; None unless the solver
-            measures it [N], [N m].
-        surface_load: (S, D, 1 + D) the same on the surfaces within the mesh; None without [N], [N m].
-    """
-
-    state: FluidState
-    viscous_acceleration: FaceField
-    solver: SolverReport
-    divergence: Array
-    side_load: Array | None = None
-    surface_load: Array | None = None
 
 
 class _Rates(NamedTuple):

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from jax import Array
 
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.numerics.blocks import Blocks
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxdem.coupling.coupled import SampledFluid
 from jaxdem.coupling.exchange import Exchange
 from jaxdem.errors import required
-from jaxdem.fluid.momentum import FluidState, FluidStep
+from jaxdem.fluid.fluid_state import FluidState, FluidStep
 from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.integrate import ParticleState, split_low

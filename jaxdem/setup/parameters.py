@@ -9,8 +9,8 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.base import DragClosure
+from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.mixing_length import BedMixing
-from jaxdem.fluid.momentum import FluidProperties
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import Parcels, ParticleProperties

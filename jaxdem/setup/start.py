@@ -14,7 +14,8 @@ from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError, required
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.momentum import FluidSolver, FluidState
+from jaxdem.fluid.fluid_state import FluidState
+from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleState

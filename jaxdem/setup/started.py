@@ -12,7 +12,7 @@ from jax import Array
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.errors import InputError, required
-from jaxdem.fluid.momentum import FluidState
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleState

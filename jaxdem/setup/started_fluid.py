@@ -12,8 +12,9 @@ from jax.typing import DTypeLike
 
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import Grid, face_average
-from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
+from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.numerics.host import on_device
 from jaxdem.setup.start_point import StartPoint

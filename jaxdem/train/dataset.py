@@ -30,8 +30,8 @@ from jaxdem.coupling.model_b import drag_of_model_a
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.boundary import Sides
 from jaxdem.fluid.diffusion import stress_divergence
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import face_average
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.remap import coarsened, remap_cells, remap_flux
 from jaxdem.io import Run, load_run
 from jaxdem.io.outputs import refuse_what_is_read

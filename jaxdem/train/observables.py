@@ -16,8 +16,8 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid, cell_average
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.metrics import PERCENTILE
 from jaxdem.numerics.vectors import row_lengths
 

@@ -15,8 +15,9 @@ from jaxdem.closures import PaperNetwork
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid, face_average_along
-from jaxdem.fluid.momentum import FluidSolver, FluidState
+from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.io import Run
 from jaxdem.numerics.axes import AXES

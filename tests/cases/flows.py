@@ -9,8 +9,9 @@ from jax import lax
 
 from jaxdem.fluid.advection import VanLeer
 from jaxdem.fluid.boundary import Boundary, Side
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import Grid
-from jaxdem.fluid.momentum import FluidProperties, FluidSolver, FluidState
+from jaxdem.fluid.momentum import FluidSolver
 
 PERIODIC = ("periodic",) * 4
 

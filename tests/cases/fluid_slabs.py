@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
 from jaxdem.numerics.blocks import MESH_AXIS, Blocks
 from tests.cases.flows import random_faces

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.fluid.advection import AdvectionScheme, Central, VanLeer
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import face_average, face_control_volume
-from jaxdem.fluid.momentum import FluidState
 from tests.cases.flows import Flow, random_faces
 from tests.cases.march import March
 from tests.cases.registry import Figure, below, case, relative

@@ -12,8 +12,8 @@ from jaxdem.coupling.coupled import Mixture
 from jaxdem.coupling.interpolation import kernel_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import face_average, face_total
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState
 
 CELLS, SIDE, DURATION = 6, 0.24, 0.01

@@ -13,8 +13,8 @@ from jaxdem.check.check import check_scene
 from jaxdem.closures.base import Drag
 from jaxdem.coupling.coupled import Mixture
 from jaxdem.errors import InputError
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid, face_average, face_total, second_differences
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.setup.deconvolution import deconvolution_limit
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.fluid.momentum import FluidState
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.observables import Plane, fluid_flow, particle_flow
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.state import State

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import cell_average
-from jaxdem.fluid.momentum import FluidState
 from jaxdem.observables import Boxes, contacts, fluid_at, fluid_profile, particle_profile, slices
 from jaxdem.state import State
 

@@ -22,8 +22,8 @@ from jaxdem.closures import DragInputs, InvariantClosure, PaperNetwork, Stokes, 
 from jaxdem.errors import InputError, RunError
 from jaxdem.failures import Failure
 from jaxdem.fluid.boundary import Boundary, Side, Sides
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import Grid, cell_average
-from jaxdem.fluid.momentum import FluidProperties, FluidState
 from jaxdem.fluid.subgrid_stress import subgrid_acceleration, subgrid_flow, subgrid_stress
 from jaxdem.io import RunDirectory
 from jaxdem.particles.integrate import ParticleState

@@ -21,8 +21,8 @@ from typing import Any, ClassVar, NamedTuple
 from jax import Array
 
 from jaxdem.coupling.interpolation import Weights
+from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.grid import FaceField, Grid
-from jaxdem.fluid.momentum import FluidProperties
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 
 

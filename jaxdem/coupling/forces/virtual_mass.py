@@ -26,7 +26,7 @@ from jax import Array
 
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart, MeanForce
 from jaxdem.errors import required
-from jaxdem.fluid.momentum import FluidProperties
+from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, as_column
 
