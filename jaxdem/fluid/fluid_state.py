@@ -6,18 +6,12 @@ from typing import NamedTuple
 
 from jax import Array
 
-from jaxdem.fluid.cut_cells import (
-    CutCells,
-)
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.drive import DriveParameters
-from jaxdem.fluid.grid import (
-    FaceField,
-)
+from jaxdem.fluid.grid import FaceField
 from jaxdem.fluid.mixing_length import BedMixing
 from jaxdem.fluid.pressure import SolverReport
-from jaxdem.fluid.subgrid_stress import (
-    SubgridLaw,
-)
+from jaxdem.fluid.subgrid_stress import SubgridLaw
 
 
 class FluidState(NamedTuple):
