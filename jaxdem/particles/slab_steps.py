@@ -69,6 +69,7 @@ def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> Part
         contact_spring=rows.contact_spring,
         wall_spring=tuple(spring[:, :count] for spring in rows.wall_spring),
         contact_force=rows.contact_force[:count],
+        pistons=rows.pistons,
     )
 
 

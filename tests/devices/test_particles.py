@@ -123,6 +123,34 @@ def test_grains_of_two_sizes_between_walls():
             assert apart(x, y) < 1e-11, name
 
 
+def test_walls_that_move_and_a_wall_held_by_a_force():
+    """A floor that shakes, and a piston on which grains of both slabs press."""
+    shaken = {
+        "kind": "plane", "point": [0.0, 0.004], "normal": [0.0, 1.0],
+        "motion": [{"kind": "oscillation", "direction": [0.0, 1.0], "amplitude": 0.002, "frequency": 30.0}],
+    }  # fmt: skip
+    lid = {
+        "kind": "plane", "point": [0.0, 0.097], "normal": [0.0, -1.0],
+        "piston": {"direction": [0.0, -1.0], "force": 5.0, "mass": 1.0, "damping": 1.0},
+    }  # fmt: skip
+    particles = scene_of().tables()["particles"]
+    particles["position"] = (np.asarray(particles["position"]) + [0.0, 0.004]).tolist()
+    simulation, divided, parameters, one, slabs = pair_of(scene_of(walls=[shaken, lid], particles=particles), 2)
+    state, _, _ = run(simulation, parameters, *one, 8)
+    distributed, lists, _ = run(divided, parameters, *slabs, 8)
+    whole, _ = devices.gathered(divided, distributed, lists)
+    for name in (*PARTS, "pistons"):
+        for x, y in zip(
+            jax.tree.leaves(getattr(state.particles, name)),
+            jax.tree.leaves(getattr(whole.particles, name)),
+            strict=True,
+        ):
+            assert apart(x, y) < 1e-10, name
+    # The grains bear the lid: in free fall it would be elsewhere.
+    alone = 0.5 * (5.0 + 9.81) * (8 * simulation.interval) ** 2
+    assert abs(float(state.particles.pistons.displacement[0]) - alone) > 0.02 * alone
+
+
 def test_too_little_room_is_told_and_the_step_repeated_with_more(monkeypatch):
     """All grains fall to one end, whose slab has no rows for them while the cut planes stand still."""
     monkeypatch.setattr("jaxdem.devices.rooms.LEAST", 1)
