@@ -65,18 +65,20 @@ def mesh_contacts(
             reach = reach + 2.0 * radius * vectors.length(tuple(placed.angular_velocity))
     touch = touching(listed, moved, radius, 0.5 * step.time_step * reach)
     radius, mass, expected, velocity = row(radius), row(mass), rows(expected), rows(velocity)
-    normal = touch.normal
+    normal, wall_spin = touch.normal, None
     if placed is not None:
         normal = placed.to_box(normal)
         arm = 0.5 * jnp.maximum(touch.overlap, 0.0) - radius
         wall = placed.velocity_at(vectors.add_scaled(rows(position), arm, normal))
         expected, velocity = vectors.subtract(expected, wall), vectors.subtract(velocity, wall)
         memory = _turned_memory(step, memory, placed)
+        if placed.angular_velocity is not None:
+            wall_spin = tuple(placed.angular_velocity)
     pair = ContactPair(
         touch.overlap, normal, approach=expected, velocity=velocity,
         spin=rows(listed.of_rows(motion.angular_velocity)), other_spin=None,
         radius=radius, other_radius=jnp.zeros((), touch.overlap.dtype),
-        effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2,
+        effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2, wall_spin=wall_spin,
     )  # fmt: skip
     return pair, touch, remembered(memory, touch, pair.normal)
 

@@ -173,6 +173,7 @@ def check_meshes(
     particles: ParticleState,
     radius: Array,
     allowed: Overlap,
+    placed: tuple[Placement | None, ...] = (),
 ) -> None:
     """Refuses particles that overlap a wall that is a mesh, or lie inside of a closed one that is touched from its
     front alone.
@@ -180,7 +181,7 @@ def check_meshes(
     Args:
         meshes: of the scene.
         present: (W,) bool, which walls beside the sides are there at the start, the meshes last; None for all.
-        particles, radius, allowed: see `check_surfaces`.
+        particles, radius, allowed, placed: see `check_surfaces`; the meshes last.
 
     Raises:
         InputError: naming the particle and the wall.
@@ -193,10 +194,9 @@ def check_meshes(
     if particles.position_low is not None:
         position = position + np.asarray(particles.position_low, float)[rows]
     size = np.broadcast_to(np.asarray(radius, float), len(there))[rows]
-    for mesh, is_there in zip(
-        meshes, np.full(len(meshes), True) if present is None else present[-len(meshes) :], strict=True
-    ):
-        depth = mesh.depth(position, size) / (2.0 * size)
+    shown = np.full(len(meshes), True) if present is None else present[-len(meshes) :]
+    for (mesh, place), is_there in zip(_placed_meshes(meshes, placed), shown, strict=True):
+        depth = mesh.depth(_in_body(place, position), size) / (2.0 * size)
         if is_there and len(rows) and depth.max() > allowed.part:
             index = int(np.argmax(depth))
             deep = "lies inside of" if depth[index] >= 1.0 else f"reaches {_percent(depth[index])} of its diameter into"
@@ -208,8 +208,32 @@ def check_meshes(
             )
 
 
-def check_inlets_beside_meshes(particles: ParticleSetup) -> None:
+def _placed_meshes(
+    meshes: Sequence[WallMesh], placed: tuple[Placement | None, ...]
+) -> list[tuple[WallMesh, Placement | None]]:
+    """Each mesh and where it is, the last of `placed`."""
+    return list(zip(meshes, placed[-len(meshes) :] or (None,) * len(meshes), strict=True))
+
+
+def _in_body(placed: Placement | None, position: np.ndarray) -> np.ndarray:
+    """Positions (N, D) in the frame of a wall, which may have moved, in float64 [m]."""
+    if placed is None:
+        return position
+
+    def whole(high: Array, low: Array | None) -> np.ndarray:
+        found = np.asarray(high, float)
+        return found if low is None else found + np.asarray(low, float)
+
+    apart = position - whole(placed.shift, placed.shift_low)
+    return apart if placed.rotation is None else apart @ whole(placed.rotation, placed.rotation_low)
+
+
+def check_inlets_beside_meshes(particles: ParticleSetup, placed: tuple[Placement | None, ...] = ()) -> None:
     """Refuses a mesh in the box of an inlet: particles that come in do not look for it.
+
+    Args:
+        particles: of the scene.
+        placed: see `check_meshes`.
 
     Raises:
         InputError: naming the inlet and the wall.
@@ -221,9 +245,9 @@ def check_inlets_beside_meshes(particles: ParticleSetup) -> None:
         if inlet.start is None or inlet.stop is None:
             continue
         places = np.asarray(inlet.start) + drawn * np.subtract(inlet.stop, inlet.start)
-        for mesh in particles.meshes:
+        for mesh, place in _placed_meshes(particles.meshes, placed):
             radius = np.full(len(places), mesh.largest)
-            if mesh.depth(places, radius).max() > 0.0:
+            if mesh.depth(_in_body(place, places), radius).max() > 0.0:
                 limit = f"{mesh.key} (mesh) lies in it or touches its particles, and they would come in on it"
                 raise InputError(f"particles.inlet.{k}", "...", limit, "move the inlet or the wall")
 

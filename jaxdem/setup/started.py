@@ -101,7 +101,7 @@ class Beginning:
         step = on_device(self.start.step, np.int32)
         placed = self.simulation.placed(self.parameters, state, step) if model.motions else ()
         check_surfaces(self.scene, model.surfaces, present, state, radius, allowed_overlap(own), placed)
-        check_meshes(own.meshes, present, state, radius, allowed_overlap(own))
+        check_meshes(own.meshes, present, state, radius, allowed_overlap(own), placed)
 
     @property
     def _particles(self) -> StartedParticles | None:

@@ -73,6 +73,37 @@ def test_a_plane_of_triangles_that_moves_is_a_plane_that_moves(planes):
     assert np.abs(still.position - expected.position).max() > 1e-3
 
 
+@pytest.mark.parametrize("model", ["epsd", "cdt"])
+def test_a_turning_plane_of_triangles_resists_rolling_as_a_turning_plane(planes, model):
+    """Rolling resistance is against the spin of the wall; one against the spin in the box would brake the grains."""
+    motion = [{"kind": "rotation", "axis": [0.6, 0.8, 0.0], "center": [0.5, 0.5, HEIGHT], "rate": 0.5}]
+    contact = {"rolling_friction": 0.1, "rolling_model": model, "speed": 2.0}
+    position, velocity, spin = (rows[::2] for rows in twelve())
+    grains = position - [0.0, 0.0, 2e-4], velocity * [1.0, 1.0, 0.0], spin
+    expected = flight(grains_scene([PLANE | {"motion": motion}], *grains, contact=contact), 6)
+    found = flight(grains_scene([on_mesh(planes[200], motion=motion)], *grains, contact=contact), 6)
+    assert np.abs(expected.force).max() > 0.0
+    assert np.abs(found.spin - expected.spin).max() < 1e-10 * np.abs(expected.spin).max()
+    still = flight(grains_scene([PLANE], *grains, contact=contact), 6)
+    assert np.abs(still.spin - expected.spin).max() > 0.1
+
+
+def test_grains_are_looked_for_where_a_mesh_is_at_the_start(planes):
+    """Its motion has it a tenth of a metre below the place of its file, and turned by a right angle."""
+    motion = [
+        {"kind": "table", "angle": [90.0 * np.pi / 180.0] * 2, "times": [0.0, 1.0],
+         "axis": [0.0, 1.0, 0.0], "center": [0.5, 0.5, HEIGHT]},
+        {"kind": "table", "displacement": [0.1, 0.1], "times": [0.0, 1.0], "direction": [1.0, 0.0, 0.0]},
+    ]  # fmt: skip
+    for wall in (PLANE | {"normal": [0.0, 0.0, 1.0]}, on_mesh(planes[2], touch="front")):
+        walls = [wall | {"motion": motion}]  # now at x = 0.6, its front to larger x
+        case = build_case(jaxdem.load_scene(grains_scene(walls, [[0.65, 0.5, HEIGHT], [0.9, 0.2, HEIGHT]])))
+        case.initial_state()
+        within = grains_scene(walls, [[0.9, 0.5, 0.4], [0.6, 0.5, 0.4]])
+        with pytest.raises(InputError, match=r"particle 1 at .* reaches 50 % of its diameter into walls.0"):
+            build_case(jaxdem.load_scene(within)).initial_state()
+
+
 CUBE = {"kind": "mesh", "touch": "front", "closed": True}
 
 
