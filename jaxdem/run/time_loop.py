@@ -33,6 +33,7 @@ from jaxdem.run.signals import Caught, Stopped
 from jaxdem.run.summary import run_summary
 from jaxdem.run.totals import Totals
 from jaxdem.setup.builder import Case
+from jaxdem.setup.stored import stored
 from jaxdem.setup.time_steps import exact_time
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -196,8 +197,8 @@ class TimeLoop:
         self.state, self.neighbors = state, neighbors
         self._fit_probes()
         self.observer.load(arrays)
-        self.totals.load(extra)
-        self.done = int(extra["done"])
+        self.totals.load(extra, bool(self.case.fluid_walls.walls))
+        self.done = int(stored(extra, "done"))
         lines = self.directory.lines_before(attributes)
         self.directory.cut_back(int(attributes["frames"]), int(attributes["samples"]), lines)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxdem.run.chunk import Records
 from jaxdem.run.compile_time import compile_clock
+from jaxdem.setup.stored import stored
 
 NOT_KEPT = ("stages", "start", "compiled")
 """Fields of `Totals` that a checkpoint has under other names or not at all."""
@@ -143,9 +144,19 @@ class Totals:
         stages = self.stages | {"compile": self.compile_seconds()}
         return values | {f"stage_{name}": value for name, value in stages.items()}
 
-    def load(self, values: Mapping[str, np.ndarray]) -> None:
-        """The inverse of `save`."""
+    def load(self, values: Mapping[str, np.ndarray], walls_in_fluid: bool = False) -> None:
+        """The inverse of `save`.
+
+        Args:
+            values: from a checkpoint.
+            walls_in_fluid: whether the fluid sees walls; without them an older checkpoint need not have their force.
+
+        Raises:
+            InputError: one is missing.
+        """
+        if not walls_in_fluid:
+            values = {"surface_force": np.zeros(0)} | dict(values)
         for field in dataclasses.fields(self):
             if field.name not in NOT_KEPT:
-                setattr(self, field.name, type(getattr(self, field.name))(values[field.name]))
-        self.stages = {name: float(values[f"stage_{name}"]) for name in self.stages}
+                setattr(self, field.name, type(getattr(self, field.name))(stored(values, field.name)))
+        self.stages = {name: float(stored(values, f"stage_{name}")) for name in self.stages}

@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxdem import InputError, load_run, load_scene
+from jaxdem import InputError, load_run, load_scene, simulate
 from jaxdem.closures import load_closure
 from jaxdem.io import RunDirectory, read_checkpoint
+from jaxdem.io.checkpoint import write_checkpoint
+from jaxdem.run.totals import Totals
 
 ROOT = Path(__file__).parents[2]
 FORMER = ROOT / "tests" / "data" / "former_run"
@@ -56,6 +58,37 @@ def test_its_checkpoint_is_refused_with_the_version_and_the_remedy():
     with pytest.raises(InputError, match=r"has format 5, this version reads [6-9]") as caught:
         read_checkpoint(FORMER / "checkpoint.h5")
     assert "version of jaxdem that wrote it, or start the run anew" in caught.value.remedy
+
+
+GRAIN = {
+    "precision": "float32",
+    "domain": {"size": [0.1, 0.1]},
+    "particles": {"position": [[0.05, 0.05]], "radius": 0.005, "density": 2500.0},
+    "contact": {"young_modulus": 1e6},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+
+
+@pytest.mark.parametrize(("lost", "needed"), [("surface_force", False), ("courant", True)])
+def test_a_run_goes_on_from_a_checkpoint_without_a_sum_of_later_commits(tmp_path, lost, needed):
+    """The force on walls in the fluid is a sum that a scene without such walls does not have; others are named."""
+    simulate(load_scene(GRAIN), tmp_path)
+    arrays, attributes = read_checkpoint(tmp_path / "checkpoint.h5")
+    del arrays[f"extra/{lost}"]
+    write_checkpoint(tmp_path / "checkpoint.h5", arrays, attributes)
+    longer = load_scene(GRAIN, {"time.end": 0.04})
+    if needed:
+        with pytest.raises(InputError, match=f"{lost}.*is missing"):
+            simulate(longer, tmp_path, resume=True)
+    else:
+        assert simulate(longer, tmp_path, resume=True).times[-1] == pytest.approx(0.04)
+
+
+def test_a_sum_over_a_run_with_walls_in_the_fluid_is_not_begun_anew():
+    values = {name: np.asarray(value) for name, value in Totals().save().items()}
+    del values["surface_force"]
+    with pytest.raises(InputError, match="surface_force"):
+        Totals().load(values, walls_in_fluid=True)
 
 
 def test_its_closure_is_read():
