@@ -125,6 +125,9 @@ class Beginning:
 
         The sliding spring is a displacement in every law. The rolling spring follows it where there is one, and last
         what cohesion remembers, which only the same kind of cohesion can go on with.
+
+        Raises:
+            InputError: a kind of cohesion given in Python keeps other values than the kind of the table.
         """
         found: list[np.ndarray] = []
         while f"state.particles.{name}[{len(found)}]" in self.start.arrays:
@@ -137,6 +140,11 @@ class Beginning:
             memory, found = found[-1:], found[:-1]
         if not model.memory or before != required(self.scene.contact, "contact").cohesion_kind:
             return found[:springs]
+        if len(memory) != model.memory:
+            own, kept = model.memory, len(memory)
+            limit = f"the cohesion given in Python keeps {own} of a contact, and this kind {kept} (numbers of values)"
+            remedy = "begin without [start], or give a kind in the table that keeps as many"
+            raise InputError("contact.cohesion.kind", before, limit, remedy)
         blank = [np.zeros_like(memory[0])] * (springs - len(found))
         return found[:springs] + blank + memory
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from examples.extending.cohesion import SCENE, AdhesiveSpheres
 from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError
 from jaxdem.particles.cohesion import (
@@ -310,3 +311,15 @@ def test_a_resumed_run_is_the_whole_run_bit_for_bit(kind, tmp_path):
     for name in ("position", "velocity", "contact_force"):
         a, b = (run.particles(-1)[name] for run in (whole, resumed))
         np.testing.assert_array_equal(a, b)
+
+
+def test_a_cohesion_of_the_user_that_remembers_more_than_the_kind_of_the_table_cannot_go_on(tmp_path):
+    """What its contacts keep is not told apart from springs in the former run."""
+    own = AdhesiveSpheres()
+    tables = copy.deepcopy(SCENE)
+    tables["contact"]["cohesion"]["kind"] = "dmt"
+    jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "first", cohesion=own)
+    del tables["particles"]
+    tables |= {"start": {"from": str(tmp_path / "first")}, "time": {"end": 0.012, "output_interval": 0.006}}
+    with pytest.raises(InputError, match=r"contact.cohesion.kind = 'dmt'.*keeps 1 of a contact, and this kind 0"):
+        jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "second", cohesion=own)
