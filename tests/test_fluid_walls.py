@@ -7,8 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rich.console import Console
 
 from jaxdem import InputError, build, initial_state, load_scene, simulate
+from jaxdem.check.check import check_scene
+from jaxdem.cli.check_table import render
 from jaxdem.coupling.deposition import Kernel
 from jaxdem.coupling.open_cells import open_weights
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -131,6 +134,46 @@ def test_forces_in_probes_and_summary(tmp_path):
     assert solid.any()
     frame = whole.fluid(-1)
     assert not np.asarray(frame["pressure"])[solid].any()
+
+
+def text_of_check(given):
+    report, console = check_scene(load_scene(given)), Console(width=200)
+    with console.capture() as captured:
+        console.print(render(report))
+    return report, captured.get()
+
+
+def test_check_tells_the_cells_that_walls_cut_off():
+    """A cylinder wider than the box leaves its four corners; the grain's box keeps the largest one alone."""
+    wide = CYLINDER | {"center": [0.195, 0.198], "radius": 0.22}
+    corners = np.asarray(build_case(load_scene(tables(wide, grains=False))).fluid_walls.cut.open_cells) > 0.0
+    sizes = [part.sum() for half in np.split(corners, 2) for part in np.split(half, 2, axis=1)]
+    assert min(sizes) > 0 and corners[:, 5:7].sum() == corners[5:7].sum() == 0  # nothing joins them
+    grain = {"particles": {"position": [[0.38, 0.38]]}}
+    report, text = text_of_check(tables(wide, **grain))
+    assert report.closed_pockets == sum(sizes) - max(sizes)
+    assert f"{report.closed_pockets} cells that walls cut off" in text
+    # Negative control: inside of a cylinder there is no fluid, and so no pocket.
+    report, text = text_of_check(tables(CYLINDER, **grain))
+    assert report.closed_pockets == 0 and "cut off" not in text
+
+
+def test_a_resumed_run_is_the_whole_run_bit_for_bit(tmp_path):
+    """Grains and the force on a cylinder in a stream, in single precision, stopped at half time."""
+    probes = [{"name": "drag", "kind": "wall", "wall": 0, "interval": 0.01}]
+    given = tables(CYLINDER, precision="float32", probes=probes, output={"checkpoint_interval": 0.0}, **STREAM)
+    given["particles"]["position"] = [[0.1, 0.2], [0.12, 0.26], [0.3, 0.22], [0.2, 0.1]]
+    whole = simulate(load_scene(given), tmp_path / "whole")
+    simulate(load_scene(given, {"time.end": 0.02}), tmp_path / "half")
+    resumed = simulate(load_scene(given), tmp_path / "half", resume=True)
+    assert np.abs(whole.fluid(-1)["velocity"]).max() > 0.01
+    for kind in ("particles", "fluid"):
+        ours, theirs = (getattr(run, kind)(-1) for run in (whole, resumed))
+        assert ours.keys() == theirs.keys()
+        assert all(np.asarray(ours[name]).tobytes() == np.asarray(theirs[name]).tobytes() for name in ours)
+    assert (whole.path / "history.csv").read_bytes() == (resumed.path / "history.csv").read_bytes()
+    rows = [h5py.File(run.path / "probes.h5")["drag"][:] for run in (whole, resumed)]
+    assert len(rows[0]) == 4 and rows[0].tobytes() == rows[1].tobytes()
 
 
 def test_float32_and_three_dimensions():

@@ -56,6 +56,7 @@ class CheckReport:
         cells_per_diameter: smallest and largest cell side over the largest diameter [-].
         kernel_half_width: of the deposition, per axis.
         void_fraction: initial minimum and mean [-].
+        closed_pockets: number of cells that walls enclose and that are left out of the fluid.
         time_steps: contact, contacts_per_interval, interval, fluid, fluid_substeps, outputs, intervals.
         limits: named time-step limits.
         expected_speed: of particles, that the contact limits stand on [m/s].
@@ -92,6 +93,7 @@ class CheckReport:
     cells_per_diameter: tuple[float, float] | None
     kernel_half_width: tuple[float, ...] | None
     void_fraction: tuple[float, float] | None
+    closed_pockets: int
     time_steps: dict[str, float]
     limits: dict[str, float]
     expected_speed: float | None
@@ -172,6 +174,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter) if spacing and diameter else None,
         kernel_half_width=simulation.half_width,
         void_fraction=None if void is None else (float(void.min()), float(void.mean())),
+        closed_pockets=case.fluid_walls.closed_pockets,
         time_steps=time_steps,
         limits=dict(steps.limits)
         | _model_viscous_limit(scene, simulation, None if void is None else float(void.min())),

@@ -96,6 +96,8 @@ def _scene(report: CheckReport) -> Iterable[tuple[str, str]]:
     yield from report.population
     if report.cells is not None and report.spacing is not None:
         yield "mesh", f"{_times(report.cells)} cells of {_times(report.spacing)} m"
+    if report.closed_pockets:
+        yield "left out of the fluid", f"{report.closed_pockets} cells that walls cut off from the rest of the fluid"
     if report.cells_per_diameter is not None:
         low, high = report.cells_per_diameter
         yield "cell / diameter", f"{low:.3g}" if math.isclose(low, high) else f"{low:.3g} to {high:.3g}"

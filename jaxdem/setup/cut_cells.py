@@ -172,11 +172,14 @@ def cut_cells_of(
         boundary: sides of the box; None where pockets are not looked for.
         coupled: whether there are particles too.
     """
-    corners, left_out = corner_points(grid), np.zeros(grid.cells, bool)
+    corners, enclosed = corner_points(grid), 0
 
     def pockets(open_part: FaceField, cells: Array) -> Array:
-        nonlocal left_out
+        nonlocal enclosed
         left_out = _without_a_way_out(grid, required(boundary, "sides of the box"), open_part, np.asarray(cells))
+        # Solid cells have no way out either, but they have no fluid: they are no pockets.
+        has_fluid = np.asarray(_open_faces_of_cells(grid, _Faces(list(open_part), [], []))) > 0.0
+        enclosed = int(np.sum(left_out & has_fluid))
         return left_out  # type: ignore[return-value]
 
     distances = [surface.distance(corners) for surface in surfaces]
@@ -184,7 +187,7 @@ def cut_cells_of(
     found = cut_cells(grid, distances, sticks, pockets if coupled and boundary is not None else None)  # type: ignore[arg-type]
     if any(surface.velocity is not None for surface in surfaces):
         found = _with_velocity(grid, surfaces, found)
-    return found, int(np.sum(left_out))
+    return found, enclosed
 
 
 def _with_velocity(grid: Grid, surfaces: Sequence[FluidSurface], cut: CutCells) -> CutCells:
