@@ -34,19 +34,19 @@ def drum(run: Run) -> None:
 
 
 def lid(run: Run) -> None:
-    """Frames of the lid, and its way against the load that the grains carry."""
+    """Frames of the lid, and its displacement against the load that the grains carry."""
     figure, panels = plt.subplots(1, len(LID_TIMES) + 1, figsize=(9.6, 3.4), layout="constrained")
     frames(figure, panels[:-1], run, LID_TIMES)
     history = run.history
     measured = np.genfromtxt(run.path / "probes" / "lid.csv", delimiter=",", names=True)
     late = history["time"] > 0.3
-    way = np.interp(history["time"][late], history["time"], history["wall_0_displacement"])
+    displacement = np.interp(history["time"][late], history["time"], history["wall_0_displacement"])
     load = np.interp(history["time"][late], measured["time"], measured["force_z"])
     rising = history["time"][late] <= 0.8
-    start = way[0]
-    panels[-1].plot(load[rising], 1e3 * (way[rising] - start), label="loading")
-    panels[-1].plot(load[~rising], 1e3 * (way[~rising] - start), "--", label="unloading")
-    panels[-1].set(xlabel="force on the lid [N]", ylabel="way of the lid [mm]")
+    start = displacement[0]
+    panels[-1].plot(load[rising], 1e3 * (displacement[rising] - start), label="loading")
+    panels[-1].plot(load[~rising], 1e3 * (displacement[~rising] - start), "--", label="unloading")
+    panels[-1].set(xlabel="force on the lid [N]", ylabel="displacement of the lid [mm]")
     panels[-1].invert_yaxis()
     panels[-1].legend()
     save(figure, "compression")

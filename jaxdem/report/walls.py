@@ -74,13 +74,13 @@ def solid(
         scene: tables of scene.toml.
         box: side lengths (D,) [m].
         time: of the frame [s].
-        history: of the run, with the way of each piston.
+        history: of the run, with the displacement of each piston.
         folder: of the run, which has the meshes; without it they are not drawn.
     """
     # A wall that vanishes at the time of a frame has gone in it, whatever rounding the frame's time has.
     now = time * (1.0 + 1e-9)
     walls = [
-        dict(wall) | _place(wall, time, _way(history, k, time)) | {"number": k, "folder": str(folder)}
+        dict(wall) | _place(wall, time, _displacement(history, k, time)) | {"number": k, "folder": str(folder)}
         for k, wall in enumerate(scene.get("walls", ()))
         if wall.get("begin", 0.0) <= now < wall.get("end", math.inf)
         and (wall.get("kind") != "mesh" or _mesh_of(str(folder), k) is not None)
@@ -88,13 +88,13 @@ def solid(
     return _solid(json.dumps(walls), tuple(box)) if walls else None
 
 
-def _place(wall: Mapping[str, Any], time: float, way: float) -> dict[str, Any]:
+def _place(wall: Mapping[str, Any], time: float, displacement: float) -> dict[str, Any]:
     """Where a wall has moved, {} for one at rest."""
     if not (wall.get("motion") or wall.get("piston")):
         return {}
     from jaxdem.solids.motion_tables import placement_of  # loads JAX
 
-    placed = placement_of(wall, time, way)
+    placed = placement_of(wall, time, displacement)
     if placed is None:
         return {}
     turn = np.eye(placed.dimension) if placed.rotation is None else np.asarray(placed.rotation)
@@ -111,7 +111,7 @@ def _same_tube(wall: Mapping[str, Any], turn: Array, shift: Array) -> bool:
     return bool(np.abs(moved - (moved @ axis) * axis).max() < size and np.allclose(turn @ axis, axis, atol=1e-12))
 
 
-def _way(history: Mapping[str, Array] | None, number: int, time: float) -> float:
+def _displacement(history: Mapping[str, Array] | None, number: int, time: float) -> float:
     """How far a piston has moved at a time [m]."""
     column = None if history is None else history.get(f"wall_{number}_displacement")
     return 0.0 if history is None or column is None else float(np.interp(time, history["time"], column))

@@ -138,9 +138,9 @@ def piston_figures(case: Case, state: State) -> dict[str, float]:
     pistons = None if state.particles is None else state.particles.pistons
     if pistons is None:
         return {}
-    way = np.asarray(pistons.displacement, np.float64)
+    displacement = np.asarray(pistons.displacement, np.float64)
     names = [f"wall_{k}_displacement" for k, wall in enumerate(case.scene.walls) if wall.piston is not None]
-    return {name: float(way[k]) for k, name in enumerate(names)}
+    return {name: float(displacement[k]) for k, name in enumerate(names)}
 
 
 def drive_figures(case: Case, state: State, gradient: np.ndarray | None) -> dict[str, float]:

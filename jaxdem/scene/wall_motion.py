@@ -59,7 +59,7 @@ class WallMotion(Section):
         phase: phase p of an oscillation. The wall starts where p puts it: its own keys are the middle. Default: 0
             [rad].
         times: times of a table, increasing [s].
-        displacement: way of a table, one number for each time, along `direction` [m].
+        displacement: displacements of a table, one number for each time, along `direction` [m].
         angle: angle of a table, one number for each time, about `axis` [rad].
         begin: time at which this motion begins: its own time is 0 then, and until then it stays where it begins.
             Default: 0 [s].

@@ -12,7 +12,7 @@ from jaxdem.setup.contact_step import ContactStep, contact_step
 from jaxdem.setup.fluid import FluidSetup
 from jaxdem.setup.fluid_step import LONGEST_INTERVAL, fluid_steps, given_interval, whole
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.wall_motion import check_pistons, check_way
+from jaxdem.setup.wall_motion import check_displacement, check_pistons
 from jaxdem.structure import Clock, TimeSteps
 
 MOST_CONTACT_STEPS = 1_000_000
@@ -120,7 +120,7 @@ def _with_contacts(steps: TimeSteps, found: ContactStep, particles: ParticleSetu
             "soften the contact, use larger particles, lower contact.speed, or shorten coupling.interval",
         )
     count = whole(interval / longest)
-    check_way(particles.scene, interval / count, particles.bodies.smallest_radius)
+    check_displacement(particles.scene, interval / count, particles.bodies.smallest_radius)
     check_pistons(particles, interval / count, found.limits["contact_stability"])
     return dataclasses.replace(
         steps,

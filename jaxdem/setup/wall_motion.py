@@ -27,9 +27,9 @@ SAMPLES = 800
 """Times at which the speed of a wall is looked at; at phases spread by the golden ratio, so that no frequency of a
 motion is missed."""
 
-LARGEST_WAY = 0.1
-"""Way of a wall in a contact step, over the radius of the smallest particle, above which it is refused [-]. A grain
-that a wall meets at this speed overlaps it by more in one step than a contact should in all."""
+LARGEST_DISPLACEMENT = 0.1
+"""Distance that a wall moves in a contact step, over the radius of the smallest particle, above which it is refused
+[-]. A grain that a wall meets at this speed overlaps it by more in one step than a contact should in all."""
 
 
 def tables_of(wall: Wall) -> dict[str, Any]:
@@ -120,7 +120,7 @@ def fastest_wall(scene: Scene) -> float:
     return max((wall_speed(scene, wall) for wall in scene.walls), default=0.0)
 
 
-def check_way(scene: Scene, contact_step: float, radius: float) -> None:
+def check_displacement(scene: Scene, contact_step: float, radius: float) -> None:
     """Refuses walls that would jump into grains within a contact step.
 
     Args:
@@ -133,13 +133,13 @@ def check_way(scene: Scene, contact_step: float, radius: float) -> None:
     """
     for k, wall in enumerate(scene.walls):
         speed = wall_speed(scene, wall)
-        if speed * contact_step > LARGEST_WAY * radius:
-            longest = LARGEST_WAY * radius / speed
+        if speed * contact_step > LARGEST_DISPLACEMENT * radius:
+            longest = LARGEST_DISPLACEMENT * radius / speed
             raise InputError(
                 f"walls.{k}.motion",
                 f"{speed:.3g} m/s",
                 f"the wall moves {speed * contact_step / radius:.3g} radii of the smallest particle in a contact step "
-                f"of {contact_step:.3g} s and would jump into grains, the limit is {LARGEST_WAY:g}",
+                f"of {contact_step:.3g} s and would jump into grains, the limit is {LARGEST_DISPLACEMENT:g}",
                 f"set contact.time_step = {0.99 * longest:.3g} or less, or slow the wall down",
             )
 
