@@ -244,7 +244,7 @@ def test_walls_that_move_are_drawn_where_the_solver_has_them(dimension):
     )
     found, number = np.asarray(overlap), 0
     for k, wall in enumerate(moving):
-        drawn = wall | walls._place(wall, time, walls._way(history, k, time))
+        drawn = wall | walls._place(wall, time, walls._displacement(history, k, time))
         for distance in walls._distances(drawn, points):
             np.testing.assert_allclose(distance, -found[number], atol=1e-12)
             number += 1
