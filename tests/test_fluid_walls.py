@@ -19,6 +19,7 @@ from jaxdem.fluid.grid import Grid, face_average, face_control_volume, face_tota
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.even_deposition import even_factors
+from jaxdem.setup.fluid_walls import wall_speed_in_fluid
 
 TILTED = (
     {"kind": "plane", "point": [0.05, 0.03], "normal": [-0.2, 1.0], "fluid": "no_slip"},
@@ -88,6 +89,15 @@ def test_turning_cylinders_and_sliding_planes_are_allowed():
     assert float(jnp.abs(cut.velocity[0]).max()) == pytest.approx(0.3)
     near = np.asarray(cut.nearest_to_faces[1]) == 0
     assert float(np.abs(np.asarray(cut.velocity[1]))[near].max()) == pytest.approx(2.0 * 0.06, rel=0.02)
+
+
+def test_the_speed_of_a_wall_counts_all_of_its_motions():
+    """A tube about its axis that turns and slides: its surface has sqrt(0.3^2 + 0.4^2) m/s, which the bound exceeds."""
+    tube = {"kind": "cylinder", "center": [0.2, 0.2, 0.2], "axis": [1.0, 0.0, 0.0], "radius": 0.2, "fluid": "no_slip"}
+    tube["motion"] = [{"kind": "rotation", "rate": 2.0}, {"kind": "translation", "velocity": [0.3, 0.0, 0.0]}]
+    given = tables(tube, grains=False) | {"domain": {"size": [0.4, 0.4, 0.4]}}
+    given["fluid"]["cells"] = [8, 8, 8]
+    assert 0.5 <= wall_speed_in_fluid(load_scene(given)) <= 0.7 + 1e-12
 
 
 def momentum(simulation, parameters, fluid):

@@ -25,6 +25,24 @@ from jaxdem.state import Parameters, State
 
 Tree = TypeVar("Tree")
 
+AXIS_OF_PARTICLES = {
+    "position": 0,
+    "position_low": 0,
+    "velocity": 0,
+    "angular_velocity": 0,
+    "wall_spring": 1,
+    "contact_force": 0,
+    "fluid_force": 0,
+    "fluid_memory": -2,
+}
+"""Fields of `ParticleState` that every particle has an entry of, and along which axis of their arrays."""
+
+KEPT = ("position", "position_low")
+"""Fields of which a row without a particle has the values of another one, not zero."""
+
+REFUSED = ("liquid", "mesh_memory")
+"""Fields of scenes that `refused` turns away."""
+
 
 def distributed(
     simulation: DividedSimulation,
@@ -127,22 +145,23 @@ def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
             chosen = np.where(there.reshape(*there.shape, *(1,) * (chosen.ndim - 2)), chosen, 0)
         return np.moveaxis(chosen, 1, axis + 1 if axis >= 0 else axis)
 
-    low, force = particles.position_low, particles.fluid_force
     return ParticleState(
-        position=of(particles.position, keep=True),
-        position_low=None if low is None else of(low, keep=True),
-        velocity=of(particles.velocity),
-        angular_velocity=of(particles.angular_velocity),
+        **_of_each(particles, lambda rows, axis, name: of(rows, axis, keep=name in KEPT)),
         contact_spring=(),
-        wall_spring=tuple(of(spring, 1) for spring in particles.wall_spring),
-        contact_force=of(particles.contact_force),
-        fluid_force=None if force is None else of(force),
-        fluid_memory=jax.tree.map(lambda x: of(x, -2), particles.fluid_memory),
         active=active,
-        inserted=_in_all(particles.inserted, len(table)),
         identity=identity,
+        inserted=_in_all(particles.inserted, len(table)),
         pistons=_in_all(particles.pistons, len(table)),
     )
+
+
+def _of_each(particles: ParticleState, of: Callable[[Any, int, str], Any]) -> dict[str, Any]:
+    """Fields that every particle has an entry of, each array changed by `of(array, axis of the particles, field)`."""
+
+    def changed(name: str, axis: int) -> Any:
+        return jax.tree.map(lambda rows: of(rows, axis, name), getattr(particles, name))
+
+    return {name: changed(name, axis) for name, axis in AXIS_OF_PARTICLES.items()}
 
 
 def _in_all(tree: Any, number: int) -> Any:
@@ -248,17 +267,9 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
 
     active: Any = np.zeros(simulation.count, bool)
     active[number] = True
-    low, force = rows.position_low, rows.fluid_force
     return ParticleState(
-        position=of(rows.position),
-        position_low=None if low is None else of(low),
-        velocity=of(rows.velocity),
-        angular_velocity=of(rows.angular_velocity),
+        **_of_each(rows, lambda values, axis, _: of(values, axis)),
         contact_spring=(),
-        wall_spring=tuple(of(spring, 1) for spring in rows.wall_spring),
-        contact_force=of(rows.contact_force),
-        fluid_force=None if force is None else of(force),
-        fluid_memory=jax.tree.map(lambda x: of(x, -2), rows.fluid_memory),
         active=None if simulation.population is None else active,
         inserted=None if rows.inserted is None else rows.inserted[0],
         pistons=jax.tree.map(lambda x: x[0], rows.pistons),

@@ -49,7 +49,7 @@ COHESIONS: dict[str, Callable[[], Cohesion]] = {
     "sjkr": SimplifiedJKR,
 }
 
-AT_MESHES = ("dmt", "sjkr")
+AT_MESHES = {"dmt": DerjaguinMullerToporov, "sjkr": SimplifiedJKR}
 """Kinds of cohesion that walls of kind mesh have too: they act while bodies overlap, and remember nothing."""
 
 
@@ -88,10 +88,12 @@ def contact_interval(
     measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
     cohesion = _cohesion(particles, extensions)
     meshes = tuple(MeshWall(number, mesh.usual) for number, mesh in enumerate(particles.meshes))
-    kind = particles.contact.cohesion_kind
-    if meshes and kind is not None and kind not in AT_MESHES:
-        limit = "acts over a gap, and lists of walls that are meshes reach as far as contacts only"
-        raise InputError("contact.cohesion.kind", kind, limit, f"take {' or '.join(AT_MESHES)}, or planes as walls")
+    if meshes and cohesion is not None and not isinstance(cohesion, tuple(AT_MESHES.values())):
+        key, kind = "contact.cohesion.kind", particles.contact.cohesion_kind
+        if extensions.get("cohesion") is not None:
+            key, kind = "cohesion", type(cohesion).__name__
+        limit = "may act over a gap, and lists of walls that are meshes reach as far as contacts only"
+        raise InputError(key, kind, limit, f"take {' or '.join(AT_MESHES)}, or planes as walls")
     model = ContactModel(
         law,
         _rolling(particles),

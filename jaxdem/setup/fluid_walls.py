@@ -109,16 +109,14 @@ def fluid_walls(scene: Scene, grid: Grid, boundary: Boundary, extensions: Extens
 
 
 def wall_speed_in_fluid(scene: Scene) -> float:
-    """The largest speed with which a wall that the fluid sees moves along itself [m/s]."""
-    speeds = [0.0]
+    """A speed that no wall exceeds that the fluid sees: the sum over its motions of |v| and |rate| r, r the radius of a
+    cylinder or the diagonal of the box [m/s]."""
+    fastest = 0.0
     for _, wall in seen_by_fluid(scene.walls):
-        for motion in wall.motion or ():
-            if motion.velocity is not None:
-                speeds.append(math.hypot(*motion.velocity))
-            else:
-                reach = wall.radius if wall.kind == "cylinder" else math.hypot(*scene.domain.size)
-                speeds.append(abs(motion.rate or 0.0) * (reach or 0.0))
-    return max(speeds)
+        reach = (wall.radius if wall.kind == "cylinder" else None) or math.hypot(*scene.domain.size)
+        speeds = (math.hypot(*(m.velocity or ())) + abs(m.rate or 0.0) * reach for m in wall.motion or ())
+        fastest = max(fastest, sum(speeds))
+    return fastest
 
 
 def _distance(number: int, surface: object) -> Callable[[Points], np.ndarray]:

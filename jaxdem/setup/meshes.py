@@ -254,7 +254,7 @@ def _checked(key: str, wall: Wall, mesh: SurfaceMesh) -> tuple[SurfaceMesh, Defe
 
 
 def _check_place(key: str, wall: Wall, mesh: SurfaceMesh, scene: Scene, smallest: float) -> None:
-    """Refuses a mesh that is nowhere in the box, or that has a size as if in another unit."""
+    """Refuses a mesh at rest that is nowhere in the box, and one with a size as if in another unit."""
     lower, upper = mesh.bounds
     size, name = np.asarray(scene.domain.size), "file" if wall.points is None else "points"
     words = " x ".join(f"{length:.4g}" for length in upper - lower)
@@ -264,7 +264,8 @@ def _check_place(key: str, wall: Wall, mesh: SurfaceMesh, scene: Scene, smallest
     if ratio > LARGEST or ratio < SMALLEST or mesh.extent < smallest:
         limit = f"is {words} m large with scale = {wall.scale:g}, and the box {box} m"
         raise InputError(f"{key}.{name}", wall.file, limit, unit if ratio > 1.0 else "correct scale")
-    if np.any(upper < 0.0) or np.any(lower > size):
+    moves = wall.motion is not None or wall.piston is not None
+    if not moves and (np.any(upper < 0.0) or np.any(lower > size)):
         ends = " to ".join("(" + ", ".join(f"{x:.4g}" for x in corner) + ")" for corner in (lower, upper))
         limit = f"lies outside of the box: from {ends} m, and the box is {box} m"
         raise InputError(

@@ -10,8 +10,10 @@ import pytest
 
 import jaxdem
 from jaxdem import devices
+from jaxdem.devices import distribution
 from jaxdem.errors import InputError
 from jaxdem.failures import Failure, failures
+from jaxdem.particles.integrate import ParticleState
 from tests.cases.slabs import apart
 
 PARTS = ("contact_force", "velocity", "position", "angular_velocity")
@@ -149,6 +151,14 @@ def test_walls_that_move_and_a_wall_held_by_a_force():
     # The grains bear the lid: in free fall it would be elsewhere.
     alone = 0.5 * (5.0 + 9.81) * (8 * simulation.interval) ** 2
     assert abs(float(state.particles.pistons.displacement[0]) - alone) > 0.02 * alone
+
+
+def test_every_field_of_the_particles_has_its_rule():
+    """A field that is added must be cut into slabs, be the same in all, or be refused."""
+    by_hand = {"contact_spring", "active", "identity", "inserted", "pistons"}
+    rules = [set(distribution.AXIS_OF_PARTICLES), by_hand, set(distribution.REFUSED)]
+    assert set().union(*rules) == set(ParticleState._fields)
+    assert sum(map(len, rules)) == len(ParticleState._fields)
 
 
 def test_too_little_room_is_told_and_the_step_repeated_with_more(monkeypatch):

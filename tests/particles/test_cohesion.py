@@ -241,6 +241,10 @@ def test_a_mesh_pulls_as_a_plane(kind, tmp_path):
     assert np.abs(bare - plane).max() > 1e-5
     with pytest.raises(InputError, match="lists of walls that are meshes"):
         jaxdem.build(jaxdem.load_scene(grains_scene([walls[1]], place, contact=contact | {"cohesion": JKR})))
+    # A kind of the user's own may reach over a gap whatever the kind of the table.
+    scene = jaxdem.load_scene(grains_scene([walls[1]], place, contact=contact | {"cohesion": cohesion}))
+    with pytest.raises(InputError, match="cohesion = 'JohnsonKendallRoberts'"):
+        jaxdem.build(scene, cohesion=JohnsonKendallRoberts())
 
 
 def test_the_list_reaches_as_far_as_the_attraction():

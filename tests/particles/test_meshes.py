@@ -216,6 +216,12 @@ def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             flight(grains_scene([{"kind": "mesh", **wall}], position), 1)
+    # One that moves may come in later.
+    far = {"kind": "mesh", "file": sound, **place, "translate": [5.0, 0.5, 0.5]}
+    scene = jaxdem.load_scene(
+        grains_scene([far | {"motion": [{"kind": "translation", "velocity": [-0.1, 0.0, 0.0]}]}], free)
+    )
+    assert len(build_case(scene).particles.meshes) == 1
     inlet = {"start": [0.1, 0.1, 0.1], "stop": [0.6, 0.6, 0.6], "rate": 1000.0, "velocity": [0.0, 0.0, 0.0]}
     tables = grains_scene([{"kind": "mesh", "file": sound, **place}], free, particles={"inlet": [inlet]})
     with pytest.raises(InputError, match=r"particles\.inlet\.0.*walls\.0"):
