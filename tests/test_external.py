@@ -7,9 +7,9 @@ import pytest
 
 import jaxdem
 from jaxdem.errors import InputError
-from jaxdem.fluid.fluid_state import FaceExchange
+from jaxdem.fluid.fluid_state import FaceExchange, ParticleFields
 from jaxdem.fluid.grid import face_control_volume, face_total
-from jaxdem.fluid.momentum import pressure_slope
+from jaxdem.fluid.projection import pressure_slope
 
 RADIUS, DEPTH = 0.01, 0.04
 CELL = 0.04**2 * DEPTH
@@ -123,7 +123,9 @@ def test_our_own_fluid_as_the_other_solver():
         fluid = fluid._replace(void_fraction=old)
         step = jnp.asarray(interval)
         new = sources.void_fraction
-        result = solver.step(parameters.fluid, fluid, new, time, step, FaceExchange(resistance, forcing), new)
+        result = solver.step(
+            parameters.fluid, fluid, time, step, ParticleFields(new, FaceExchange(resistance, forcing), new)
+        )
         return result.state, fields(result.state, result.viscous_acceleration)
 
     coupled, outer_state, outer_neighbors = jax.jit(simulation.step), outer.state, outer.neighbors

@@ -28,7 +28,7 @@ ROOMS = (
     "external",
 )
 
-OF_ONE_TRACE = {"Exchange", "IntervalStart", "IntervalEnd", "Insertion", "_Coming", "ContactStep"}
+OF_ONE_TRACE = {"Exchange", "IntervalStart", "IntervalEnd", "Insertion", "_Coming", "ContactStep", "_Step", "StepLoads"}
 """Objects that are made and used up inside of one trace: they hold both."""
 
 

@@ -18,7 +18,7 @@ from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import FaceField, Grid, face_average
-from jaxdem.fluid.momentum import pressure_slope
+from jaxdem.fluid.projection import pressure_slope
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, centres_in_box

@@ -21,7 +21,7 @@ from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval, diagnostics
-from jaxdem.fluid.momentum import pressure_slope
+from jaxdem.fluid.projection import pressure_slope
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box

@@ -29,7 +29,7 @@ from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalSt
 from jaxdem.coupling.interpolation import Weights, deposit_on_faces, interpolate, interpolate_faces
 from jaxdem.coupling.open_cells import of_whole_cells, seen_slope
 from jaxdem.coupling.presence import present_volume, volume_error
-from jaxdem.fluid.fluid_state import FaceExchange, FluidState, FluidStep
+from jaxdem.fluid.fluid_state import FaceExchange, FluidState, FluidStep, ParticleFields
 from jaxdem.fluid.grid import FaceField, Grid, box_smallest, cell_average, face_total, gradient, sum_of
 from jaxdem.fluid.interval import (
     FluidInterval,
@@ -38,7 +38,7 @@ from jaxdem.fluid.interval import (
     Substeps,
     solver_record,
 )
-from jaxdem.fluid.momentum import pressure_slope
+from jaxdem.fluid.projection import pressure_slope
 from jaxdem.numerics.blocks import total as total_of
 from jaxdem.particles.integrate import as_column
 
@@ -215,8 +215,8 @@ class Exchange:
         faces = self.on_faces(carry, explicit)
         change = (self.void_fraction - self.old_void_fraction) / count
         result = solver.step(
-            self.start.properties, carry.fluid, self.old_void_fraction + (k + 1) * change, begin + k * step, step,
-            faces, self.void_fraction,
+            self.start.properties, carry.fluid, begin + k * step, step,
+            ParticleFields(self.old_void_fraction + (k + 1) * change, faces, self.void_fraction),
         )  # fmt: skip
         return self.received(carry, explicit, faces, result), solver_record(result)
 

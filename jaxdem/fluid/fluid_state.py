@@ -74,6 +74,22 @@ class FaceExchange(NamedTuple):
     forcing: FaceField
 
 
+class ParticleFields(NamedTuple):
+    """What particles are to the fluid in a step.
+
+    Attributes:
+        void_fraction: on the cells at the end of the step [-].
+        exchange: drag on the faces; None for none.
+        weighting: void fraction that weights pressure and stress: the one whose complement the particles see with their
+            interpolation weights, so that the mixture conserves momentum; `void_fraction` where not given. Without
+            effect in model B, where nothing weights them [-].
+    """
+
+    void_fraction: Array
+    exchange: FaceExchange | None = None
+    weighting: Array | None = None
+
+
 class FluidStep(NamedTuple):
     """Result of a step.
 

@@ -144,7 +144,7 @@ class FluidInterval:
 
         def step(carry: tuple[FluidState, StepSums], k: Array) -> tuple[Any, SolverRecord]:
             state, sums = carry
-            result = self.solver.step(properties, state, None, time + k * substeps.step, substeps.step)
+            result = self.solver.step(properties, state, time + k * substeps.step, substeps.step)
             return (result.state, sums.plus(result)), solver_record(result)
 
         (state, sums), record = self.loop(substeps.number, step, (state, self.no_sums(state)))

@@ -23,36 +23,30 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
-from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity, with_outflow
+from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity
 from jaxdem.fluid.cut_cells import (
     CutCells,
-    SurfaceShares,
-    continued,
     cut_stress,
     seen_stress,
-    stress_on_cuts,
-    surface_loads,
 )
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.drive import Drive, given_gradient, held
-from jaxdem.fluid.fluid_state import FaceExchange, FluidProperties, FluidState, FluidStep
+from jaxdem.fluid.fluid_state import FaceExchange, FluidProperties, FluidState, FluidStep, ParticleFields
 from jaxdem.fluid.grid import (
     CellOrOne,
     FaceField,
     Grid,
-    agreed,
-    along,
     box_largest,
     box_mean,
     box_smallest,
-    divergence,
     face_average,
     face_control_volume,
     sum_of,
 )
 from jaxdem.fluid.mixing_length import mixing_length_over_bed
-from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
+from jaxdem.fluid.projection import Continuity, open_section, pressure_slope, product
 from jaxdem.fluid.side_forces import gained_at_sides, pressure_on_sides, stress_on_sides, viscous_stresses
+from jaxdem.fluid.step_loads import StepLoads
 from jaxdem.fluid.subgrid import eddy_viscosity
 from jaxdem.fluid.subgrid_stress import (
     SubgridFlow,
@@ -63,9 +57,6 @@ from jaxdem.fluid.subgrid_stress import (
 )
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time
-
-FLUX_TOLERANCE = 1e-3
-"""Largest divergence of the flux that carries momentum between surfaces within a step, in units of U/h."""
 
 
 class _Rates(NamedTuple):
@@ -120,26 +111,59 @@ class FluidSolver:
         self,
         properties: FluidProperties,
         state: FluidState,
-        void_fraction: Array | None,
         time: Array,
         time_step: Array,
-        exchange: FaceExchange | None = None,
-        weighting: Array | None = None,
+        particles: ParticleFields | None = None,
     ) -> FluidStep:
         """Fluid advanced from `time` by `time_step`.
 
         Args:
             properties: density, viscosity, boundary velocities.
             state: at `time`, with the void fraction that its velocity was projected with.
-            void_fraction: on the cells at the end of the step, None without particles.
             time: [s].
             time_step: [s].
-            exchange: drag on the faces, None without particles.
-            weighting: void fraction that weights pressure and stress: the one whose complement the
-                particles see with their interpolation weights, so that the mixture conserves momentum;
-                `void_fraction` where not given. Without effect in model B, where nothing weights them.
+            particles: what they are to the fluid; None without.
         """
-        grid, end = self.grid, time + time_step
+        begun = self._begun(properties, state, (time, time_step), particles)
+        mean, predicted = begun.predicted()
+        grid, cut, state = self.grid, properties.cut, begun.state
+        push = tuple(
+            (time_step / properties.density) * w * m for w, m in zip(begun.weight, begun.mobility, strict=True)
+        )
+        if cut is not None:
+            push = cut.pushed(push)
+        predicted, mean_gradient = self._held(properties, begun, predicted, push)
+        velocity, pressure, report, remaining = begun.continuity.projected(
+            state.pressure, predicted, begun.open_new, push
+        )
+        fluid = FluidState(velocity, pressure, begun.void_fraction, mean_gradient)
+        result = FluidStep(fluid, mean.stress, report, remaining)
+        exchange = None if particles is None else particles.exchange
+        loads = StepLoads(
+            grid, self.boundary, self.shares_stress, properties, fluid, begun.weight, exchange, time_step
+        )  # fmt: skip
+        if mean.on_sides is not None:
+            on_sides = properties.density * mean.on_sides + pressure_on_sides(grid, self.measured_sides, pressure)
+            if exchange is not None:
+                on_sides = on_sides + loads.handed_to_sides(self.measured_sides, mean.stress)
+            result = result._replace(side_load=on_sides)
+        if cut is None:
+            return result
+        stress, load = self._at_surfaces(cut, loads, mean, particles)
+        return result._replace(viscous_acceleration=stress, surface_load=load)
+
+    def _begun(
+        self,
+        properties: FluidProperties,
+        state: FluidState,
+        times: tuple[Array, Array],
+        particles: ParticleFields | None,
+    ) -> _Step:
+        """What does not change within a step of (start, length)."""
+        grid, (time, time_step) = self.grid, times
+        void_fraction = None if particles is None else particles.void_fraction
+        exchange = None if particles is None else particles.exchange
+        weighting = None if particles is None else particles.weighting
         old = face_average(grid, _or_one(state.void_fraction))
         new = face_average(grid, _or_one(void_fraction))
         weight = self._weight(new, weighting)
@@ -152,143 +176,51 @@ class FluidSolver:
                 # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
                 growth = growth - box_mean(grid, growth)
         mobility, shift = self._exchange_terms(properties, exchange, new)
-        middle = time + 0.5 * time_step
-        state = state._replace(mean_gradient=self._mean_gradient(properties, state, middle))
+        state = state._replace(mean_gradient=self._mean_gradient(properties, state, time + 0.5 * time_step))
         slope = pressure_slope(grid, self.boundary, state)
         pull = tuple(g * s / properties.density for g, s in zip(weight, slope, strict=True))
-        cut, open_old, open_new, friction = properties.cut, old, new, None
+        cut, open_old, open_new = properties.cut, old, new
         if cut is not None:
             open_old, open_new = cut.opened(old), cut.opened(new)
-            friction = _product(weight, tuple(time_step * properties.viscosity * r for r in cut.friction))
+            friction = product(weight, tuple(time_step * properties.viscosity * r for r in cut.friction))
             mobility, shift = cut.moved(mobility, shift, new, friction)
             pull = cut.pushed(pull)
+        continuity = Continuity(grid, self.boundary, growth, cut)
+        return _Step(
+            self, properties, state, void_fraction, time, time_step, (old, new), (open_old, open_new), weight,
+            continuity, mobility, shift, pull,
+        )  # fmt: skip
 
-        def advance(rates: FaceField) -> FaceField:
-            advanced = tuple(
-                (g * u + time_step * (rate - p) + extra) * m
-                for g, u, rate, p, extra, m in zip(old, state.face_velocity, rates, pull, shift, mobility, strict=True)
-            )
-            advanced = set_normal_velocity(grid, self._sides(properties, end), advanced, new)
-            return advanced if cut is None else cut.with_walls(advanced)
+    def _held(
+        self, properties: FluidProperties, begun: _Step, predicted: FaceField, push: tuple[Array | float, ...]
+    ) -> tuple[FaceField, Array | None]:
+        """The predicted velocity with the bulk velocity that is held, and the mean gradient that it needs."""
+        if self.drive is None or not any(self.drive.held):
+            return predicted, begun.state.mean_gradient
+        numbers = required(properties.drive, "parameters.fluid.drive")
+        target = at_time(self.drive.times, required(numbers.bulk_velocity, "bulk_velocity of the drive"), begun.end)
+        if properties.cut is not None:
+            target = target * open_section(self.grid, properties.cut)
+        predicted, change = held(self.grid, self.drive, target, predicted, begun.open_new, push)
+        return predicted, required(begun.state.mean_gradient, "mean_gradient of the fluid") + change
 
-        first_flux = _product(open_old, state.face_velocity)
-        if void_fraction is not None:
-            first_flux = self.corrected(first_flux, growth, cut)
-        rates = [self._rates(properties, first_flux, state.face_velocity, weight, state.void_fraction, time)]
-        trial = advance(rates[0].total)
-        flux = self.corrected(_product(open_new, trial), growth, cut)
-        rates.append(self._rates(properties, flux, trial, weight, void_fraction, end))
-        mean = _weighted(rates, (0.5, 0.5))
-        predicted = advance(mean.total)
-        if self.advection.stages == 3:
-            # The third stage is at the middle of the step, which Heun's result is twice as far as.
-            velocity = _halfway(state.face_velocity, predicted)
-            flux = _halfway(_product(open_old, state.face_velocity), _product(open_new, predicted))
-            flux = self.corrected(flux, growth, cut)
-            g = None if void_fraction is None else 0.5 * (_or_one(state.void_fraction) + void_fraction)
-            rates.append(self._rates(properties, flux, velocity, weight, g, time + 0.5 * time_step))
-            mean = _weighted(rates, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
-            predicted = advance(mean.total)
-        push = tuple((time_step / properties.density) * w * m for w, m in zip(weight, mobility, strict=True))
-        if cut is not None:
-            push = cut.pushed(push)
-        mean_gradient = state.mean_gradient
-        if self.drive is not None and any(self.drive.held):
-            numbers = required(properties.drive, "parameters.fluid.drive")
-            target = at_time(self.drive.times, required(numbers.bulk_velocity, "bulk_velocity of the drive"), end)
-            if cut is not None:
-                target = target * open_section(grid, cut)
-            predicted, change = held(grid, self.drive, target, predicted, open_new, push)
-            mean_gradient = required(mean_gradient, "mean_gradient of the fluid") + change
-        velocity, pressure, report, remaining = self._project(state.pressure, predicted, open_new, push, growth, cut)
-        fluid = FluidState(velocity, pressure, void_fraction, mean_gradient)
-        on_sides = None
-        if mean.on_sides is not None:
-            on_sides = properties.density * mean.on_sides + pressure_on_sides(grid, self.measured_sides, pressure)
-            if exchange is not None:
-                on_sides = on_sides + self._handed_to_sides(properties, fluid, mean.stress, weight, exchange, time_step)
-        if cut is None or friction is None:
-            return FluidStep(fluid, mean.stress, report, remaining, on_sides)
-        # Of the fluid and of the particles' part of it.
+    def _at_surfaces(
+        self, cut: CutCells, loads: StepLoads, mean: _Rates, particles: ParticleFields | None
+    ) -> tuple[FaceField, Array]:
+        """Stress as particles see it [m/s2], of the fluid and of the particles' part of it; and the load on every
+        surface."""
+        properties, fluid = loads.properties, loads.fluid
         held_back = tuple(
-            properties.viscosity * r * (u - w) for r, u, w in zip(cut.friction, velocity, cut.velocity, strict=True)
+            properties.viscosity * r * (u - w)
+            for r, u, w in zip(cut.friction, fluid.face_velocity, cut.velocity, strict=True)
         )
-        stress = seen_stress(grid, self.boundary, cut, mean.stress, held_back)
+        stress = seen_stress(self.grid, self.boundary, cut, mean.stress, held_back)
         on_faces = _sum_of_fields(held_back, required(mean.to_closed, "to_closed of the rates"))
         on_faces = tuple(properties.density * f for f in on_faces)
-        if exchange is not None:
-            solids = 1.0 - required(void_fraction if weighting is None else weighting, "void fraction")
-            shares = self._taken_from_surfaces(properties, fluid, stress, weight, cut.open_cells * solids)
-            on_faces = _sum_of_fields(on_faces, shares)
-        load = self._load_of_surfaces(properties, fluid, on_faces, exchange, time_step)
-        return FluidStep(fluid, stress, report, remaining, on_sides, load)
-
-    def _taken_from_surfaces(
-        self,
-        properties: FluidProperties,
-        fluid: FluidState,
-        stress: FaceField,
-        weight: tuple[CellOrOne, ...],
-        solids: Array,
-    ) -> FaceField:
-        """What particles take of pressure gradient and stress beyond what the fluid leaves them on cut and closed
-        faces, over the volume of whole control volumes [N/m3]: the surfaces take the opposite.
-
-        Args:
-            properties: of the fluid.
-            fluid: at the end of the step.
-            stress: as particles see it [m/s2].
-            weight: part of both that acts on the fluid.
-            solids: volume of the particles over that of whole cells [-].
-        """
-        grid, cut = self.grid, required(properties.cut, "cut cells")
-        if not self.shares_stress:
-            return tuple(jnp.zeros_like(u) for u in fluid.face_velocity)
-        slope = continued(cut, pressure_slope(grid, self.boundary, fluid, continued=True))
-        seen = face_average(grid, solids)
-        parts = zip(seen, cut.open_faces, weight, slope, stress, strict=True)
-        return tuple((s - a * (1.0 - w)) * (p - properties.density * t) for s, a, w, p, t in parts)
-
-    def _load_of_surfaces(
-        self,
-        properties: FluidProperties,
-        fluid: FluidState,
-        on_faces: FaceField,
-        exchange: FaceExchange | None,
-        time_step: Array,
-    ) -> Array:
-        """Load on every surface: what acts on its faces [N/m3], what particles hand to closed faces, the pressure."""
-        grid, cut, forces = self.grid, required(properties.cut, "cut cells"), []
-        for axis, density in enumerate(on_faces):
-            force = face_control_volume(grid, axis).astype(density.dtype) * density
-            if exchange is not None:
-                handed = exchange.forcing[axis] - exchange.resistance[axis] * cut.velocity[axis]
-                force = force + jnp.where(cut.open_faces[axis] > 0.0, 0.0, handed / time_step)
-            forces.append(force)
-        viscosity = properties.density * properties.viscosity
-        shares = SurfaceShares(tuple(forces), stress_on_cuts(grid, cut, fluid.pressure, viscosity))
-        return surface_loads(grid, cut, shares, self.surfaces)
-
-    def _handed_to_sides(
-        self,
-        properties: FluidProperties,
-        fluid: FluidState,
-        stress: FaceField,
-        weight: tuple[CellOrOne, ...],
-        exchange: FaceExchange,
-        time_step: Array,
-    ) -> Array:
-        """Load on the sides of what particles hand to the boundary faces: what these lose, and the part of pressure
-        gradient and stress that the particles take there."""
-        grid, force = self.grid, []
-        for axis, u in enumerate(fluid.face_velocity):
-            volume = face_control_volume(grid, axis).astype(u.dtype)
-            given = (exchange.forcing[axis] - exchange.resistance[axis] * u) / (time_step * volume)
-            if self.shares_stress:
-                slope = pressure_slope(grid, self.boundary, fluid, continued=True)[axis]
-                given = given + (1.0 - weight[axis]) * (slope - properties.density * stress[axis])
-            force.append(given)
-        return gained_at_sides(grid, self.measured_sides, tuple(force))
+        if particles is not None and particles.exchange is not None:
+            solids = 1.0 - (particles.void_fraction if particles.weighting is None else particles.weighting)
+            on_faces = _sum_of_fields(on_faces, loads.taken_from_surfaces(stress, cut.open_cells * solids))
+        return stress, loads.on_surfaces(on_faces, self.surfaces)
 
     def first_gradient(self, properties: FluidProperties) -> Array | None:
         """(D,) mean gradient of the reduced pressure that the scene gives at its start [Pa/m]; None without a drive."""
@@ -322,7 +254,7 @@ class FluidSolver:
         largest = properties.viscosity
         length = self._mixing_length(properties, state.void_fraction)
         if length is not None:
-            rates = strain_rates(self.grid, self._sides(properties, time), state.face_velocity)
+            rates = strain_rates(self.grid, self.sides(properties, time), state.face_velocity)
             largest = largest + box_largest(self.grid, eddy_viscosity(rates, length))
         if not self.shares_stress and state.void_fraction is not None:
             largest = largest / box_smallest(self.grid, state.void_fraction)
@@ -345,10 +277,11 @@ class FluidSolver:
         """What the subgrid stress is made of, None without one."""
         if properties.subgrid is None:
             return None
-        sides = self._sides(properties, time)
+        sides = self.sides(properties, time)
         return subgrid_flow(self.grid, sides, properties.subgrid, velocity, properties.viscosity, void_fraction)
 
-    def _sides(self, properties: FluidProperties, time: Array) -> Sides:
+    def sides(self, properties: FluidProperties, time: Array) -> Sides:
+        """The sides of the box as they move at a time [s]."""
         return Sides(self.boundary, properties.side_velocity, time)
 
     def _weight(self, void_fraction: tuple[CellOrOne, ...], weighting: Array | None) -> tuple[CellOrOne, ...]:
@@ -374,7 +307,7 @@ class FluidSolver:
             shift.append(exchange.forcing[axis] / mass)
         return tuple(mobility), tuple(shift)
 
-    def _rates(
+    def rates(
         self,
         properties: FluidProperties,
         flux: FaceField,
@@ -387,7 +320,7 @@ class FluidSolver:
 
         The subgrid stress belongs to the first: it moves the fluid's momentum and is no force on what is in the fluid.
         """
-        grid, sides, cut = self.grid, self._sides(properties, time), properties.cut
+        grid, sides, cut = self.grid, self.sides(properties, time), properties.cut
         rates = advection(grid, sides, self.advection, flux, velocity, cut)
         on_sides = gained_at_sides(grid, self.measured_sides, rates) if self.measured_sides else None
         if cut is not None:
@@ -429,93 +362,84 @@ class FluidSolver:
         to_closed = tuple(jnp.where(a > 0.0, 0.0, r) + s for r, s, a in on_closed)
         return _Rates(total, stress, None, to_closed)
 
-    def corrected(self, flux: FaceField, growth: Array | float, cut: CutCells | None = None) -> FaceField:
-        """The flux changed so that div(F) = -d(g)/dt: on outlets by the speed that balances the box, within by a
-        gradient.
 
-        Momentum carried by such a flux is conserved and a uniform stream stays uniform, exactly, while
-        the void fraction changes.
-        """
-        grid = self.grid
-        excess = divergence(grid, flux) + growth
-        if cut is not None:
-            return self._corrected_between_surfaces(flux, excess, cut)
-        if self.boundary.has_outlet:
-            flux = with_outflow(grid, self.boundary, flux, -box_mean(grid, excess))
-            excess = divergence(grid, flux) + growth
-        potential = fast_inverse(grid, None)(excess)
-        slope = pressure_gradient(grid, _closed(self.boundary), potential)
-        return tuple(f + s for f, s in zip(flux, slope, strict=True))
+@dataclasses.dataclass(frozen=True)
+class _Step:
+    """What does not change within a step, and its stages; made and used up inside of one trace.
 
-    def _corrected_between_surfaces(self, flux: FaceField, excess: Array, cut: CutCells) -> FaceField:
-        """The same through open fractions, to `FLUX_TOLERANCE`: the projection after it is exact."""
-        grid = self.grid
-        scale = sum_of(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
-        # Of a flow that is slower than the volumes change, what is left of that counts.
-        scale = jnp.maximum(scale, box_largest(grid, jnp.abs(excess)))
-        potential, _ = solve_pressure(
-            grid, self.boundary, cut.open_faces, excess, FLUX_TOLERANCE * scale, cut.open_cells > 0.0
-        )
-        slope = pressure_gradient(grid, self.boundary, potential)
-        return tuple(f - a * s for f, a, s in zip(flux, cut.open_faces, slope, strict=True))
+    Attributes:
+        solver: of the fluid.
+        properties: of the fluid.
+        state: at the start, with the mean gradient of this step.
+        void_fraction: on the cells at the end; None without particles [-].
+        time, time_step: [s].
+        whole: void fractions on the faces, at the start and at the end [-].
+        open: the same of whole control volumes, which surfaces close in part [-].
+        weight: part of pressure gradient and stress that acts on the fluid, on the faces [-].
+        continuity: what fluxes must satisfy.
+        mobility: 1 / (g + B), on the faces [-].
+        shift: forcing per mass of fluid times the step [m/s].
+        pull: pressure gradient over density, times `weight` [m/s2].
+    """
 
-    def _project(
-        self,
-        pressure: Array,
-        predicted: FaceField,
-        void_fraction: tuple[CellOrOne, ...],
-        push: tuple[Array | float, ...],
-        growth: Array | float,
-        cut: CutCells | None = None,
-    ) -> tuple[FaceField, Array, SolverReport, Array]:
-        """Velocity made to satisfy continuity, the pressure that did it, and how well the solver has done.
+    solver: FluidSolver
+    properties: FluidProperties
+    state: FluidState
+    void_fraction: Array | None
+    time: Array
+    time_step: Array
+    whole: tuple[tuple[CellOrOne, ...], tuple[CellOrOne, ...]]
+    open: tuple[tuple[CellOrOne, ...], tuple[CellOrOne, ...]]
+    weight: tuple[CellOrOne, ...]
+    continuity: Continuity
+    mobility: tuple[Array | float, ...]
+    shift: tuple[Array | float, ...]
+    pull: tuple[Array | float, ...]
 
-        Args:
-            pressure: at the start of the step [Pa].
-            predicted: velocity before the projection [m/s].
-            void_fraction: on the faces [-].
-            push: change of the velocity by a pressure gradient, on the faces [m3 s/kg].
-            growth: rate of change of the void fraction [1/s].
-            cut: surfaces within the mesh; void fraction and growth are then of the open parts.
-        """
-        grid, boundary = self.grid, self.boundary
-        fluid_cells = None if cut is None else cut.open_cells > 0.0
-        flux = _product(void_fraction, predicted)
-        # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
-        scale = sum(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
-        scale = scale + box_largest(grid, jnp.abs(jnp.asarray(growth, flux[0].dtype))) + jnp.finfo(flux[0].dtype).tiny
-        velocity, iterations = predicted, jnp.zeros((), jnp.int32)
-        # A pressure of many cells' worth of head hides its own differences in float32. The second pass
-        # solves for the divergence that the first has left, whose pressure is small and well resolved.
-        passes = (1e-4, 2e-6) if flux[0].dtype == jnp.float32 else (2e-12,)
-        for tolerance in passes:
-            source = divergence(grid, _product(void_fraction, velocity)) + growth
-            correction, report = solve_pressure(
-                grid, boundary, _product(void_fraction, push), source, tolerance * scale, fluid_cells
-            )
-            slope = pressure_gradient(grid, boundary, correction)
-            velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True)))
-            pressure = pressure + correction
-            iterations = iterations + report.iterations
-        left = jnp.abs(divergence(grid, _product(void_fraction, velocity)) + growth)
-        remaining = box_largest(grid, left) / scale
-        report = SolverReport(iterations, remaining * scale, remaining <= 5.0 * passes[-1])
-        return velocity, pressure, report, remaining
+    @property
+    def end(self) -> Array:
+        """() end of the step [s]."""
+        return self.time + self.time_step
 
+    @property
+    def open_new(self) -> tuple[CellOrOne, ...]:
+        """Void fraction of whole control volumes at the end [-]."""
+        return self.open[1]
 
-def pressure_slope(grid: Grid, boundary: Boundary, state: FluidState, continued: bool = False) -> FaceField:
-    """Gradient of the reduced pressure on the faces, with that which drives the fluid; see `pressure_gradient`."""
-    if state.pressure_slope is not None:
-        return state.pressure_slope
-    slope = pressure_gradient(grid, boundary, state.pressure, continued)
-    if state.mean_gradient is None:
-        return slope
-    return tuple(s + state.mean_gradient[axis] for axis, s in enumerate(slope))
+    def advanced(self, rates: FaceField) -> FaceField:
+        """Velocity after the whole step at these rates of g u [m/s2], with implicit drag and the old pressure."""
+        solver, cut, (old, new) = self.solver, self.properties.cut, self.whole
+        parts = zip(old, self.state.face_velocity, rates, self.pull, self.shift, self.mobility, strict=True)
+        moved = tuple((g * u + self.time_step * (rate - p) + extra) * m for g, u, rate, p, extra, m in parts)
+        moved = set_normal_velocity(solver.grid, solver.sides(self.properties, self.end), moved, new)
+        return moved if cut is None else cut.with_walls(moved)
 
+    def rates(self, flux: FaceField, velocity: FaceField, void_fraction: Array | None, time: Array) -> _Rates:
+        """Of a stage."""
+        return self.solver.rates(self.properties, flux, velocity, self.weight, void_fraction, time)
 
-def open_section(grid: Grid, cut: CutCells) -> Array:
-    """(D,) mean open fraction of the faces of every axis [-]."""
-    return jnp.stack([box_mean(grid, along(a, axis, None, -1)) for axis, a in enumerate(cut.open_faces)])
+    def predicted(self) -> tuple[_Rates, FaceField]:
+        """Mean rates, and the velocity that they lead to, before the projection."""
+        start, (open_old, open_new) = self.state, self.open
+        flux = product(open_old, start.face_velocity)
+        if self.void_fraction is not None:
+            flux = self.continuity.corrected(flux)
+        stages = [self.rates(flux, start.face_velocity, start.void_fraction, self.time)]
+        trial = self.advanced(stages[0].total)
+        flux = self.continuity.corrected(product(open_new, trial))
+        stages.append(self.rates(flux, trial, self.void_fraction, self.end))
+        mean = _weighted(stages, (0.5, 0.5))
+        predicted = self.advanced(mean.total)
+        if self.solver.advection.stages == 3:
+            # The third stage is at the middle of the step, which Heun's result is twice as far as.
+            velocity = _halfway(start.face_velocity, predicted)
+            flux = _halfway(product(open_old, start.face_velocity), product(open_new, predicted))
+            flux = self.continuity.corrected(flux)
+            g = None if self.void_fraction is None else 0.5 * (_or_one(start.void_fraction) + self.void_fraction)
+            stages.append(self.rates(flux, velocity, g, self.time + 0.5 * self.time_step))
+            mean = _weighted(stages, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
+            predicted = self.advanced(mean.total)
+        return mean, predicted
 
 
 def _or_one(void_fraction: Array | None) -> CellOrOne:
@@ -526,10 +450,6 @@ def _sum_of_fields(a: FaceField, b: FaceField) -> FaceField:
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
-def _product(a, b):  # type: ignore[no-untyped-def]
-    return tuple(x * y for x, y in zip(a, b, strict=True))
-
-
 def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:
     """Sum of the stages with weights."""
     mean: _Rates = jax.tree.map(lambda *rates: sum_of(w * r for w, r in zip(weights, rates, strict=True)), *stages)
@@ -538,12 +458,3 @@ def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:
 
 def _halfway(a: FaceField, b: FaceField) -> FaceField:
     return tuple(0.5 * (x + y) for x, y in zip(a, b, strict=True))
-
-
-def _closed(boundary: Boundary) -> Boundary:
-    """The same box without outlets."""
-    return Boundary(
-        tuple(
-            dataclasses.replace(s, kind="no_slip", own=None) if s.condition.sets_pressure else s for s in boundary.sides
-        )
-    )

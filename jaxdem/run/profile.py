@@ -148,9 +148,7 @@ def exchange_pieces(simulation: Simulation, parameters: Parameters) -> ExchangeP
 
     def advance(state: State) -> FluidStep:
         duration = jnp.asarray(simulation.interval, parameters.gravity.dtype)
-        return coupling.interval.solver.step(
-            mixture.properties, both(state)[0], None, jnp.zeros_like(duration), duration
-        )
+        return coupling.interval.solver.step(mixture.properties, both(state)[0], jnp.zeros_like(duration), duration)
 
     def transfer(state: State, begun: Begun, result: FluidStep) -> Any:
         start = coupling.start(mixture, *both(state), begun.sampled)

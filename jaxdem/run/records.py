@@ -15,7 +15,7 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.fluid.drive import bulk_velocity
 from jaxdem.fluid.grid import cell_average, face_average
-from jaxdem.fluid.momentum import open_section
+from jaxdem.fluid.projection import open_section
 from jaxdem.numerics.axes import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors

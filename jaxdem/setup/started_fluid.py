@@ -15,6 +15,7 @@ from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import Grid, face_average
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.projection import Continuity
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.numerics.host import on_device
 from jaxdem.setup.start_point import StartPoint
@@ -95,7 +96,9 @@ class StartedFluid:
             faces = tuple(f / g for f, g in zip(flux, gaps, strict=True))
             sides = Sides(self.solver.boundary, flow.side_velocity, jnp.asarray(time, flux[0].dtype))
             faces = set_normal_velocity(grid, sides, faces, gaps)
-            through = self.solver.corrected(tuple(g * u for g, u in zip(gaps, faces, strict=True)), 0.0)
+            through = Continuity(self.solver.grid, self.solver.boundary, 0.0).corrected(
+                tuple(g * u for g, u in zip(gaps, faces, strict=True))
+            )
             return tuple(f / g for f, g in zip(through, gaps, strict=True))
 
         given = tuple(on_device(f, self.dtype) for f in flux)

@@ -9,7 +9,7 @@ from jax import lax
 
 from jaxdem.fluid.advection import VanLeer
 from jaxdem.fluid.boundary import Boundary, Side
-from jaxdem.fluid.fluid_state import FluidProperties, FluidState
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState, ParticleFields
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.momentum import FluidSolver
 
@@ -55,7 +55,8 @@ class Flow:
         def body(k, carry):
             state, worst, ok = carry
             # Once moved, the void fraction stays.
-            result = self.solver.step(properties, state, void_fraction, k * time_step, time_step)
+            particles = None if void_fraction is None else ParticleFields(void_fraction)
+            result = self.solver.step(properties, state, k * time_step, time_step, particles)
             return result.state, jnp.maximum(worst, result.divergence), ok & result.solver.converged
 
         zero = jnp.zeros((), state.pressure.dtype)

@@ -431,7 +431,7 @@ def fluid_limit(name: str, stream: tuple[float, float], viscosity: float, advect
         faces.append(jnp.asarray(shaken))
     # A tiny step only makes the noise free of divergence.
     state = solver.step(
-        parameters.fluid, state._replace(face_velocity=tuple(faces)), None, jnp.zeros(()), jnp.asarray(1e-9)
+        parameters.fluid, state._replace(face_velocity=tuple(faces)), jnp.zeros(()), jnp.asarray(1e-9)
     ).state
     state = state._replace(pressure=jnp.zeros_like(state.pressure))
 
@@ -443,7 +443,7 @@ def fluid_limit(name: str, stream: tuple[float, float], viscosity: float, advect
     def stable(step: Array) -> Array:
         def one(_: Array, carry: Any) -> Any:
             state, worst = carry
-            state = solver.step(parameters.fluid, state, None, jnp.zeros(()), step).state
+            state = solver.step(parameters.fluid, state, jnp.zeros(()), step).state
             energy = eddies(state)
             return state, jnp.maximum(worst, jnp.where(jnp.isfinite(energy), energy, jnp.inf))
 

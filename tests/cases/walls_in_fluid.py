@@ -94,7 +94,7 @@ def marched(solver, properties, state, step, count):
     @jax.jit
     def march(properties, state):
         def body(k, carry):
-            result = solver.step(properties, carry[0], None, k * step, jnp.asarray(step, state.pressure.dtype))
+            result = solver.step(properties, carry[0], k * step, jnp.asarray(step, state.pressure.dtype))
             return result.state, result.surface_load
 
         return jax.lax.fori_loop(0, count, body, (state, jnp.zeros(shape, state.pressure.dtype)))

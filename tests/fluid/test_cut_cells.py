@@ -62,7 +62,7 @@ def test_a_uniform_stream_along_a_tilted_free_slip_wall_is_kept():
     properties = flow.properties(1e-2)._replace(cut=cut)
     flux = cut.opened(stream)
     solver = dataclasses.replace(flow.solver, surfaces=1)
-    rates = solver._rates(properties, flux, stream, (1.0, 1.0), None, jnp.asarray(0.0))
+    rates = solver.rates(properties, flux, stream, (1.0, 1.0), None, jnp.asarray(0.0))
     inner = [np.asarray(r)[3:-3, 3:-3] for r in rates.total]
     # What the faces that are closed would carry is of the order of LEAST_OPEN; 10/s is the stream over a cell.
     assert max(np.abs(r).max() for r in inner) < 2 * LEAST_OPEN * 10.0
@@ -82,7 +82,7 @@ def test_the_flow_gains_what_the_surfaces_lose_and_every_cell_keeps_its_volume()
     rng = np.random.default_rng(0)
     noise = [rng.standard_normal(flow.grid.face_shape(axis)) for axis in range(2)]
     state = flow.state(*[n * (np.asarray(a) > 0.0) for n, a in zip(noise, cut.open_faces, strict=True)])
-    step = jax.jit(lambda state: solver.step(properties, state, None, jnp.asarray(0.0), jnp.asarray(1e-3)))
+    step = jax.jit(lambda state: solver.step(properties, state, jnp.asarray(0.0), jnp.asarray(1e-3)))
 
     def momentum(state):
         volumes = (face_control_volume(flow.grid, axis) for axis in range(2))
@@ -125,7 +125,7 @@ def test_slopes_by_the_place_of_a_cylinder():
         distance = jnp.hypot(corners[..., 0] - 0.31, corners[..., 1] - height) - 0.1
         cut = cut_cells(flow.grid, [distance], [True])
         properties = flow.properties(1e-2, {0: np.array([0.1, 0.0])})._replace(cut=cut)
-        load = solver.step(properties, start, None, jnp.asarray(0.0), jnp.asarray(0.02)).surface_load
+        load = solver.step(properties, start, jnp.asarray(0.0), jnp.asarray(0.02)).surface_load
         return load[0, 1, 0]
 
     value, slope = jax.value_and_grad(drag)(0.287)

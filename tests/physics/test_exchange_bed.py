@@ -61,8 +61,8 @@ def test_square_of_the_void_fraction_would_fail_the_bed(column, monkeypatch):
     right = FluidSolver.step
 
     def wrong(solver, *arguments):
-        *others, weighting = arguments
-        return right(solver, *others, weighting**2)
+        *others, particles = arguments
+        return right(solver, *others, particles._replace(weighting=particles.weighting**2))
 
     monkeypatch.setattr(FluidSolver, "step", wrong)
     fluid, _, _ = column.run("ergun", 0.009, 1e-3, 1e-5, 200, run=column.compiled())

@@ -411,7 +411,7 @@ def test_slopes_through_an_outlet_that_draws_fluid_in_are_those_of_differences()
         state, properties = flow.state(numbers[0] * u, numbers[0] * w), flow.properties(numbers[1])
 
         def body(state, _):
-            return flow.solver.step(properties, state, None, jnp.asarray(0.0), jnp.asarray(0.02)).state, None
+            return flow.solver.step(properties, state, jnp.asarray(0.0), jnp.asarray(0.02)).state, None
 
         state, _ = lax.scan(body, state, None, length=8)
         return jnp.mean(state.pressure) + sum(jnp.sum(f**2) for f in state.face_velocity)

@@ -1,0 +1,135 @@
+"""Continuity: fluxes and velocities that keep the volume of the mixture, by a potential or a pressure."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.fluid.boundary import Boundary, with_outflow
+from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.fluid_state import FluidState
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, agreed, along, box_largest, box_mean, divergence, sum_of
+from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
+
+FLUX_TOLERANCE = 1e-3
+"""Largest divergence of the flux that carries momentum between surfaces within a step, in units of U/h."""
+
+
+class Continuity(NamedTuple):
+    """What a flux must satisfy: div(g u) = -d(g)/dt.
+
+    Attributes:
+        grid: the mesh; static.
+        boundary: its sides; static.
+        growth: d(g)/dt, rate of change of the void fraction [1/s].
+        cut: surfaces within the mesh; void fraction and growth are then of the open parts. None without.
+    """
+
+    grid: Grid
+    boundary: Boundary
+    growth: Array | float
+    cut: CutCells | None = None
+
+    def corrected(self, flux: FaceField) -> FaceField:
+        """The flux g u [m/s] changed so that it keeps the volume: on outlets by the speed that balances the box, within
+        by a gradient.
+
+        Momentum carried by such a flux is conserved and a uniform stream stays uniform, exactly, while
+        the void fraction changes.
+        """
+        grid = self.grid
+        excess = divergence(grid, flux) + self.growth
+        if self.cut is not None:
+            return self._between_surfaces(flux, excess, self.cut)
+        if self.boundary.has_outlet:
+            flux = with_outflow(grid, self.boundary, flux, -box_mean(grid, excess))
+            excess = divergence(grid, flux) + self.growth
+        potential = fast_inverse(grid, None)(excess)
+        slope = pressure_gradient(grid, _closed(self.boundary), potential)
+        return tuple(f + s for f, s in zip(flux, slope, strict=True))
+
+    def _between_surfaces(self, flux: FaceField, excess: Array, cut: CutCells) -> FaceField:
+        """The same through open fractions, to `FLUX_TOLERANCE`: the projection after it is exact."""
+        grid = self.grid
+        scale = sum_of(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
+        # Of a flow that is slower than the volumes change, what is left of that counts.
+        scale = jnp.maximum(scale, box_largest(grid, jnp.abs(excess)))
+        potential, _ = solve_pressure(
+            grid, self.boundary, cut.open_faces, excess, FLUX_TOLERANCE * scale, cut.open_cells > 0.0
+        )
+        slope = pressure_gradient(grid, self.boundary, potential)
+        return tuple(f - a * s for f, a, s in zip(flux, cut.open_faces, slope, strict=True))
+
+    def projected(
+        self,
+        pressure: Array,
+        predicted: FaceField,
+        void_fraction: tuple[CellOrOne, ...],
+        push: tuple[Array | float, ...],
+    ) -> tuple[FaceField, Array, SolverReport, Array]:
+        """Velocity made to satisfy continuity, the pressure that did it, and how well the solver has done.
+
+        Args:
+            pressure: at the start of the step [Pa].
+            predicted: velocity before the projection [m/s].
+            void_fraction: on the faces [-].
+            push: change of the velocity by a pressure gradient, on the faces [m3 s/kg].
+
+        Returns:
+            velocity [m/s], pressure [Pa], the report, and the largest divergence that is left in units of U/h.
+        """
+        grid, boundary, growth, cut = self
+        fluid_cells = None if cut is None else cut.open_cells > 0.0
+        flux = product(void_fraction, predicted)
+        # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
+        scale = sum(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
+        scale = scale + box_largest(grid, jnp.abs(jnp.asarray(growth, flux[0].dtype))) + jnp.finfo(flux[0].dtype).tiny
+        velocity, iterations = predicted, jnp.zeros((), jnp.int32)
+        # A pressure of many cells' worth of head hides its own differences in float32. The second pass
+        # solves for the divergence that the first has left, whose pressure is small and well resolved.
+        passes = (1e-4, 2e-6) if flux[0].dtype == jnp.float32 else (2e-12,)
+        for tolerance in passes:
+            source = divergence(grid, product(void_fraction, velocity)) + growth
+            correction, report = solve_pressure(
+                grid, boundary, product(void_fraction, push), source, tolerance * scale, fluid_cells
+            )
+            slope = pressure_gradient(grid, boundary, correction)
+            velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True)))
+            pressure = pressure + correction
+            iterations = iterations + report.iterations
+        left = jnp.abs(divergence(grid, product(void_fraction, velocity)) + growth)
+        remaining = box_largest(grid, left) / scale
+        report = SolverReport(iterations, remaining * scale, remaining <= 5.0 * passes[-1])
+        return velocity, pressure, report, remaining
+
+
+def pressure_slope(grid: Grid, boundary: Boundary, state: FluidState, continued: bool = False) -> FaceField:
+    """Gradient of the reduced pressure on the faces, with that which drives the fluid; see `pressure_gradient`."""
+    if state.pressure_slope is not None:
+        return state.pressure_slope
+    slope = pressure_gradient(grid, boundary, state.pressure, continued)
+    if state.mean_gradient is None:
+        return slope
+    return tuple(s + state.mean_gradient[axis] for axis, s in enumerate(slope))
+
+
+def open_section(grid: Grid, cut: CutCells) -> Array:
+    """(D,) mean open fraction of the faces of every axis [-]."""
+    return jnp.stack([box_mean(grid, along(a, axis, None, -1)) for axis, a in enumerate(cut.open_faces)])
+
+
+def product(a, b):  # type: ignore[no-untyped-def]
+    """Products of the components of two vectors."""
+    return tuple(x * y for x, y in zip(a, b, strict=True))
+
+
+def _closed(boundary: Boundary) -> Boundary:
+    """The same box without outlets."""
+    return Boundary(
+        tuple(
+            dataclasses.replace(s, kind="no_slip", own=None) if s.condition.sets_pressure else s for s in boundary.sides
+        )
+    )
