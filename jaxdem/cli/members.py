@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 FAILED = 1
 """Exit code of a run that failed."""
 
-PATIENCE = 3.0
+WAIT_FOR_FAILURE = 3.0
 """After another process has failed this one has so long to end for the same reason by itself [s]."""
 
 
-class Team(NamedTuple):
+class ProcessGroup(NamedTuple):
     """What a run goes over.
 
     Attributes:
@@ -46,7 +46,7 @@ class Team(NamedTuple):
         return 1 if self.devices is None else max(1, self.devices // self.member.number)
 
     @property
-    def speaks(self) -> bool:
+    def is_first(self) -> bool:
         """Whether this process shows what there is."""
         return self.member is None or self.member.first
 
@@ -57,7 +57,7 @@ class Team(NamedTuple):
         return list(range(self.member.rank * self.own, (self.member.rank + 1) * self.own))
 
 
-def team_of(devices: int | None, processes: int | None) -> Team:
+def group_of(devices: int | None, processes: int | None) -> ProcessGroup:
     """What the options and the environment ask for.
 
     Raises:
@@ -73,18 +73,18 @@ def team_of(devices: int | None, processes: int | None) -> Team:
         raise InputError("--devices", devices, limit, f"Give {number * max(1, round(devices / number))}.")
     if devices is None and processes is not None:
         devices = processes
-    return Team(found, devices)
+    return ProcessGroup(found, devices)
 
 
-def launch(team: Team, processes: int | None, resume: str) -> None:
+def launch(group: ProcessGroup, processes: int | None, resume: str) -> None:
     """Where `--processes` asks for more than this process: starts them, and ends with their exit code.
 
     Args:
-        team: what the run goes over.
+        group: what the run goes over.
         processes: the option.
         resume: the command by which the run goes on.
     """
-    if team.member is not None or processes is None or processes == 1:
+    if group.member is not None or processes is None or processes == 1:
         return
     outcome = run_processes(processes, sys.argv[1:])
     if outcome.message is not None:
@@ -92,7 +92,7 @@ def launch(team: Team, processes: int | None, resume: str) -> None:
     raise typer.Exit(outcome.code)
 
 
-def chosen_devices(team: Team) -> list[jax.Device] | None:
+def chosen_devices(group: ProcessGroup) -> list[jax.Device] | None:
     """The devices of the run, in the order of processes; None for one, which runs the program without blocks.
 
     Raises:
@@ -101,8 +101,8 @@ def chosen_devices(team: Team) -> list[jax.Device] | None:
     import jax
 
     found = jax.devices()
-    wanted = team.devices
-    if team.member is None:
+    wanted = group.devices
+    if group.member is None:
         if wanted is None or wanted == 1:
             return None
         if len(found) < wanted:
@@ -110,39 +110,39 @@ def chosen_devices(team: Team) -> list[jax.Device] | None:
             raise InputError("--devices", wanted, there, f"Give {len(found)} at most")
         return found[:wanted]
     if wanted is not None and wanted != len(found):
-        there = f"the {team.member.number} processes have {len(found)} devices together"
+        there = f"the {group.member.number} processes have {len(found)} devices together"
         raise InputError("--devices", wanted, there, "Leave the option out, or start as many processes as devices")
     return found
 
 
 @contextmanager
-def one_voice(team: Team) -> Iterator[None]:
+def messages_of_first(group: ProcessGroup) -> Iterator[None]:
     """Errors of a run by several processes are told once, by the first process; all then end, none waits for ever."""
-    if team.member is None:
+    if group.member is None:
         yield
         return
-    if not team.speaks:
+    if not group.is_first:
         process.be_silent()
     try:
         yield
     except typer.Exit as end:
         if end.exit_code:
-            _end(team.member, f"exit code {end.exit_code}", end.exit_code, shown=True)
+            _end(group.member, f"exit code {end.exit_code}", end.exit_code, shown=True)
         raise
     except JaxdemError as error:
-        _end(team.member, str(error), error.exit_code)
+        _end(group.member, str(error), error.exit_code)
     except (OSError, MemoryError, RuntimeError) as error:
-        _end(team.member, (str(error).splitlines() or [type(error).__name__])[0], FAILED)
+        _end(group.member, (str(error).splitlines() or [type(error).__name__])[0], FAILED)
 
 
-def join(team: Team) -> None:
+def join(group: ProcessGroup) -> None:
     """Joins the other processes, before anything is asked of JAX; from now on only the first one shows anything."""
-    if team.member is None:
+    if group.member is None:
         return
     from jaxdem.run import peers
 
-    one = team.member
-    joined = peers.join(one.rank, one.number, one.coordinator, team.places())
+    one = group.member
+    joined = peers.join(one.rank, one.number, one.coordinator, group.places())
     if not one.first:
         terminal.tell_through(lambda message: None)
     joined.watch(partial(_followed, one))
@@ -154,7 +154,7 @@ _ending = threading.Event()
 
 def _followed(one: Member, message: str) -> None:
     """Another process has failed: ends this one, unless it is about to do so for the same reason."""
-    if _ending.wait(PATIENCE):
+    if _ending.wait(WAIT_FOR_FAILURE):
         return
     with suppress(typer.Exit):
         terminal.fail(message, FAILED)

@@ -53,20 +53,20 @@ def run(
     Several scenes run one after the other, each from the end of the one before, as the stages of one scene do: the run
     directory of each is in that of --out, under its name. With several devices the box is cut into as many parts.
     """
-    team = members.team_of(devices, processes)
-    with members.one_voice(team):
-        members.join(team)
+    group = members.group_of(devices, processes)
+    with members.messages_of_first(group):
+        members.join(group)
         description = read_scenes(scene, settings, closure, subgrid, out if resume else None)
-        complete = team.speaks and _refuse_folder(description, out, resume)
+        complete = group.is_first and _refuse_folder(description, out, resume)
         if not quiet:
             warn_of_units(description)
-        members.launch(team, processes, this_command(context, resume=True))
-        start_jax(description.precision, team.own)
+        members.launch(group, processes, this_command(context, resume=True))
+        start_jax(description.precision, group.own)
         from jaxdem.cli import progress
         from jaxdem.run.scene_run import simulate
         from jaxdem.run.time_loop import Interrupted
 
-        quiet = quiet or not team.speaks
+        quiet = quiet or not group.is_first
         beside = units_beside_a_refusal(description) if quiet else nullcontext()
         try:
             with beside, progress.simulated_time(quiet) as report:
@@ -78,7 +78,7 @@ def run(
                     progress=report,
                     profile=profile,
                     settling=settling,
-                    devices=members.chosen_devices(team),
+                    devices=members.chosen_devices(group),
                 )
         except Interrupted as stop:
             hint = f"A checkpoint is in {stop.folder}. Continue with: {this_command(context, resume=True)}"

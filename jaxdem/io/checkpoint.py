@@ -111,16 +111,16 @@ def write_shared_checkpoint(
         OSError: the disk refused; the old checkpoint is as it was.
     """
     number = _next_round(path)
-    share.meet()  # all have looked
+    share.barrier()  # all have looked
     if share.first:
         (path.parent / PARTS).mkdir(exist_ok=True)
-    share.meet()
+    share.barrier()
     write_checkpoint(_part(path, share.index, share.number, number), blocks, {ROUND: number})
-    share.meet()
+    share.barrier()
     if share.first:
         write_checkpoint(path, arrays, {**attributes, NUMBER: share.number, ROUND: number})
         remove_old_parts(path)
-    share.meet()
+    share.barrier()
 
 
 def remove_old_parts(path: Path) -> None:

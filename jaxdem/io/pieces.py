@@ -34,12 +34,12 @@ class Share:
     Attributes:
         index: of the process, from 0.
         number: of processes.
-        meet: waits until all processes are here.
+        barrier: waits until all processes are here.
     """
 
     index: int
     number: int
-    meet: Callable[[], None]
+    barrier: Callable[[], None]
 
     @property
     def first(self) -> bool:
@@ -89,10 +89,10 @@ class SharedSeries(FrameSeries):
     def join(self, limit: int | None = None) -> None:
         """The file of this process and, by the first one when all have theirs, the master; see `FrameSeries.join`."""
         super().join(limit)
-        self._share.meet()
+        self._share.barrier()
         if self._share.first:
             write_master(self._master.parent, self._whole, self._share.number)
-        self._share.meet()
+        self._share.barrier()
 
 
 class PieceSeries:

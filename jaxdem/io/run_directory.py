@@ -86,7 +86,7 @@ class RunDirectory:
     def _meet(self) -> None:
         """Waits for the other processes of the run, if any."""
         if self._share is not None:
-            self._share.meet()
+            self._share.barrier()
 
     @classmethod
     def create(
@@ -106,7 +106,7 @@ class RunDirectory:
         """
         path = Path(path)
         if share is not None and not share.first:
-            share.meet()
+            share.barrier()
             return cls(path, scene_toml, None, sample_attributes, probes, share)
         cls.check(path, scene_toml, resume=False)
         with input_errors(path):
@@ -140,7 +140,7 @@ class RunDirectory:
         """
         path = Path(path)
         if share is not None and not share.first:
-            share.meet()
+            share.barrier()
             return cls(path, scene_toml, None, sample_attributes, probes, share)
         cls.check(path, scene_toml, resume=True, defaults=defaults)
         with _locked_for_a_run(path) as lock:

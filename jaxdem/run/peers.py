@@ -53,14 +53,14 @@ class Peers:
 
     index: int = 0
     number: int = 1
-    _meetings: int = 0
+    _barriers: int = 0
 
     @property
     def first(self) -> bool:
         """Whether this is the process that writes and shows what there is once."""
         return self.index == 0
 
-    def meet(self, longest: float = LONGEST_WAIT) -> None:
+    def barrier(self, longest: float = LONGEST_WAIT) -> None:
         """Waits until all processes are here; every process calls this in the same order.
 
         Raises:
@@ -68,9 +68,9 @@ class Peers:
         """
         if self.number == 1:
             return
-        self._meetings += 1
+        self._barriers += 1
         try:
-            _client().wait_at_barrier(f"jaxdem/meeting/{self._meetings}", int(1000 * longest))
+            _client().wait_at_barrier(f"jaxdem/barrier/{self._barriers}", int(1000 * longest))
         except jax.errors.JaxRuntimeError as error:
             raise peer_lost(error) from None
 
@@ -82,11 +82,11 @@ class Peers:
         """
         if self.number == 1:
             return [int(value) for value in values]
-        before, place = (f"jaxdem/numbers/{self._meetings + k}/" for k in (0, 1))
+        before, place = (f"jaxdem/numbers/{self._barriers + k}/" for k in (0, 1))
         client = _client()
         try:
             client.key_value_set(f"{place}{self.index}", " ".join(str(int(value)) for value in values))
-            self.meet()
+            self.barrier()
             rows = [[int(text) for text in row.split()] for _, row in client.key_value_dir_get(place)]
             if self.first:  # all are here, so all have read what was said before
                 client.key_value_delete(before)
@@ -96,7 +96,7 @@ class Peers:
 
     def share(self) -> Share | None:
         """What this process has to write; None where it is alone."""
-        return None if self.number == 1 else Share(self.index, self.number, self.meet)
+        return None if self.number == 1 else Share(self.index, self.number, self.barrier)
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:

@@ -293,7 +293,7 @@ class TimeLoop:
     def _compile(self) -> None:
         """The step, compiled for the present capacities; given up at a signal.
 
-        Several processes meet when all have compiled, or given up.
+        Several processes wait for each other until all have compiled, or given up.
         """
         if self.peers.number == 1:
             self._compile_here()

@@ -154,7 +154,7 @@ def test_a_checkpoint_of_several_processes_is_read_as_one(tmp_path):
 
         def work(share):
             blocks = {"state.x": rows[share.index : share.index + 1] + value}
-            one_by_one = Share(share.index, share.number, lambda: (lock.release(), share.meet(), lock.acquire()))
+            one_by_one = Share(share.index, share.number, lambda: (lock.release(), share.barrier(), lock.acquire()))
             with lock:
                 checkpoint.write_shared_checkpoint(path, one_by_one, {"extra/done": np.array(value)}, blocks, {"a": 1})
 
