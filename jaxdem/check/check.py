@@ -12,7 +12,7 @@ import numpy as np
 from jaxdem.check.bond_numbers import bond_numbers
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
-from jaxdem.check.mesh_rows import mesh_rows
+from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
 from jaxdem.check.over_devices import DeviceReport, check_devices
 from jaxdem.check.packs import pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
@@ -163,6 +163,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         refuse_on_several_devices(case)
         over = check_devices(case, devices, state, neighbors, memory[RUNNING])
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
+    warned = *unit_warnings(scene), *probe_cautions(case), *mesh_cautions(case)
     return CheckReport(
         precision=scene.precision,
         size=scene.domain.size,
@@ -185,12 +186,12 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         numbers=(*engineering_numbers(scene, parameters, case.grains), *bond_numbers(case.particles)),
         screen_load=load,
         cost=cost,
-        warnings=(*unit_warnings(scene), *probe_cautions(case), *cautions(scene, bodies, spacing, load, cost)),
+        warnings=(*warned, *cautions(scene, bodies, spacing, load, cost)),
         memory=memory,
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
         packs=pack_rows(case.particles),
-        meshes=() if case.particles is None else mesh_rows(case.particles.meshes),
+        meshes=mesh_rows(case),
         start=case.start_figures,
         devices=over,
         compiled_in=compiled_in,

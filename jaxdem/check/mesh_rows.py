@@ -2,12 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import numpy as np
+
+from jaxdem.setup.builder import Case
+from jaxdem.setup.mesh_sources import from_to, outside, reached
 from jaxdem.setup.meshes import WallMesh
 
 
-def mesh_rows(meshes: tuple[WallMesh, ...]) -> tuple[tuple[str, str], ...]:
-    """Key and text of each mesh."""
-    return tuple((mesh.key, _text(mesh)) for mesh in meshes)
+def mesh_rows(case: Case) -> tuple[tuple[str, str], ...]:
+    """Key and text of each mesh of a scene."""
+    return tuple((mesh.key, _text(mesh)) for mesh in _meshes(case))
+
+
+def _meshes(case: Case) -> tuple[WallMesh, ...]:
+    return () if case.particles is None else case.particles.meshes
+
+
+def mesh_cautions(case: Case) -> Iterator[str]:
+    """A sentence on each mesh that moves and is outside of the box all the time; where a piston goes is not known."""
+    scene = case.scene
+    size = np.asarray(scene.domain.size)
+    for mesh in _meshes(case):
+        bounds = reached(mesh.wall, mesh.mesh, scene.time.end)
+        if mesh.moves and mesh.wall.piston is None and outside(*bounds, size):
+            box = " x ".join(f"{length:.4g}" for length in size)
+            yield (
+                f"{mesh.key}: this mesh moves {from_to(*bounds)} until time.end = {scene.time.end:g} s, outside of the "
+                f"box of {box} m all the time. Correct translate, scale or motion, if grains should touch it."
+            )
 
 
 def _text(mesh: WallMesh) -> str:

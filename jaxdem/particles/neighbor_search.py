@@ -25,7 +25,8 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
-from jaxdem.particles.mesh_list import MeshSearch, needed, whole, with_margin
+from jaxdem.particles.mesh_room import with_margin
+from jaxdem.particles.mesh_search import MeshSearch, needed, whole
 from jaxdem.particles.mesh_surface import MeshSurface, on_host
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, Room, separation_and_overlap, with_radius
 from jaxdem.particles.pairs import Pairs, pairs_of

@@ -21,7 +21,8 @@ from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.mesh_contact import MeshMemory
-from jaxdem.particles.mesh_list import NUMBERS, MeshList, MeshRoom, carried
+from jaxdem.particles.mesh_list import MeshList, carried
+from jaxdem.particles.mesh_room import NUMBERS, MeshRoom
 from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, place_of
 

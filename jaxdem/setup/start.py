@@ -21,7 +21,7 @@ from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.mesh_contact import MeshMemory
-from jaxdem.particles.mesh_list import MeshRoom
+from jaxdem.particles.mesh_room import MeshRoom
 from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
