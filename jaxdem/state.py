@@ -12,6 +12,7 @@ from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.numerics.compensated import Low
 from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
@@ -115,6 +116,17 @@ class ParticleDiagnostics(NamedTuple):
     walls: WallLoads | None = None
 
 
+class Places(NamedTuple):
+    """Particles at the end of an interval, in the rows that they had at its start.
+
+    Attributes:
+        position, position_low: see `ParticleState`.
+    """
+
+    position: Array
+    position_low: Low
+
+
 class Diagnostics(NamedTuple):
     """What a coupled step reports; raised as errors on the host.
 
@@ -123,9 +135,12 @@ class Diagnostics(NamedTuple):
         fluid: None without a fluid.
         exchange: how exact the exchange was; None unless both exist.
         forces: mean fluid forces over the interval and what the drag law saw; None unless both exist.
+        places: on several devices, where the particles had got to when some of them left, came or went to other slabs;
+            None on one device, where they keep their rows.
     """
 
     particles: ParticleDiagnostics | None
     fluid: FluidDiagnostics | None
     exchange: ExchangeDiagnostics | None
     forces: FluidForces | None
+    places: Places | None = None

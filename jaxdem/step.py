@@ -15,7 +15,7 @@ from jaxdem.particles.materials import surroundings
 from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.walls_present import with_walls_present
-from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
+from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, Places, State
 from jaxdem.structure import Structure
 
 
@@ -24,9 +24,9 @@ def step(
 ) -> tuple[State, Neighbors | None, Diagnostics]:
     """State and neighbour list after one coupling interval; pure, differentiable, for jit and vmap."""
     fluid, forces, fluid_report, exchange_report = advance_fluid(simulation, parameters, state)
-    particles, neighbors, report = advance_particles(simulation, parameters, state, neighbors, forces)
+    particles, neighbors, report, places = advance_particles(simulation, parameters, state, neighbors, forces)
     new = State(particles, fluid, state.step + 1)
-    return new, neighbors, Diagnostics(report, fluid_report, exchange_report, forces)
+    return new, neighbors, Diagnostics(report, fluid_report, exchange_report, forces, places)
 
 
 @named_scope("fluid")
@@ -54,10 +54,10 @@ def advance_particles(
     state: State,
     neighbors: Neighbors | None,
     forces: FluidForces | None,
-) -> tuple[ParticleState | None, Neighbors | None, ParticleDiagnostics | None]:
+) -> tuple[ParticleState | None, Neighbors | None, ParticleDiagnostics | None, Places | None]:
     """The particles after the contact steps, under gravity and the mean fluid forces; then who leaves and comes."""
     if simulation.contact is None:
-        return None, None, None
+        return None, None, None, None
     parameters = simulation.during(parameters, state.step)
     before, neighbors = required(state.particles, "state.particles"), required(neighbors, "neighbors")
     everyone = required(parameters.bodies, "parameters.bodies")
@@ -78,6 +78,7 @@ def advance_particles(
     )  # fmt: skip
     if simulation.coupling is not None and forces is not None:
         particles = simulation.coupling.remember(parameters.mixture, forces, before, particles)
+    places = None if simulation.cut is None else Places(particles.position, particles.position_low)
     if simulation.population is not None:
         whole = parameters._replace(bodies=everyone)
         particles, neighbors = simulation.renewed(whole, particles, neighbors, state.step + 1)
@@ -86,4 +87,4 @@ def advance_particles(
         particles, neighbors = settled(division, search, everyone.radius, particles, neighbors)
     buried = simulation.buried(parameters, before, state.step)
     report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried)
-    return particles, neighbors, report
+    return particles, neighbors, report, places

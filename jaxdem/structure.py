@@ -14,7 +14,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.numerics import pair_arithmetic as pairs
-from jaxdem.numerics.blocks import all_of, any_of, largest, total
+from jaxdem.numerics.blocks import Blocks, all_of, any_of, largest, total
 from jaxdem.numerics.compensated import Pair
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
@@ -212,8 +212,7 @@ class Structure:
     ) -> ParticleDiagnostics:
         """Flags and figures of the particles after `step` intervals; `buried` (L, N) bool are those within a wall."""
         position, velocity = particles.position, particles.velocity
-        box, division = jnp.asarray(self.box, position.dtype), required(self.contact, "particles").division
-        blocks = None if division is None else division.blocks
+        box, blocks = jnp.asarray(self.box, position.dtype), self.cut
         outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
         if particles.active is not None:
             outside = outside & particles.active[:, None]
@@ -237,6 +236,14 @@ class Structure:
             None if buried is None else total(blocks, jnp.sum(jnp.any(buried, axis=0).astype(jnp.int32))),
             means.walls,
         )
+
+    @property
+    def cut(self) -> Blocks | None:
+        """The slabs that the box is cut into; None on one device."""
+        if self.fluid is not None:
+            return self.fluid.solver.grid.blocks
+        division = None if self.contact is None else self.contact.division
+        return None if division is None else division.blocks
 
     @property
     def half_width(self) -> tuple[float, ...] | None:

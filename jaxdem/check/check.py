@@ -23,7 +23,6 @@ from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
 from jaxdem.fluid.interval import VISCOUS_LIMIT
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.samples import samples_every
-from jaxdem.run.single_run import refuse_on_several_devices
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.boundaries import boundary_speed
@@ -160,7 +159,6 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
     memory = _memory(simulation, state, neighbors)
     over = None
     if devices is not None and devices > 1:
-        refuse_on_several_devices(case)
         over = check_devices(case, devices, state, neighbors, memory[RUNNING])
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
     warned = *unit_warnings(scene), *probe_cautions(case), *mesh_cautions(case)

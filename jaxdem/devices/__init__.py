@@ -5,10 +5,10 @@
     state, neighbors, diagnostics = simulation.step(parameters, state, neighbors)
     whole, contacts = jaxdem.devices.gathered(simulation, state, neighbors)
 
-A distributed state is the usual `State`. Arrays of `particles` and `fluid`, of the list and of `diagnostics.forces`
-have an axis of slabs in front, (B, ...), spread over the devices by `mesh.SLABS`; `step` and the other diagnostics are
-the same everywhere. A slab has R rows: `particles.identity` (B, R) says which particle is in a row,
-`particles.active` in which rows there is one. Parameters are those of one device, by identity.
+A distributed state is the usual `State`. Arrays of `particles` and `fluid`, of the list, and of `forces` and `places`
+of the diagnostics have an axis of slabs in front, (B, ...), spread over the devices by `mesh.SLABS`; `step` and the
+other diagnostics are the same everywhere. A slab has R rows: `particles.identity` (B, R) says which particle is in a
+row, `particles.active` in which rows there is one. Parameters are those of one device, by identity.
 
 - `divided(simulation, devices, position)`: what `build(devices=...)` does with a simulation.
 - `distributed(simulation, parameters, state, neighbors)`: a state on one device, or what `gathered` gave, in slabs.

@@ -22,8 +22,8 @@ SAME: Any = PartitionSpec()
 STATE: Any = State(particles=SLABS, fluid=SLABS, step=SAME)
 """How a state is distributed: particles and fluid by slabs, the step counter the same everywhere."""
 
-DIAGNOSTICS: Any = Diagnostics(particles=SAME, fluid=SAME, exchange=SAME, forces=SLABS)
-"""How what a step reports is distributed: the forces on the particles by slabs, all else of the whole box."""
+DIAGNOSTICS: Any = Diagnostics(particles=SAME, fluid=SAME, exchange=SAME, forces=SLABS, places=SLABS)
+"""How what a step reports is distributed: forces and places of particles by slabs, all else of the box."""
 
 
 def device_mesh(devices: int | Sequence[jax.Device]) -> Mesh:

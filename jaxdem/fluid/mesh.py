@@ -200,6 +200,14 @@ def of_slab(grid: Grid, whole: np.ndarray, dtype: DTypeLike | None = None) -> Ar
     return lax.dynamic_slice_in_dim(array, cut.index() * count, count + more, cut.axis)
 
 
+def face_places(grid: Grid, axis: int, dtype: DTypeLike) -> Array:
+    """Coordinates of the faces across an axis, of the slab's where the box is cut along it [m]."""
+    number, cut = jnp.arange(grid.cells[axis] + 1, dtype=dtype), grid.cut_along(axis)
+    if cut is not None:
+        number = number + (cut.index() * grid.cells[axis]).astype(dtype)
+    return grid.spacing[axis] * number
+
+
 def layer_number(grid: Grid, axis: int, cells: Array) -> Array:
     """Number in the whole box of every layer of a cell array along an axis, in its dtype."""
     number, cut = jnp.arange(cells.shape[axis], dtype=cells.dtype), grid.cut_along(axis)

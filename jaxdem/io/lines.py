@@ -87,6 +87,23 @@ class LineFile:
         self.rows = len(lines)
 
 
+class CountedFile(LineFile):
+    """In the place of a `LineFile` for a process that another one writes it for: lines are counted, none is written."""
+
+    def __init__(self, path: Path, columns: Sequence[str]):
+        self.path, self.columns = path, tuple(columns)
+        known, header = self.columns.__eq__, ",".join(self.columns)
+        self.rows = len(complete_lines(path, known, header)[1]) if path.exists() else 0
+
+    def append_table(self, leading: np.ndarray, table: np.ndarray) -> None:
+        """See `LineFile`."""
+        self.rows += len(table)
+
+    def cut(self, rows: int) -> None:
+        """See `LineFile`."""
+        self.rows = min(self.rows, rows)
+
+
 def read_columns(path: Path, known: Callable[[tuple[str, ...]], bool], expected: str) -> dict[str, np.ndarray]:
     """Columns by name, float64 (T,); see `complete_lines`."""
     header, _, table = _read(path, known, expected)

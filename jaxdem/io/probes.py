@@ -23,7 +23,7 @@ from jaxdem.files.hdf5 import (
     store,
     write_attributes,
 )
-from jaxdem.io.lines import REMEDY, LineFile, read_columns
+from jaxdem.io.lines import REMEDY, CountedFile, LineFile, read_columns
 
 PROBES_FOLDER, PROBES_FILE = "probes", "probes.h5"
 
@@ -39,14 +39,16 @@ class ProbeFiles:
     Args:
         path: run directory.
         columns: of every probe by name.
+        first: whether this process writes them; of others the lines are counted.
     """
 
-    def __init__(self, path: Path, columns: Mapping[str, Columns]):
-        self.path, self.columns = path, dict(columns)
+    def __init__(self, path: Path, columns: Mapping[str, Columns], first: bool = True):
+        self.path, self.columns, self._first = path, dict(columns), first
         if columns:
             (path / PROBES_FOLDER).mkdir(exist_ok=True)
+        kind = LineFile if first else CountedFile
         self._files = {
-            name: LineFile(path / PROBES_FOLDER / f"{name}.csv", [column for column, _ in of_probe])
+            name: kind(path / PROBES_FOLDER / f"{name}.csv", [column for column, _ in of_probe])
             for name, of_probe in columns.items()
         }
 
@@ -72,7 +74,8 @@ class ProbeFiles:
         """Keep so many lines of each."""
         for name, file in self._files.items():
             file.cut(rows[name])
-        (self.path / PROBES_FILE).unlink(missing_ok=True)
+        if self._first:
+            (self.path / PROBES_FILE).unlink(missing_ok=True)
 
     def join(self) -> None:
         """Write `probes.h5`."""

@@ -71,7 +71,7 @@ class RunDirectory:
         self._samples = FrameSeries(path, SampleFormat())
         columns = scene_text.history_columns(self._scene)
         self._history = (History if self._first else CountedHistory)(path / HISTORY, columns)
-        self._probes = ProbeFiles(path, probes or {})
+        self._probes = ProbeFiles(path, probes or {}, self._first)
         self.samples = self._samples.count()
 
     @property
@@ -285,7 +285,8 @@ class RunDirectory:
         if index != self.samples:
             raise ValueError(f"sample {index} given, {self.samples} are written")
         with self._run_errors(time):
-            self._samples.write(index, sample_frame(time, arrays, self.sample_attributes))
+            if self._first:
+                self._samples.write(index, sample_frame(time, arrays, self.sample_attributes))
         self.samples = index + 1
 
     def write_probe(self, name: str, time: float, leading: np.ndarray, table: np.ndarray) -> None:
@@ -374,7 +375,7 @@ class RunDirectory:
                 series.cut(frames)
             if self._first:
                 self._samples.cut(samples)
-                self._probes.cut(lines)
+            self._probes.cut(lines)
             self.samples = samples
             for folder in (self.path, self.path / PARTS_FOLDER):
                 if folder.is_dir():
@@ -411,7 +412,9 @@ class RunDirectory:
         self.close()
 
     def _close_run(self, summary: dict[str, object]) -> None:
-        kinds = ((self._particles, self.frames), (self._fluid, self.frames), (self._samples, self.samples))
+        kinds = [(self._particles, self.frames), (self._fluid, self.frames)]
+        if self._first:
+            kinds.append((self._samples, self.samples))
         with self._run_errors(self._time):
             for series, number in kinds:
                 if series.exists():

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.mesh import face_places
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
@@ -192,7 +193,7 @@ class Parts:
             if k not in self.cut:
                 fields = fields[..., 0]
                 continue
-            faces = grid.spacing[k] * jnp.arange(grid.cells[k] + 1, dtype=dtype)
+            faces = face_places(grid, k, dtype)
             covered = jnp.minimum(faces[1:], box.upper[k]) - jnp.maximum(faces[:-1], box.lower[k])
             fields = jnp.matmul(fields, jnp.clip(covered / grid.spacing[k], 0.0, 1.0), precision=PRECISION)
         return fields * jnp.asarray(grid.cell_volume, dtype)

@@ -10,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.axes import AXES
 from jaxdem.numerics.vectors import Vector
-from jaxdem.observables.contacts import contacts
+from jaxdem.observables.contacts import contacts_of, particles_seen
 from jaxdem.particles.contact_sums import Touching
 from jaxdem.particles.integrate import centres_in_box
 from jaxdem.particles.neighbors import Neighbors
@@ -56,7 +55,7 @@ def contact_rows(structure: Structure, parameters: Parameters, state: State, nei
 
     Forces are those of `contacts`: the law at the positions and velocities of the state, with springs as they are. The
     sum over the contacts of a particle is its `contact_force` of a frame where that does not change, for this is the
-    mean over the last coupling interval.
+    mean over the last coupling interval. On several devices the rows are those of a slab, with particles by identity.
 
     Args:
         structure: or a `Simulation`.
@@ -64,13 +63,16 @@ def contact_rows(structure: Structure, parameters: Parameters, state: State, nei
         state: with particles.
         neighbors: its list.
     """
-    particles = required(state.particles, "particles")
+    particles, bodies = particles_seen(structure, parameters, state, neighbors)
     centres = centres_in_box(particles, structure.box, structure.periodic)
-    radius = jnp.broadcast_to(required(parameters.bodies, "parameters.bodies").radius, centres.shape[:1])
-    found, parts = contacts(structure, parameters, state, neighbors), []
+    radius = jnp.broadcast_to(bodies.radius, centres.shape[:1])
+    found, parts = contacts_of(structure, parameters, state, neighbors, particles, bodies), []
     if found.between is not None:
         none = jnp.full_like(found.first, -1)
-        parts.append(_rows(found.between, (found.first, found.second, none), centres, radius))
+        between = found.between
+        if found.counted is not None:
+            between = between._replace(overlap=jnp.where(found.counted, between.overlap, -1.0))
+        parts.append(_rows(between, (found.first, found.second, none), centres, radius))
     if found.walls is not None:
         shape = found.walls.overlap.shape
         own, wall = (
@@ -83,6 +85,9 @@ def contact_rows(structure: Structure, parameters: Parameters, state: State, nei
         index, vector = jnp.zeros(0, jnp.int32), jnp.zeros((0, dimension), centres.dtype)
         return ContactTable(index, index, index, vector, blank, vector, vector, blank, blank, blank)
     table: ContactTable = jax.tree.map(lambda *columns: jnp.concatenate(columns), *parts)
+    if particles.identity is not None:
+        first, second = (jnp.where(row < 0, row, particles.identity[row]) for row in (table.first, table.second))
+        table = table._replace(first=first, second=second)
     size, wraps = jnp.asarray(structure.box, centres.dtype)[None], jnp.asarray(structure.periodic)[None]
     inside = jnp.where(wraps, table.position % size, table.position)
     return table._replace(position=inside)

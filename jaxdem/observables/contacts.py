@@ -11,9 +11,10 @@ from jaxdem.errors import required
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_sums import Touching
 from jaxdem.particles.forces import contacts_now
-from jaxdem.particles.integrate import Motion
+from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.neighbors import Neighbors, with_radius
+from jaxdem.particles.slab_steps import seen_in_slab
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
 
@@ -25,12 +26,32 @@ class Contacts(NamedTuple):
         first, second: (P,) int32, the particles of each pair.
         between: of these pairs, arrays (P,), with the normal and the force on the first; None for a single particle.
         walls: with the S walls, sides of the box first, arrays (S, N); None without walls.
+        counted: on several devices (P,) bool, which pairs belong to this slab: one across a border is in the lists of
+            both, and is counted with its first particle. None on one device.
     """
 
     first: Array
     second: Array
     between: Touching | None
     walls: Touching | None
+    counted: Array | None = None
+
+
+def particles_seen(
+    structure: Structure, parameters: Parameters, state: State, neighbors: Neighbors
+) -> tuple[ParticleState, ParticleProperties]:
+    """The particles that the pairs of a list are of, and what they are: on several devices those of a slab with the
+    ghosts of its neighbours behind them, which are not active.
+
+    Arguments are those of `contacts`.
+    """
+    particles = required(state.particles, "particles")
+    bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)
+    division = required(structure.contact, "particles").division
+    if division is None:
+        return particles, bodies
+    bodies, particles = seen_in_slab(division, neighbors, bodies, particles)
+    return particles, bodies
 
 
 def contacts(structure: Structure, parameters: Parameters, state: State, neighbors: Neighbors) -> Contacts:
@@ -44,10 +65,22 @@ def contacts(structure: Structure, parameters: Parameters, state: State, neighbo
         state: with particles.
         neighbors: its list.
     """
-    model, particles = required(structure.contact, "particles").model, required(state.particles, "particles")
-    bodies = required(parameters.bodies, "parameters.bodies")
+    particles, bodies = particles_seen(structure, parameters, state, neighbors)
+    return contacts_of(structure, parameters, state, neighbors, particles, bodies)
+
+
+def contacts_of(
+    structure: Structure,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors,
+    particles: ParticleState,
+    bodies: ParticleProperties,
+) -> Contacts:
+    """`contacts` with what `particles_seen` gives."""
+    model = required(structure.contact, "particles").model
     if structure.coupling is not None:
-        bodies = structure.coupling.moved_bodies(parameters.mixture)
+        bodies = structure.coupling.moved_bodies(parameters._replace(bodies=bodies).mixture)
     materials = surroundings(
         parameters.materials, structure.wall_velocity(parameters, structure.time(parameters, state))
     )
@@ -55,7 +88,8 @@ def contacts(structure: Structure, parameters: Parameters, state: State, neighbo
     neighbors = with_radius(neighbors, bodies.radius)
     present = _present(model, structure.middle(parameters, state.step))
     between, walls = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active, present)
-    return Contacts(neighbors.pairs.first, neighbors.pairs.second, between, walls)
+    first, second, ghosts = neighbors.pairs.first, neighbors.pairs.second, neighbors.ghosts
+    return Contacts(first, second, between, walls, None if ghosts is None else first < ghosts.rows)
 
 
 def _present(model: ContactModel, middle: Array) -> Array | None:

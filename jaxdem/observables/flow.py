@@ -9,7 +9,9 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.grid import face_average_along
+from jaxdem.fluid.mesh import face_places
 from jaxdem.numerics import compensated
+from jaxdem.numerics.blocks import Blocks, total
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleState, split_low
@@ -88,10 +90,10 @@ def particle_flow(
         parameters: that go with it.
         plane: one that is not normal to an axis must be parallel to the periodic axes.
         before: state at the start of the interval.
-        after: at its end.
+        after: at its end; on several devices with the particles in the rows of `before`.
     """
     start, end = required(before.particles, "particles"), required(after.particles, "particles")
-    bodies = required(parameters.bodies, "parameters.bodies")
+    bodies = required(parameters.bodies, "parameters.bodies").of_rows(start.identity)
     duration = (after.step - before.step) * jnp.asarray(structure.interval, end.position.dtype)
     moved = compensated.rounded_difference(end.position, end.position_low, start.position, start.position_low)
     crossed = _images_behind(structure, plane, end) - _images_behind(structure, plane, start)
@@ -101,13 +103,14 @@ def particle_flow(
     if plane.lower is not None:
         crossed = jnp.where(_within(structure, plane, start, moved, crossed), crossed, 0.0)
     mass, volume = (jnp.broadcast_to(quantity, crossed.shape) for quantity in (bodies.mass, bodies.volume))
-    return ParticleFlow(
+    flow = ParticleFlow(
         jnp.sum(crossed),
         jnp.sum(mass * crossed),
         jnp.sum(volume * crossed),
         jnp.sum((mass * crossed)[:, None] * moved, axis=0) / duration,
         jnp.sum(jnp.maximum(crossed, 0.0)),
     )
+    return total(structure.cut, flow)
 
 
 def _images_behind(structure: Structure, plane: Plane, particles: ParticleState) -> Array:
@@ -172,17 +175,27 @@ def fluid_flow(structure: Structure, parameters: Parameters, plane: Plane, state
         flux = flux * face_average_along(grid, fluid.void_fraction, axis)
     dtype, spacing = flux.dtype, grid.spacing
     layer = jnp.asarray(plane.offset, dtype) / spacing[axis]
-    first = jnp.clip(jnp.floor(layer).astype(jnp.int32), 0, grid.cells[axis] - 1)
-    share = layer - first
-    near, far = jnp.take(flux, first, axis), jnp.take(flux, first + 1, axis)
+    first = jnp.clip(jnp.floor(layer).astype(jnp.int32), 0, grid.whole_cells[axis] - 1)
+    share, cut = layer - first, grid.cut_along(axis)
+    own, here = (first, None) if cut is None else _in_slab(cut, first, grid.cells[axis])
+    near, far = jnp.take(flux, own, axis), jnp.take(flux, own + 1, axis)
     flux = (1.0 - share) * near + share * far
+    if here is not None:
+        flux = jnp.where(here, flux, 0.0)
     others = [k for k in range(grid.dimension) if k != axis]
     for index, k in reversed(list(enumerate(others))):
-        faces = spacing[k] * jnp.arange(grid.cells[k] + 1, dtype=dtype)
+        faces = face_places(grid, k, dtype)
         lower, upper = faces[:-1], faces[1:]
         if plane.lower is not None and plane.upper is not None:
             lower, upper = jnp.maximum(lower, plane.lower[index]), jnp.minimum(upper, plane.upper[index])
         flux = jnp.matmul(flux, jnp.maximum(upper - lower, 0.0), precision=PRECISION)
-    volume = flux * jnp.asarray(grid.depth, dtype)
+    volume = total(grid.blocks, flux) * jnp.asarray(grid.depth, dtype)
     density = required(parameters.fluid, "parameters.fluid").density
     return FluidFlow(volume, density * volume)
+
+
+def _in_slab(cut: Blocks, number: Array, count: int) -> tuple[Array, Array]:
+    """Of a layer of the whole box its number in this slab of so many, or the nearest; and whether it is there."""
+    own = number - cut.index() * count
+    inside = jnp.clip(own, 0, count - 1)
+    return inside, own == inside

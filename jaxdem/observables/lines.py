@@ -53,7 +53,10 @@ def contact_lines(
         touching, second = found.between, found.second
         branch = vectors.scale(radii[found.first] + radii[second] - touching.overlap, touching.normal)
         start, touches = at(centre, second), jnp.any(touching.overlap > 0)
-        lines.append(Line(start, branch, _moment(touching.force, branch), touches))
+        moment = _moment(touching.force, branch)
+        if found.counted is not None:
+            moment = jnp.where(found.counted, moment, 0.0)
+        lines.append(Line(start, branch, moment, touches))
     if found.walls is not None:
         walls, sides = found.walls, required(structure.contact, "particles").model.sides
         branches, touches = vectors.scale(radii[None] - walls.overlap, walls.normal), jnp.any(walls.overlap > 0, axis=1)

@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.blocks import total
 from jaxdem.state import State
 from jaxdem.structure import Structure
 
@@ -49,8 +50,8 @@ def fluid_at(structure: Structure, state: State, points: Array) -> FluidAt:
 def _linear(grid: Grid, field: Array, points: Array, staggered: int) -> Array:
     """(P,) values of a field that stands on the faces of the axis `staggered`, and in the middle along others."""
     flat, weight = jnp.zeros((points.shape[0], 1), jnp.int32), jnp.ones((points.shape[0], 1), points.dtype)
-    for axis, (spacing, cells) in enumerate(zip(grid.spacing, grid.cells, strict=True)):
-        size = field.shape[axis]
+    for axis, (spacing, cells) in enumerate(zip(grid.spacing, grid.whole_cells, strict=True)):
+        size = field.shape[axis] - grid.cells[axis] + cells
         place = points[:, axis] / spacing - (0.0 if axis == staggered else 0.5)
         wraps = grid.periodic[axis] and axis != staggered  # the faces of a periodic axis hold the first one twice
         if not wraps:
@@ -61,6 +62,18 @@ def _linear(grid: Grid, field: Array, points: Array, staggered: int) -> Array:
         both = jnp.stack([first, first + 1], axis=1)
         both = both % cells if wraps else jnp.minimum(both, size - 1)
         shares = jnp.stack([1.0 - share, share], axis=1)
+        if grid.cut_along(axis) is not None:
+            both, shares = _of_slab(grid, axis, both, shares, size - cells)
+            size = field.shape[axis]
         flat = (flat[:, :, None] * size + both[:, None, :]).reshape(points.shape[0], -1)
         weight = (weight[:, :, None] * shares[:, None, :]).reshape(points.shape[0], -1)
-    return jnp.sum(weight * field.reshape(-1)[flat], axis=1)
+    return total(grid.blocks, jnp.sum(weight * field.reshape(-1)[flat], axis=1))
+
+
+def _of_slab(grid: Grid, axis: int, both: Array, shares: Array, more: int) -> tuple[Array, Array]:
+    """Layers (P, 2) of the whole box by their numbers in this slab, with no share of those of others; the face between
+    two slabs is that of the upper one. `more` layers than cells are there of the whole box."""
+    cut, count = required(grid.cut_along(axis), "slabs along the axis"), grid.cells[axis]
+    own = both - cut.index() * count
+    last = count - 1 + jnp.where(cut.index() == cut.number - 1, more, 0)
+    return jnp.clip(own, 0, count - 1 + more), jnp.where((own >= 0) & (own <= last), shares, 0.0)

@@ -11,11 +11,12 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.fluid.grid import cell_average
 from jaxdem.numerics import vectors
+from jaxdem.numerics.blocks import total
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.vectors import Vector
 from jaxdem.observables.boxes import Box, Boxes, Parts, of_boxes
-from jaxdem.observables.contacts import Contacts, contacts
+from jaxdem.observables.contacts import Contacts, contacts_of, particles_seen
 from jaxdem.observables.lines import Line, contact_lines
 from jaxdem.particles.integrate import centres_in_box
 from jaxdem.particles.neighbors import Neighbors
@@ -173,9 +174,9 @@ def particle_sums(
     structure: Structure, parameters: Parameters, boxes: Boxes, state: State, neighbors: Neighbors
 ) -> ParticleSums:
     """What `particle_profile` is made of; its arguments."""
-    particles, bodies = required(state.particles, "particles"), required(parameters.bodies, "parameters.bodies")
+    particles, bodies = particles_seen(structure, parameters, state, neighbors)
     centres = centres_in_box(particles, structure.box, structure.periodic)
-    found = contacts(structure, parameters, state, neighbors)
+    found = contacts_of(structure, parameters, state, neighbors, particles, bodies)
     parts = Parts(structure.box, structure.periodic, boxes.cut)
     velocity, one = vectors.components(particles.velocity), jnp.ones_like(centres[:, 0])
     mass, volume = bodies.mass * one, bodies.volume * one
@@ -187,7 +188,7 @@ def particle_sums(
         if particles.active is not None:
             part = jnp.where(particles.active, part, 0.0)
         # Products of matrices: of several boxes at once they take a fraction of the time of sums one by one.
-        sums = jnp.matmul(part, summed, precision=PRECISION)
+        sums = total(structure.cut, jnp.matmul(part, summed, precision=PRECISION))
         momentum = sums[4:]
         mean = momentum / jnp.where(sums[2] > 0, sums[2], 1.0)
         return ParticleSums(
@@ -204,7 +205,8 @@ def particle_sums(
     sums = of_boxes(in_box, boxes, one)
     for line in contact_lines(structure, found, boxes.cut, centres, bodies.radius):
         sums = sums._replace(contact=sums.contact + _in_boxes(parts, boxes, line))
-    return sums
+    fluctuation, contact = total(structure.cut, (sums.fluctuation, sums.contact))
+    return sums._replace(fluctuation=fluctuation, contact=contact)
 
 
 def _squares(share: Array, vector: Vector) -> Array:
@@ -249,4 +251,4 @@ def fluid_sums(structure: Structure, boxes: Boxes, state: State) -> FluidSums:
         sums = parts.sum_over_cells(box, grid, fields)
         return FluidSums(box=sums[0], volume=sums[1], flow=sums[3:], pressure=sums[2])
 
-    return of_boxes(in_box, boxes, fields.reshape(-1))
+    return total(grid.blocks, of_boxes(in_box, boxes, fields.reshape(-1)))

@@ -84,6 +84,20 @@ def ghosts_beside(division: Division, ghosts: Ghosts, properties: ParticleProper
     return properties._replace(identity=ghosts.identity)
 
 
+def seen_in_slab(
+    division: Division, neighbors: Neighbors, properties: ParticleProperties, state: ParticleState
+) -> tuple[ParticleProperties, ParticleState]:
+    """Bodies and state (R,) of a slab with those of the ghosts behind them, (n,), as the pairs of the list need them.
+
+    Of a ghost position, velocity and spin are filled in; it is not active.
+    """
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
+    rows, bodies = padded(ghosts, state), ghosts_beside(division, ghosts, properties)
+    motion, carry = Motion.of(rows), SlabCarry(jnp.full((), NEVER, jnp.int32), bodies)
+    motion, _, _ = refreshed(division, neighbors, motion, motion.velocity, carry)
+    return bodies, motion.into(rows)._replace(identity=ghosts.identity)
+
+
 def refreshed(
     division: Division, neighbors: Neighbors, motion: Motion, expected: Vector, slab: SlabCarry
 ) -> tuple[Motion, Vector, SlabCarry]:

@@ -49,10 +49,21 @@ class Interval(NamedTuple):
     neighbors: Neighbors | None
     diagnostics: Diagnostics
 
+    @property
+    def moved(self) -> State:
+        """`after` with the particles in the rows of `before`, which on several devices they may have left."""
+        places, particles = self.diagnostics.places, self.before.particles
+        if places is None or particles is None:
+            return self.after
+        return self.after._replace(particles=particles._replace(**places._asdict()))
+
 
 class Probe(abc.ABC):
     """A probe: a `@static` class with a `name`. A kind implements `columns` and `measure`, and the rest where it needs
     it.
+
+    On several devices `measure` is called for every slab, within `shard_map`. It gives what there is in the whole box,
+    the same in all of them; a probe that `SELECTS` gives the rows of the slab.
 
     A measurement is one value of every measured quantity in each of `rows` rows. What is written is their mean over the
     measurements since the last row of the file, and what `values` makes of it.

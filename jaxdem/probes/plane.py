@@ -59,7 +59,7 @@ class PlaneProbe(Probe):
         plane = Plane(self.normal, self.offset, self.axis, self.lower, self.upper)
         found: dict[str, Array] = {}
         if self.with_particles:
-            flow = particle_flow(structure, parameters, plane, interval.before, interval.after)
+            flow = particle_flow(structure, parameters, plane, interval.before, interval.moved)
             rate = 1.0 / jnp.asarray(structure.interval, flow.mass.dtype)
             found |= {"number": flow.number, "number_forward": flow.forward, "number_flow": rate * flow.number}
             found |= {"mass_flow": rate * flow.mass, "volume_flow": rate * flow.volume}

@@ -23,7 +23,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.probes.base import Interval
 from jaxdem.run.exported import compiled
 from jaxdem.run.numbers import NO_NUMBERS, LoopNumbers, loop_numbers, with_numbers
-from jaxdem.run.probing import Probed, Watch, nothing_yet, probed
+from jaxdem.run.probing import Probed, Rows, Watch, nothing_yet, probed
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import advance_fluid, advance_particles
@@ -134,20 +134,29 @@ class SlabProgram:
     """The same program over several devices, each with a slab of the box; it is not kept between processes."""
 
     def __init__(
-        self, simulation: DividedSimulation, parameters: Parameters, state: State, neighbors: Neighbors | None
+        self,
+        simulation: DividedSimulation,
+        parameters: Parameters,
+        state: State,
+        neighbors: Neighbors | None,
+        watch: Watch | None = None,
     ) -> None:
         self._mesh = required(simulation.mesh, "mesh")
         numbers = loop_numbers(simulation, parameters.gravity.dtype)
         self._same = put(self._mesh, (numbers, parameters), SAME)
         structure = with_numbers(simulation.of_slab(), NO_NUMBERS)
-        result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, None, SLABS)
-        given = (SAME, SAME, STATE, SLABS, SAME)
+        probes = () if watch is None else watch.probing.probes
+        # What a probe sums up is that of all slabs; of one that selects each slab has its own rows.
+        rows: Any = tuple(Rows(SLABS if probe.SELECTS else SAME, SAME, SAME) for probe in probes)
+        seen: Any = None if watch is None else Probed(SAME, rows)
+        result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, seen, SLABS)
+        given = (SAME, SAME, STATE, SLABS, SAME, SAME)
         program = jax.jit(on_slabs(self._mesh, partial(advance, structure), given, result))
-        self._compiled = program.lower(*self._same, state, neighbors, self._number(1)).compile()
+        self._compiled = program.lower(*self._same, state, neighbors, *self._asked(1, watch)).compile()
         self._seconds = math.inf
 
-    def _number(self, count: int) -> Any:
-        return put(self._mesh, np.int32(count), SAME)
+    def _asked(self, count: int, watch: Watch | None) -> Any:
+        return put(self._mesh, np.int32(count), SAME), put(self._mesh, watch, SAME)
 
     @property
     def most(self) -> int:
@@ -159,7 +168,7 @@ class SlabProgram:
     ) -> Chunk:
         """See `Program`; the parameters are those that it was made with."""
         begin = clock.perf_counter()
-        chunk: Chunk = jax.block_until_ready(self._compiled(*self._same, state, neighbors, self._number(count)))
+        chunk: Chunk = jax.block_until_ready(self._compiled(*self._same, state, neighbors, *self._asked(count, watch)))
         self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
         return chunk
 
@@ -195,8 +204,8 @@ class ProfiledProgram:
             fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
         with self._timed("particle_part"):
             moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces))
-        particles, neighbors, of_particles = moved
-        diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces)
+        particles, neighbors, of_particles, places = moved
+        diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
         records = jax.tree.map(lambda value: value[None], _records(diagnostics))
         code = failures(self._simulation, diagnostics)
         new, seen = State(particles, fluid, state.step + 1), None

@@ -21,6 +21,7 @@ from jaxdem.run.chunk import CHUNK
 from jaxdem.run.probing import (
     Memory,
     Probed,
+    Rows,
     Watch,
     empty_memory,
     measured_numbers,
@@ -139,12 +140,13 @@ class Observer:
                 stops.append(plan.first + (max(step - plan.first, 0) // plan.every + 1) * plan.every)
         return min(stops, default=None)
 
-    def take(self, probed: Probed, time: Callable[[int], float]) -> None:
+    def take(self, probed: Probed, time: Callable[[int], float], selected: Callable[[Probe, Rows], Rows]) -> None:
         """The rows of a chunk, whose sums the next one goes on with.
 
         Args:
             probed: of the chunk.
             time: of a number of intervals [s].
+            selected: gives the rows of a probe that `SELECTS`, of the whole box.
         """
         if self.watch is None:
             return
@@ -153,6 +155,8 @@ class Observer:
             count = int(rows.number)
             if not count:
                 continue
+            if sheet.probe.SELECTS:
+                rows = selected(sheet.probe, rows)
             step, values = jax.device_get((rows.step, rows.values))
             times = np.array([time(int(each)) for each in step[:count]])
             self._pending[sheet.probe.name].append(sheet.kept(times, values[:count]))

@@ -22,13 +22,14 @@ from jaxdem.devices import (
     gathered_state,
     on_one_device,
 )
-from jaxdem.devices.mesh import SAME, put
+from jaxdem.devices.mesh import SAME, on_host, put
 from jaxdem.errors import InputError, required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.probes.base import Probe
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program, SlabProgram
-from jaxdem.run.probing import Watch
+from jaxdem.run.probing import Rows, Watch, of_all_slabs
 from jaxdem.run.records import Instant
 from jaxdem.run.restart import ROWS, from_arrays, to_arrays
 from jaxdem.setup.builder import Case
@@ -75,6 +76,12 @@ class Placement(Protocol):
     def enlarged(self, state: State, neighbors: Neighbors, failed: Neighbors) -> tuple[State, Neighbors | None]:
         """State and list with more room than `failed`, the list after a step that lacked some."""
 
+    def seen(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
+        """What a probe is given to measure, for its shapes."""
+
+    def selected(self, probe: Probe, rows: Rows) -> Rows:
+        """Rows of a probe that `SELECTS`, of the whole box."""
+
     def saved(self, state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> Saved:
         """For a checkpoint."""
 
@@ -105,6 +112,12 @@ class OneDevice:
 
     def enlarged(self, state: State, neighbors: Neighbors, failed: Neighbors) -> tuple[State, Neighbors]:
         return self.case.simulation.with_room(state, neighbors, neighbors.room.enlarged())
+
+    def seen(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
+        return state, neighbors
+
+    def selected(self, probe: Probe, rows: Rows) -> Rows:
+        return rows
 
     def saved(self, state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> Saved:
         return Saved(to_arrays(state, neighbors, extra))
@@ -141,7 +154,7 @@ class Slabs:
         return distributed(self.simulation, self.case.parameters, state, neighbors)
 
     def program(self, state: State, neighbors: Neighbors | None, watch: Watch | None, timed: Timed | None) -> Program:
-        return SlabProgram(self.simulation, self.case.parameters, state, neighbors)
+        return SlabProgram(self.simulation, self.case.parameters, state, neighbors, watch)
 
     def whole(self, instant: Instant) -> Instant:
         forces = instant.forces
@@ -151,6 +164,15 @@ class Slabs:
 
     def enlarged(self, state: State, neighbors: Neighbors, failed: Neighbors) -> tuple[State, Neighbors | None]:
         return enlarged(self.simulation, self.case.parameters, state, neighbors, failed)
+
+    def seen(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
+        apart = (state.particles, state.fluid, neighbors)
+        particles, fluid, lists = jax.eval_shape(lambda tree: jax.tree.map(lambda x: x[0], tree), apart)
+        return State(particles, fluid, state.step), lists
+
+    def selected(self, probe: Probe, rows: Rows) -> Rows:
+        values: Any = of_all_slabs(probe, on_host(rows.values))
+        return rows._replace(values=values)
 
     def saved(self, state: State, neighbors: Neighbors | None, extra: Mapping[str, float]) -> Saved:
         same = {f"extra/{name}": np.asarray(value) for name, value in extra.items()}

@@ -130,6 +130,14 @@ def unpacked(probe: Probe, numbers: np.ndarray) -> dict[str, np.ndarray]:
     return {column.name: part.reshape(-1, *column.shape) for column, part in zip(measured, parts, strict=True)}
 
 
+def of_all_slabs(probe: Probe, values: np.ndarray) -> np.ndarray:
+    """(M, K') numbers of M measurements of a probe that `SELECTS` in all slabs, from (B, M, K) of each; on the host."""
+    sizes = [math.prod(column.shape) for column in probe.measured]
+    rows = values.shape[2] // sum(sizes)
+    columns = np.split(values, np.cumsum([rows * size for size in sizes])[:-1], axis=2)
+    return np.concatenate([np.concatenate(list(column), axis=1) for column in columns], axis=1)
+
+
 def nothing_yet(watch: Watch, state: State, neighbors: Neighbors | None, most: int) -> Probed:
     """What there is at the start of a chunk of up to `most` intervals, from a state with its list."""
 

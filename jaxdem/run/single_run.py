@@ -81,23 +81,9 @@ def placement_of(case: Case, options: RunOptions) -> Placement:
     """
     if options.devices is None or options.devices == 1:
         return OneDevice(case)
-    refuse_on_several_devices(case, options.profile)
+    require_plain_run({"--profile": (options.profile, None, "leave it out")})
     given = (None, 0) if case.particles is None else (case.particles.position, case.particles.total)
     return Slabs(case, divided(case.simulation, options.devices, *given))
-
-
-def refuse_on_several_devices(case: Case, profile: bool = False) -> None:
-    """Refuses what a run does beside its steps and does not do on several devices.
-
-    Raises:
-        InputError: naming it.
-    """
-    probes = ", ".join(one.probe.name for one in case.probes)
-    require_plain_run({
-        "probes": (bool(probes), probes, "leave them out"),
-        "output.samples": (samples_every(case.scene, case.simulation) > 0, case.scene.output.samples, "set it to 0"),
-        "--profile": (profile, None, "leave it out"),
-    })  # fmt: skip
 
 
 def own_start(scene: Scene, out: str | Path) -> StartPoint | None:

@@ -92,7 +92,7 @@ class TimeLoop:
         self._most, self._failed = 1, False
         self._identity: Array | None = None
         self.observer = Observer(self.case.probes)
-        self._fit_probes()
+        self.observer.fit(self.state, self.neighbors, self.parameters.gravity.dtype)
         if self.case.start is not None:
             self.observer.go_on(self.case.start, probe_marks(self.case))
 
@@ -187,6 +187,7 @@ class TimeLoop:
     def place(self) -> None:
         """The state, of one device until now, goes to where it is to be."""
         self.state, self.neighbors = self._placement.placed(self.state, self.neighbors)
+        self._fit_probes()
 
     def restore(self) -> None:
         """State, list and counters from the directory's checkpoint, files cut back to it."""
@@ -314,19 +315,22 @@ class TimeLoop:
 
     def _fit_probes(self) -> None:
         """What the probes sum up, in the shapes of the present list."""
-        self.observer.fit(self.state, self.neighbors, self.parameters.gravity.dtype)
+        self.observer.fit(*self._placement.seen(self.state, self.neighbors), self.parameters.gravity.dtype)
 
     def _take_rows(self, probed: Probed | None) -> None:
         """Rows of probes that became due in a chunk; they are on disk before the checkpoint after them."""
         if probed is not None:
             with self.totals.timed("output"):
-                self.observer.take(probed, lambda step: float(self._time_after(step - self._first)))
+                time = lambda step: float(self._time_after(step - self._first))  # noqa: E731
+                self.observer.take(probed, time, self._placement.selected)
                 self.observer.write(self.directory, self.time, always=False)
 
     def _write_sample(self, before: State, forces: FluidForces) -> None:
         """What the drag law saw and gave in the interval that began with `before`."""
         with self.totals.timed("output"):
-            sample = sample_of(self.case, before, self.state, forces)
+            instants = (Instant(0.0, state, None, forces, self._identity) for state in (before, self.state))
+            whole = tuple(self._placement.whole(instant) for instant in instants)
+            sample = sample_of(self.case, whole[0].state, whole[1].state, required(whole[1].forces, "forces"))
             self.directory.write_sample(self.directory.samples, float(self._time_after(self.done - 1)), sample)
 
     def _write_frame(self) -> None:

@@ -48,6 +48,16 @@ end = 0.2
 output_interval = 0.01
 [output]
 checkpoint_interval = 1e-3
+[[probes]]
+name = "middle"
+kind = "plane"
+axis = "x"
+at = 0.16
+interval = 0.01
+[[probes]]
+name = "contacts"
+kind = "contacts"
+interval = 0.02
 """
 
 
@@ -160,6 +170,11 @@ def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path)
     assert max(largest_difference(run, on_two).values()) == 0.0, "bit for bit, on the same number of devices"
     for name, column in on_two.history.items():
         assert np.array_equal(run.history[name], column, equal_nan=True), name
+    assert len(on_two.probes["contacts"]["time"]) > 50
+    for name in ("middle", "contacts"):
+        for column, values in on_two.probes[name].items():
+            assert np.array_equal(run.probes[name][column], values), (name, column)
+    assert run.probes.units("middle")["mass_flow"] == "kg/s"
     assert run.summary["devices"]["processes"] == 2 and run.summary["complete"]
 
     reader = vtkHDFReader()
