@@ -9,6 +9,7 @@ import jax
 from jaxdem.errors import InputError, required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.integrate import ParticleState, split_low
@@ -38,13 +39,21 @@ class Simulation(Structure):
             coupling = None if coupling is None else dataclasses.replace(coupling, interval=fluid)
         return dataclasses.replace(self, contact=contact, fluid=fluid, coupling=coupling)
 
-    def allocate(self, parameters: Parameters, particles: ParticleState, room: Room | None = None) -> Neighbors:
-        """A neighbour list with room for these positions, or with exactly so much room; not jittable."""
+    def allocate(
+        self,
+        parameters: Parameters,
+        particles: ParticleState,
+        room: Room | None = None,
+        placed: tuple[Placement | None, ...] = (),
+    ) -> Neighbors:
+        """A neighbour list with room for these positions, or with exactly so much room; not jittable. Meshes are where
+        `placed` has them, see `Structure.placed`; empty for their places without motion."""
         position, low = _on_host(particles)
         bodies = required(parameters.bodies, "parameters.bodies")
         if room is None:
             room = self.room(parameters, particles)
-        return self.search.allocate(position, low, bodies.radius, room, particles.active, parameters.meshes)
+        meshes = placed[len(placed) - len(parameters.meshes) :]
+        return self.search.allocate(position, low, bodies.radius, room, particles.active, parameters.meshes, meshes)
 
     def room(self, parameters: Parameters, particles: ParticleState) -> Room:
         """What a list needs room for at these positions; nothing is compiled."""
@@ -64,9 +73,9 @@ class Simulation(Structure):
     def with_room(self, state: State, neighbors: Neighbors, room: Room) -> tuple[State, Neighbors]:
         """State and list with more room, the pairs and what they keep as before; not jittable."""
         particles = required(state.particles, "state.particles")
-        wider = self.search.allocate(
-            neighbors.reference, neighbors.reference_low, neighbors.radius, room, particles.active, neighbors.surfaces
-        )
+        placed = tuple(mesh.placement for mesh in neighbors.meshes)  # where the list was made
+        given = (neighbors.reference, neighbors.reference_low, neighbors.radius, room, particles.active)
+        wider = self.search.allocate(*given, neighbors.surfaces, placed)
         springs = jax.jit(carry_history)(particles.contact_spring, neighbors, wider)
         memory = particles.mesh_memory
         if memory:

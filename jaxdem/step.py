@@ -85,6 +85,6 @@ def advance_particles(
     if simulation.contact.division is not None:
         division, search = simulation.contact.division, simulation.search
         particles, neighbors = settled(division, search, everyone.radius, particles, neighbors)
-    buried = simulation.buried(parameters, before, state.step)
+    buried = simulation.buried(parameters, before, listed, state.step)
     report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried)
     return particles, neighbors, report, places

@@ -26,7 +26,7 @@ from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.population import Population, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
-from jaxdem.particles.walls_present import buried
+from jaxdem.particles.walls_present import Buried, buried
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 
 
@@ -175,16 +175,17 @@ class Structure:
             velocities.append(velocity_at(side, given[number], time) if side.kind == "moving_wall" else still)
         return (*velocities, *(still,) * (len(model.surfaces) + len(model.meshes)))
 
-    def buried(self, parameters: Parameters, particles: ParticleState, step: Array) -> Array | None:
-        """(L, N) bool, particles within each of the `late_walls`; only as it comes, after `step` intervals. None where
-        all walls always are."""
-        model = required(self.contact, "particles").model
-        if model.wall_times is None:
+    def buried(
+        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+    ) -> Buried | None:
+        """Particles within walls as these come, after `step` intervals. None where all walls always are."""
+        contact = required(self.contact, "particles")
+        if contact.model.wall_times is None:
             return None
         middle, interval = self.middle(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
         radius = required(parameters.bodies, "parameters.bodies").radius
         placed = self.placed(parameters, particles, step)
-        return buried(model, particles, radius, middle, interval, placed)
+        return buried(contact, particles, neighbors, radius, (middle, interval), placed)
 
     def renewed(
         self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
@@ -208,9 +209,9 @@ class Structure:
         neighbors: Neighbors,
         means: ContactMeans,
         step: Array,
-        buried: Array | None = None,
+        buried: Buried | None = None,
     ) -> ParticleDiagnostics:
-        """Flags and figures of the particles after `step` intervals; `buried` (L, N) bool are those within a wall."""
+        """Flags and figures of the particles after `step` intervals; `buried` are those within a wall that came."""
         position, velocity = particles.position, particles.velocity
         box, blocks = jnp.asarray(self.box, position.dtype), self.cut
         outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
@@ -225,15 +226,18 @@ class Structure:
             & jnp.all(jnp.isfinite(velocity))
             & jnp.all(jnp.isfinite(particles.angular_velocity))
         )
+        overflow = neighbors.overflow
+        if buried is not None and buried.crowded is not None:
+            overflow = overflow | buried.crowded
         return ParticleDiagnostics(
             means.collision_force,
             neighbors.builds,
-            any_of(blocks, neighbors.overflow),
+            any_of(blocks, overflow),
             all_of(blocks, finite),
             total(blocks, jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32))),
             largest(blocks, jnp.sqrt(jnp.max(squared, initial=0.0))),
             waiting,
-            None if buried is None else total(blocks, jnp.sum(jnp.any(buried, axis=0).astype(jnp.int32))),
+            None if buried is None else total(blocks, jnp.sum(jnp.any(buried.found, axis=0).astype(jnp.int32))),
             means.walls,
         )
 

@@ -85,6 +85,7 @@ class NeighborSearch:
         room: Room | None = None,
         active: Array | None = None,
         surfaces: tuple[MeshSurface, ...] = (),
+        placed: tuple[Placement | None, ...] = (),
     ) -> Neighbors:
         """A new list with room for these positions, and for what is usual; not jittable.
 
@@ -96,12 +97,13 @@ class NeighborSearch:
                 computes the same.
             active: (N,) bool, which particles there are; all if None.
             surfaces: the meshes; with some the room must be given.
+            placed: where each of them is, None for one at rest; empty for their places without motion.
         """
         if room is None:
             room = self.room(position, active)
         # As one program: outside of jit every operation would be compiled by itself.
         built = jax.jit(self._built)
-        return built(position, low, radius, room, np.zeros((), bool), active, surfaces)
+        return built(position, low, radius, room, np.zeros((), bool), active, surfaces, placed)
 
     def shapes(
         self,

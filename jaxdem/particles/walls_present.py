@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.placement import Placement
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_step import Surroundings
@@ -26,6 +29,7 @@ from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.mesh_depth import depth_in_mesh
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.surfaces import surface_contacts
 
@@ -106,34 +110,83 @@ def late_walls(model: ContactModel) -> tuple[int, ...]:
     return () if times is None else tuple(k for k, window in enumerate(times.windows) if window.begin > 0.0)
 
 
+class Buried(NamedTuple):
+    """Particles in walls that come.
+
+    Attributes:
+        found: (L, N) bool, particles that each of the L `late_walls` overlaps by more than the maximum as it comes.
+        crowded: () bool, there was not room enough to look into all meshes; None without meshes that come.
+    """
+
+    found: Array
+    crowded: Array | None = None
+
+
 def buried(
-    model: ContactModel,
+    interval: ContactInterval,
     particles: ParticleState,
+    neighbors: Neighbors,
     radius: Array,
-    middle: Array,
-    interval: Array,
+    times_of: tuple[Array, Array],
     placed: tuple[Placement | None, ...] = (),
-) -> Array:
-    """(L, N) bool, particles that each of the L `late_walls` overlaps by more than the maximum as it comes.
+) -> Buried:
+    """The particles that walls come upon in an interval.
 
     Args:
-        model: with walls that are there for a part of the time; static.
+        interval: with walls that are there for a part of the time; static.
         particles: at the start of the interval.
+        neighbors: their list, of which the meshes and the room for these count.
         radius: () or (N,) [m].
-        middle: () of the interval [s].
-        interval: () its length [s].
-        placed: of each surface at the start of the interval; empty where all are at rest.
+        times_of: middle and length of the interval, () each [s].
+        placed: of each surface, and then each mesh, at the start of the interval; empty where all are at rest.
     """
+    model = interval.model
     late, times = late_walls(model), model.wall_times
     if times is None or not late:
-        return jnp.zeros((0, particles.position.shape[0]), bool)
+        return Buried(jnp.zeros((0, particles.position.shape[0]), bool))
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
-    there = tuple(placed[k] for k in late) if placed else ()
-    overlap, _ = surface_contacts(tuple(model.surfaces[k] for k in late), position, low, radius, there)
+    surfaces = tuple(k for k in late if k < len(model.surfaces))
+    there = tuple(placed[k] for k in surfaces) if placed else ()
+    overlap = jnp.zeros((0, len(position[0])), position[0].dtype)
+    if surfaces:
+        overlap, _ = surface_contacts(tuple(model.surfaces[k] for k in surfaces), position, low, radius, there)
+    middle, duration = times_of
     begin = jnp.asarray([times.windows[k].begin for k in late], middle.dtype)[:, None]
-    comes = (begin <= middle) & (begin > middle - interval)
+    comes = (begin <= middle) & (begin > middle - duration)
+    crowded = None
+    if len(surfaces) < len(late):
+        within, crowded = _in_meshes(interval, particles, neighbors, late[len(surfaces) :], comes, placed)
+        overlap = jnp.concatenate([overlap, within])
     # Not "deeper": an overlap that is not a number counts too.
     limit = jnp.reshape(2.0 * times.maximum_overlap * radius, (1, -1))
     found = comes & ~(overlap <= limit)
-    return found if particles.active is None else found & particles.active[None]
+    return Buried(found if particles.active is None else found & particles.active[None], crowded)
+
+
+def _in_meshes(
+    interval: ContactInterval,
+    particles: ParticleState,
+    neighbors: Neighbors,
+    late: tuple[int, ...],
+    comes: Array,
+    placed: tuple[Placement | None, ...],
+) -> tuple[Array, Array]:
+    """(L, N) overlaps with the meshes among the late walls [m], looked for only as one comes, and whether there was
+    not room enough."""
+    search, first = required(interval.search, "search").mesh_search, len(interval.model.surfaces)
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+
+    def looked(_: tuple[Array, Array]) -> tuple[Array, Array]:
+        rows, crowded = [], jnp.zeros((), bool)
+        for number in late:
+            own = neighbors.surfaces[number - first], neighbors.room.meshes[number - first]
+            given = (position, low, neighbors.radius)
+            row, full = depth_in_mesh(search, *own, placed[number] if placed else None, given, particles.active)
+            rows.append(row)
+            crowded = crowded | full
+        return jnp.stack(rows), crowded
+
+    nothing = jnp.full((len(late), len(position[0])), -jnp.inf, position[0].dtype), jnp.zeros((), bool)
+    return cond_in_batch(jnp.any(comes[-len(late) :]), looked, nothing)

@@ -68,12 +68,15 @@ def diagnosis(
 def _buried(simulation: Simulation, parameters: Parameters, before: State) -> tuple[int, str]:
     """The first particle within a wall that comes, and which wall it is, in words."""
     contact, particles = required(simulation.contact, "particles"), required(before.particles, "particles")
-    found = np.asarray(required(simulation.buried(parameters, particles, before.step), "walls"))
+    neighbors = simulation.allocate(parameters, particles)
+    buried = required(simulation.buried(parameters, particles, neighbors, before.step), "walls")
+    found = np.asarray(buried.found)
     index = int(np.argmax(found.any(axis=0)))
     number = late_walls(contact.model)[int(np.argmax(found[:, index]))]
     times = required(contact.model.wall_times, "walls")
-    surface = contact.model.surfaces[number]
-    return index, f", within the wall that comes at {times.windows[number].begin:g} s: {surface}"
+    surfaces = contact.model.surfaces
+    wall = surfaces[number] if number < len(surfaces) else f"mesh {number - len(surfaces)} (the first is 0)"
+    return index, f", within the wall that comes at {times.windows[number].begin:g} s: {wall}"
 
 
 def _particle(simulation: Simulation, flag: Failure, particles: ParticleState) -> int:

@@ -111,6 +111,7 @@ def about(case: Case, time: Fraction) -> tuple[dict[str, np.ndarray], dict[str, 
         "reach": json.dumps([] if search is None else [search.cutoff, search.skin]),
         "walls": json.dumps(walls_of(case.scene, case.simulation)),
         "pistons": json.dumps([wall_text(wall) for wall in case.scene.walls if wall.piston is not None]),
+        "meshes": json.dumps([wall_text(wall) for wall in case.scene.walls if wall.kind == "mesh"]),
     }
     if case.particles is not None:
         arrays = {f"rows/{name}": np.asarray(value) for name, value in case.bodies._asdict().items()}

@@ -95,8 +95,8 @@ class Wall(Section):
             that are turned over are turned back. Default: false, and it is refused.
         material: name of one of `[[materials]]`. Default: `contact.wall_material`.
         begin: time from which the wall is there; before it grains pass. It comes with the coupling interval that begins
-            nearest to this time, and must not overlap a grain then by more than `contact.maximum_overlap`. Default:
-            from the start [s].
+            nearest to this time, and must not overlap a grain then by more than `contact.maximum_overlap`. Not for a
+            mesh with `touch = "front"`. Default: from the start [s].
         end: time at which the wall vanishes, to the nearest coupling interval: a gate that is opened. Default: never
             [s].
         motion: list of tables, how the wall moves; see `[[walls.motion]]`.

@@ -95,6 +95,12 @@ class StartPoint:
         return found
 
     @property
+    def meshes(self) -> list[str]:
+        """What tells its walls that are meshes apart, in their order."""
+        found: list[str] = json.loads(str(self.attributes.get("meshes", "[]")))
+        return found
+
+    @property
     def sha256(self) -> str:
         """Of all that it holds."""
         return content_hash(self.arrays, self.attributes)

@@ -15,6 +15,7 @@ from jaxdem.errors import InputError, required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
+from jaxdem.numerics.placement import Placement
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Neighbors, Room
@@ -26,6 +27,7 @@ from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_flui
 from jaxdem.setup.start_point import StartPoint, wall_text, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
 from jaxdem.setup.started_list import carried_springs, widened_list
+from jaxdem.setup.started_meshes import kept_of_meshes
 from jaxdem.setup.started_particles import StartedParticles
 from jaxdem.setup.stored import stored_room
 from jaxdem.simulation import Simulation
@@ -81,7 +83,7 @@ class Beginning:
             neighbors = widened_list(arrays, shapes, radius, reference)
             springs = [np.pad(s, (0, room.pairs - len(s))) for s in self._springs("contact_spring")]
         else:
-            neighbors = simulation.allocate(parameters, particles, room)
+            neighbors = simulation.allocate(parameters, particles, room, self._placed(particles))
             springs = []
             if not own.settings.relax and "room" in arrays and len(arrays["neighbors.overlap"]):
                 springs = carried_springs(arrays, self._springs("contact_spring"), neighbors)
@@ -89,7 +91,16 @@ class Beginning:
         kept += (self._zeros(room.pairs),) * (self._kept - len(kept))
         particles = particles._replace(contact_spring=kept[: self._kept])
         particles = with_mesh_memory(particles, required(simulation.contact, "contact"), neighbors.room)
+        if neighbors.meshes and not own.settings.relax:
+            kept_memory = kept_of_meshes(self.start, self.scene, neighbors.meshes, particles.mesh_memory, own.placed)
+            particles = particles._replace(mesh_memory=kept_memory)
         return state._replace(particles=particles), neighbors
+
+    def _placed(self, particles: ParticleState) -> tuple[Placement | None, ...]:
+        """Where the walls beside the sides of the box are; empty where all are at rest."""
+        model = required(self.simulation.contact, "contact").model
+        step = on_device(self.start.step, np.int32)
+        return self.simulation.placed(self.parameters, particles, step) if model.motions else ()
 
     def _check_places(self, own: StartedParticles, state: ParticleState) -> None:
         """Refuses particles that overlap each other or a wall by more than a run may have."""
@@ -98,8 +109,7 @@ class Beginning:
         times, middle = model.wall_times, float(self.start.time) + 0.5 * self.simulation.interval
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         radius = required(self.parameters.bodies, "bodies").radius
-        step = on_device(self.start.step, np.int32)
-        placed = self.simulation.placed(self.parameters, state, step) if model.motions else ()
+        placed = self._placed(state)
         check_surfaces(self.scene, model.surfaces, present, state, radius, allowed_overlap(own), placed)
         check_meshes(own.meshes, present, state, radius, allowed_overlap(own), placed)
 

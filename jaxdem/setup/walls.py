@@ -78,11 +78,11 @@ def wall_times(
             limit = f"a wall must be there for at least a coupling interval of {interval:.4g} s, from 0 s on"
             raise InputError(f"{key}.begin", f"{begin:g} s to {end:g} s", limit, "lower begin, or raise end")
     for k in meshes:
-        if walls[k].begin:
-            limit = "a mesh is there from the start; it may vanish"
-            raise InputError(
-                f"walls.{k}.begin", walls[k].begin, limit, "remove begin, or use a plane, cylinder or wedge"
+        if walls[k].begin and walls[k].touch == "front":
+            limit = (
+                "a mesh with touch = front is there from the start: what would be behind it as it comes is not known"
             )
+            raise InputError(f"walls.{k}.begin", walls[k].begin, limit, 'remove begin, or set touch = "both"')
     windows = [Window(begin, end) for (_, begin, end), n in zip(given, count, strict=True) for _ in range(n)]
     if all(window.is_always for window in windows):
         return None

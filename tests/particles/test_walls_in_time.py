@@ -139,7 +139,8 @@ def test_it_is_so_bit_for_bit_in_the_programs_that_users_have():
     root = Path(__file__).parents[2]
     shipped = {key: value for key, value in os.environ.items() if key not in COMPILER}
     shipped |= {"PYTHONPATH": str(root), "JAX_ENABLE_X64": "1"}
-    code = "from tests.particles.test_walls_in_time import compare_bits; compare_bits()"
+    modules = ("test_walls_in_time", "test_meshes_in_time")
+    code = "; ".join(f"from tests.particles import {name}; {name}.compare_bits()" for name in modules)
     done = subprocess.run(
         [sys.executable, "-c", code], env=shipped, cwd=root, capture_output=True, text=True, timeout=300
     )

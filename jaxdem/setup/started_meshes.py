@@ -1,0 +1,57 @@
+"""What contacts with meshes have kept in the run before. Host, numpy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jaxdem.numerics.host import on_device
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.mesh_list import MeshList
+from jaxdem.scene import Scene
+from jaxdem.setup.start_point import StartPoint, wall_text
+
+
+def kept_of_meshes(
+    start: StartPoint, scene: Scene, lists: Sequence[MeshList], blank: Sequence[MeshMemory], rows: int
+) -> tuple[MeshMemory, ...]:
+    """What the contacts with each mesh keep: those with a mesh that was there already go on.
+
+    Args:
+        start: where the run before has got to.
+        scene: that begins.
+        lists: of its meshes.
+        blank: of contacts that have just begun, for these lists.
+        rows: number of particles of the run before, which have the first rows here.
+    """
+    here = [wall_text(wall) for wall in scene.walls if wall.kind == "mesh"]
+    return tuple(
+        _moved(start.arrays, start.meshes.index(text), listed, own, rows) if text in start.meshes else own
+        for text, listed, own in zip(here, lists, blank, strict=True)
+    )
+
+
+def _moved(arrays: Mapping[str, np.ndarray], number: int, new: MeshList, blank: MeshMemory, rows: int) -> MeshMemory:
+    """What the contacts with mesh `number` of a checkpoint go on with, moved to the rows of another list by the grains'
+    identity; kinds of springs that were not there stay at rest."""
+    if f"neighbors.meshes[{number}].row" not in arrays:
+        return blank
+    old, now = arrays[f"neighbors.meshes[{number}].row"], np.asarray(new.row)
+    place = np.full(max(int(now.max(initial=0)), rows) + 1, -1)
+    known = np.flatnonzero(old < rows)
+    place[old[known]] = known
+    wanted = place[now]
+
+    def carried(name: str, parts: Vector) -> Vector:
+        found = []
+        for k, part in enumerate(parts):
+            values, stored = np.array(part), arrays.get(f"state.particles.mesh_memory[{number}].{name}[{k}]")
+            if stored is not None:
+                contacts = min(len(values), len(stored))
+                values[:contacts] = np.where(wanted >= 0, stored[:contacts, np.maximum(wanted, 0)], 0.0)
+            found.append(on_device(values, values.dtype))
+        return tuple(found)
+
+    return MeshMemory(*(carried(name, getattr(blank, name)) for name in MeshMemory._fields))
