@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,14 +33,28 @@ def contacts_of_list(spring: Vector, neighbors: Neighbors) -> Contacts:
 
 def contacts_of_slabs(spring: Vector, neighbors: Neighbors) -> Contacts:
     """Of a distributed list on the host; a pair across a border is that of its first particle's slab."""
-    ghosts = required(neighbors.ghosts, "ghosts of a list")
+    ghosts: Any = required(neighbors.ghosts, "ghosts of a list")
+    pairs: Any = neighbors.pairs
     rows = ghosts.identity.shape[1] - 2 * ghosts.lower.shape[1]
+    return contacts_of_rows(spring, rows, ghosts.identity, pairs.first, pairs.second)
+
+
+def contacts_of_rows(
+    spring: Sequence[Any], rows: int, identity: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> Contacts:
+    """`contacts_of_slabs` from arrays.
+
+    Args:
+        spring: (B, P) each.
+        rows: R, of own particles.
+        identity: (B, n) of all rows, those of ghosts last.
+        first, second: (B, P), rows of each pair.
+    """
     found = []
-    for slab, identity in enumerate(ghosts.identity):
-        first, second = neighbors.pairs.first[slab], neighbors.pairs.second[slab]
-        own = np.flatnonzero((first < rows) & (first != second))
+    for slab, number in enumerate(identity):
+        own = np.flatnonzero((first[slab] < rows) & (first[slab] != second[slab]))
         values = np.stack([component[slab][own] for component in spring])
-        found.append(_with_something(identity[first[own]], identity[second[own]], values))
+        found.append(_with_something(number[first[slab][own]], number[second[slab][own]], values))
     return Contacts(*(np.concatenate(part, axis=-1) for part in zip(*found, strict=True)))
 
 

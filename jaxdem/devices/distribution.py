@@ -259,21 +259,31 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
     there = required(rows.active, "active of the particles") & (identity >= 0)
     number = np.asarray(identity)[there]
 
-    def of(values: Any, axis: int = 0) -> Any:
-        chosen = np.moveaxis(values, axis + 1 if axis >= 0 else axis, 1)[there]
-        whole = np.zeros((simulation.count, *chosen.shape[1:]), chosen.dtype)
-        whole[number] = chosen
-        return np.moveaxis(whole, 0, axis)
-
     active: Any = np.zeros(simulation.count, bool)
     active[number] = True
     return ParticleState(
-        **_of_each(rows, lambda values, axis, _: of(values, axis)),
+        **_of_each(rows, lambda values, axis, _: rows_by_identity(values, there, number, simulation.count, axis)),
         contact_spring=(),
         active=None if simulation.population is None else active,
         inserted=None if rows.inserted is None else rows.inserted[0],
         pistons=jax.tree.map(lambda x: x[0], rows.pistons),
     )
+
+
+def rows_by_identity(values: Any, there: Any, number: np.ndarray, count: int, axis: int) -> np.ndarray:
+    """Values of all slabs as those of N particles, zero for those that are not there.
+
+    Args:
+        values: (B, ...) with an axis of length R.
+        there: (B, R) bool, rows with a particle.
+        number: identities of these.
+        count: N.
+        axis: that of the R rows, of the values of a slab.
+    """
+    chosen = np.moveaxis(values, axis + 1 if axis >= 0 else axis, 1)[there]
+    whole = np.zeros((count, *chosen.shape[1:]), chosen.dtype)
+    whole[number] = chosen
+    return np.moveaxis(whole, 0, axis)
 
 
 def on_one_device(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Unpack
 
@@ -15,6 +15,7 @@ from jaxdem.io.access import locked
 from jaxdem.io.chain import check_chain, write_chain
 from jaxdem.io.run_directory import SCENE
 from jaxdem.run.foreseen import foreseen_end
+from jaxdem.run.peers import here
 from jaxdem.run.single_run import RunOptions, simulate_alone
 from jaxdem.scene import Scene
 from jaxdem.scene.stages import Stage, StagedScene
@@ -37,13 +38,18 @@ def simulate_stages(scene: StagedScene, out: Path, options: RunOptions, **extens
     require_stages(stages, out, options.resume)
     for _ in foreseen_cases(stages, options.closure, **extensions):
         pass
-    with locked(out):
-        write_chain(out, names)
+    peers = here()
+    peers.barrier()  # all have looked into the folder before one writes there
+    with locked(out) if peers.first else nullcontext():
+        if peers.first:
+            write_chain(out, names)
         for stage, before in zip(stages, [None, *stages], strict=False):
             path = out / stage.name
             begins = stage.scene if before is None else begun_from(stage.scene, out / before.name)
-            if not RunDirectory.is_complete(path, begins.to_toml()):
-                of_stage = dataclasses.replace(options, resume=(path / SCENE).is_file())
+            complete = RunDirectory.is_complete(path, begins.to_toml())
+            of_stage = dataclasses.replace(options, resume=(path / SCENE).is_file())
+            peers.barrier()
+            if not complete:
                 simulate_alone(begins, path, of_stage, **extensions)
     return load_run(out / names[-1])
 

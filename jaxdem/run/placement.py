@@ -31,13 +31,10 @@ from jaxdem.probes.base import Probe
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program, SlabProgram
 from jaxdem.run.probing import Rows, Watch, of_all_slabs
 from jaxdem.run.records import Instant
-from jaxdem.run.restart import ROWS, from_arrays, to_arrays
+from jaxdem.run.restart import from_arrays, to_arrays
 from jaxdem.setup.builder import Case
-from jaxdem.setup.stored import REMEDY, SLAB_COUNT, stored
+from jaxdem.setup.stored import REMEDY, ROWS, SLAB_AXIS, SLAB_COUNT, stored
 from jaxdem.state import State
-
-SLAB_AXIS = "slab_axis"
-"""Attribute of a checkpoint of a run on several devices: the axis of the box that is cut."""
 
 ROOM = "slab_room"
 """Array of such a checkpoint: what the arrays of a slab have room for."""

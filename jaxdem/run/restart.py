@@ -24,13 +24,10 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.setup.builder import Case
 from jaxdem.setup.start import with_mesh_memory
 from jaxdem.setup.start_point import ABOUT, StartPoint, wall_text, walls_of
-from jaxdem.setup.stored import named, restored, stored, stored_room
+from jaxdem.setup.stored import ROWS, named, restored, stored, stored_room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 from jaxdem.version import __version__
-
-ROWS = "particle_rows"
-"""Attribute of a checkpoint of a run on several devices: number of all particles that there ever are."""
 
 OTHER_INPUTS = "another closure, of drag or of the subgrid stress, or other particles, than their files hold now"
 

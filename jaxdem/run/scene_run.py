@@ -9,7 +9,6 @@ from typing import Unpack
 import jax
 
 from jaxdem.closures.base import DragClosure
-from jaxdem.devices.refused import require_plain_run
 from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.chain import stage_names
 from jaxdem.io.run_directory import SCENE
@@ -62,8 +61,6 @@ def simulate(
     """
     options = RunOptions(closure, resume, progress, profile, settling, devices)
     if isinstance(scene, StagedScene):
-        staged = devices is not None and devices != 1
-        require_plain_run({"stages": (staged, None, "run each stage by itself from the end of the one before")})
         return simulate_stages(scene, Path(out), options, **extensions)
     return simulate_alone(scene, out, options, **extensions)
 

@@ -20,7 +20,7 @@ from jaxdem.scene.walls import Wall
 from jaxdem.setup.arrivals import Queue
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.start_frame import arrays_of_frame
-from jaxdem.setup.stored import SLAB_COUNT
+from jaxdem.setup.start_slabs import on_one_device
 from jaxdem.setup.time_steps import clock_of
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.simulation import Simulation
@@ -188,9 +188,4 @@ def read_start(scene: Scene) -> StartPoint | None:
 
 def stored_start(path: Path, source: str) -> StartPoint:
     """The state in the file of a checkpoint."""
-    arrays, attributes = read_checkpoint(path)
-    if SLAB_COUNT in attributes:
-        limit = f"is of a run on {attributes[SLAB_COUNT]} devices, from which no other run can begin"
-        remedy = "go on with that run to a later end on one device: `jaxdem run` with --resume, without --devices"
-        raise InputError("start.from", source, limit, remedy)
-    return StartPoint(source, arrays, attributes)
+    return StartPoint(source, *on_one_device(*read_checkpoint(path)))

@@ -85,7 +85,7 @@ class Beginning:
         else:
             neighbors = simulation.allocate(parameters, particles, room, self._placed(particles))
             springs = []
-            if not own.settings.relax and "room" in arrays and len(arrays["neighbors.overlap"]):
+            if not own.settings.relax and len(arrays.get("neighbors.pairs.first", ())):
                 springs = carried_springs(arrays, self._springs("contact_spring"), neighbors)
         kept = tuple(on_device(s, particles.position.dtype) for s in springs)
         kept += (self._zeros(room.pairs),) * (self._kept - len(kept))
@@ -245,7 +245,7 @@ class Beginning:
 
     def _keeps_list(self, own: StartedParticles) -> bool:
         """Whether the stored list holds: the same particles in the same places, and as many within its reach."""
-        if "room" not in self.start.arrays or not len(self.start.arrays["neighbors.overlap"]):
+        if not len(self.start.arrays.get("neighbors.overlap", ())):  # of several devices there is no list
             return False
         if self.parameters.meshes:
             return False

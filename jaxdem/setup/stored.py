@@ -21,6 +21,12 @@ COLUMN_MARGIN = 8
 SLAB_COUNT = "slabs"
 """Attribute of a checkpoint of a run on several devices: their number."""
 
+SLAB_AXIS = "slab_axis"
+"""Attribute of such a checkpoint: the axis of the box that is cut."""
+
+ROWS = "particle_rows"
+"""Attribute of such a checkpoint: number of all particles that there ever are."""
+
 REMEDY = "resume with the scene and version that wrote the checkpoint"
 
 

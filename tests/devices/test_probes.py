@@ -1,47 +1,63 @@
-"""What a run measures beside frames on several devices, against one device."""
+"""Chains of runs on several devices and what they measure beside frames, and a start from one of them, against one
+device."""
+
+import copy
 
 import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import coupled_scene, places
 
-DRY = {
+ACROSS, UP = np.meshgrid(0.012 + 0.0196 * np.arange(11), 0.0099 + 0.0196 * np.arange(4), indexing="ij")
+NOISE = np.random.default_rng(2).normal(size=(ACROSS.size, 2))
+STAGED = {
     "precision": "float64",
     "domain": {"size": [0.24, 0.12], "depth": 0.02},
-    "boundary": {"right": {"particles": "remove"}},
-    "contact": {"young_modulus": 1e6, "friction": 0.4, "restitution": 0.6, "speed": 2.0, "skin": 0.2},
-    "time": {"end": 0.03, "output_interval": 0.01},
-    "probes": [
-        {"name": "gate", "kind": "plane", "axis": "x", "at": 0.125, "interval": 0.01},
-        {"name": "window", "kind": "plane", "axis": "z", "at": 0.05, "from": [0.05], "to": [0.2], "interval": 0.01},
-        {"name": "exit", "kind": "plane", "axis": "x", "at": 0.235, "interval": 0.01},
-        {"name": "slices", "kind": "profile", "axis": "x", "cells": 6, "interval": 0.01, "average": True},
-        {"name": "boxes", "kind": "profile", "interval": 0.01, "regions": [[[0.06, 0.0], [0.18, 0.05]]]},
-        {"name": "floor", "kind": "wall", "side": "bottom", "interval": 0.01},
-        {"name": "contacts", "kind": "contacts", "interval": 0.01},
-    ],
-}
-
-
-def grains():
-    """Rows of grains of two sizes that fly to the right, the lowest on the floor."""
-    across, up = np.meshgrid(0.012 + 0.0196 * np.arange(11), 0.0099 + 0.0196 * np.arange(4), indexing="ij")
-    noise = np.random.default_rng(2).normal(size=(across.size, 2))
-    return {
-        "position": (np.stack((across, up), axis=-1).reshape(-1, 2)).tolist(),
-        "radius": np.where(np.arange(across.size) % 3, 0.0099, 0.009).tolist(),
+    "particles": {
+        "position": np.stack((ACROSS, UP), axis=-1).reshape(-1, 2).tolist(),
+        "radius": np.where(np.arange(ACROSS.size) % 3, 0.0099, 0.009).tolist(),
         "density": 2500.0,
-        "velocity": ([1.2, 0.0] + 0.3 * noise).tolist(),
+        "velocity": ([1.2, 0.0] + 0.3 * NOISE).tolist(),
         "inlet": [
             {"start": [0.0, 0.085], "stop": [0.24, 0.115], "rate": 400.0, "velocity": [1.0, 0.0], "radius": 0.009}
         ],
-    }
+    },
+    "walls": [
+        {"kind": "plane", "point": [0.0, 0.118], "normal": [0.0, -1.0],
+         "piston": {"direction": [0.0, -1.0], "force": 2.0, "mass": 1.0}},
+    ],
+    "boundary": {"right": {"particles": "remove"}},
+    "contact": {"young_modulus": 1e6, "friction": 0.4, "restitution": 0.6, "speed": 2.0, "skin": 0.2},
+    "time": {"end": 0.01, "output_interval": 0.01},
+    "probes": [
+        {"name": "gate", "kind": "plane", "axis": "x", "at": 0.235, "interval": 0.01},
+        {"name": "window", "kind": "plane", "axis": "z", "at": 0.05, "from": [0.05], "to": [0.2], "interval": 0.01},
+        {"name": "slices", "kind": "profile", "axis": "x", "cells": 6, "interval": 0.01, "average": True},
+        {"name": "floor", "kind": "wall", "side": "bottom", "interval": 0.01},
+        {"name": "contacts", "kind": "contacts", "interval": 0.01},
+    ],
+    "stages": [
+        {"name": "lean", "time": {"end": 0.03}},
+        {"name": "back", "time": {"end": 0.04}, "domain": {"gravity": [-4.0, -9.0]}},
+    ],
+}  # fmt: skip
+"""Rows of grains of two sizes that fly to the right, the lowest along the floor, under a piston."""
 
 
-def runs(scene, folder, number):
-    """On one device, and on several."""
-    return [jaxdem.simulate(scene, folder / str(k), devices=k) for k in (1, number)]
+@pytest.fixture(scope="module")
+def chains(tmp_path_factory):
+    """The same stages on one device and on two."""
+    out = tmp_path_factory.mktemp("chains")
+    for number in (1, 2):
+        jaxdem.simulate(jaxdem.load_scene(STAGED), out / str(number), devices=number)
+    return out
+
+
+def loaded(chains, stage):
+    """A stage on one device and on two."""
+    return [jaxdem.load_run(chains / str(number) / stage) for number in (1, 2)]
 
 
 def require_same(one, other, tolerance):
@@ -56,22 +72,68 @@ def require_same(one, other, tolerance):
             np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale, err_msg=f"{name} {column}")
 
 
-@pytest.fixture(scope="module")
-def dry(tmp_path_factory):
-    return runs(jaxdem.load_scene(DRY | {"particles": grains()}), tmp_path_factory.mktemp("dry"), 2)
+def require_same_frames(one, other, tolerance):
+    """All arrays of the last frames, of the grains that are there, each within so much of its largest value."""
+    expected, found = one.particles(-1), other.particles(-1)
+    np.testing.assert_array_equal(found["active"], expected["active"])
+    there = expected["active"] == 1
+    for name in expected:
+        scale = max(np.abs(expected[name][there]).max(), 1e-300)
+        close = np.abs(found[name][there] - expected[name][there]).max() <= tolerance * scale
+        assert close, name
 
 
-def test_probes_of_grains(dry):
-    """Grains go through planes, slabs and the exit; contacts and profiles lie on both sides of a border."""
-    one, other = dry
+def test_probes_of_grains(chains):
+    """Grains go through slabs, a rectangle and a plane before the exit; contacts and profiles lie on both sides of a
+    border."""
+    one, other = loaded(chains, "lean")
     require_same(one, other, 1e-12)
     told, removed = other.summary["devices"], one.history["removed"][-1]
-    assert told["migrations"] > 0 and 0 < removed <= one.probes["exit"]["number"].sum()
-    assert one.probes["gate"]["number"].sum() > 0 and np.abs(one.probes["window"]["number"]).sum() > 0
+    assert told["migrations"] > 0 and 0 < removed <= one.probes["gate"]["number"].sum()
+    assert np.abs(one.probes["window"]["number"]).sum() > 0
     table = one.probes["contacts"]
     last = (table["time"] == table["time"][-1]) & (table["wall"] < 0)
     assert np.abs(table["position_x"][last] - told["planes"][0]).min() < 0.009, "a contact across the border"
     assert np.abs(one.probes["floor"]["force_z"]).min() > 0.0
+
+
+def test_stages_do_what_they_do_on_one_device(chains):
+    one, other = loaded(chains, "back")
+    assert other.summary["devices"]["number"] == 2 and other.summary["complete"]
+    require_same_frames(one, other, 1e-10)
+    require_same(one, other, 1e-9)
+    for name in ("removed", "wall_0_displacement"):
+        np.testing.assert_allclose(other.history[name], one.history[name], rtol=1e-10)
+    resumed = jaxdem.simulate(jaxdem.load_scene(STAGED), chains / "2", devices=2, resume=True)
+    assert resumed.path == chains / "2" / "back"
+
+
+def test_a_run_on_one_device_begins_from_one_on_two(chains):
+    """State, springs of contacts and what came in are those of a start from one device."""
+    states = []
+    for number in (1, 2):
+        tables = copy.deepcopy(STAGED) | {"start": {"from": str(chains / str(number) / "lean")}}
+        del tables["stages"]
+        tables["time"] = {"end": 0.05, "output_interval": 0.01}
+        state, neighbors = build_case(jaxdem.load_scene(tables)).initial_state()
+        states.append((state, jaxdem.devices.contacts.contacts_of_list(state.particles.contact_spring, neighbors)))
+    (one, of_one), (other, of_two) = states
+    assert int(one.step) == int(other.step)
+    np.testing.assert_array_equal(one.particles.active, other.particles.active)
+    np.testing.assert_array_equal(one.particles.inserted, other.particles.inserted)
+    there = np.flatnonzero(one.particles.active)
+    for name in ("position", "velocity", "angular_velocity", "contact_force", "wall_spring"):
+        axis = 2 if name == "wall_spring" else 0
+        kept = (np.asarray(getattr(state.particles, name)) for state in (one, other))
+        expected, found = (np.take(values, there, axis) for values in kept)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max(), err_msg=name)
+    moved = [float(state.particles.pistons.displacement[0]) for state in (one, other)]
+    assert moved[0] != 0.0 and abs(moved[1] - moved[0]) < 1e-10 * abs(moved[0])
+    pairs = [dict(zip(zip(c.first, c.second, strict=True), c.values.T, strict=True)) for c in (of_one, of_two)]
+    assert pairs[0].keys() == pairs[1].keys() and len(pairs[0]) > 10
+    largest = np.abs(of_one.values).max()
+    for pair, spring in pairs[0].items():
+        np.testing.assert_allclose(pairs[1][pair], spring, rtol=0, atol=1e-9 * largest)
 
 
 def test_probes_and_samples_beside_a_fluid(tmp_path):
@@ -89,7 +151,7 @@ def test_probes_and_samples_beside_a_fluid(tmp_path):
         {"name": "slices", "kind": "profile", "axis": "x", "cells": 3, "interval": 0.01},
         {"name": "floor", "kind": "wall", "side": "bottom", "interval": 0.01},
     ]  # fmt: skip
-    one, other = runs(jaxdem.load_scene(tables), tmp_path, 2)
+    one, other = (jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / str(k), devices=k) for k in (1, 2))
     require_same(one, other, 1e-11)
     assert np.ptp(one.probes["points"]["fluid_velocity_x"]) > 0.01
     assert (

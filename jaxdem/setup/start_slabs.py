@@ -1,0 +1,80 @@
+"""The checkpoint of a run on several devices as that of one device, for another run to begin from. Host, numpy."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jaxdem.devices.contacts import contacts_of_rows
+from jaxdem.devices.distribution import AXIS_OF_PARTICLES, rows_by_identity
+from jaxdem.fluid.fluid_state import FluidState
+from jaxdem.fluid.slabs import fluid_of_slabs
+from jaxdem.numerics.blocks import Blocks
+from jaxdem.setup.stored import ROWS, SLAB_AXIS, SLAB_COUNT, named, stored
+
+PARTICLES, SPRING = "state.particles.", "state.particles.contact_spring"
+
+
+def on_one_device(
+    arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and attributes without slabs, row i of particle i; of the list only the pairs whose contacts keep
+    something.
+
+    Args:
+        arrays, attributes: of a checkpoint; one of a run on one device is given back as it is.
+
+    Raises:
+        InputError: an array is missing.
+    """
+    if SLAB_COUNT not in attributes:
+        return dict(arrays), dict(attributes)
+    found = {name: value for name, value in arrays.items() if not name.startswith(("state.", "neighbors."))}
+    found["state.step"] = stored(arrays, "state.step")
+    if "state.fluid.pressure" in arrays:
+        blocks = Blocks(int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS]), False)
+        found |= named("state.fluid", fluid_of_slabs(blocks, _fluid(arrays)))
+    if f"{PARTICLES}identity" in arrays:
+        found |= _particles(arrays, int(attributes[ROWS]))
+    told = {name: value for name, value in attributes.items() if name not in (SLAB_COUNT, SLAB_AXIS, ROWS)}
+    return found, told
+
+
+def _fluid(arrays: Mapping[str, np.ndarray]) -> FluidState:
+    """The fluid in slabs."""
+    faces: Any = tuple(arrays[name] for name in _components(arrays, "state.fluid.face_velocity"))
+    rest: Any = [arrays.get(f"state.fluid.{name}") for name in ("pressure", "void_fraction", "mean_gradient")]
+    return FluidState(faces, *rest)
+
+
+def _components(arrays: Mapping[str, np.ndarray], name: str) -> list[str]:
+    """Names of the arrays of a vector, in their order."""
+    found: list[str] = []
+    while f"{name}[{len(found)}]" in arrays:
+        found.append(f"{name}[{len(found)}]")
+    return found
+
+
+def _particles(arrays: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
+    """The `count` particles, and their contacts."""
+    identity, active = (stored(arrays, f"{PARTICLES}{name}") for name in ("identity", "active"))
+    there = active & (identity >= 0)
+    number = identity[there]
+    present = np.zeros(count, bool)
+    present[number] = True
+    found = {f"{PARTICLES}active": present}
+    for name, values in arrays.items():
+        field = re.match(r"state\.particles\.(\w+)", name)
+        axis = None if field is None else AXIS_OF_PARTICLES.get(field[1])
+        if axis is not None:
+            found[name] = rows_by_identity(values, there, number, count, axis)
+        elif name.startswith((f"{PARTICLES}inserted", f"{PARTICLES}pistons")):
+            found[name] = values[0]
+    listed = (stored(arrays, f"neighbors.{name}") for name in ("ghosts.identity", "pairs.first", "pairs.second"))
+    springs = _components(arrays, SPRING)
+    kept = contacts_of_rows(tuple(arrays[name] for name in springs), identity.shape[1], *listed)
+    found |= dict(zip(springs, kept.values, strict=True))
+    return found | {"neighbors.pairs.first": kept.first, "neighbors.pairs.second": kept.second}
