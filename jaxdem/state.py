@@ -13,6 +13,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.numerics.compensated import Low
+from jaxdem.particles.bond_geometry import BondParameters
 from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials
@@ -54,6 +55,7 @@ class Parameters(NamedTuple):
             and where all are.
         pistons: numbers of the walls that a force holds.
         meshes: the walls that are meshes.
+        bonds: stiffness, size and strength of the bonds.
     """
 
     gravity: Array
@@ -67,6 +69,7 @@ class Parameters(NamedTuple):
     wall_motion: tuple[Numbers, ...] = ()
     pistons: tuple[PistonNumbers, ...] = ()
     meshes: tuple[MeshSurface, ...] = ()
+    bonds: BondParameters | None = None
 
     @property
     def materials(self) -> ContactParameters | SeveralMaterials:

@@ -71,7 +71,7 @@ def advance_particles(
     step, torque = simulation.contact_time_step(load.dtype), None if forces is None else forces.torque
     middle, listed = simulation.middle(parameters, state.step), neighbors
     walls = surroundings(parameters.materials, simulation.wall_velocity(parameters, middle))
-    walls = walls._replace(motions=simulation.wall_motions(parameters, state.step))
+    walls = walls._replace(motions=simulation.wall_motions(parameters, state.step), bonds=parameters.bonds)
     particles, neighbors, means = with_walls_present(
         simulation.contact, walls, before, middle,
         lambda contact, walls, start: contact_interval(contact, walls, bodies, start, listed, load, step, torque),

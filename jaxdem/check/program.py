@@ -27,6 +27,7 @@ def compiled_parts(
         parts += [
             (f"contact law {type(model.law).__name__}", True),
             (_cohesion(scene), model.cohesion is not None),
+            ("bonds between particles", model.bonds is not None),
             ("rolling friction", model.rolling is not None),
             ("rolling springs", model.rolling is not None and model.rolling.has_spring),
             ("radius per particle", parameters.bodies is not None and parameters.bodies.radius.ndim > 0),

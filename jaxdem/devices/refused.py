@@ -24,6 +24,8 @@ def require_divisible(simulation: Simulation) -> None:
         found = "walls", "kind = mesh", "with walls that are meshes"
     elif contact is not None and contact.model.wet:
         found = "contact.cohesion.kind", "capillary", "with liquid bridges, which share the liquid of a grain"
+    elif contact is not None and contact.model.bonds is not None:
+        found = "bonds", "...", "with bonds between particles"
     elif simulation.fluid is not None and simulation.fluid.solver.surfaces:
         found = "walls", "fluid", "with walls that the fluid sees"
     elif coupling is not None and coupling.drag.surroundings is not None:

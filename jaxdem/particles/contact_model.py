@@ -12,6 +12,7 @@ from jax import Array
 from jaxdem.numerics import vectors
 from jaxdem.numerics.static import static
 from jaxdem.particles import walls
+from jaxdem.particles.bond_state import Bonding
 from jaxdem.particles.cohesion import CapillaryBridge, Cohesion
 from jaxdem.particles.contact import ContactLaw, ContactMaterial
 from jaxdem.particles.moving_walls import Piston, SurfaceMotion
@@ -102,6 +103,7 @@ class ContactModel:
         pistons: walls that a force holds; their loads are measured.
         meshes: walls that are meshes; none: then no such term is compiled.
         lists: number of meshes of the scene, those included that are not there now.
+        bonds: where bonded grains are, or None: then no such term is compiled.
     """
 
     law: ContactLaw
@@ -116,6 +118,7 @@ class ContactModel:
     pistons: tuple[Piston, ...] = ()
     meshes: tuple[MeshWall, ...] = ()
     lists: int = 0
+    bonds: Bonding | None = None
 
     @property
     def walls(self) -> int:

@@ -13,6 +13,7 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
+from jaxdem.particles.bond_geometry import BondParameters
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
@@ -30,6 +31,7 @@ class Surroundings(NamedTuple):
             [m/s].
         motions: of the surfaces; None where all are at rest.
         placements: of every surface at the moment of the contacts, None for one at rest; empty where all are.
+        bonds: between particles; None without.
     """
 
     pair: ContactMaterial
@@ -37,6 +39,7 @@ class Surroundings(NamedTuple):
     wall_velocity: tuple[Array, ...]
     motions: WallMotions | None = None
     placements: tuple[Placement | None, ...] = ()
+    bonds: BondParameters | None = None
 
     def after(self, model: ContactModel, elapsed: Array, pistons: PistonState | None) -> Surroundings:
         """The same with the surfaces where they are `elapsed` after the start of the interval [s]."""

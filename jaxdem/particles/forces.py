@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.bonds import add_bonds
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies
@@ -55,6 +56,8 @@ def contact_forces(
         sums, wall_spring = add_walls(step, sums)
     if model.meshes:
         sums, motion = add_meshes(step, neighbors, sums)
+    if model.bonds is not None:
+        sums, motion = add_bonds(step, model.bonds, sums, motion)
     return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring, liquid=sums.liquid)
 
 

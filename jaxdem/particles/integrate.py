@@ -11,6 +11,7 @@ from jax import Array
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.bond_state import BondState
 from jaxdem.particles.moving_walls import PistonState
 
 
@@ -38,6 +39,7 @@ class ParticleState(NamedTuple):
         liquid: (N,) film of every particle, which is in no bridge; None without capillary bridges [m3].
         pistons: where the walls are that a force holds; None without.
         mesh_memory: what the contacts with each mesh keep, `MeshMemory` of each; none in a scene without meshes.
+        bonds: between the particles; None without.
     """
 
     position: Array
@@ -55,6 +57,7 @@ class ParticleState(NamedTuple):
     liquid: Array | None = None
     pistons: PistonState | None = None
     mesh_memory: tuple[Any, ...] = ()
+    bonds: BondState | None = None
 
 
 class Motion(NamedTuple):
@@ -68,7 +71,7 @@ class Motion(NamedTuple):
         contact_spring: arrays (P,) [m].
         wall_spring: arrays (S, N) [m].
         liquid: (N,) films, or None [m3].
-        mesh_memory: see `ParticleState`.
+        mesh_memory, bonds: see `ParticleState`.
     """
 
     position: Vector
@@ -79,6 +82,7 @@ class Motion(NamedTuple):
     wall_spring: Vector
     liquid: Array | None = None
     mesh_memory: tuple[Any, ...] = ()
+    bonds: BondState | None = None
 
     @classmethod
     def of(cls, state: ParticleState) -> Motion:
@@ -92,6 +96,7 @@ class Motion(NamedTuple):
             state.wall_spring,
             state.liquid,
             state.mesh_memory,
+            state.bonds,
         )
 
     def into(self, state: ParticleState) -> ParticleState:
@@ -105,6 +110,7 @@ class Motion(NamedTuple):
             wall_spring=self.wall_spring,
             liquid=self.liquid,
             mesh_memory=self.mesh_memory,
+            bonds=self.bonds,
         )
 
 
@@ -193,12 +199,15 @@ def centres_in_box(state: ParticleState, box: tuple[float, ...], periodic: tuple
 
 
 def drift(motion: Motion, time_step: Array) -> Motion:
-    """Positions moved by velocity times `time_step` [s]."""
+    """Positions moved by velocity times `time_step` [s]; bonded grains turned."""
     moved = [
         compensated.advance(high, low, time_step * speed)
         for high, low, speed in zip(motion.position, motion.low, motion.velocity, strict=True)
     ]
-    return motion._replace(position=tuple(high for high, _ in moved), low=tuple(low for _, low in moved))
+    bonds = motion.bonds
+    if bonds is not None:
+        bonds = bonds.turned(motion.angular_velocity, time_step)
+    return motion._replace(position=tuple(high for high, _ in moved), low=tuple(low for _, low in moved), bonds=bonds)
 
 
 def kick(motion: Motion, force: Vector, torque: Vector, properties: ParticleProperties, time_step: Array) -> Motion:

@@ -175,6 +175,7 @@ def without_those_outside(population: Population, particles: ParticleState) -> P
         fluid_force=None if fluid_force is None else kept(fluid_force),
         fluid_memory=jax.tree.map(kept, particles.fluid_memory),
         active=stays,
+        bonds=None if particles.bonds is None else particles.bonds.without(stays),
     )
 
 

@@ -17,7 +17,8 @@ MERGED = "coarse_grain"
 
 
 def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a scene with what it takes from the scene of the former run: its particles and its depth.
+    """The tables of a scene with what it takes from the scene of the former run: its particles, its depth,
+    and its bonds unless it has tables of its own.
 
     Args:
         tables: of the scene, with a table `[start]`.
@@ -38,6 +39,8 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
             domain = {"depth": before["depth"], **domain}
     particles = _particles(tables.get("particles"), former.get("particles"), name)
     known = {"domain": domain, "particles": particles}
+    if former.get("bonds"):
+        known["bonds"] = tables.get("bonds") or former["bonds"]
     # Parcels that are made at the start are all there.
     ratios = [table.get(MERGED, 1.0) for table in (particles, former.get("particles")) if isinstance(table, dict)]
     merging = len(ratios) == 2 and ratios[0] != ratios[1]
@@ -74,7 +77,9 @@ def remembered(own: Mapping[str, Any]) -> dict[str, Any]:
     """
     particles = {key: value for key, value in own.get("particles", {}).items() if key not in OWN_KEYS}
     known: dict[str, Any] = {"domain": own.get("domain", {}), "start": {"absent": own["start"].get("absent", False)}}
-    return known | ({"particles": particles} if particles else {})
+    return (
+        known | ({"particles": particles} if particles else {}) | ({"bonds": own["bonds"]} if own.get("bonds") else {})
+    )
 
 
 def _particles(given: object, before: Mapping[str, Any] | None, name: object) -> object:

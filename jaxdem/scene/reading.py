@@ -103,6 +103,10 @@ def _file_keys(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, st
     for number, wall in enumerate(walls if isinstance(walls, list) else ()):
         if isinstance(wall, dict):
             yield wall, "file", f"walls.{number}.file"
+    bonds = tables.get("bonds")
+    for number, bond in enumerate(bonds if isinstance(bonds, list) else ()):
+        if isinstance(bond, dict):
+            yield bond, "pairs", f"bonds.{number}.pairs"
     start = tables.get("start")
     added = start.get("add") if isinstance(start, dict) else None
     if isinstance(added, dict):

@@ -12,7 +12,14 @@ from jaxdem.files.reading import TABLE_BYTES, parse_array, read_bytes, read_text
 from jaxdem.files.text_table import fields_of, lines_of, number_of
 from jaxdem.numerics.axes import AXES
 
-UNITS = {"position": "m", "velocity": "m/s", "angular_velocity": "rad/s", "radius": "m", "density": "kg/m3"}
+UNITS = {
+    "position": "m",
+    "velocity": "m/s",
+    "angular_velocity": "rad/s",
+    "radius": "m",
+    "density": "kg/m3",
+    "pairs": "1",
+}
 PREFIXES = {"position": "", "velocity": "v", "angular_velocity": "w"}
 """Before the name of the axis, in the name of a column."""
 
@@ -152,6 +159,8 @@ def _last(key: str) -> str:
 def _names(key: str, width: int) -> list[tuple[str, ...]]:
     """Names that each column may have, the usual one first; the second axis of a 2-D scene may be called y."""
     name = _last(key)
+    if name == "pairs":
+        return [("first",), ("second",)]
     if width == 1:
         return [(name,)]
     axes = [("x",), ("z", "y")] if width == 2 else [(axis,) for axis in AXES[width]]

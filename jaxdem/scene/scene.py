@@ -11,6 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from jaxdem.errors import InputError
 from jaxdem.scene.base import UNKNOWN_KEY, Section, Tables, nearest, wrong
 from jaxdem.scene.bed_mixing import check_bed_mixing
+from jaxdem.scene.bonds import Bond, bonds_digest, check_bonds
 from jaxdem.scene.boundary import BoundarySide, completed_boundary
 from jaxdem.scene.cohesion import check_strengths, check_together
 from jaxdem.scene.contact import Contact
@@ -41,6 +42,7 @@ class Scene(Section):
         contact: contacts of particles with each other and with walls.
         materials: materials other than that of `[contact]`.
         material_pairs: constants of contacts between two different materials.
+        bonds: bonds between particles, made when the scene begins.
         walls: walls other than the sides of the box.
         fluid: the fluid and its mesh.
         boundary: the sides of the box by name: left, right, bottom, top; in 3-D also front and back. Default: no-slip
@@ -60,6 +62,7 @@ class Scene(Section):
     contact: Contact | None = None
     materials: Materials = ()
     material_pairs: MaterialPairs = ()
+    bonds: Tables[Bond] = ()
     walls: Tables[Wall] = ()
     fluid: Fluid | None = None
     boundary: dict[str, BoundarySide] = {}
@@ -102,7 +105,8 @@ class Scene(Section):
     @property
     def content(self) -> str:
         """A fingerprint of the files that the first state is read from and that are not in the parameters."""
-        return "" if self.particles is None else self.particles.digest(self.dimension)
+        own = "" if self.particles is None else self.particles.digest(self.dimension)
+        return "\n".join(text for text in (own, bonds_digest(self.bonds)) if text)
 
     @field_validator("boundary", mode="before")
     @classmethod
@@ -164,6 +168,7 @@ def completed(scene: Scene) -> Scene:
             limit = "is an inlet of fluid, and the scene has no fluid"
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
     _check_cohesion(found)
+    _check_bonds(found)
     if found.particles is not None:
         check_settling(found.particles.packs, found.domain, found.periodic)
     check_exits(found.boundary, found.particles is not None, found.fluid is not None)
@@ -197,10 +202,25 @@ def _check_cohesion(scene: Scene) -> None:
         check_together(table, bool(scene.materials), scene.particles.coarse_grain, others)
 
 
+def _check_bonds(scene: Scene) -> None:
+    """Refuses what does not go together with bonds."""
+    particles = scene.particles
+    if particles is None or not scene.bonds:
+        return
+    settled = scene.start is None and any(pack.kind == "settled" for pack in particles.packs)
+    before = "bonds are made before it has settled; settle it in a stage of its own, and bond in the next"
+    parcels = "there is no rule for the strength of a parcel"
+    others = {
+        "particles.coarse_grain": (particles.coarse_grain != 1.0, particles.coarse_grain, parcels),
+        "particles.pack.kind": (settled, "settled", before),
+    }
+    check_bonds(scene.bonds, others)
+
+
 def _check_tables(scene: Scene) -> None:
     """Refuses tables that need another one."""
     if scene.particles is None:
-        for name in ("walls", "materials", "material_pairs"):
+        for name in ("walls", "materials", "material_pairs", "bonds"):
             if name == "walls" and all(wall.seen_by_fluid for wall in scene.walls):
                 continue
             if getattr(scene, name):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxdem.errors import InputError
+from jaxdem.particles.bond_state import Bonding
 from jaxdem.particles.cohesion import (
     CapillaryBridge,
     Cohesion,
@@ -107,6 +108,7 @@ def contact_interval(
         pistons,
         meshes,
         len(meshes),
+        None if particles.bonds is None else Bonding(particles.scene.domain.size, particles.scene.periodic),
     )
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 

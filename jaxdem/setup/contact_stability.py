@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from jaxdem.particles.materials import TANGENTIAL_SHARE
 from jaxdem.scene import Contact
 from jaxdem.setup import stability
+from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import Pair, bridge_volume, strongest
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, worst_constants
 from jaxdem.setup.particles import ParticleSetup
@@ -68,6 +69,7 @@ def contact_stability(
         particles.total - 1,
         min(scene.dimension, scene.periodic.count(False) + len(scene.walls)),
         thin,
+        bond_growth(particles),
     )
 
 

@@ -13,6 +13,7 @@ from jaxdem.errors import InputError
 from jaxdem.scene.inlets import inlet_speed
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup import stability
+from jaxdem.setup.bond_stability import SAFETY, bond_growth, bond_limit
 from jaxdem.setup.cohesion import attraction_time, pair_of
 from jaxdem.setup.contact_bodies import ContactBody, contact_bodies, effective
 from jaxdem.setup.contact_stability import contact_stability
@@ -63,6 +64,9 @@ def contact_step(particles: ParticleSetup, boundary_speed: float) -> ContactStep
         )
     limits["contact_duration"] = _shortest_contact(particles, bodies, speed)
     limits["contact_stability"] = contact_stability(particles, bodies, speed)
+    bonded = bond_limit(bond_growth(particles))
+    if math.isfinite(bonded):
+        limits["bond_stability"] = bonded
     growing = attraction_time(particles, bodies)
     if math.isfinite(growing):
         limits["contact_attraction"] = growing
@@ -71,6 +75,7 @@ def contact_step(particles: ParticleSetup, boundary_speed: float) -> ContactStep
         limits["contact_duration"] / 20.0,
         limits["contact_stability"],
         ATTRACTION * growing,
+        SAFETY * bonded,
     )
     # The overlap grows with v^0.8 in Hertz's law and with v in the linear one.
     power = 1.0 if contact.law == "linear_spring_dashpot" else 1.25

@@ -17,6 +17,7 @@ from jaxdem.particles.integrate import Parcels, ParticleProperties
 from jaxdem.particles.materials import CohesionParameters, ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.particles.moving_walls import Numbers
 from jaxdem.scene import Contact, Scene
+from jaxdem.setup.bonds import bond_parameters
 from jaxdem.setup.closures import subgrid_closure
 from jaxdem.setup.cohesion import largest_volume
 from jaxdem.setup.drive import drive_parameters
@@ -85,6 +86,7 @@ def scene_parameters(
         wall_motion=_wall_motion(scene, particles, number),
         pistons=() if particles is None else piston_numbers(scene, number),
         meshes=() if particles is None else tuple(mesh.traced(dtype) for mesh in particles.meshes),
+        bonds=bond_parameters(scene, number),
     )
 
 

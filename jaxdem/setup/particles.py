@@ -12,6 +12,7 @@ from jaxdem.scene import Contact, Particles, Scene
 from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
 from jaxdem.setup.bodies import Bodies, joined, particle_bodies
+from jaxdem.setup.bonds import BondList, bond_list
 from jaxdem.setup.materials import MaterialTable, material_table
 from jaxdem.setup.meshes import WallMesh, wall_meshes
 from jaxdem.setup.packs import PackSetup, packs_of
@@ -137,6 +138,11 @@ class ParticleSetup:
     def meshes(self) -> tuple[WallMesh, ...]:
         """The walls that are meshes."""
         return wall_meshes(self.scene, self.contact, self.bodies.radius)
+
+    @cached_property
+    def bonds(self) -> BondList | None:
+        """The bonds that there ever are; None without."""
+        return bond_list(self.scene, self.position, self.present.radius, self.active) if self.scene.bonds else None
 
     @cached_property
     def materials(self) -> MaterialTable | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 
@@ -142,6 +142,7 @@ def contact_stability_limit(
     neighbors: int,
     walls: int,
     thin: int = 0,
+    bonds: Callable[[float], float] | None = None,
 ) -> float:
     """Largest stable contact step, 2/omega_max with what dashpots take from it [s].
 
@@ -174,6 +175,8 @@ def contact_stability_limit(
         neighbors: number of other particles.
         walls: number of axes with walls, each of which a particle may touch.
         thin: number of these axes along which a particle may touch both walls.
+        bonds: largest eigenvalue that bonds have by themselves over the mass, by the step: it adds to that of the
+            contacts at most.
 
     Source: derived here, as element bounds are for finite elements (B. M. Irons, Int. J. Numer. Methods Eng. 2
     (1970) 5-12).
@@ -183,7 +186,7 @@ def contact_stability_limit(
     for touching in range(min(walls - thin, free) + 1):
         count = min(max(neighbors, 0), ROOM[free][touching])
         for factor, pair in pairs:
-            limit = min(limit, _limit_of(mass, free, factor, pair, count, wall, touching, thin))
+            limit = min(limit, _limit_of(mass, free, factor, pair, count, wall, touching, thin, bonds))
     return limit
 
 
@@ -196,6 +199,7 @@ def _limit_of(
     wall: LinearContact,
     touching: int,
     thin: int,
+    bonds: Callable[[float], float] | None,
 ) -> float:
     """The limit for a particle with `count` neighbours, at `touching` single walls and between `thin` pairs of them."""
     along = min(count, 2.0 + 0.25 * max(count - 2, 0), 4.0 if free == 3 else 3.0)
@@ -216,7 +220,8 @@ def _limit_of(
             translation += normal * line + weight * (spring + 4.0 * dashpot) * (number - line)
             rotation += 2.5 * (weight * (spring + 2.25 * dashpot) * spin + rolling * number)
             cross += math.sqrt(2.5) * weight * (spring + 3.0 * dashpot) * lopsided
-        return 0.5 * (translation + rotation) + math.hypot(0.5 * (translation - rotation), cross)
+        bonded = 0.0 if bonds is None else mass * bonds(step)
+        return 0.5 * (translation + rotation) + math.hypot(0.5 * (translation - rotation), cross) + bonded
 
     stiffness = sum(w * c.normal * line for w, c, line, *_ in kinds)
     if stiffness == 0.0:

@@ -27,6 +27,7 @@ from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
+from jaxdem.setup.bonds import bond_state
 from jaxdem.setup.fluid import fluid_velocity
 from jaxdem.setup.inlet_regions import inlet_space
 from jaxdem.setup.overlaps import (
@@ -143,6 +144,7 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
         fluid_force=None if particles.scene.fluid is None else _full((count, dimension), 0.0, dtype),
         active=None if population is None else on_device(np.arange(count) < present, bool),
         inserted=_full((len(inlets),), 0, np.int32) if inlets else None,
+        bonds=None if particles.bonds is None else bond_state(particles.bonds, count, dtype),
     )
 
 

@@ -19,6 +19,7 @@ from jaxdem.scene.domain import SIDES
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.arrivals import Queue
 from jaxdem.setup.bodies import Bodies
+from jaxdem.setup.bonds import STORED
 from jaxdem.setup.start_frame import arrays_of_frame
 from jaxdem.setup.start_slabs import on_one_device
 from jaxdem.setup.time_steps import clock_of
@@ -182,6 +183,9 @@ def read_start(scene: Scene) -> StartPoint | None:
         return point
     if point.pistons:
         limit = "cannot begin from a frame of a run with walls that a force holds: frames do not hold their speed"
+        raise InputError("start.time", start.time, limit, "remove this key: begin from the end of the run")
+    if f"{STORED}.status" in point.arrays:
+        limit = "cannot begin from a frame of a run with bonds: frames do not hold how the grains are turned"
         raise InputError("start.time", start.time, limit, "remove this key: begin from the end of the run")
     return dataclasses.replace(point, **arrays_of_frame(Path(start.from_), start.time, point.arrays, point.attributes))
 

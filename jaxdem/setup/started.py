@@ -21,6 +21,7 @@ from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
+from jaxdem.setup.bonds import bond_state
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
@@ -198,6 +199,7 @@ class Beginning:
             active=None if population is None else on_device(active, bool),
             inserted=on_device([queue.inserted for queue in own.queues], np.int32) if own.queues else None,
             pistons=self._pistons,
+            bonds=None if own.bonds is None else bond_state(own.bonds, count, self._dtype),
         )
 
     @property

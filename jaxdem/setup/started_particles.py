@@ -14,6 +14,7 @@ from jaxdem.particles.regions import into_period
 from jaxdem.scene.scene import Start
 from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
 from jaxdem.setup.bodies import Bodies, joined
+from jaxdem.setup.bonds import BondList, bond_list, stored_bonds
 from jaxdem.setup.free_space import free_space
 from jaxdem.setup.packs import PackSetup
 from jaxdem.setup.particles import ParticleSetup
@@ -158,6 +159,21 @@ class StartedParticles(ParticleSetup):
             limit = "some particles still overlap; there is no room to move them apart"
             raise InputError("start.relax", True, limit, "remove some by start.remove, or enlarge the box")
         return moved
+
+    @cached_property
+    def bonds(self) -> BondList | None:
+        """Those of the run that it begins from; new ones where that had none.
+
+        Raises:
+            InputError: they cannot go on.
+        """
+        stored = stored_bonds(self.scene, self.start.arrays, self.removed, self.start.source)
+        if stored is not None and self.settings.relax:
+            limit = f"would strain the bonds of the run {self.start.source}"
+            raise InputError("start.relax", True, limit, "remove this key")
+        if stored is not None or not self.scene.bonds:
+            return stored
+        return bond_list(self.scene, self.position, self.present.radius, self.active, self.start.foreseen)
 
     @property
     def start_figures(self) -> dict[str, object]:

@@ -12,6 +12,7 @@ from tests.cases.registry import Case, registered
 MODULES = (
     "contact",
     "cohesion",
+    "bonds",
     "conservation",
     "granular",
     "moving_walls",
