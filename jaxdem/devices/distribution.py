@@ -40,7 +40,7 @@ AXIS_OF_PARTICLES = {
 KEPT = ("position", "position_low")
 """Fields of which a row without a particle has the values of another one, not zero."""
 
-REFUSED = ("liquid", "mesh_memory", "bonds")
+REFUSED = ("liquid", "mesh_memory", "mesh_wear", "bonds")
 """Fields of scenes that `refused` turns away."""
 
 

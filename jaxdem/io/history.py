@@ -28,8 +28,8 @@ POPULATION_COLUMNS = ("present", "removed")
 DRIVE_COLUMNS = ("pressure_gradient", "bulk_velocity")
 """Of the fluid along each periodic axis, `pressure_gradient_x` and so on, in runs in which something drives it."""
 
-PISTON_COLUMN = re.compile(r"wall_\d+_displacement")
-"""How far a wall that a force holds has moved, by the number of its table [m]."""
+WALL_COLUMN = re.compile(r"wall_\d+_(displacement|wear)")
+"""How far a wall that a force holds has moved [m], and what has been worn off a mesh [m3]; with the wall's number."""
 
 _HEADER = ",".join(COLUMNS)
 _EXTRA = {*POPULATION_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
@@ -80,5 +80,5 @@ def read_history(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _of_a_history(names: tuple[str, ...]) -> bool:
-    others = [name for name in names[len(COLUMNS) :] if not PISTON_COLUMN.fullmatch(name)]
+    others = [name for name in names[len(COLUMNS) :] if not WALL_COLUMN.fullmatch(name)]
     return names[: len(COLUMNS)] == COLUMNS and _EXTRA.issuperset(others)

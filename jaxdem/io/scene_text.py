@@ -135,13 +135,14 @@ def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
     """Columns of the history beside the metrics; see `io.history`."""
     population = POPULATION_COLUMNS if comes_and_goes(scene) else ()
     drive = (f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene))
-    return (*population, *drive, *piston_columns(scene))
+    return (*population, *drive, *wall_columns(scene))
 
 
-def piston_columns(scene: dict[str, Any]) -> tuple[str, ...]:
-    """How far each piston has moved, by the number of its wall."""
+def wall_columns(scene: dict[str, Any]) -> tuple[str, ...]:
+    """How far each piston has moved, and what has been worn off each mesh, by the number of the wall."""
     walls = scene.get("walls", []) if "particles" in scene else []
-    return tuple(f"wall_{k}_displacement" for k, wall in enumerate(walls) if wall.get("piston") is not None)
+    moved = (f"wall_{k}_displacement" for k, wall in enumerate(walls) if wall.get("piston") is not None)
+    return (*moved, *(f"wall_{k}_wear" for k, wall in enumerate(walls) if wall.get("wear") is not None))
 
 
 def probe_names(scene: dict[str, Any]) -> list[str]:

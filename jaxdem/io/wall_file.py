@@ -1,12 +1,14 @@
 """The walls of a run that are meshes, for ParaView and for pictures: `walls.vtkhdf`, PolyData of VTKHDF.
 
 Triangles, in 2-D lines with a third coordinate of zero; cell data `wall`, the number of the table in `[[walls]]`. With
-several times it is temporal: the points of each time one after the other, the cells and `wall` once.
+several times it is temporal: the points of each time one after the other, the cells and `wall` once. At the end of a
+run with wear also `wear_volume` [m3] and, in 3-D, `wear_depth` [m].
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -85,6 +87,27 @@ def _fill(file: h5py.File, surfaces: WallSurfaces, times: Sequence[float], place
     store(steps, "CellOffsets", np.zeros((len(times), len(TOPOLOGIES)), np.int64))
     store(steps, "ConnectivityIdOffsets", np.zeros((len(times), len(TOPOLOGIES)), np.int64))
     store(steps.create_group("CellDataOffsets"), "wall", nothing)
+
+
+def add_cell_data(folder: Path, arrays: Mapping[str, tuple[np.ndarray, str]]) -> None:
+    """Put values of every cell, the same at all times, into the file of a run; they replace those of the same name.
+
+    Args:
+        folder: run directory.
+        arrays: (F,) and their unit, by name.
+    """
+    with aside(folder / WALLS) as temporary:
+        shutil.copyfile(folder / WALLS, temporary)
+        with h5py.File(temporary, "r+") as file:
+            root = file[ROOT]
+            for name, (values, unit) in arrays.items():
+                if name in root["CellData"]:
+                    del root["CellData"][name]
+                store(root["CellData"], name, np.asarray(values, np.float64))
+                root["CellData"][name].attrs["units"] = unit
+                if "Steps" in root and name not in root["Steps/CellDataOffsets"]:
+                    steps = int(root["Steps"].attrs["NSteps"])
+                    store(root["Steps/CellDataOffsets"], name, np.zeros(steps, np.int64))
 
 
 def read_walls(folder: str | Path) -> WallSurfaces | None:

@@ -20,6 +20,7 @@ from jaxdem.particles.pairs import Pairs
 from jaxdem.particles.rolling import RollingFriction
 from jaxdem.particles.surfaces import Surface
 from jaxdem.particles.wall_times import WallTimes
+from jaxdem.particles.wear import WearLaw
 
 
 @static
@@ -80,10 +81,14 @@ class MeshWall:
     Attributes:
         number: of its list in `Neighbors.meshes`, and of what its contacts keep.
         usual: room that its list should have from the start, `MeshRoom.numbers`.
+        wear: what contacts take from it; None for nothing: then no such term is compiled.
+        cells: number of its triangles in the file.
     """
 
     number: int
     usual: tuple[int, ...] = ()
+    wear: WearLaw | None = None
+    cells: int = 0
 
 
 @static
@@ -158,6 +163,16 @@ class ContactModel:
             pistons=pistons,
             meshes=meshes,
         )
+
+    @property
+    def worn_cells(self) -> tuple[int | None, ...]:
+        """Number of triangles of each mesh, None of one that does not wear."""
+        return tuple(None if mesh.wear is None else mesh.cells for mesh in self.meshes)
+
+    @property
+    def wears(self) -> bool:
+        """Whether a mesh wears."""
+        return any(mesh.wear is not None for mesh in self.meshes)
 
     def history_size(self, dimension: int) -> int:
         """Number of components that a contact keeps: the tangential spring, the rolling spring and what cohesion

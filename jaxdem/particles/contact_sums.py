@@ -43,6 +43,7 @@ class Sums(NamedTuple):
         walls: what each particle does to the walls that are measured; None without.
         liquid: (N,) films after the bridges that formed or ruptured; None without capillary bridges [m3].
         crowded: () bool, a particle has more contacts with a mesh than there is room for; None without meshes.
+        wear: (F,) volume that they take from the triangles of each mesh, None from one that does not wear [m3].
     """
 
     force: Vector
@@ -50,6 +51,7 @@ class Sums(NamedTuple):
     walls: WallLoads | None = None
     liquid: Array | None = None
     crowded: Array | None = None
+    wear: tuple[Array | None, ...] = ()
 
 
 class Touching(NamedTuple):

@@ -40,6 +40,7 @@ class ParticleState(NamedTuple):
         pistons: where the walls are that a force holds; None without.
         mesh_memory: what the contacts with each mesh keep, `MeshMemory` of each; none in a scene without meshes.
         bonds: between the particles; None without.
+        mesh_wear: what has been taken from each mesh, `WornMesh`, None of one that does not wear; none where none does.
     """
 
     position: Array
@@ -58,6 +59,7 @@ class ParticleState(NamedTuple):
     pistons: PistonState | None = None
     mesh_memory: tuple[Any, ...] = ()
     bonds: BondState | None = None
+    mesh_wear: tuple[Any, ...] = ()
 
 
 class Motion(NamedTuple):

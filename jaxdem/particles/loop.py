@@ -45,6 +45,7 @@ from jaxdem.particles.slab_steps import (
     refreshed,
     with_own_due,
 )
+from jaxdem.particles.wear import no_wear, with_wear
 
 
 @static
@@ -79,6 +80,7 @@ class _Carry(NamedTuple):
     slab: SlabCarry | None = None
     pistons: PistonState | None = None
     crowded: Array | None = None
+    wear: tuple[Array | None, ...] = ()
 
 
 class ContactMeans(NamedTuple):
@@ -184,7 +186,8 @@ def _advanced(
         if pistons is not None:
             pistons = _pushed(interval, surroundings, pistons, elapsed, sums.walls, time_step)
         crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
-        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded)
+        wear = jax.tree.map(jnp.add, carry.wear, sums.wear)
+        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded, wear)
 
     zero = jnp.zeros_like(force[0])
     carry = _Carry(
@@ -196,6 +199,7 @@ def _advanced(
         _no_loads(interval.model, zero, len(force)) if interval.model.measured else None,
         pistons=state.pistons,
         crowded=jnp.zeros((), bool) if interval.model.meshes else None,
+        wear=no_wear(interval.model.worn_cells, zero.dtype) if interval.model.wears else (),
     )
     if division is not None:
         beginning = SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
@@ -211,6 +215,9 @@ def _advanced(
     duration = interval.steps * time_step
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
     state = state._replace(pistons=carry.pistons)
+    if carry.wear:
+        numbers = tuple(mesh.number for mesh in interval.model.meshes)
+        state = state._replace(mesh_wear=with_wear(state.mesh_wear, numbers, carry.wear))
     blocks = None if division is None else division.blocks
     present = count if active is None else jnp.maximum(total(blocks, jnp.sum(active)), 1)
     # Sums over the particles once an interval: in every contact step they would take a tenth of its time.

@@ -47,12 +47,14 @@ class MeshTouch(NamedTuple):
         normal: D arrays (C, M), unit vectors towards the grains, in the frame of the mesh.
         found: (C, M) bool, whether there is a contact.
         crowded: () bool, a grain has more contacts than there is room for.
+        cell: (C, M) int32, the triangle of each contact; None without wear.
     """
 
     overlap: Array
     normal: Vector
     found: Array
     crowded: Array
+    cell: Array | None = None
 
 
 def no_memory(rows: int, contacts: int, dimension: int, kept: int, like: Array) -> MeshMemory:
@@ -85,7 +87,9 @@ def touching(listed: MeshList, moved: Vector, radius: Array, reach: Array) -> Me
     # A place without a contact is out of reach by a radius, whatever the speed.
     deep = jnp.where(found, at((overlap.reshape(-1),), flat)[0], -size * jnp.ones_like(flat, overlap.dtype))
     directions = at(tuple(x.reshape(-1) for x in normal), flat)
-    return MeshTouch(deep, directions, found, crowded)
+    cells = [kind.cell for kind in listed.near if kind.cell is not None]
+    cell = at((jnp.concatenate(cells).reshape(-1),), flat)[0] if cells else None
+    return MeshTouch(deep, directions, found, crowded, cell)
 
 
 def _full(normal: Vector, overlap: Array) -> Vector:
@@ -135,6 +139,22 @@ def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Vector:
         touch: contacts now.
         normal: their directions in the frame of the box.
     """
+    taken = _taken(memory, touch, normal)
+
+    def gathered(kept: Array) -> Array:
+        return jnp.sum(jnp.where(taken, kept[None], 0.0), axis=1)
+
+    springs: Vector = jax.tree.map(gathered, memory.spring)
+    return springs
+
+
+def begins(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Array:
+    """(C, M) bool, which contacts of a step go on with none of the step before; see `remembered`."""
+    return touch.found & ~jnp.any(_taken(memory, touch, normal), axis=1)
+
+
+def _taken(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Array:
+    """(C, C', M) bool, whether a contact of a step is that of the step before."""
     limit = (2.0 * math.sin(0.5 * SPREAD)) ** 2
     before, now = lax.stop_gradient((memory.normal, normal))
     apart = tuple(x[:, None] - y[None] for x, y in zip(now, before, strict=True))
@@ -143,10 +163,4 @@ def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Vector:
     distance = jnp.where(there & touch.found[:, None], distance, jnp.inf)
     best = jnp.min(distance, axis=1, keepdims=True)
     best_of_former = jnp.min(distance, axis=0, keepdims=True)
-    taken = (distance < limit) & (distance <= best) & (distance <= best_of_former)
-
-    def gathered(kept: Array) -> Array:
-        return jnp.sum(jnp.where(taken, kept[None], 0.0), axis=1)
-
-    springs: Vector = jax.tree.map(gathered, memory.spring)
-    return springs
+    return (distance < limit) & (distance <= best) & (distance <= best_of_former)

@@ -6,18 +6,21 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
 from jaxdem.particles.contact_load import contact_load
-from jaxdem.particles.contact_pair import ContactPair, on_bodies, row, rows, sum_slots
+from jaxdem.particles.contact_model import MeshWall
+from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, row, rows, sum_slots
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import Sums, WallLoads
 from jaxdem.particles.integrate import Motion
-from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, remembered, touching
+from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, begins, remembered, touching
 from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
+from jaxdem.particles.wear import WearContact, worn
 
 
 def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Motion]:
@@ -25,6 +28,7 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
     displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
     placements, surfaces = step.surroundings.placements, len(step.model.surfaces)
     memory, crowded, loads = list(step.motion.mesh_memory), jnp.zeros((), bool), []
+    wear: list[Array | None] = []
     for k, mesh in enumerate(step.model.meshes):
         listed, wall = neighbors.meshes[mesh.number], step.model.analytic_walls + k
         placed = placements[surfaces + k] if placements else None
@@ -39,6 +43,7 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
         force, torque, _ = on_bodies(load, pair)
         force, torque = tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
         sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
+        wear.append(None if mesh.wear is None else _worn(step, mesh, pair, touch, memory[mesh.number], load))
         kept = vectors.where(touch.found & (pair.overlap > 0), pair.normal, 0.0)
         memory[mesh.number] = MeshMemory(kept, load.spring)
         crowded = crowded | touch.crowded
@@ -47,6 +52,7 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
             loads.append(_mesh_loads(step, listed, wall, force, torque, mass))
     walls = loads if sums.walls is None else [sums.walls, *loads]
     joined: WallLoads | None = jax.tree.map(lambda *parts: jnp.concatenate(parts), *walls) if walls else None
+    sums = sums._replace(wear=tuple(wear) if step.model.wears else ())
     return sums._replace(walls=joined, crowded=crowded), step.motion._replace(mesh_memory=tuple(memory))
 
 
@@ -81,6 +87,18 @@ def mesh_contacts(
         effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2, wall_spin=wall_spin,
     )  # fmt: skip
     return pair, touch, remembered(memory, touch, pair.normal)
+
+
+def _worn(
+    step: ContactStep, mesh: MeshWall, pair: ContactPair, touch: MeshTouch, memory: MeshMemory, load: ContactLoad
+) -> Array:
+    """(F,) volume that the contacts of the step take from each triangle of a mesh [m3]."""
+    touches, cell = touch.found & (pair.overlap > 0), required(touch.cell, "cell")
+    turning = tangent.surface_velocity(vectors.scale(pair.radius - 0.5 * pair.overlap, pair.spin), pair.normal)
+    slip = vectors.length(vectors.subtract(tangent.part_in_plane(pair.velocity, pair.normal), turning))
+    new = begins(memory, touch, pair.normal) & touches
+    contact = WearContact(touches, new, load.along, slip, pair.velocity, pair.normal, pair.effective_mass)
+    return worn(contact, required(mesh.wear, "wear"), cell, mesh.cells, step.time_step)
 
 
 def _turned_memory(step: ContactStep, memory: MeshMemory, placed: Placement) -> MeshMemory:

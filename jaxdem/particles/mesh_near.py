@@ -31,6 +31,7 @@ class NearFaces(NamedTuple):
         inside: of each border the distance of the foot from it, positive inside [m].
         inward: of each border the unit vector by which this distance grows.
         patch: of the face.
+        cell: see `FaceTable`.
     """
 
     overlap: Array
@@ -38,6 +39,7 @@ class NearFaces(NamedTuple):
     inside: tuple[Array, ...]
     inward: tuple[Vector, ...]
     patch: Array
+    cell: Array | None = None
 
     def is_near(self, slack: Array | float, reach: Array | float) -> Array:
         """Whether a grain may touch the face after a motion of `slack` [m], `reach` being its radius [m]."""
@@ -65,6 +67,7 @@ class NearEdges(NamedTuple):
         rest: of the edge beyond it [m].
         beyond: see `EdgeTable`.
         patch: of the edge.
+        cell: see `FaceTable`.
     """
 
     overlap: Array
@@ -74,6 +77,7 @@ class NearEdges(NamedTuple):
     rest: Array
     beyond: tuple[Vector, ...]
     patch: Array
+    cell: Array | None = None
 
     def is_near(self, slack: Array | float, reach: Array | float) -> Array:
         """See `NearFaces`."""
@@ -104,12 +108,14 @@ class NearCorners(NamedTuple):
         apart: D components, from the corner to the centre [m].
         beyond: see `CornerTable`.
         patch: of the corner.
+        cell: see `FaceTable`.
     """
 
     overlap: Array
     apart: Vector
     beyond: tuple[Vector, ...]
     patch: Array
+    cell: Array | None = None
 
     def is_near(self, slack: Array | float, reach: Array | float) -> Array:
         """See `NearFaces`."""
@@ -168,7 +174,12 @@ def near_faces(table: FaceTable, index: Array, position: Places, radius: Array) 
         inside.append(arithmetic.value(compensated.difference(*_dot(across.pairs, apart), *offset.of(index))))
         inward.append(across.high)
     patch = at_index((table.patch,), index)[0]
-    return NearFaces(overlap if low is None else overlap - low, normal, tuple(inside), tuple(inward), patch)
+    overlap = overlap if low is None else overlap - low
+    return NearFaces(overlap, normal, tuple(inside), tuple(inward), patch, _cell(table, index))
+
+
+def _cell(table: FaceTable | EdgeTable | CornerTable, index: Array) -> Array | None:
+    return None if table.cell is None else at_index((table.cell,), index)[0]
 
 
 def near_edges(table: EdgeTable, index: Array, position: Places, radius: Array) -> NearEdges:
@@ -188,6 +199,7 @@ def near_edges(table: EdgeTable, index: Array, position: Places, radius: Array) 
         rest=arithmetic.value(rest),
         beyond=tuple(at_index(beyond, index) for beyond in table.beyond),
         patch=at_index((table.patch,), index)[0],
+        cell=_cell(table, index),
     )
 
 
@@ -199,6 +211,7 @@ def near_corners(table: CornerTable, index: Array, position: Places, radius: Arr
         apart=tuple(map(arithmetic.value, apart)),
         beyond=tuple(at_index(beyond, index) for beyond in table.beyond),
         patch=at_index((table.patch,), index)[0],
+        cell=_cell(table, index),
     )
 
 

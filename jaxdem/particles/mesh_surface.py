@@ -94,6 +94,7 @@ class FaceTable(NamedTuple):
         offset: of each border [m].
         patch: (F,) int32.
         bins: in which they are found.
+        cell: (F,) int32, which triangle of the file each is; None without wear.
     """
 
     anchor: Places
@@ -103,6 +104,7 @@ class FaceTable(NamedTuple):
     offset: tuple[Distance, ...]
     patch: Array
     bins: tuple[Bins, ...]
+    cell: Array | None = None
 
 
 class EdgeTable(NamedTuple):
@@ -114,6 +116,7 @@ class EdgeTable(NamedTuple):
     beyond: tuple[Vector, ...]
     patch: Array
     bins: tuple[Bins, ...]
+    cell: Array | None = None
 
 
 class CornerTable(NamedTuple):
@@ -123,6 +126,7 @@ class CornerTable(NamedTuple):
     beyond: tuple[Vector, ...]
     patch: Array
     bins: tuple[Bins, ...]
+    cell: Array | None = None
 
 
 class MeshSurface(NamedTuple):

@@ -20,6 +20,7 @@ from jaxdem.numerics.axes import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.regions import into_period
+from jaxdem.run.wear import wear_figures
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
 from jaxdem.state import State
@@ -130,7 +131,8 @@ def history_of(
     row = metrics.history_row(instant.time, known)
     counts = particle_counts(case.simulation, instant.state)
     numbers = {name: float(counts[name]) for name in ("present", "removed") if name in counts}
-    return row | numbers | drive_figures(case, instant.state, gradient) | piston_figures(case, instant.state)
+    of_walls = piston_figures(case, instant.state) | wear_figures(case, instant.state)
+    return row | numbers | drive_figures(case, instant.state, gradient) | of_walls
 
 
 def piston_figures(case: Case, state: State) -> dict[str, float]:

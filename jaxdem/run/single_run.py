@@ -23,6 +23,7 @@ from jaxdem.run.samples import sample_attributes, samples_every
 from jaxdem.run.signals import noted_signals
 from jaxdem.run.time_loop import Progress, TimeLoop
 from jaxdem.run.wall_surfaces import keep_walls
+from jaxdem.run.wear import keep_wear
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.extensions import Extensions
@@ -70,6 +71,7 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
         if resume and RunDirectory.is_longer(out, scene.to_toml()):
             directory.store_scene(scene.to_toml())
         loop.run(options.progress, caught)
+        keep_wear(case, loop.state, directory.path)
     return load_run(out)
 
 

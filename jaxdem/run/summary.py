@@ -16,6 +16,7 @@ from jaxdem.closures.base import FixedClosure
 from jaxdem.run.profile import WORTH_SPLITTING, estimate_stages
 from jaxdem.run.records import Instant, particle_counts
 from jaxdem.run.totals import Totals
+from jaxdem.run.wear import wear_summary
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
@@ -83,6 +84,7 @@ def run_summary(
         **_liquid_figures(case, state),
         **({"start": case.start_figures} if case.start is not None else {}),
         **_walls_in_fluid(case, totals),
+        **wear_summary(case, state),
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},

@@ -24,6 +24,7 @@ from jaxdem.scene.base import (
 )
 from jaxdem.scene.domain import Box
 from jaxdem.scene.wall_motion import Piston, WallMotion, check_motion
+from jaxdem.scene.wear import Wear
 
 STRAIGHT = 1e-6
 """Two directions whose angle differs by less from 0 or a half turn are taken for one line [rad]."""
@@ -47,7 +48,7 @@ OPTIONAL = {
     "plane": OF_ALL,
     "cylinder": ("axis", "inside", *OF_ALL),
     "wedge": OF_ALL,
-    "mesh": (*OF_MESH, *(name for name in OF_ALL if name != "fluid")),
+    "mesh": (*OF_MESH, "wear", *(name for name in OF_ALL if name != "fluid")),
 }
 """Keys that it may have."""
 
@@ -101,6 +102,7 @@ class Wall(Section):
             [s].
         motion: list of tables, how the wall moves; see `[[walls.motion]]`.
         piston: the wall is held by a force; see `[walls.piston]`.
+        wear: how grains wear a mesh; see `[walls.wear]`. Default: not at all.
         fluid: what the wall is to the fluid: "none" (it flows through), "no_slip" (it sticks to the wall) or
             "free_slip". Default: "none".
     """
@@ -130,6 +132,7 @@ class Wall(Section):
     end: Positive | None = None
     motion: Tables[WallMotion] | None = None
     piston: Piston | None = None
+    wear: Wear | None = None
     fluid: Literal["none", "no_slip", "free_slip"] | None = None
 
     @model_validator(mode="after")

@@ -31,6 +31,7 @@ from jaxdem.setup.meshes import list_skin
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.wall_motion import surface_motions
 from jaxdem.setup.walls import scene_surfaces, wall_times
+from jaxdem.setup.wear import wear_law
 from jaxdem.structure import TimeSteps
 
 CONTACT_LAWS: dict[str, Callable[[], ContactLaw]] = {
@@ -88,7 +89,10 @@ def contact_interval(
     motions, pistons = surface_motions(particles.scene, len(extensions.get("walls", ())), len(sides))
     measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
     cohesion = _cohesion(particles, extensions)
-    meshes = tuple(MeshWall(number, mesh.usual) for number, mesh in enumerate(particles.meshes))
+    meshes = tuple(
+        MeshWall(number, mesh.usual, wear_law(mesh.wall), len(mesh.mesh.cells))
+        for number, mesh in enumerate(particles.meshes)
+    )
     if meshes and cohesion is not None and not isinstance(cohesion, tuple(AT_MESHES.values())):
         key, kind = "contact.cohesion.kind", particles.contact.cohesion_kind
         if extensions.get("cohesion") is not None:

@@ -63,6 +63,13 @@ def tables_of_features(features: Features, both: bool, radius: float, slack: flo
     return MeshSurface(table, edges, of_corners)
 
 
+def with_cells(surface: MeshSurface, *cells: np.ndarray) -> MeshSurface:
+    """The same with the triangle of the file that each face, edge and corner belongs to."""
+    kinds: Any = zip((surface.faces, surface.edges, surface.corners), cells, strict=True)
+    found: Any = [None if kind is None else kind._replace(cell=own.astype(np.int32)) for kind, own in kinds]
+    return MeshSurface(*found)
+
+
 def _corner(faces: Any, k: int) -> np.ndarray:
     """(F, D) corner k of every face, where the borders opposite to the others meet."""
     dimension = faces.anchor.shape[1]

@@ -18,10 +18,11 @@ from jaxdem.particles.mesh_surface import MeshSurface, Places
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.mesh_sources import sound_mesh
-from jaxdem.setup.mesh_tables import hull_of, tables_of_features, traced_tables
+from jaxdem.setup.mesh_tables import hull_of, tables_of_features, traced_tables, with_cells
 from jaxdem.solids.defects import Defects
 from jaxdem.solids.features import Features, features_of
 from jaxdem.solids.inside import inside
+from jaxdem.solids.owners import owners
 from jaxdem.solids.surface_mesh import SurfaceMesh
 
 SAMPLES = 4096
@@ -65,16 +66,23 @@ class WallMesh:
         return self.wall.moves
 
     @cached_property
+    def _whole(self) -> SurfaceMesh:
+        """The mesh with its images across periodic sides."""
+        return self.mesh.repeated(self.search.box, self.search.periodic, self.largest + self.search.skin)
+
+    @cached_property
     def features(self) -> Features:
         """What grains can touch of it."""
-        reach = self.largest + self.search.skin
-        mesh = self.mesh.repeated(self.search.box, self.search.periodic, reach)
-        return features_of(mesh, self.both, math.radians(self.wall.smooth_angle or 0.0))
+        return features_of(self._whole, self.both, math.radians(self.wall.smooth_angle or 0.0))
 
     @cached_property
     def surface(self) -> MeshSurface:
         """The same as arrays of NumPy in float64."""
-        return tables_of_features(self.features, self.both, 1.001 * self.largest, 0.501 * self.search.skin)
+        found = tables_of_features(self.features, self.both, 1.001 * self.largest, 0.501 * self.search.skin)
+        if self.wall.wear is None:
+            return found
+        cells = owners(self.mesh, self._whole, self.features, self.search.box, self.search.periodic)
+        return with_cells(found, *cells)
 
     def traced(self, dtype: np.dtype[np.floating]) -> MeshSurface:
         """The same as arrays of JAX."""

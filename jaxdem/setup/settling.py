@@ -77,7 +77,7 @@ def settled(
         rows = np.asarray([*kept, *range(len(model.sides), model.analytic_walls)], int)
         rested = required(falling.particles, "particles")
         springs = tuple(spring[rows] for spring in rested.wall_spring)
-        rested = rested._replace(wall_spring=springs, pistons=given.pistons)
+        rested = rested._replace(wall_spring=springs, pistons=given.pistons, mesh_wear=given.mesh_wear)
         return state._replace(particles=rested), dataclasses.replace(neighbors, builds=jnp.zeros_like(neighbors.builds))
 
     return settle

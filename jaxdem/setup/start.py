@@ -38,6 +38,7 @@ from jaxdem.setup.overlaps import (
     check_surfaces,
 )
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.wear import not_worn
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -73,6 +74,7 @@ def first_state(
         room = simulation.room(parameters, state)
         state = _with_memory(scene, simulation, parameters.bodies.radius, state, room)
         state = with_mesh_memory(state, simulation.contact, room)
+        state = state._replace(mesh_wear=not_worn(particles.meshes, dtype))
     fluid = None
     if simulation.fluid is not None:
         void_fraction = None

@@ -28,9 +28,10 @@ from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_flui
 from jaxdem.setup.start_point import StartPoint, wall_text, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
 from jaxdem.setup.started_list import carried_springs, widened_list
-from jaxdem.setup.started_meshes import kept_of_meshes
+from jaxdem.setup.started_meshes import kept_of_meshes, wear_of_meshes
 from jaxdem.setup.started_particles import StartedParticles
 from jaxdem.setup.stored import stored_room
+from jaxdem.setup.wear import not_worn
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -200,6 +201,7 @@ class Beginning:
             inserted=on_device([queue.inserted for queue in own.queues], np.int32) if own.queues else None,
             pistons=self._pistons,
             bonds=None if own.bonds is None else bond_state(own.bonds, count, self._dtype),
+            mesh_wear=wear_of_meshes(self.start, self.scene, not_worn(own.meshes, self._dtype)),
         )
 
     @property

@@ -10,6 +10,7 @@ from jaxdem.numerics.host import on_device
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import MeshList
+from jaxdem.particles.wear import WornMesh
 from jaxdem.scene import Scene
 from jaxdem.setup.start_point import StartPoint, wall_text
 
@@ -31,6 +32,22 @@ def kept_of_meshes(
         _moved(start.arrays, start.meshes.index(text), listed, own, rows) if text in start.meshes else own
         for text, listed, own in zip(here, lists, blank, strict=True)
     )
+
+
+def wear_of_meshes(start: StartPoint, scene: Scene, blank: Sequence[WornMesh | None]) -> tuple[WornMesh | None, ...]:
+    """What has been taken from each mesh: that of one that was there already goes on, in the precision of `blank`."""
+    here = [wall_text(wall) for wall in scene.walls if wall.kind == "mesh"]
+    found = list(blank)
+    for number, own in enumerate(blank):
+        if own is not None and here[number] in start.meshes:
+            name = f"state.particles.mesh_wear[{start.meshes.index(here[number])}]"
+            dtype = own.volume.dtype
+            stored = start.arrays.get(f"{name}.volume", np.zeros(own.volume.shape)).astype(float)
+            stored = stored + start.arrays.get(f"{name}.volume_low", 0.0)
+            leading = stored.astype(dtype)
+            low = None if own.volume_low is None else on_device(stored - leading, dtype)
+            found[number] = WornMesh(on_device(leading, dtype), low)
+    return tuple(found)
 
 
 def _moved(arrays: Mapping[str, np.ndarray], number: int, new: MeshList, blank: MeshMemory, rows: int) -> MeshMemory:
