@@ -28,11 +28,13 @@ POPULATION_COLUMNS = ("present", "removed")
 DRIVE_COLUMNS = ("pressure_gradient", "bulk_velocity")
 """Of the fluid along each periodic axis, `pressure_gradient_x` and so on, in runs in which something drives it."""
 
+BOND_COLUMNS = ("bonds_intact", "bonds_broken", "bonds_left")
+"""Numbers of bonds that hold, that broke, and that went with a grain, in runs with bonds."""
 WALL_COLUMN = re.compile(r"wall_\d+_(displacement|wear)")
 """How far a wall that a force holds has moved [m], and what has been worn off a mesh [m3]; with the wall's number."""
 
 _HEADER = ",".join(COLUMNS)
-_EXTRA = {*POPULATION_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
+_EXTRA = {*POPULATION_COLUMNS, *BOND_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
 
 
 class History(LineFile):

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.io import scene_text
+from jaxdem.io.bond_file import BondFormat
 from jaxdem.io.chain import stage_names
 from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import read_history
@@ -53,9 +54,10 @@ class Run:
         self.probes = Probes(self.path, scene_text.probe_names(self.scene))
         self._particles = series_of(self.path, ParticleFormat())
         self._fluid = series_of(self.path, FluidFormat())
+        self._bonds = FrameSeries(self.path, BondFormat())
         history = read_history(self.path / HISTORY)
         counts = [len(history["time"])]
-        counts += [series.count() for series in (self._particles, self._fluid) if series.exists()]
+        counts += [series.count() for series in (self._particles, self._fluid, self._bonds) if series.exists()]
         self.number_of_frames = min(counts)
         self.history = {name: column[: self.number_of_frames] for name, column in history.items()}
 
@@ -99,6 +101,21 @@ class Run:
         """
         index = self._checked(index)
         return self._fluid.read(index).arrays if self.has_fluid else None
+
+    def bonds(self, index: int) -> dict[str, np.ndarray]:
+        """Bonds at output `index` (negative from the end), {} in a scene without.
+
+        Returns:
+            `position` (2 B, 3), the centres of the two grains of each bond one after the other [m]; (B,) each: `first`
+            and `second`, their identities; `table`; `status` (0 intact, 1 broken in tension, 2 in shear, 3 a grain has
+            left); `normal_force`, positive in tension, `shear_force` [N], `bending_moment`, `twisting_moment` [N m],
+            `tensile_stress`, `shear_stress` [Pa] and `bond_energy` [J].
+
+        Raises:
+            IndexError: there is no such frame.
+        """
+        index = self._checked(index)
+        return self._bonds.read(index).arrays if self._bonds.exists() else {}
 
     @cached_property
     def dimension(self) -> int:

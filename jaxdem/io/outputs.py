@@ -8,6 +8,7 @@ from pathlib import Path
 
 from jaxdem.errors import InputError
 from jaxdem.io.access import LOCK
+from jaxdem.io.bond_file import BondFormat
 from jaxdem.io.checkpoint import PARTS
 from jaxdem.io.frames import PARTS_FOLDER
 from jaxdem.io.pieces import PIECE
@@ -17,7 +18,7 @@ from jaxdem.io.samples import SampleFormat
 from jaxdem.io.summary import SUMMARY
 from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat
 
-SERIES = (ParticleFormat, FluidFormat, SampleFormat)
+SERIES = (ParticleFormat, FluidFormat, BondFormat, SampleFormat)
 OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK, PROBES_FILE} | {f"{kind.stem}{kind.suffix}" for kind in SERIES}
 """Names in a run directory that are the run's."""
 

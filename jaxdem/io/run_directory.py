@@ -22,6 +22,7 @@ from jaxdem.files.durable import aside_names, remove_leftovers, sync_directory, 
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
+from jaxdem.io.bond_file import BondFormat, bond_frame
 from jaxdem.io.frames import PARTS_FOLDER, Arrays, FrameSeries
 from jaxdem.io.history import CountedHistory, History
 from jaxdem.io.pieces import Share, SharedSeries, regroup
@@ -68,6 +69,7 @@ class RunDirectory:
         self._particles, self._fluid = (
             FrameSeries(path, kind) if share is None else SharedSeries(path, kind, share) for kind in kinds
         )
+        self._bonds = FrameSeries(path, BondFormat())
         self._samples = FrameSeries(path, SampleFormat())
         columns = scene_text.history_columns(self._scene)
         self._history = (History if self._first else CountedHistory)(path / HISTORY, columns)
@@ -247,6 +249,7 @@ class RunDirectory:
         fluid: Arrays | None,
         samples: Arrays | None,
         history_row: Mapping[str, float | None],
+        bonds: Arrays | None = None,
     ) -> None:
         """Write output `index` at `time` [s] and commit it.
 
@@ -257,6 +260,7 @@ class RunDirectory:
             fluid: arrays as in `fluid_frame`, or None for a scene without.
             samples: arrays of a sample taken now, written as sample number `samples`, or None.
             history_row: metrics by column name; what is lacking or None stays empty.
+            bonds: arrays as in `bond_frame`, or None for a scene without.
 
         Raises:
             RunError: the disk refused; earlier frames are kept.
@@ -273,6 +277,8 @@ class RunDirectory:
                 self._fluid.write(index, fluid_frame(time, fluid, spacing, depth))
             if particles is not None:
                 self._particles.write(index, particle_frame(time, particles))
+            if bonds is not None:
+                self._bonds.write(index, bond_frame(time, bonds))
             self._meet()
             self._history.append({**history_row, "time": float(time)})
 
@@ -358,7 +364,7 @@ class RunDirectory:
         wanted = {"frames": frames, "samples": samples} | {f"{LINES}{name}": lines[name] for name in lines}
         held = {"frames": self.frames, "samples": self.samples}
         held |= {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
-        for series in (self._particles, self._fluid):
+        for series in (self._particles, self._fluid, self._bonds):
             # A kind that has no frame at all is one the scene does not have.
             if series.exists():
                 held["frames"] = min(held["frames"], series.count())
@@ -375,6 +381,7 @@ class RunDirectory:
                 series.cut(frames)
             if self._first:
                 self._samples.cut(samples)
+                self._bonds.cut(frames)
             self._probes.cut(lines)
             self.samples = samples
             for folder in (self.path, self.path / PARTS_FOLDER):
@@ -414,7 +421,7 @@ class RunDirectory:
     def _close_run(self, summary: dict[str, object]) -> None:
         kinds = [(self._particles, self.frames), (self._fluid, self.frames)]
         if self._first:
-            kinds.append((self._samples, self.samples))
+            kinds += [(self._samples, self.samples), (self._bonds, self.frames)]
         with self._run_errors(self._time):
             for series, number in kinds:
                 if series.exists():

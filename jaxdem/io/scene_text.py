@@ -10,7 +10,7 @@ from typing import Any
 
 from jaxdem.errors import InputError
 from jaxdem.files.reading import parse_toml, read_text
-from jaxdem.io.history import DRIVE_COLUMNS, POPULATION_COLUMNS
+from jaxdem.io.history import BOND_COLUMNS, DRIVE_COLUMNS, POPULATION_COLUMNS
 from jaxdem.numerics.axes import AXES
 
 LOWER_SIDES = {2: ("left", "bottom"), 3: ("left", "front", "bottom")}
@@ -135,7 +135,8 @@ def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
     """Columns of the history beside the metrics; see `io.history`."""
     population = POPULATION_COLUMNS if comes_and_goes(scene) else ()
     drive = (f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene))
-    return (*population, *drive, *wall_columns(scene))
+    bonds = BOND_COLUMNS if scene.get("bonds") else ()
+    return (*population, *bonds, *drive, *wall_columns(scene))
 
 
 def wall_columns(scene: dict[str, Any]) -> tuple[str, ...]:

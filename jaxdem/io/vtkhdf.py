@@ -32,6 +32,11 @@ UNITS = {
     "pressure": "Pa",
     "void_fraction": "1",
     "time": "s",
+    "bending_moment": "N m",
+    "twisting_moment": "N m",
+    "tensile_stress": "Pa",
+    "shear_stress": "Pa",
+    "bond_energy": "J",
 }
 """Stored beside each array as its HDF5 attribute `units`, which VTK passes over; forces, `*_force`, have N."""
 
@@ -119,8 +124,8 @@ def _out_of_plane(array: np.ndarray) -> np.ndarray:
     return np.pad(columns, [(0, 0), (3 - columns.shape[1], 0)])
 
 
-class _StepFormat:
-    """What both kinds share: the group `Steps` of a file of many frames.
+class StepFormat:
+    """What all kinds share: the group `Steps` of a file of many frames.
 
     A file of one frame has none and is static for VTK: readers disagree on `Steps` with a single entry
     (VTK 9.7 then expects no time axis, earlier ones do). Its time is a root attribute, which VTK ignores.
@@ -161,7 +166,7 @@ class _StepFormat:
             steps.attrs["NSteps"] = len(entries)
             for name in entries[0]:
                 store(steps, name, np.array([entry[name] for entry in entries]))
-            _name_unit(steps["Values"], "time")
+            name_unit(steps["Values"], "time")
 
     @staticmethod
     def entry(file: h5py.File, name: str, index: int) -> int:
@@ -170,7 +175,7 @@ class _StepFormat:
         return int(root["Steps"][name][index]) if "Steps" in root else 0
 
 
-class ParticleFormat(_StepFormat):
+class ParticleFormat(StepFormat):
     """Temporal PolyData: one vertex a particle, their number the same in all frames.
 
     The topology (which point is which vertex) and the arrays of `UNCHANGING` are then the same in all
@@ -200,8 +205,8 @@ class ParticleFormat(_StepFormat):
             if start is None:
                 start = extend(point_data, name, frame.arrays[name], growing, chunk)
             entries[f"PointDataOffsets/{name}"] = start
-            _name_unit(point_data[name], name)
-        _name_unit(root["Points"], "position")
+            name_unit(point_data[name], name)
+        name_unit(root["Points"], "position")
         return entries
 
     def read(self, file: h5py.File, index: int) -> Frame:
@@ -215,10 +220,10 @@ class ParticleFormat(_StepFormat):
         for name, array in arrays.items():
             if len(array) != number or array.dtype.kind not in NUMBERS:
                 raise ValueError(f"{name} holds {array.dtype} of shape {array.shape} for {number} particles")
-        return Frame(float(self.times(file)[index]), arrays, {"dimension": _dimension(file)})
+        return Frame(float(self.times(file)[index]), arrays, {"dimension": dimension_of(file)})
 
 
-class FluidFormat(_StepFormat):
+class FluidFormat(StepFormat):
     """Temporal ImageData with cell data of shape (T, nz, ny, nx[, 3]) (one frame: without T): x fastest."""
 
     stem = "fluid"
@@ -237,7 +242,7 @@ class FluidFormat(_StepFormat):
             turned = _x_fastest(array, dimension)
             start = extend(cell_data, name, turned[None] if growing else turned, growing, 1)
             entries[f"CellDataOffsets/{name}"] = start
-            _name_unit(cell_data[name], name)
+            name_unit(cell_data[name], name)
         return entries
 
     @staticmethod
@@ -251,7 +256,7 @@ class FluidFormat(_StepFormat):
 
     def read(self, file: h5py.File, index: int) -> Frame:
         root = file[ROOT]
-        dimension, arrays = _dimension(file), {}
+        dimension, arrays = dimension_of(file), {}
         for name, dataset in root["CellData"].items():
             row = self.entry(file, f"CellDataOffsets/{name}", index)
             arrays[name] = _x_first(dataset[row] if "Steps" in root else dataset[...], dimension)
@@ -263,14 +268,15 @@ class FluidFormat(_StepFormat):
         return Frame(float(self.times(file)[index]), arrays, geometry)
 
 
-def _dimension(file: h5py.File) -> int:
+def dimension_of(file: h5py.File) -> int:
+    """Of the scene, 2 or 3."""
     dimension = int(file.attrs["dimension"])
     if dimension not in (2, 3):
         raise ValueError(f"{dimension} dimensions")
     return dimension
 
 
-def _name_unit(dataset: h5py.Dataset, name: str) -> None:
+def name_unit(dataset: h5py.Dataset, name: str) -> None:
     """Store the unit of an array that has one, once: for others to read, who expect text of variable length."""
     unit = "N" if name.endswith("_force") else UNITS.get(name)
     if unit is not None and "units" not in dataset.attrs:

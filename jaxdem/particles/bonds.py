@@ -33,8 +33,8 @@ class BondLoads(NamedTuple):
         shear_force: [N].
         bending_moment: [N m].
         twisting_moment: [N m].
-        tension: stress at the rim that counts against the tensile strength [Pa].
-        shear: the same against the shear strength [Pa].
+        tensile_stress: at the rim, that counts against the tensile strength [Pa].
+        shear_stress: the same against the shear strength [Pa].
         energy: [J].
     """
 
@@ -42,8 +42,8 @@ class BondLoads(NamedTuple):
     shear_force: Array
     bending_moment: Array
     twisting_moment: Array
-    tension: Array
-    shear: Array
+    tensile_stress: Array
+    shear_stress: Array
     energy: Array
 
 

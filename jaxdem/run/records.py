@@ -20,6 +20,7 @@ from jaxdem.numerics.axes import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.regions import into_period
+from jaxdem.run.bonds import bond_arrays, bond_counts
 from jaxdem.run.wear import wear_figures
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
@@ -46,16 +47,17 @@ class Instant:
 
 
 class Frame(NamedTuple):
-    """Arrays of an output frame by name, of the particles and of the fluid; None for a part that the scene has not."""
+    """Arrays of an output frame by name, of particles, fluid and bonds; None for a part that the scene has not."""
 
     particles: dict[str, np.ndarray] | None
     fluid: dict[str, np.ndarray] | None
+    bonds: dict[str, np.ndarray] | None = None
 
 
 def frame_of(case: Case, instant: Instant) -> Frame:
     """The output frame of an instant."""
     state, bodies = instant.state, case.parameters.bodies
-    particles = fluid = None
+    particles = fluid = bonds = None
     if state.particles is not None and bodies is not None:
         count, dimension = state.particles.position.shape
         drag = np.zeros((count, dimension)) if instant.forces is None else np.asarray(instant.forces.drag)
@@ -67,6 +69,7 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             "contact_force": np.asarray(state.particles.contact_force),
             "radius": np.broadcast_to(np.asarray(bodies.radius), count).copy(),
         }
+        bonds = bond_arrays(case, state.particles, particles["position"])
         further = _further_forces(case, instant, drag)
         particles |= further
         if state.particles.active is not None:
@@ -82,7 +85,7 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             "pressure": pressure,
             "void_fraction": np.ones_like(pressure) if void_fraction is None else np.asarray(void_fraction),
         }
-    return Frame(particles, fluid)
+    return Frame(particles, fluid, bonds)
 
 
 def _further_forces(case: Case, instant: Instant, like: np.ndarray) -> dict[str, np.ndarray]:
@@ -130,7 +133,8 @@ def history_of(
     known = metrics.Quantities(collision_force=None if particles is None else collision, **arrays)
     row = metrics.history_row(instant.time, known)
     counts = particle_counts(case.simulation, instant.state)
-    numbers = {name: float(counts[name]) for name in ("present", "removed") if name in counts}
+    numbers: dict[str, float] = {name: counts[name] for name in ("present", "removed") if name in counts}
+    numbers |= bond_counts(instant.state.particles)
     of_walls = piston_figures(case, instant.state) | wear_figures(case, instant.state)
     return row | numbers | drive_figures(case, instant.state, gradient) | of_walls
 

@@ -13,6 +13,7 @@ import numpy as np
 from jaxdem import metrics
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import FixedClosure
+from jaxdem.run.bonds import bond_figures
 from jaxdem.run.profile import WORTH_SPLITTING, estimate_stages
 from jaxdem.run.records import Instant, particle_counts
 from jaxdem.run.totals import Totals
@@ -82,6 +83,7 @@ def run_summary(
         **_pack_figures(case),
         **_inlet_figures(simulation, state, totals),
         **_liquid_figures(case, state),
+        **bond_figures(case, state.particles),
         **({"start": case.start_figures} if case.start is not None else {}),
         **_walls_in_fluid(case, totals),
         **wear_summary(case, state),

@@ -342,7 +342,8 @@ class TimeLoop:
             if instant.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
                 spread, force = ensemble_spread(self.parameters.closure, instant.forces)
                 self.totals.add_spread(float(spread), float(force))
-            self.directory.write_frame(self.directory.frames, self.time, frame.particles, frame.fluid, None, row)
+            given = frame.particles, frame.fluid, None, row, frame.bonds
+            self.directory.write_frame(self.directory.frames, self.time, *given)
 
     def _write_checkpoint(self) -> None:
         with self.totals.timed("output"):

@@ -250,3 +250,77 @@ def test_check_knows_the_bonds_and_their_step():
 def test_several_devices_refuse_bonds():
     with pytest.raises(InputError, match="bonds between particles"):
         devices.divided(jaxdem.build(jaxdem.load_scene(tables_of()))[0], 2, np.zeros((9, 2)), 9)
+
+
+def assert_same(one, other):
+    """Frames of two runs at the same time, bit for bit."""
+    for name in ("position", "velocity", "angular_velocity", "contact_force"):
+        np.testing.assert_array_equal(one.particles(-1)[name], other.particles(-1)[name])
+    for name, values in one.bonds(-1).items():
+        np.testing.assert_array_equal(values, other.bonds(-1)[name], err_msg=name)
+
+
+def test_runs_are_resumed_and_go_on_in_another_bit_for_bit(tmp_path):
+    """A lattice that breaks at the floor, in float32: in one go, resumed, and as the start of another run."""
+    own = {"bonds": [BOND | {"tensile_strength": 3e4}], "precision": "float32",
+           "particles": {"velocity": [[0.0, -3.0]] * 9}, "output": {"checkpoint_interval": 0.0}}  # fmt: skip
+    whole = jaxdem.simulate(jaxdem.load_scene(tables_of(**own)), tmp_path / "whole")
+    half = tables_of(**own, time={"end": 0.01})
+    jaxdem.simulate(jaxdem.load_scene(half), tmp_path / "half")
+    later = tables_of(**own)
+    del later["particles"], later["bonds"]
+    later["start"] = {"from": str(tmp_path / "half")}
+    begun = jaxdem.simulate(jaxdem.load_scene(later), tmp_path / "begun")
+    jaxdem.simulate(jaxdem.load_scene(tables_of(**own)), tmp_path / "half", resume=True)
+    assert_same(whole, jaxdem.load_run(tmp_path / "half"))
+    assert_same(whole, begun)
+    _counted(whole)
+    _opens_in_vtk(whole)
+    later["time"]["end"] = 0.03
+    with pytest.raises(InputError, match="start.relax"):
+        jaxdem.simulate(jaxdem.load_scene(later | {"start": later["start"] | {"relax": True}}), tmp_path / "no")
+    with pytest.raises(InputError, match="start.time"):
+        jaxdem.simulate(jaxdem.load_scene(later | {"start": later["start"] | {"time": 0.0}}), tmp_path / "no")
+
+
+def _counted(run):
+    """History, summary and frames tell of the same bonds."""
+    status, figures = run.bonds(-1)["status"], run.summary["bonds"]
+    broken = int((status == TENSION).sum())
+    assert 0 < broken == run.history["bonds_broken"][-1] == figures["broken_in_tension"]
+    assert run.history["bonds_intact"][-1] == figures["intact"] == 12 - broken
+    assert run.history["bonds_broken"][0] == 0.0
+    assert figures["largest_body"] <= 9
+    held = run.bonds(-1)["position"].reshape(12, 2, 3)
+    places = run.particles(-1)["position"]
+    np.testing.assert_allclose(held[:, 0], places[run.bonds(-1)["first"]])
+    np.testing.assert_allclose(held[:, 1], places[run.bonds(-1)["second"]], rtol=1e-6)
+
+
+def _opens_in_vtk(run):
+    """Twelve lines at each time, with the status of the bonds."""
+    reader = pytest.importorskip("vtkmodules.vtkIOHDF").vtkHDFReader()
+    reader.SetFileName(str(run.path / "bonds.vtkhdf"))
+    reader.SetStep(run.number_of_frames - 1)
+    reader.Update()
+    data = reader.GetOutput()
+    status = data.GetCellData().GetArray("status")
+    assert data.GetNumberOfLines() == 12
+    assert [int(status.GetValue(k)) for k in range(12)] == run.bonds(-1)["status"].tolist()
+
+
+def test_bonds_are_made_of_a_pack_that_a_run_has_left(tmp_path):
+    """Stages: grains without bonds, then with; the second stage bonds them where they are then."""
+    plain = tables_of(domain={"gravity": [0.0, 0.0]}, time={"end": 0.01})
+    del plain["bonds"]
+    plain["particles"] |= {"velocity": [[0.5, 0.0]] * 9}
+    stages = {
+        "stages": [{"name": "free", "time": {"end": 0.01}}, {"name": "bonded", "time": {"end": 0.02}, "bonds": [BOND]}]
+    }
+    scene = jaxdem.load_scene(plain | stages)
+    free, bonded = (jaxdem.build(stage.scene)[0] if k == 0 else stage.scene for k, stage in enumerate(scene.stages))
+    assert free.contact.model.bonds is None and len(bonded.bonds) == 1
+    jaxdem.simulate(scene, tmp_path / "run")
+    run = jaxdem.load_run(tmp_path / "run" / "bonded")
+    assert run.summary["bonds"]["made"] == 12
+    assert abs(run.bonds(0)["normal_force"]).max() == 0.0

@@ -1,0 +1,88 @@
+"""The bonds of a run for ParaView: `bonds.vtkhdf`, temporal PolyData of VTKHDF with one line a bond.
+
+A line has two points of its own, the centres of its grains: across a periodic side the second one stands outside of the
+box, beside the first. The topology, and what never changes, is stored once.
+"""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+
+from jaxdem.files.hdf5 import store
+from jaxdem.io.frames import Arrays, Entries, Frame, extend
+from jaxdem.io.vtkhdf import NUMBERS, ROOT, TOPOLOGIES, StepFormat, dimension_of, name_unit
+
+UNCHANGING = ("first", "second", "table")
+"""Cell data that are stored once."""
+
+
+def bond_frame(time: float, arrays: Arrays) -> Frame:
+    """Arrays of bonds as VTK wants them.
+
+    Args:
+        time: simulated time [s].
+        arrays: `ends` (B, 2, D) centres of the two grains [m]; others as (B,).
+
+    Raises:
+        ValueError: an array does not have B rows.
+    """
+    ends = np.asarray(arrays["ends"])
+    number, _, dimension = ends.shape
+    points = np.pad(ends.reshape(2 * number, dimension), ((0, 0), (0, 3 - dimension)))
+    stored = {name: np.asarray(values) for name, values in arrays.items() if name != "ends"}
+    for name, values in stored.items():
+        if values.shape != (number,):
+            raise ValueError(f"{name} has shape {values.shape}, expected ({number},)")
+    return Frame(float(time), {"position": points, **stored}, {"dimension": dimension})
+
+
+class BondFormat(StepFormat):
+    """See the module; the number of bonds is the same in all frames."""
+
+    stem = "bonds"
+
+    def append(self, file: h5py.File, frame: Frame, growing: bool) -> Entries:
+        """See `frames.Format`."""
+        points, names = frame.arrays["position"], sorted(set(frame.arrays) - {"position"})
+        if ROOT not in file:
+            self.head(file, "PolyData", frame, growing)
+            _write_lines(file[ROOT], len(points) // 2)
+        root = file[ROOT]
+        chunk = min(max(len(points), 256), 65536)
+        entries: Entries = {"Values": frame.time, "PartOffsets": 0, "NumberOfParts": 1}
+        entries |= {"CellOffsets": [0] * len(TOPOLOGIES), "ConnectivityIdOffsets": [0] * len(TOPOLOGIES)}
+        entries["PointOffsets"] = extend(root, "Points", points, growing, chunk)
+        data = root.require_group("CellData")
+        for name in names:
+            known = name in UNCHANGING and name in data
+            start = 0 if known else extend(data, name, frame.arrays[name], growing, chunk)
+            entries[f"CellDataOffsets/{name}"] = start
+            name_unit(data[name], name)
+        name_unit(root["Points"], "position")
+        return entries
+
+    def read(self, file: h5py.File, index: int) -> Frame:
+        """See `frames.Format`."""
+        root = file[ROOT]
+        number = int(root["NumberOfPoints"][0])
+        start = self.entry(file, "PointOffsets", index)
+        arrays = {"position": root["Points"][start : start + number]}
+        for name, dataset in root["CellData"].items():
+            start = self.entry(file, f"CellDataOffsets/{name}", index)
+            arrays[name] = dataset[start : start + number // 2]
+            if len(arrays[name]) != number // 2 or dataset.dtype.kind not in NUMBERS:
+                raise ValueError(f"{name} holds {dataset.dtype} of shape {dataset.shape} for {number // 2} bonds")
+        return Frame(float(self.times(file)[index]), arrays, {"dimension": dimension_of(file)})
+
+
+def _write_lines(root: h5py.Group, number: int) -> None:
+    """Line k from point 2 k to the next, and no other cells."""
+    store(root, "NumberOfPoints", np.array([2 * number], np.int64))
+    for name in TOPOLOGIES:
+        cells = number if name == "Lines" else 0
+        group = root.create_group(name)
+        store(group, "NumberOfCells", np.array([cells], np.int64))
+        store(group, "NumberOfConnectivityIds", np.array([2 * cells], np.int64))
+        store(group, "Connectivity", np.arange(2 * cells, dtype=np.int64))
+        store(group, "Offsets", 2 * np.arange(cells + 1, dtype=np.int64))
