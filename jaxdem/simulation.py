@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import jax
+from jax import Array
 
 from jaxdem.errors import InputError, required
 from jaxdem.numerics import vectors
@@ -12,7 +13,9 @@ from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.clump_forces import as_members, members_at
+from jaxdem.particles.clump_shape import Placed
+from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, split_low
 from jaxdem.particles.jax_md_list import JaxMdList, listed_by_jax_md
 from jaxdem.particles.neighbors import Neighbors, Room, carry_history, carry_memory
 from jaxdem.state import Diagnostics, Parameters, State
@@ -48,40 +51,70 @@ class Simulation(Structure):
     ) -> Neighbors:
         """A neighbour list with room for these positions, or with exactly so much room; not jittable. Meshes are where
         `placed` has them, see `Structure.placed`; empty for their places without motion."""
-        position, low = _on_host(particles)
         bodies = required(parameters.bodies, "parameters.bodies")
         if room is None:
             room = self.room(parameters, particles)
+        stood, spheres, radius = _spheres(particles, bodies)
+        position, low = _on_host(spheres)
         meshes = placed[len(placed) - len(parameters.meshes) :]
-        return self.search.allocate(position, low, bodies.radius, room, particles.active, parameters.meshes, meshes)
+        made = self.search.allocate(position, low, radius, room, spheres.active, parameters.meshes, meshes)
+        return made if stood is None else dataclasses.replace(made, bodies=stood)
 
     def room(self, parameters: Parameters, particles: ParticleState) -> Room:
         """What a list needs room for at these positions; nothing is compiled."""
+        bodies = required(parameters.bodies, "parameters.bodies")
+        _, particles, radius = _spheres(particles, bodies)
         position = _on_host(particles)[0]
         found = self.search.room(position, particles.active)
         if not parameters.meshes:
             return found
-        radius = required(parameters.bodies, "parameters.bodies").radius
         usual = tuple(mesh.usual for mesh in required(self.contact, "particles").model.meshes)
         return self.search.with_room_for_meshes(found, parameters.meshes, usual, position, radius, particles.active)
 
     def list_shapes(self, parameters: Parameters, particles: ParticleState, room: Room) -> Neighbors:
         """What `allocate` gives, shapes and types alone; nothing is compiled."""
-        bodies = required(parameters.bodies, "parameters.bodies")
-        return self.search.shapes(*_on_host(particles), bodies.radius, room, parameters.meshes)
+        placed, spheres, radius = _spheres(particles, required(parameters.bodies, "parameters.bodies"))
+        made = self.search.shapes(*_on_host(spheres), radius, room, parameters.meshes)
+        if placed is None:
+            return made
+        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), placed)
+        return dataclasses.replace(made, bodies=shapes)
 
     def with_room(self, state: State, neighbors: Neighbors, room: Room) -> tuple[State, Neighbors]:
         """State and list with more room, the pairs and what they keep as before; not jittable."""
         particles = required(state.particles, "state.particles")
         placed = tuple(mesh.placement for mesh in neighbors.meshes)  # where the list was made
-        given = (neighbors.reference, neighbors.reference_low, neighbors.radius, room, particles.active)
+        active = particles.active
+        if neighbors.bodies is not None:
+            active = neighbors.bodies.active_rows(active)
+        given = (neighbors.reference, neighbors.reference_low, neighbors.radius, room, active)
         wider = self.search.allocate(*given, neighbors.surfaces, placed)
         springs = jax.jit(carry_history)(particles.contact_spring, neighbors, wider)
         memory = particles.mesh_memory
         if memory:
             memory = jax.jit(carry_memory)(memory, neighbors, wider)
-        wider = dataclasses.replace(wider, builds=neighbors.builds)
+        wider = dataclasses.replace(wider, builds=neighbors.builds, bodies=neighbors.bodies)
         return state._replace(particles=particles._replace(contact_spring=springs, mesh_memory=memory)), wider
+
+
+def _spheres(particles: ParticleState, bodies: ParticleProperties) -> tuple[Placed | None, ParticleState, Array]:
+    """What a list is made of: the particles and their radii; of clumps the bodies as it remembers them, and members."""
+    if bodies.clumps is None:
+        return None, particles, bodies.radius
+    count = len(particles.position)
+
+    def made(particles: ParticleState, bodies: ParticleProperties) -> tuple[Placed, ParticleState, Array]:
+        placed = members_at(Motion.of(particles), bodies.rigid.offset, bodies.rigid.there)[0]
+        return placed, as_members(particles, bodies.rigid), bodies.spheres(count).radius
+
+    # As one program: outside of `jit` every operation would be compiled by itself.
+    placed, spheres, radius = jax.jit(made)(particles, bodies)
+    return placed, spheres, radius
+
+
+def contact_spheres(particles: ParticleState, bodies: ParticleProperties) -> tuple[ParticleState, Array]:
+    """What touches, and its radii [m]: the particles, or the members of clumps; not jittable."""
+    return _spheres(particles, bodies)[1:]
 
 
 def _on_host(particles: ParticleState) -> tuple[Vector, tuple[Low, ...]]:

@@ -86,5 +86,5 @@ def advance_particles(
         division, search = simulation.contact.division, simulation.search
         particles, neighbors = settled(division, search, everyone.radius, particles, neighbors)
     buried = simulation.buried(parameters, before, listed, state.step)
-    report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried)
+    report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried, bodies)
     return particles, neighbors, report, places

@@ -19,7 +19,8 @@ from jaxdem.numerics.compensated import Pair
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
-from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.clump_forces import as_members
+from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.moving_walls import WallMotions, placements
 from jaxdem.particles.neighbor_search import NeighborSearch
@@ -183,9 +184,10 @@ class Structure:
         if contact.model.wall_times is None:
             return None
         middle, interval = self.middle(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
-        radius = required(parameters.bodies, "parameters.bodies").radius
+        bodies, count = required(parameters.bodies, "parameters.bodies"), particles.position.shape[0]
         placed = self.placed(parameters, particles, step)
-        return buried(contact, particles, neighbors, radius, (middle, interval), placed)
+        spheres = as_members(particles, bodies.clumps)
+        return buried(contact, spheres, neighbors, bodies.spheres(count).radius, (middle, interval), placed)
 
     def renewed(
         self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
@@ -198,10 +200,11 @@ class Structure:
         if times is not None:
             present = times.present(self.middle(parameters, step))[: len(contact.model.surfaces)]
         given = (parameters.inlet_velocity, particles, neighbors, step, present, placed)
+        bodies = required(parameters.bodies, "parameters.bodies")
         if contact.division is None:
-            return renewed(population, contact, *given)
-        radius = required(parameters.bodies, "parameters.bodies").radius
-        return renewed_in_slab(population, contact, radius, *given)
+            radius = neighbors.radius if bodies.clumps is None else bodies.outer_radius
+            return renewed(population, contact, radius, *given)
+        return renewed_in_slab(population, contact, bodies.radius, *given)
 
     def particle_report(
         self,
@@ -210,8 +213,10 @@ class Structure:
         means: ContactMeans,
         step: Array,
         buried: Buried | None = None,
+        bodies: ParticleProperties | None = None,
     ) -> ParticleDiagnostics:
-        """Flags and figures of the particles after `step` intervals; `buried` are those within a wall that came."""
+        """Flags and figures of the particles after `step` intervals; `buried` are those within a wall that came, and
+        `bodies` are needed of clumps, whose surface is faster than their centre."""
         position, velocity = particles.position, particles.velocity
         box, blocks = jnp.asarray(self.box, position.dtype), self.cut
         outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
@@ -221,6 +226,9 @@ class Structure:
         if self.population is not None and self.population.inlets:
             waiting = self.population.waiting(required(particles.inserted, "inserted of the particles"), step)
         squared = jnp.sum(velocity**2, axis=1)
+        if bodies is not None and bodies.clumps is not None:
+            turning = bodies.outer_radius * jnp.sqrt(jnp.sum(particles.angular_velocity**2, axis=1))
+            squared = (jnp.sqrt(squared) + turning) ** 2
         finite = (
             jnp.all(jnp.isfinite(position))
             & jnp.all(jnp.isfinite(velocity))

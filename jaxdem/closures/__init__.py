@@ -19,6 +19,7 @@ from jaxdem.closures.radl_sundaresan import RadlSundaresan
 from jaxdem.closures.registry import DRAG_LAWS, drag_law, drag_law_name
 from jaxdem.closures.rong import Rong
 from jaxdem.closures.schiller_naumann import SchillerNaumann
+from jaxdem.closures.shaped import HaiderLevenspiel, HoelzerSommerfeld
 from jaxdem.closures.stokes import Stokes
 from jaxdem.closures.subgrid import SubgridClosure
 from jaxdem.closures.tang import Tang
@@ -37,6 +38,8 @@ __all__ = [
     "Ergun",
     "Gidaspow",
     "GidaspowBlended",
+    "HaiderLevenspiel",
+    "HoelzerSommerfeld",
     "InvariantClosure",
     "KochHill",
     "NeighborClosure",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +34,10 @@ class Correlation(ABC):
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """Drag for every particle; beyond solid fraction 1 - `VOID_FRACTION_FLOOR` it is out of range."""
+        return self.evaluated(inputs, self.stokes_multiple)
+
+    def evaluated(self, inputs: DragInputs, multiple: Callable[[Array, Array], Array]) -> Drag:
+        """The same of a given F(solid fraction, Re)."""
         limit = 1.0 - VOID_FRACTION_FLOOR
         # Interpolation may leave a round-off below zero, which would make a coefficient negative.
         solid_fraction = jnp.where(inputs.solid_fraction < 0, 0.0, inputs.solid_fraction)
@@ -45,7 +50,7 @@ class Correlation(ABC):
             * inputs.diameter
             / inputs.dynamic_viscosity
         )
-        factor = self.stokes_multiple(solid_fraction, reynolds)
+        factor = multiple(solid_fraction, reynolds)
         return Drag(inputs.stokes_coefficient * factor, None, inputs.solid_fraction > limit)
 
     def __eq__(self, other: object) -> bool:

@@ -10,6 +10,7 @@ from jaxdem.closures.gidaspow import Gidaspow, GidaspowBlended
 from jaxdem.closures.koch_hill import KochHill
 from jaxdem.closures.rong import Rong
 from jaxdem.closures.schiller_naumann import SchillerNaumann
+from jaxdem.closures.shaped import HaiderLevenspiel, HoelzerSommerfeld
 from jaxdem.closures.stokes import Stokes
 from jaxdem.closures.tang import Tang
 from jaxdem.closures.wen_yu import WenYu
@@ -27,6 +28,8 @@ DRAG_LAWS: dict[str, type[Correlation]] = {
     "beetstra": Beetstra,
     "tang": Tang,
     "rong": Rong,
+    "haider_levenspiel": HaiderLevenspiel,
+    "hoelzer_sommerfeld": HoelzerSommerfeld,
 }
 """Scene name (`coupling.drag`) to correlation."""
 

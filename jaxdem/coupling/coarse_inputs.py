@@ -13,6 +13,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.inputs import MeshFields, deconvolved, drag_inputs
 from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.member_weights import body_weights
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import Boundary
@@ -85,7 +86,7 @@ class CoarseInputs:
             mean_gradient: see `FluidState`.
         """
         centres = centres_in_box(particles, self.grid.size, self.grid.periodic)
-        weights = self.deposition.weights(self.grid, centres, bodies.radius)
+        weights = body_weights(self.deposition, self.grid, particles, centres, bodies)
         weights = present_weights(weights, particles.active)
         solids = solid_fraction(self.grid, weights, bodies.volume)
         fractions = face_average(self.grid, 1.0 - solids)

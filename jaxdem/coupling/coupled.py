@@ -15,6 +15,7 @@ from jaxdem.coupling.exchange import Exchange, ExchangeDiagnostics, FluidForces,
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart
 from jaxdem.coupling.inputs import MeshFields, drag_inputs
 from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.member_weights import body_weights
 from jaxdem.coupling.open_cells import open_weights, seen_slope
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
@@ -148,7 +149,7 @@ class Coupling:
         grid = solver.grid
         centres = centres_in_box(particles, grid.size, grid.periodic)
         cut = properties.cut
-        weights = open_weights(self.deposition.weights(grid, centres, bodies.radius), cut)
+        weights = open_weights(body_weights(self.deposition, grid, particles, centres, bodies), cut)
         weights = present_weights(weights, particles.active)
         solids = solid_fraction(grid, weights, bodies.volume, cut)
         slope = seen_slope(pressure_slope(grid, solver.boundary, fluid, continued=True), cut)

@@ -11,9 +11,11 @@ from jax import Array
 from jaxdem.closures.base import Drag, DragClosure, DragInputs
 from jaxdem.closures.neighbor_effect import NeighborEffect
 from jaxdem.closures.neighbors import NeighborClosure
+from jaxdem.closures.shaped import ParticleShape, ShapedCorrelation
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.forces.protocol import IntervalStart
 from jaxdem.coupling.inputs import deconvolved
+from jaxdem.coupling.member_weights import crosswise_sphericity
 from jaxdem.coupling.model_b import drag_of_model_b
 from jaxdem.coupling.presence import present_drag
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
@@ -83,9 +85,14 @@ class DragModel:
         A law is of a grain; a parcel has the force of all its grains. What the `neighbors` add is that of the interval.
         """
         scale = start.bodies.of_all_grains(scale)
+        clumps = start.bodies.clumps
 
         def scaled(inputs: DragInputs) -> Drag:
-            drag = closure(inputs)
+            if clumps is not None and isinstance(closure, ShapedCorrelation):
+                across = crosswise_sphericity(start.particles, clumps, inputs.slip_velocity)
+                drag = closure.of_shape(inputs, ParticleShape(clumps.sphericity, across))
+            else:
+                drag = closure(inputs)
             if self.form == "B":
                 drag = drag_of_model_b(drag, inputs.solid_fraction)
             remainder = None if drag.remainder is None else scale * drag.remainder

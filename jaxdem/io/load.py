@@ -19,7 +19,7 @@ from jaxdem.io.probes import Probes
 from jaxdem.io.run_directory import HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat, Samples
 from jaxdem.io.summary import read_summary
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat
+from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, SphereFormat
 
 _REMEDY = "Give a folder that `jaxdem run` wrote."
 
@@ -55,6 +55,7 @@ class Run:
         self._particles = series_of(self.path, ParticleFormat())
         self._fluid = series_of(self.path, FluidFormat())
         self._bonds = FrameSeries(self.path, BondFormat())
+        self._spheres = series_of(self.path, SphereFormat())
         history = read_history(self.path / HISTORY)
         counts = [len(history["time"])]
         counts += [series.count() for series in (self._particles, self._fluid, self._bonds) if series.exists()]
@@ -88,6 +89,19 @@ class Run:
         """
         index = self._checked(index)
         return self._particles.read(index).arrays if self.has_particles else {}
+
+    def spheres(self, index: int) -> dict[str, np.ndarray]:
+        """What touches at output `index`: the particles, or the members of clumps.
+
+        Returns:
+            `position` (M, 3) [m], `velocity` (M, 3), `radius` (M,), `id` (M,) of the particle or body; `active` (M,)
+            as in `particles`.
+
+        Raises:
+            IndexError: there is no such frame.
+        """
+        index = self._checked(index)
+        return self._spheres.read(index).arrays if self._spheres.exists() else self.particles(index)
 
     def fluid(self, index: int) -> dict[str, np.ndarray] | None:
         """Fluid at output `index` (negative from the end), None in a scene without.

@@ -29,7 +29,7 @@ from jaxdem.io.pieces import Share, SharedSeries, regroup
 from jaxdem.io.probes import PROBES_FOLDER, Columns, ProbeFiles
 from jaxdem.io.samples import SampleFormat, sample_frame
 from jaxdem.io.summary import SUMMARY, read_summary, write_summary
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
+from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, SphereFormat, fluid_frame, particle_frame
 from jaxdem.io.wall_file import WALLS
 
 SCENE, HISTORY, CHECKPOINT = "scene.toml", "history.csv", "checkpoint.h5"
@@ -70,6 +70,7 @@ class RunDirectory:
             FrameSeries(path, kind) if share is None else SharedSeries(path, kind, share) for kind in kinds
         )
         self._bonds = FrameSeries(path, BondFormat())
+        self._spheres = FrameSeries(path, SphereFormat())
         self._samples = FrameSeries(path, SampleFormat())
         columns = scene_text.history_columns(self._scene)
         self._history = (History if self._first else CountedHistory)(path / HISTORY, columns)
@@ -250,6 +251,7 @@ class RunDirectory:
         samples: Arrays | None,
         history_row: Mapping[str, float | None],
         bonds: Arrays | None = None,
+        spheres: Arrays | None = None,
     ) -> None:
         """Write output `index` at `time` [s] and commit it.
 
@@ -261,6 +263,7 @@ class RunDirectory:
             samples: arrays of a sample taken now, written as sample number `samples`, or None.
             history_row: metrics by column name; what is lacking or None stays empty.
             bonds: arrays as in `bond_frame`, or None for a scene without.
+            spheres: members of clumps, arrays as in `particle_frame`; None for a scene without.
 
         Raises:
             RunError: the disk refused; earlier frames are kept.
@@ -279,6 +282,8 @@ class RunDirectory:
                 self._particles.write(index, particle_frame(time, particles))
             if bonds is not None:
                 self._bonds.write(index, bond_frame(time, bonds))
+            if spheres is not None:
+                self._spheres.write(index, particle_frame(time, spheres))
             self._meet()
             self._history.append({**history_row, "time": float(time)})
 
@@ -364,7 +369,7 @@ class RunDirectory:
         wanted = {"frames": frames, "samples": samples} | {f"{LINES}{name}": lines[name] for name in lines}
         held = {"frames": self.frames, "samples": self.samples}
         held |= {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
-        for series in (self._particles, self._fluid, self._bonds):
+        for series in (self._particles, self._fluid, self._bonds, self._spheres):
             # A kind that has no frame at all is one the scene does not have.
             if series.exists():
                 held["frames"] = min(held["frames"], series.count())
@@ -377,7 +382,7 @@ class RunDirectory:
                 (self.path / SUMMARY).unlink(missing_ok=True)
             # The history first: its lines commit frames, so it never counts one that is gone.
             self._history.cut(frames)
-            for series in (self._particles, self._fluid):
+            for series in (self._particles, self._fluid, self._spheres):
                 series.cut(frames)
             if self._first:
                 self._samples.cut(samples)
@@ -419,7 +424,7 @@ class RunDirectory:
         self.close()
 
     def _close_run(self, summary: dict[str, object]) -> None:
-        kinds = [(self._particles, self.frames), (self._fluid, self.frames)]
+        kinds = [(series, self.frames) for series in (self._particles, self._fluid, self._spheres)]
         if self._first:
             kinds += [(self._samples, self.samples), (self._bonds, self.frames)]
         with self._run_errors(self._time):

@@ -27,6 +27,7 @@ UNITS = {
     "velocity": "m/s",
     "angular_velocity": "rad/s",
     "radius": "m",
+    "orientation": "1",
     "id": "1",
     "active": "1",
     "pressure": "Pa",
@@ -221,6 +222,12 @@ class ParticleFormat(StepFormat):
             if len(array) != number or array.dtype.kind not in NUMBERS:
                 raise ValueError(f"{name} holds {array.dtype} of shape {array.shape} for {number} particles")
         return Frame(float(self.times(file)[index]), arrays, {"dimension": dimension_of(file)})
+
+
+class SphereFormat(ParticleFormat):
+    """Members of clumps, each as a particle whose `id` is that of its body."""
+
+    stem = "spheres"
 
 
 class FluidFormat(StepFormat):

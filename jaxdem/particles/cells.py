@@ -140,7 +140,7 @@ class CellGrid:
 
 
 def neighbors_in_cells(
-    grid: CellGrid, position: Vector, slots: int, cell_slots: int, active: Array | None = None
+    grid: CellGrid, position: Vector, slots: int, cell_slots: int, active: Array | None = None, members: int = 1
 ) -> tuple[Array, Array]:
     """Indices of all particles in reach of every particle.
 
@@ -150,6 +150,7 @@ def neighbors_in_cells(
         slots: K, room for neighbours of a particle.
         cell_slots: room for particles in a column.
         active: (N,) bool, which particles there are; all if None. The others are in no cell and reach nobody.
+        members: m, rows of a body, every N/m-th; they do not reach each other.
 
     Returns:
         (K, N) int32 with the particle itself in empty slots, and () bool: there was not enough room.
@@ -162,7 +163,7 @@ def neighbors_in_cells(
         position = tuple(jnp.where(active, x, jnp.nan) for x in position)
     table, crowded = _table(grid, home, cell_slots)
     around = grid.around(cells)
-    words = _words(grid, position, own, table, around)
+    words = _words(grid, position, own, table, around, members)
     counts = lax.population_count(words).astype(jnp.int32)
 
     slot = jnp.arange(slots, dtype=jnp.int32)[:, None]
@@ -235,7 +236,7 @@ def _table(grid: CellGrid, home: Array, cell_slots: int) -> tuple[Array, Array]:
     return rows, jnp.any(left < columns)
 
 
-def _words(grid: CellGrid, position: Vector, own: Array, table: Array, around: Array) -> Array:
+def _words(grid: CellGrid, position: Vector, own: Array, table: Array, around: Array, members: int) -> Array:
     """(words, N) uint32, bit by bit which particles of the cells around are in reach; the cells first."""
     far = jnp.full((1,), jnp.nan, position[0].dtype)  # in reach of nothing
 
@@ -252,7 +253,11 @@ def _words(grid: CellGrid, position: Vector, own: Array, table: Array, around: A
                     apart = apart - length * jnp.round(apart / length)
                 squared = squared + apart * apart
             mark = jnp.uint32(1 << bit)
-            word = word | jnp.where(squared < grid.reach**2, mark, jnp.uint32(0))
+            near = squared < grid.reach**2
+            if members > 1:
+                bodies = len(own) // members
+                near = near & (row[around] % bodies != own[None] % bodies)
+            word = word | jnp.where(near, mark, jnp.uint32(0))
             itself = itself | jnp.where(row[around[0]] == own, mark, jnp.uint32(0))
         return word.at[0].set(word[0] & ~itself)
 

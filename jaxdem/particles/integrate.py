@@ -8,10 +8,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.errors import required
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.bond_state import BondState
+from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.moving_walls import PistonState
 
 
@@ -41,6 +43,9 @@ class ParticleState(NamedTuple):
         mesh_memory: what the contacts with each mesh keep, `MeshMemory` of each; none in a scene without meshes.
         bonds: between the particles; None without.
         mesh_wear: what has been taken from each mesh, `WornMesh`, None of one that does not wear; none where none does.
+        orientation: of clumps, (N, 4) unit quaternion (w, x, y, z) that turns the principal axes into those of the box;
+            in 2-D (N, 1) an angle [rad]. None for spheres.
+        orientation_low: trailing part of the same; None in float64.
     """
 
     position: Array
@@ -60,6 +65,8 @@ class ParticleState(NamedTuple):
     mesh_memory: tuple[Any, ...] = ()
     bonds: BondState | None = None
     mesh_wear: tuple[Any, ...] = ()
+    orientation: Array | None = None
+    orientation_low: Low = None
 
 
 class Motion(NamedTuple):
@@ -74,6 +81,8 @@ class Motion(NamedTuple):
         wall_spring: arrays (S, N) [m].
         liquid: (N,) films, or None [m3].
         mesh_memory, bonds: see `ParticleState`.
+        orientation: 4 arrays (N,) of clumps, in 2-D one; none for spheres.
+        orientation_low: trailing part of each, or Nones.
     """
 
     position: Vector
@@ -85,6 +94,8 @@ class Motion(NamedTuple):
     liquid: Array | None = None
     mesh_memory: tuple[Any, ...] = ()
     bonds: BondState | None = None
+    orientation: Vector = ()
+    orientation_low: tuple[Low, ...] = ()
 
     @classmethod
     def of(cls, state: ParticleState) -> Motion:
@@ -99,6 +110,8 @@ class Motion(NamedTuple):
             state.liquid,
             state.mesh_memory,
             state.bonds,
+            () if state.orientation is None else vectors.components(state.orientation),
+            () if state.orientation is None else split_low(state.orientation_low, state.orientation.shape[1]),
         )
 
     def into(self, state: ParticleState) -> ParticleState:
@@ -113,6 +126,8 @@ class Motion(NamedTuple):
             liquid=self.liquid,
             mesh_memory=self.mesh_memory,
             bonds=self.bonds,
+            orientation=vectors.stack(self.orientation) if self.orientation else None,
+            orientation_low=stack_low(self.orientation_low) if self.orientation else None,
         )
 
 
@@ -142,12 +157,14 @@ class ParticleProperties(NamedTuple):
     """Size and density of the particles: () for equal particles, else (N,), so that equal ones cost nothing.
 
     Attributes:
-        radius: of a particle; of the parcel where a particle stands for several grains [m].
+        radius: of a particle; of the parcel where a particle stands for several grains, of the sphere of the same
+            volume where it is a clump [m].
         density: [kg/m3].
         added_density: of the fluid that moves along, C rho, in the mass but not in the moment of inertia; None
             for none [kg/m3].
         parcels: what one particle stands for; None for a grain.
         identity: (N,) int32, which particles the rows of a slab are; None where row i is particle i.
+        clumps: members of bodies that are clumps of spheres; None where all are spheres.
     """
 
     radius: Array
@@ -155,6 +172,7 @@ class ParticleProperties(NamedTuple):
     added_density: Array | None = None
     parcels: Parcels | None = None
     identity: Array | None = None
+    clumps: Clumps | None = None
 
     def of_rows(self, identity: Array | None) -> ParticleProperties:
         """Of the particles (R,) in the rows of a slab, from those of all particles; unchanged without identities."""
@@ -188,8 +206,34 @@ class ParticleProperties(NamedTuple):
 
     @property
     def inertia(self) -> Array:
-        """Moment of inertia 2/5 m r^2 [kg m2]."""
-        return 0.4 * self.density * self.volume * self.radius**2
+        """Moment of inertia 2/5 m r^2; of a clump the mean of its principal moments [kg m2]."""
+        if self.clumps is None:
+            return 0.4 * self.density * self.volume * self.radius**2
+        moments = self.clumps.inertia
+        return (sum(moments[1:], moments[0]) / len(moments)) * self.density * self.volume * self.radius**2
+
+    @property
+    def rigid(self) -> Clumps:
+        """The members of a scene of clumps."""
+        return self.clumps if self.clumps is not None else required(self.clumps, "clumps of the bodies")
+
+    @property
+    def first_inertia(self) -> Array:
+        """First principal moment of a clump [kg m2]."""
+        return self.rigid.inertia[0] * self.density * self.volume * self.radius**2
+
+    @property
+    def outer_radius(self) -> Array:
+        """Of the sphere about the centre of mass that holds a particle [m]."""
+        return self.radius if self.clumps is None else self.clumps.reach * self.radius
+
+    def spheres(self, count: int) -> ParticleProperties:
+        """What touches: the particles, or the members of `count` clumps, each with the mass of its body."""
+        if self.clumps is None:
+            return self
+        radius = self.clumps.rows(self.clumps.radius, count)
+        ratio = self.clumps.rows(self.volume, count) / ((4.0 / 3.0) * jnp.pi * radius**3)
+        return ParticleProperties(radius, self.clumps.rows(self.density, count) * ratio)
 
 
 def centres_in_box(state: ParticleState, box: tuple[float, ...], periodic: tuple[bool, ...]) -> Array:
@@ -227,7 +271,7 @@ def as_column(quantity: Array) -> Array:
 
 
 def kinetic_energy(state: ParticleState, properties: ParticleProperties) -> Array:
-    """Sum of m v^2 / 2 + I w^2 / 2 [J]."""
+    """Sum of m v^2 / 2 + I w^2 / 2 of spheres; of clumps see `clumps.spin_energy` [J]."""
     translation = properties.mass * jnp.sum(state.velocity**2, axis=1)
     rotation = properties.inertia * jnp.sum(state.angular_velocity**2, axis=1)
     return 0.5 * jnp.sum(translation + rotation)

@@ -54,6 +54,9 @@ def listed_by_jax_md(
 
 def _check_kind(search: NeighborSearch, particles: ParticleState, given: JaxMdList) -> None:
     """Refuses what can be told without values: also while a function is traced."""
+    if search.members > 1:
+        limit = "is of particles, and clumps touch by their members"
+        raise InputError("neighbor_list", None, limit, "use the list of the simulation")
     kind = getattr(getattr(given, "format", None), "name", None)
     if kind not in FORMATS:
         raise InputError(

@@ -18,6 +18,8 @@ from jaxdem.numerics.blocks import any_of, total
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.clump_forces import clump_forces, displacement_ahead, updated
+from jaxdem.particles.clumps import kicked, normalised, turned
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_step import Surroundings
 from jaxdem.particles.contact_sums import WallLoads
@@ -30,7 +32,6 @@ from jaxdem.particles.neighbors import (
     Neighbors,
     carry_history,
     carry_memory,
-    displacement_since_build,
     out_of_date,
     way_of_meshes,
     with_radius,
@@ -159,10 +160,14 @@ def _advanced(
         body_torque = None if body_torque is None else jnp.where(active[:, None], body_torque, 0.0)
     force = vectors.components(body_force)
     turning = None if body_torque is None else vectors.components(body_torque)
+    clumps = properties.clumps
+    forces_of, pushed_by = (contact_forces, kick) if clumps is None else (clump_forces, kicked)
 
     def step(carry: _Carry, neighbors: Neighbors) -> _Carry:
         motion, slab = drift(carry.motion, 0.5 * time_step), carry.slab
         bodies = properties if slab is None else slab.properties
+        if clumps is not None:
+            motion = turned(motion, clumps, 0.5 * time_step, forwards=True)
         acceleration = vectors.scale(1.0 / bodies.mass, vectors.add(carry.contact_force, force))
         expected = vectors.add_scaled(motion.velocity, 0.5 * time_step, acceleration)
         if division is not None and slab is not None:
@@ -170,10 +175,10 @@ def _advanced(
         pistons = None if carry.pistons is None else carry.pistons.drifted(0.5 * time_step)
         elapsed = (carry.step + 0.5) * time_step if interval.model.motions else carry.step
         around = surroundings.after(interval.model, elapsed, pistons)
-        sums, motion = contact_forces(interval.model, around, bodies, motion, neighbors, time_step, expected, active)
+        sums, motion = forces_of(interval.model, around, bodies, motion, neighbors, time_step, expected, active)
         acting = vectors.add(sums.force, force)
         torque = sums.torque if turning is None else vectors.add(sums.torque, turning)
-        motion = kick(motion, acting, torque, bodies, time_step)
+        motion = pushed_by(motion, acting, torque, bodies, time_step)
         impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)
         size = vectors.length(sums.force)
         if slab is not None and active is not None:
@@ -181,6 +186,8 @@ def _advanced(
         collision = carry.collision + jnp.sum(size)
         walls = jax.tree.map(jnp.add, carry.walls, sums.walls)
         motion, number = drift(motion, 0.5 * time_step), carry.step + 1
+        if clumps is not None:
+            motion = turned(motion, clumps, 0.5 * time_step, forwards=False)
         if division is not None and slab is not None:
             slab = with_own_due(division, interval.search, neighbors, motion, slab, (number, time_step))
         if pistons is not None:
@@ -190,13 +197,14 @@ def _advanced(
         return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded, wear)
 
     zero = jnp.zeros_like(force[0])
+    touching = zero if clumps is None else clumps.rows(zero, len(zero))
     carry = _Carry(
-        Motion.of(state),
+        Motion.of(state) if clumps is None else normalised(Motion.of(state)),
         vectors.components(state.contact_force),
         (zero,) * len(force),
         jnp.zeros((), zero.dtype),
         jnp.zeros((), jnp.int32),
-        _no_loads(interval.model, zero, len(force)) if interval.model.measured else None,
+        _no_loads(interval.model, touching, len(force)) if interval.model.measured else None,
         pistons=state.pistons,
         crowded=jnp.zeros((), bool) if interval.model.meshes else None,
         wear=no_wear(interval.model.worn_cells, zero.dtype) if interval.model.wears else (),
@@ -208,7 +216,7 @@ def _advanced(
         late = any_of(division.blocks, slab.due < NEVER)
         carry = carry._replace(slab=slab._replace(due=jnp.where(late, 0, jnp.int32(NEVER))))
     loop = _reversible_loop if interval.reversible else _fast_loop
-    neighbors = with_radius(neighbors, properties.radius)
+    neighbors = with_radius(neighbors, properties.spheres(len(zero)).radius)
     carry, neighbors = loop(interval, surroundings, step, time_step, carry, neighbors, active)
     if carry.crowded is not None:
         neighbors = dataclasses.replace(neighbors, overflow=neighbors.overflow | carry.crowded)
@@ -308,8 +316,7 @@ def _stale(
         return jnp.zeros((), bool)
     if carry.slab is not None:
         return carry.step >= carry.slab.due
-    motion = drift(carry.motion, time_step)
-    displacement = displacement_since_build(motion.position, motion.low, neighbors)
+    displacement = displacement_ahead(interval.search, carry.motion, neighbors, time_step)
     way = way_of_meshes(neighbors, _meshes_placed(interval, around, time_step, carry))
     return out_of_date(displacement, interval.search.geometry, way)
 
@@ -354,7 +361,7 @@ def _with_list_in_date(
             new, springs, slab = rebuilt(interval.division, search, motion, neighbors, carry.slab)
             return carry._replace(motion=carry.motion._replace(contact_spring=springs), slab=slab), new
         placed = _meshes_placed(interval, around, time_step, carry)
-        new = search.update(motion.position, motion.low, neighbors, active, placed)
+        new = updated(search, motion, neighbors, active, placed)
         springs = carry_history(carry.motion.contact_spring, neighbors, new)
         motion = carry.motion._replace(contact_spring=springs)
         if neighbors.meshes:

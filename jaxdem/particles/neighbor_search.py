@@ -56,11 +56,13 @@ class NeighborSearch:
         geometry: of the box, and how far the list reaches.
         typical_radius: of the mean volume of all particles, those still to come included [m].
         moving: of each mesh, whether it moves.
+        members: spheres of a body, which are no pairs with each other; of N bodies row k N + i is one of body i.
     """
 
     geometry: NeighborGeometry
     typical_radius: float
     moving: tuple[bool, ...] = ()
+    members: int = 1
 
     @property
     def reach(self) -> float:
@@ -234,7 +236,7 @@ class NeighborSearch:
     def in_reach(self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None) -> tuple[Array, Array]:
         """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough."""
         inside = compensated.into_box(position, low, self.geometry.box, self.geometry.periodic)
-        return neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active)
+        return neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active, self.members)
 
     def listed(
         self,
@@ -272,6 +274,7 @@ class NeighborSearch:
         if count < 2:
             return Room(0, 0, 1)
         present = jax.tree.map(np.asarray, position)
+        own = self._own(present, active)
         if active is not None:
             present = tuple(x[np.asarray(active)] for x in present)
         cells = self._cells(position)
@@ -282,7 +285,7 @@ class NeighborSearch:
             each = max(each, 0.5 * self._crowd(self.reach))
             widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
             crowd = max(crowd, self._crowd(0.6 * max(widths)))
-        found, most = self._found(present)
+        found, most = self._found(present, own)
         everyone = count * (count - 1) // 2
         pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
         # The wide cells of a vast box have room for more than there are.
@@ -297,11 +300,23 @@ class NeighborSearch:
         dimension = len(self.geometry.box)
         return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * (reach / self.typical_radius) ** dimension))
 
-    def _found(self, position: Vector) -> tuple[int, int]:
-        """Number of pairs in reach at these positions, and the most neighbours that a particle has; not jittable."""
+    def _found(self, position: Vector, own: np.ndarray | int) -> tuple[int, int]:
+        """Number of pairs in reach at these positions, and the most neighbours that a particle has; not jittable.
+
+        `own` (N,) of those that it has in reach are of its own body, itself too.
+        """
         tree = self.tree(position)
-        others = tree.query_ball_point(tree.data, self.reach, return_length=True, workers=-1) - 1
+        others = tree.query_ball_point(tree.data, self.reach, return_length=True, workers=-1) - own
         return int(others.sum()) // 2, int(others.max(initial=0))
+
+    def _own(self, position: Vector, active: Array | None) -> np.ndarray | int:
+        """(N,) of those present: how many spheres of its body a sphere has in reach, itself too; not jittable."""
+        if self.members == 1:
+            return 1
+        there = np.full(len(position[0]), True) if active is None else np.asarray(active)
+        own = np.stack([np.where(there, np.asarray(x, float), np.nan).reshape(self.members, -1) for x in position])
+        apart = np.linalg.norm(own[:, :, None] - own[:, None], axis=0)
+        return np.sum(apart <= self.reach, axis=1).ravel()[there]
 
     def tree(self, position: Vector) -> KDTree:
         """SciPy's tree of these positions, in the box; on the host."""

@@ -19,6 +19,7 @@ from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.clump_shape import Placed
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import MeshList, carried
@@ -107,6 +108,7 @@ class Neighbors:
         cell_slots: room for particles in a column of the search's table; static.
         ghosts: in a box that is cut into slabs, whose particles the N rows are; None on one device.
         meshes: which particles are near each mesh; none in a scene without meshes.
+        bodies: where clumps stood whose members the N rows are; None for spheres.
     """
 
     index: Array
@@ -121,6 +123,7 @@ class Neighbors:
     cell_slots: int = dataclasses.field(metadata={"static": True})
     ghosts: Ghosts | None = None
     meshes: tuple[MeshList, ...] = ()
+    bodies: Placed | None = None
 
     @property
     def room(self) -> Room:

@@ -300,6 +300,7 @@ def deepest_overlap(
     box: tuple[float, ...],
     periodic: tuple[bool, ...],
     some: np.ndarray | None = None,
+    body: np.ndarray | None = None,
 ) -> tuple[float, int, int]:
     """The largest overlap of two particles over the smaller diameter, and which two; (0, -1, -1) for none.
 
@@ -309,6 +310,7 @@ def deepest_overlap(
         box: side lengths [m].
         periodic: whether each axis is periodic.
         some: (N,) bool, particles of which at least one is in a pair; all if None.
+        body: (N,) number of the body that each is a part of, within which there are no pairs.
     """
     if len(position) < 2:
         return 0.0, -1, -1
@@ -319,6 +321,7 @@ def deepest_overlap(
             size[axis] = box[axis]
     pairs = near_pairs(shifted, radius, size)
     pairs = pairs if some is None else pairs[some[pairs].any(axis=1)]
+    pairs = pairs if body is None else pairs[body[pairs[:, 0]] != body[pairs[:, 1]]]
     if len(pairs) == 0:
         return 0.0, -1, -1
     separation = shifted[pairs[:, 0]] - shifted[pairs[:, 1]]

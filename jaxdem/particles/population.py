@@ -22,8 +22,9 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
+from jaxdem.particles.clump_forces import updated
 from jaxdem.particles.inlet_regions import InletRegion
-from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
+from jaxdem.particles.integrate import Motion, ParticleState, centres_in_box
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors, carry_history, carry_memory
@@ -114,6 +115,7 @@ class Population:
 def renewed(
     population: Population,
     contact: ContactInterval,
+    radius: Array,
     inlet_velocity: tuple[Array, ...],
     particles: ParticleState,
     neighbors: Neighbors,
@@ -126,6 +128,7 @@ def renewed(
     Args:
         population: static description.
         contact: walls beside the box, which no particle may overlap when it comes in, and the search of the list.
+        radius: () or (N,) of the particles, of clumps that which holds them [m].
         inlet_velocity: (D,) of each inlet [m/s].
         particles: after the contact steps.
         neighbors: their list.
@@ -136,17 +139,16 @@ def renewed(
     before = particles.active
     particles = without_those_outside(population, particles)
     for number in range(len(population.inlets)):
-        insertion = Insertion(population, number, contact.model.surfaces, neighbors.radius, present, placed)
+        insertion = Insertion(population, number, contact.model.surfaces, radius, present, placed)
         particles = insertion.with_those_due(inlet_velocity[number], particles, step)
     search = contact.search
     if neighbors.lists_nothing or search is None:
         return particles, neighbors
-    position = vectors.components(particles.position)
-    low = split_low(particles.position_low, len(position))
+    motion = Motion.of(particles)
 
     def rebuild(kept: _Kept) -> _Kept:
         springs, memory, neighbors = kept
-        new = search.update(position, low, neighbors, particles.active, placed[len(contact.model.surfaces) :])
+        new = updated(search, motion, neighbors, particles.active, placed[len(contact.model.surfaces) :])
         return carry_history(springs, neighbors, new), carry_memory(memory, neighbors, new), new
 
     changed = jnp.any(particles.active != before)
@@ -171,12 +173,18 @@ def without_those_outside(population: Population, particles: ParticleState) -> P
         velocity=kept(particles.velocity),
         angular_velocity=kept(particles.angular_velocity),
         contact_force=kept(particles.contact_force),
-        wall_spring=tuple(jnp.where(stays[None], spring, 0.0) for spring in particles.wall_spring),
+        wall_spring=tuple(jnp.where(_of_rows(stays, spring)[None], spring, 0.0) for spring in particles.wall_spring),
         fluid_force=None if fluid_force is None else kept(fluid_force),
         fluid_memory=jax.tree.map(kept, particles.fluid_memory),
         active=stays,
         bonds=None if particles.bonds is None else particles.bonds.without(stays),
     )
+
+
+def _of_rows(stays: Array, spring: Array) -> Array:
+    """(m N,) of the m members of N bodies, from (N,); of spheres m = 1."""
+    members = spring.shape[1] // max(stays.shape[0], 1)
+    return stays if members == 1 else jnp.tile(stays, members)
 
 
 @dataclasses.dataclass(frozen=True)

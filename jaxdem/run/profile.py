@@ -14,9 +14,9 @@ from jaxdem.coupling.coupled import SampledFluid
 from jaxdem.coupling.exchange import Exchange
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState, FluidStep
-from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.clump_forces import updated
+from jaxdem.particles.integrate import Motion, ParticleState
 from jaxdem.particles.neighbors import Neighbors, carry_history
 from jaxdem.run.records import Instant
 from jaxdem.run.totals import Totals
@@ -84,9 +84,7 @@ def _fluid_time(simulation: Simulation, parameters: Parameters, state: State) ->
 def _neighbors_time(simulation: Simulation, state: State, neighbors: Neighbors) -> float:
     @jax.jit
     def rebuild(particles: ParticleState, neighbors: Neighbors) -> tuple[Neighbors, Vector]:
-        position = vectors.components(particles.position)
-        low = split_low(particles.position_low, len(position))
-        new = simulation.search.update(position, low, neighbors, particles.active)
+        new = updated(simulation.search, Motion.of(particles), neighbors, particles.active)
         return new, carry_history(particles.contact_spring, neighbors, new)
 
     return _seconds(rebuild, state.particles, neighbors)

@@ -13,6 +13,7 @@ from jax import Array
 from jaxdem import metrics
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange import FluidForces
+from jaxdem.errors import required
 from jaxdem.fluid.drive import bulk_velocity
 from jaxdem.fluid.grid import cell_average, face_average
 from jaxdem.fluid.projection import open_section
@@ -21,6 +22,7 @@ from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.regions import into_period
 from jaxdem.run.bonds import bond_arrays, bond_counts
+from jaxdem.run.clump_records import inertia_of, orientation_of, spheres_of
 from jaxdem.run.wear import wear_figures
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
@@ -47,17 +49,19 @@ class Instant:
 
 
 class Frame(NamedTuple):
-    """Arrays of an output frame by name, of particles, fluid and bonds; None for a part that the scene has not."""
+    """Arrays of an output frame by name, of particles, fluid, bonds and members of clumps; None for a part that the
+    scene has not."""
 
     particles: dict[str, np.ndarray] | None
     fluid: dict[str, np.ndarray] | None
     bonds: dict[str, np.ndarray] | None = None
+    spheres: dict[str, np.ndarray] | None = None
 
 
 def frame_of(case: Case, instant: Instant) -> Frame:
     """The output frame of an instant."""
     state, bodies = instant.state, case.parameters.bodies
-    particles = fluid = bonds = None
+    particles = fluid = bonds = spheres = None
     if state.particles is not None and bodies is not None:
         count, dimension = state.particles.position.shape
         drag = np.zeros((count, dimension)) if instant.forces is None else np.asarray(instant.forces.drag)
@@ -70,6 +74,8 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             "radius": np.broadcast_to(np.asarray(bodies.radius), count).copy(),
         }
         bonds = bond_arrays(case, state.particles, particles["position"])
+        particles |= orientation_of(case, state.particles)
+        spheres = spheres_of(case, state.particles, particles["position"])
         further = _further_forces(case, instant, drag)
         particles |= further
         if state.particles.active is not None:
@@ -85,7 +91,7 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             "pressure": pressure,
             "void_fraction": np.ones_like(pressure) if void_fraction is None else np.asarray(void_fraction),
         }
-    return Frame(particles, fluid, bonds)
+    return Frame(particles, fluid, bonds, spheres)
 
 
 def _further_forces(case: Case, instant: Instant, like: np.ndarray) -> dict[str, np.ndarray]:
@@ -118,7 +124,8 @@ def history_of(
         names = ("position", "velocity", "angular_velocity", *(() if fluid is None else ("drag_force",)))
         arrays = {name: particles[name][present] for name in names}
         bodies = jax.tree.map(np.asarray, bodies)
-        for name, value in (("mass", bodies.mass), ("inertia", bodies.inertia)):
+        inertia = inertia_of(case, required(instant.state.particles, "particles"), bodies.inertia)
+        for name, value in (("mass", bodies.mass), ("inertia", inertia)):
             arrays[name] = value[present] if value.ndim else value
         if bodies.parcels is not None:  # forces of a grain: its share of that on the parcel, as of its momentum
             if "drag_force" in arrays:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import tomllib
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ from jaxdem.io import scene_text
 from jaxdem.io.checkpoint import read_checkpoint
 from jaxdem.io.run_directory import CHECKPOINT, START
 from jaxdem.numerics.compensated import Low
+from jaxdem.particles.clump_shape import Placed
 from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.setup.builder import Case
@@ -84,9 +86,25 @@ def from_arrays(
             low = tuple(jnp.asarray(stored(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
         radius = jnp.asarray(stored(arrays, "neighbors.radius"))
         fresh = simulation.search.allocate(reference, low, radius, room, surfaces=surfaces)
+        if state.particles.orientation is not None:
+            fresh = dataclasses.replace(fresh, bodies=_placed(arrays))
         neighbors = restored("neighbors", fresh.without_surfaces(), arrays).with_surfaces(surfaces)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra
+
+
+def _placed(arrays: dict[str, np.ndarray]) -> Placed:
+    """Where the bodies of clumps stood when the list was made, of a checkpoint."""
+
+    def vector(name: str) -> tuple[Any, ...]:
+        keys = (f"neighbors.bodies.{name}[{k}]" for k in itertools.count())
+        return tuple(jnp.asarray(arrays[key]) for key in itertools.takewhile(lambda key: key in arrays, keys))
+
+    found: dict[str, Any] = {name: vector(name) for name in Placed._fields if name != "there"}
+    for name, whole in (("low", "position"), ("orientation_low", "orientation"), ("arm_low", "arm")):
+        found[name] = found[name] or (None,) * len(found[whole])
+    there = arrays.get("neighbors.bodies.there")
+    return Placed(**found, there=None if there is None else jnp.asarray(there))
 
 
 def about(case: Case, time: Fraction) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

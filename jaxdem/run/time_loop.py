@@ -342,7 +342,7 @@ class TimeLoop:
             if instant.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
                 spread, force = ensemble_spread(self.parameters.closure, instant.forces)
                 self.totals.add_spread(float(spread), float(force))
-            given = frame.particles, frame.fluid, None, row, frame.bonds
+            given = frame.particles, frame.fluid, None, row, frame.bonds, frame.spheres
             self.directory.write_frame(self.directory.frames, self.time, *given)
 
     def _write_checkpoint(self) -> None:

@@ -95,12 +95,14 @@ class Species(Section):
         radius: radius of these particles [m].
         density: density of these particles [kg/m3].
         material: name of one of `[[materials]]`.
+        shape: name of one of `[[particles.shapes]]`, or "sphere".
     """
 
     share: Annotated[float, Field(gt=0.0, le=1.0, strict=True)]
     radius: Positive | None = None
     density: Positive | None = None
     material: MaterialName | None = None
+    shape: Name | None = None
 
 
 def _named_once(materials: tuple[Material, ...]) -> tuple[Material, ...]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from jaxdem.scene.base import Finite, MaterialName, Positive, Rows, Tables, wrong
+from jaxdem.scene.base import Finite, MaterialName, Name, Positive, Rows, Tables, nearest, wrong
 from jaxdem.scene.distribution import Distribution, check_no_radius
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.materials import Mixture, Species
 from jaxdem.scene.packs import Pack, Packs
 from jaxdem.scene.particle_file import StartOfFile
+from jaxdem.scene.shapes import SPHERE, Shapes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,13 +22,13 @@ PerParticle = Annotated[tuple[Positive, ...], Field(min_length=1)]
 
 
 class Particles(StartOfFile):
-    """The particles: spheres; in 2-D discs with the mass and inertia of a sphere.
+    """The particles: spheres, or clumps of spheres; in 2-D their centres are in the plane.
 
     Attributes:
         count: number of particles at the start. With `position` it must equal the number of positions. Not with several
             packs, which have their own. Default: a polygon or lattice is filled.
         radius: radius of all particles, one number per particle, or the name of a file (.npy or text) with one per
-            particle [m].
+            particle; of a clump that of the sphere of the same volume [m].
         distribution: distribution of the radii, in place of `radius`. It also holds for species and inlets that give
             no radius.
         density: density of all particles, one number per particle, or the name of a file with one per particle [kg/m3].
@@ -47,6 +48,10 @@ class Particles(StartOfFile):
             `total` of inlets are of parcels; see docs/theory.md, "Parcels". In a scene with `[start]` it may be larger
             than in the run, whose particles are then merged; see docs/how-to/stages.md [-].
         inlet: inlets through which particles enter during the run.
+        shapes: clumps of overlapping spheres.
+        shape: name of one of `[[particles.shapes]]`, for all particles whose species has none.
+        orientation: of clumps at the start: "random" with the seed, "aligned" with the axes in which the shape is
+            given, or rows: unit quaternions (w, x, y, z), in 2-D angles [rad].
     """
 
     count: Annotated[int, Field(ge=0, le=100_000_000, strict=True)] | None = None
@@ -61,6 +66,9 @@ class Particles(StartOfFile):
     angular_velocity: Rows | tuple[Finite, ...] | str | None = None
     coarse_grain: Annotated[float, Field(ge=1.0, le=100.0, strict=True)] = 1.0
     inlet: Tables[ParticleInlet] = ()
+    shapes: Shapes = ()
+    shape: Name | None = None
+    orientation: Literal["random", "aligned"] | Rows | tuple[Finite, ...] = "random"
 
     @property
     def packs(self) -> tuple[Pack, ...]:
@@ -104,6 +112,23 @@ class Particles(StartOfFile):
         """Whether every pack says by itself what its particles are in this."""
         own = [bool(one.species) or getattr(one, name) or (name == "radius" and one.distribution) for one in self.packs]
         return bool(own) and all(own)
+
+    @model_validator(mode="after")
+    def _known_shapes(self) -> Particles:
+        known = (SPHERE, *(shape.name for shape in self.shapes))
+        given = {"shape": self.shape} | {f"{key}.shape": one.shape for key, one, _ in self._every_species()}
+        for key, name in given.items():
+            if name is not None and name not in known:
+                raise wrong(key, name, "there is no such shape in [[particles.shapes]]", nearest(name, known))
+        if not self.has_clumps and self.orientation != "random":
+            raise wrong("orientation", "...", "spheres have none", "remove this key, or give particles.shape")
+        return self
+
+    @property
+    def has_clumps(self) -> bool:
+        """Whether some particle may be a clump."""
+        named = [self.shape, *(one.shape for _, one, _ in self._every_species())]
+        return any(name not in (None, SPHERE) for name in named)
 
     @model_validator(mode="after")
     def _one_start(self) -> Particles:
@@ -191,6 +216,13 @@ class Particles(StartOfFile):
             for j, one in enumerate(inlet.species_of(self.species)):
                 key = f"inlet.{k}" + (f".species.{j}" if inlet.species else "")
                 yield key, one, inlet.distribution or self.distribution
+
+
+def outer_factor(particles: Particles, dimension: int) -> float:
+    """Largest radius of a sphere that holds a particle, over the radius of the particle [-]."""
+    if not particles.has_clumps:
+        return 1.0
+    return max(1.0, *(shape.outer_radius(dimension) for shape in particles.shapes))
 
 
 def radius_key(particles: Particles) -> str:

@@ -8,7 +8,7 @@ from jaxdem.errors import InputError
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.domain import Box
 from jaxdem.scene.inlets import ParticleInlet
-from jaxdem.scene.particles import Particles, largest_arrival
+from jaxdem.scene.particles import Particles, largest_arrival, outer_factor
 
 Region = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -22,7 +22,7 @@ def completed_inlets(particles: Particles, box: Box, end: float) -> tuple[Partic
     result = []
     for k, inlet in enumerate(particles.inlet):
         key = f"particles.inlet.{k}"
-        largest = largest_arrival(particles, inlet)
+        largest = outer_factor(particles, len(box.size)) * largest_arrival(particles, inlet)
         is_box = inlet.region is None or inlet.region.shape == "box"
         corners = _region(key, inlet, box, largest) if is_box else None
         velocity = _velocity(key, inlet, box)

@@ -107,6 +107,11 @@ def _file_keys(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, st
     for number, bond in enumerate(bonds if isinstance(bonds, list) else ()):
         if isinstance(bond, dict):
             yield bond, "pairs", f"bonds.{number}.pairs"
+    particles = tables.get("particles")
+    shapes = particles.get("shapes") if isinstance(particles, dict) else None
+    for number, shape in enumerate(shapes if isinstance(shapes, list) else ()):
+        if isinstance(shape, dict):
+            yield shape, "file", f"particles.shapes.{number}.file"
     start = tables.get("start")
     added = start.get("add") if isinstance(start, dict) else None
     if isinstance(added, dict):

@@ -9,6 +9,7 @@ import numpy as np
 from jaxdem.errors import InputError
 from jaxdem.scene import Particles
 from jaxdem.scene.materials import Species
+from jaxdem.scene.shapes import SPHERE
 from jaxdem.scene.sizes import column
 from jaxdem.setup.distribution import radii
 
@@ -20,11 +21,13 @@ class Bodies(NamedTuple):
         radius: of the particles, parcels or grains [m].
         density: [kg/m3].
         material: number in the table of materials; 0 in a scene without.
+        shape: number in the table of shapes, 0 for a sphere.
     """
 
     radius: np.ndarray
     density: np.ndarray
     material: np.ndarray
+    shape: np.ndarray = np.zeros((), np.int32)
 
     @property
     def smallest_radius(self) -> float:
@@ -41,7 +44,7 @@ class Bodies(NamedTuple):
         return self._replace(radius=factor * self.radius)
 
 
-NO_BODIES = Bodies(np.zeros(0), np.zeros(0), np.zeros(0, np.int32))
+NO_BODIES = Bodies(np.zeros(0), np.zeros(0), np.zeros(0, np.int32), np.zeros(0, np.int32))
 """Those of a scene without particles."""
 
 
@@ -77,7 +80,8 @@ def particle_bodies(particles: Particles, names: tuple[str, ...], count: int, se
         numbers = np.asarray(names.index(material) if names and material else 0, np.int32)
     radius = column("particles.radius", particles.own("radius"), count) if drawn is None else drawn
     density = column("particles.density", particles.own("density"), count)
-    return Bodies(radius, density, numbers).scaled(particles.coarse_grain)
+    shape = np.asarray(shape_number(particles, particles.shape), np.int32)
+    return Bodies(radius, density, numbers, shape).scaled(particles.coarse_grain)
 
 
 def _spread_radii(particles: Particles, count: int, seed: int | list[int]) -> np.ndarray | None:
@@ -113,7 +117,14 @@ def species_bodies(
     material = [names.index(one.material or str(particles.material)) for one in species] if names else [0]
     number = np.resize(np.asarray(material, np.int32), len(species))[kind]
     radius = of("radius", particles.radius if drawn is None else drawn)
-    return Bodies(radius, of("density", particles.density), number)
+    shape = [shape_number(particles, one.shape or particles.shape) for one in species]
+    return Bodies(radius, of("density", particles.density), number, np.asarray(shape, np.int32)[kind])
+
+
+def shape_number(particles: Particles, name: str | None) -> int:
+    """Of a shape in `ShapeTable`."""
+    names = (SPHERE, *(shape.name for shape in particles.shapes))
+    return names.index(name or SPHERE)
 
 
 def collapsed(bodies: Bodies) -> Bodies:

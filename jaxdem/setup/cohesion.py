@@ -194,7 +194,7 @@ def cohesion_reach(particles: ParticleSetup) -> float:
     table, contact = particles.contact.cohesion, particles.contact
     if table is None or particles.bodies.radius.size == 0:
         return 0.0
-    radius = 0.5 * particles.bodies.largest_diameter
+    radius = 0.5 * particles.spheres.largest_diameter
     softest = contact.young_modulus / (1.0 - contact.poisson_ratio**2)
     if particles.materials is not None:
         softest = float(np.min(particles.materials.young_modulus / (1.0 - particles.materials.poisson_ratio**2)))
@@ -203,13 +203,13 @@ def cohesion_reach(particles: ParticleSetup) -> float:
     strength = max(strongest(particles, wall) for wall in (False, True))
     # The largest sphere at a plane of the softest material: no pair has a longer neck.
     pair = Pair(table, strength, radius, 0.5 * softest, 0.0, bridge_volume(particles, radius))
-    if pair.reach > LARGEST_REACH * particles.bodies.smallest_radius:
+    if pair.reach > LARGEST_REACH * particles.spheres.smallest_radius:
         key = {"van_der_waals": "cutoff", "capillary": "liquid_content"}.get(table.kind, STRENGTH[table.kind])
         raise InputError(
             f"contact.cohesion.{key}",
             getattr(table, key),
             f"bodies attract each other up to a gap of {pair.reach:.3g} m; the limit is half of the smallest radius, "
-            f"{LARGEST_REACH * particles.bodies.smallest_radius:.3g} m",
+            f"{LARGEST_REACH * particles.spheres.smallest_radius:.3g} m",
             "lower it, or stiffen the contact" if table.kind == "jkr" else "lower it",
         )
     return pair.reach

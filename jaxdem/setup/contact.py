@@ -74,17 +74,16 @@ def contact_interval(
     Raises:
         InputError: the box is too small for the neighbour list, or two walls are one.
     """
-    bodies = particles.bodies
     moving = tuple(mesh.moves for mesh in particles.meshes)
-    search = NeighborSearch(neighbor_geometry(particles), _typical_radius(particles), moving)
+    search = NeighborSearch(neighbor_geometry(particles), _typical_radius(particles), moving, particles.members)
     sides = _box_walls(particles, population)
     surfaces = scene_surfaces(particles.scene, extensions.get("walls", ()), dtype)
     times = wall_times(particles, extensions.get("walls", ()), steps.interval)
-    check_coincident(particles.scene, sides, surfaces, times, 2.0 * bodies.smallest_radius)
+    check_coincident(particles.scene, sides, surfaces, times, 2.0 * particles.spheres.smallest_radius)
     table, index = particles.materials, None
     if table is not None:
         walls = table.of_walls(len(sides), len(surfaces), len(particles.meshes))
-        index = MaterialIndex.of(bodies.material, walls, table.pair)
+        index = MaterialIndex.of(particles.contact_material, walls, table.pair)
     law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
     motions, pistons = surface_motions(particles.scene, len(extensions.get("walls", ())), len(sides))
     measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
@@ -123,7 +122,7 @@ def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
     That is the widest at which a dense layer still has fewer neighbours than `USUAL_SLOTS`: the list is
     rebuilt half as often as with 0.2, and no wider.
     """
-    scene, contact, diameter = particles.scene, particles.contact, particles.bodies.largest_diameter
+    scene, contact, diameter = particles.scene, particles.contact, particles.spheres.largest_diameter
     skin = list_skin(contact, diameter)
     cutoff = diameter + cohesion_reach(particles)
     for axis, wraps in enumerate(scene.periodic):
@@ -139,9 +138,9 @@ def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
 
 
 def _typical_radius(particles: ParticleSetup) -> float:
-    """Of the particle of the mean volume, in 2-D area [m]."""
+    """Of the particle of the mean volume, in 2-D area; of clumps of an even part of theirs for every member [m]."""
     dimension = particles.scene.dimension
-    return float(np.mean(np.power(particles.bodies.radius, dimension))) ** (1.0 / dimension)
+    return (float(np.mean(np.power(particles.bodies.radius, dimension))) / particles.members) ** (1.0 / dimension)
 
 
 def _box_walls(particles: ParticleSetup, population: Population | None) -> tuple[BoxSide, ...]:

@@ -44,8 +44,8 @@ class ContactBody(NamedTuple):
 
 def contact_bodies(particles: ParticleSetup) -> list[ContactBody]:
     """The extremes of every material: among their pairs are the shortest contact and the deepest overlap."""
-    contact, table = particles.contact, particles.materials
-    radius, density, material = np.broadcast_arrays(*particles.bodies)
+    contact, table, shapes = particles.contact, particles.materials, particles.shapes
+    radius, density, material, shape = np.broadcast_arrays(*particles.bodies)
     found = []
     for number in np.unique(material):
         young, poisson, key = contact.young_modulus, contact.poisson_ratio, "contact.young_modulus"
@@ -54,7 +54,15 @@ def contact_bodies(particles: ParticleSetup) -> list[ContactBody]:
         here = material == number
         extremes = {(float(f(radius[here])), float(f(density[here]))) for f in (np.min, np.max)}
         for r, rho in sorted(extremes):
-            found.append(ContactBody(r, rho, 4.0 / 3.0 * math.pi * r**3 * rho, young, poisson, key))
+            mass = 4.0 / 3.0 * math.pi * r**3 * rho
+            if shapes is None:
+                found.append(ContactBody(r, rho, mass, young, poisson, key))
+                continue
+            for kind in np.unique(shape[here]):  # the members, and what their contacts feel of the mass of the body
+                one = shapes.templates[kind]
+                small, large = r * float(one.radii.min()), r * float(one.radii.max())
+                found.append(ContactBody(small, rho, one.share_felt * mass, young, poisson, key))
+                found.append(ContactBody(large, rho, mass, young, poisson, key))
     if table is not None:
         return found + [_wall(*_elastic(table, number)) for number in table.wall_materials]
     # Walls as hard as the particles, or harder, are left to the margins of step and overlap (15 % more than of a pair).
@@ -64,6 +72,13 @@ def contact_bodies(particles: ParticleSetup) -> list[ContactBody]:
         if wall.modulus < found[0].modulus:
             found.append(wall)
     return found
+
+
+def crowding(particles: ParticleSetup) -> float:
+    """Most contacts that a particle has room for, over those of a sphere: 1 of spheres [-]."""
+    if particles.shapes is None:
+        return 1.0
+    return max(particles.shapes.templates[kind].crowding for kind in np.unique(particles.bodies.shape))
 
 
 def effective(a: float, b: float) -> float:

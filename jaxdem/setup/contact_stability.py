@@ -10,7 +10,7 @@ from jaxdem.scene import Contact
 from jaxdem.setup import stability
 from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import Pair, bridge_volume, strongest
-from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, worst_constants
+from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, worst_constants
 from jaxdem.setup.particles import ParticleSetup
 
 
@@ -62,7 +62,7 @@ def contact_stability(
         not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
     )
     return stability.contact_stability_limit(
-        light,
+        light / crowding(particles),  # of a clump with so many times the contacts of a sphere
         scene.dimension,
         pairs,
         _linearised(contact, of_wall, light, small, wall_depth, 1.0),

@@ -209,7 +209,7 @@ def _parcels(grains: Grains, members: Membership, ratio: float) -> Grains:
     mean = np.cbrt(total(part * some.bodies.radius**3) / size)
     # Equal ones to the last bit, so that there is one radius for all.
     radius = ratio * np.where(least == np.maximum.reduceat(some.bodies.radius, first), least, mean)
-    bodies = Bodies(radius, some.bodies.density[first], some.bodies.material[first])
+    bodies = Bodies(radius, *(column[first] for column in some.bodies[1:]))
     own = (0.4 * whole * radius**2)[:, None]
     costs = np.sum(momentum**2, axis=1, keepdims=True) / (2.0 * own)
     rigid = momentum / _largest_inertia(total, mass, away, inertia)[:, None]

@@ -10,13 +10,14 @@ import jax
 import numpy as np
 from jax import Array
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.placement import Placement
 from jaxdem.particles import packing
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
+from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.meshes import WallMesh
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import wall_keys
@@ -70,6 +71,8 @@ def check_initial_positions(particles: ParticleSetup) -> None:
     Raises:
         InputError: naming the particles.
     """
+    if particles.shapes is not None:
+        return _check_clumps(particles)
     allowed = allowed_overlap(particles)
     rows = np.flatnonzero(np.broadcast_to(particles.active, particles.count))
     scene, position = particles.scene, particles.position[rows]
@@ -115,6 +118,37 @@ def _check_pairs(particles: ParticleSetup, rows: np.ndarray, allowed: Overlap, s
             f"particles {rows[first]} and {rows[second]} at {_point(position[first])} and {_point(position[second])} m",
             f"they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
             spread if allowed.key == "particles.pack" else allowed.move,
+        )
+
+
+def _check_clumps(particles: ParticleSetup) -> None:
+    """The same of the members of clumps."""
+    allowed, scene, table = allowed_overlap(particles), particles.scene, particles.shapes
+    assert table is not None
+    count = particles.count
+    orientation = required(particles.orientation, "orientation")[:count]
+    present = Bodies(*(np.broadcast_to(column, count) for column in particles.present))
+    position, radius, body = table.placed(present, particles.position, orientation)
+    depth = np.maximum(radius[:, None] - position, position + radius[:, None] - np.asarray(scene.domain.size))
+    depth = np.where(scene.periodic, -np.inf, depth) / (2.0 * radius[:, None])
+    if len(position) and depth.max() > allowed.part:
+        index, axis = np.unravel_index(np.argmax(depth), depth.shape)
+        raise InputError(
+            allowed.key,
+            f"clump {body[index]} at {_point(particles.position[body[index]])} m",
+            f"one of its spheres reaches {_percent(depth[index, axis])} of its diameter into the "
+            f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, {allowed}",
+            allowed.move,
+        )
+    worst, *pair = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic, body=body)
+    if worst > allowed.part:
+        first, second = body[pair]
+        raise InputError(
+            allowed.key,
+            f"clumps {first} and {second} at {_point(particles.position[first])} and "
+            f"{_point(particles.position[second])} m",
+            f"two of their spheres overlap by {100 * worst:.3g} % of a diameter, {allowed}",
+            allowed.move,
         )
 
 

@@ -14,9 +14,10 @@ from jaxdem.errors import InputError
 from jaxdem.particles import growth, packing, regions
 from jaxdem.scene import Pack, Particles, Scene
 from jaxdem.scene.domain import Box
-from jaxdem.scene.particles import radius_range
+from jaxdem.scene.particles import outer_factor, radius_range
 from jaxdem.setup.bodies import Bodies, particle_bodies
 from jaxdem.setup.regions import refuse_crossing, region_space, require_in_box
+from jaxdem.setup.shapes import shape_table
 from jaxdem.setup.solid_fraction import count_for, require_reachable
 
 MOST_PLACES = 20_000_000
@@ -62,13 +63,18 @@ class PackSetup:
         """
         bodies = self.bodies_of(self.count)
         if self.pack.is_counted and self.count:
-            require_reachable(self, np.broadcast_to(bodies.radius, self.count))
+            require_reachable(self, np.broadcast_to(self._outer(bodies), self.count))
         return bodies
 
     def bodies_of(self, count: int) -> Bodies:
         """What so many particles of this pack would be."""
         names = tuple(material.name for material in self.scene.materials)
         return particle_bodies(self.table, names, count, self.seed)
+
+    def _outer(self, bodies: Bodies) -> np.ndarray:
+        """() or (N,) radius of what is packed: of the particles, or of the spheres that hold clumps [m]."""
+        shapes = shape_table(self.table, self.scene.dimension)
+        return bodies.radius if shapes is None else shapes.outer(bodies)
 
     @property
     def seed(self) -> int | list[int]:
@@ -159,7 +165,7 @@ class PackSetup:
 
     def _made(self) -> np.ndarray:
         """Centres of a pack whose particles are known."""
-        radius = np.broadcast_to(self.bodies.radius, self.count)
+        radius = np.broadcast_to(self._outer(self.bodies), self.count)
         if self.pack.kind == "grown":
             position, part = growth.grown_pack(self.space, radius, self.pack.gap, self.seed)
             if part < 1.0:
@@ -182,6 +188,7 @@ class PackSetup:
     def _filled(self) -> np.ndarray:
         """All centres of a lattice or a polygon."""
         smallest, largest = radius_range(self.table)
+        largest *= outer_factor(self.table, self.scene.dimension)
         spacing, jitter = 2.0 * largest * self.pack.gap, (self.pack.jitter or 0.0) * smallest
         box = self.scene.domain.size
         if self.pack.kind == "polygon":

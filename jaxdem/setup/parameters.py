@@ -13,6 +13,7 @@ from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.mixing_length import BedMixing
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.numerics.host import on_device
+from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.integrate import Parcels, ParticleProperties
 from jaxdem.particles.materials import CohesionParameters, ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.particles.moving_walls import Numbers
@@ -59,7 +60,7 @@ def scene_parameters(
         ratio = particles.table.coarse_grain
         parcels = None if ratio == 1.0 else Parcels(number(ratio), number(ratio**scene.dimension))
         of_bodies = number(particles.bodies.radius), number(particles.bodies.density)
-        bodies = ParticleProperties(*of_bodies, parcels=parcels)
+        bodies = ParticleProperties(*of_bodies, parcels=parcels, clumps=_clumps(particles, number))
         share = share_of_sphere(ratio, scene.dimension)
         contact = _contact_constants(particles.contact, particles.materials, number, share)
         contact = contact._replace(cohesion=_cohesion(particles, number))
@@ -87,6 +88,33 @@ def scene_parameters(
         pistons=() if particles is None else piston_numbers(scene, number),
         meshes=() if particles is None else tuple(mesh.traced(dtype) for mesh in particles.meshes),
         bonds=bond_parameters(scene, number),
+    )
+
+
+def _clumps(particles: ParticleSetup, number: _Numbers) -> Clumps | None:
+    """Members and inertia of bodies that are clumps; None where all are spheres."""
+    table, bodies = particles.shapes, particles.bodies
+    if table is None:
+        return None
+    offset, radius, part, there = table.padded(bodies.shape)
+    size = np.atleast_1d(bodies.radius)[None]
+    radius, offset = radius * size, offset * size[..., None]
+    same = np.ndim(bodies.shape) == 0
+
+    def of_shapes(values: list[float]) -> Array:
+        return number(values[int(bodies.shape)] if same else np.asarray(values)[bodies.shape])
+
+    templates = table.templates
+    moments, axes = len(templates[0].inertia), len(templates[0].shadow)
+    return Clumps(
+        offset=tuple(number(offset[..., k]) for k in range(offset.shape[-1])),
+        radius=number(radius.flat[0] if (radius == radius.flat[0]).all() else radius),
+        inertia=tuple(of_shapes([float(one.inertia[k]) for one in templates]) for k in range(moments)),
+        share=number(part),
+        reach=of_shapes([one.reach for one in templates]),
+        sphericity=of_shapes([one.sphericity for one in templates]),
+        shadow=tuple(of_shapes([float(one.shadow[k]) for one in templates]) for k in range(axes)),
+        there=None if there is None else on_device(there, bool),
     )
 
 

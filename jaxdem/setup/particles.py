@@ -17,6 +17,7 @@ from jaxdem.setup.materials import MaterialTable, material_table
 from jaxdem.setup.meshes import WallMesh, wall_meshes
 from jaxdem.setup.packs import PackSetup, packs_of
 from jaxdem.setup.parcels import check_parcels, parcel_contact
+from jaxdem.setup.shapes import ShapeTable, check_shapes, orientations, shape_table
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,9 +136,38 @@ class ParticleSetup:
         return joined([_each(self.present, self.count), *(coming.bodies for coming in self.arrivals)])
 
     @cached_property
+    def shapes(self) -> ShapeTable | None:
+        """The shapes; None where all particles are spheres."""
+        return shape_table(self.table, self.scene.dimension)
+
+    @cached_property
+    def spheres(self) -> Bodies:
+        """What touches: the particles, or the members of clumps."""
+        return self.bodies if self.shapes is None else self.shapes.spheres(self.bodies)
+
+    @property
+    def members(self) -> int:
+        """Rows of contacts and lists of a particle: most members of a clump, 1 of spheres."""
+        return 1 if self.shapes is None else self.shapes.members(self.bodies.shape)
+
+    @property
+    def contact_material(self) -> np.ndarray:
+        """() or (m N,) material of every row of contacts."""
+        material = self.bodies.material
+        return material if material.ndim == 0 else np.tile(material, self.members)
+
+    @cached_property
+    def orientation(self) -> np.ndarray | None:
+        """(N, 4) or, in 2-D, (N, 1) of all particles that there ever are; None of spheres."""
+        if self.shapes is None:
+            return None
+        shape = np.broadcast_to(self.bodies.shape, self.total)
+        return orientations(self.shapes, self.table, shape, self.count, self.scene.seed)
+
+    @cached_property
     def meshes(self) -> tuple[WallMesh, ...]:
         """The walls that are meshes."""
-        return wall_meshes(self.scene, self.contact, self.bodies.radius)
+        return wall_meshes(self.scene, self.contact, self.spheres.radius)
 
     @cached_property
     def bonds(self) -> BondList | None:
@@ -160,4 +190,5 @@ def particle_setup(scene: Scene) -> ParticleSetup | None:
     if scene.particles is None or scene.contact is None:
         return None
     check_parcels(scene, scene.particles)
+    check_shapes(scene, scene.particles)
     return ParticleSetup(scene, scene.particles, parcel_contact(scene.contact, scene.particles.coarse_grain))

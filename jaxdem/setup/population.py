@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jaxdem.particles.population import Exit, Inlet, Population
-from jaxdem.scene.particles import largest_arrival
+from jaxdem.scene.particles import largest_arrival, outer_factor
 from jaxdem.setup.inlet_flow import ROUNDING
 from jaxdem.setup.inlet_regions import inlet_region
 from jaxdem.setup.particles import ParticleSetup
@@ -41,7 +41,7 @@ def population_of(particles: ParticleSetup, interval: float, clock: Clock | None
         rows = None if in_order else tuple(queue.rows.tolist())
         region = None
         if inlet.region is not None:
-            largest = largest_arrival(particles.table, inlet)
+            largest = outer_factor(particles.table, scene.dimension) * largest_arrival(particles.table, inlet)
             region = inlet_region(f"particles.inlet.{k}", inlet.region, scene.box, largest)
         inlets.append(Inlet(int(queue.rows[0]), tuple(due.tolist()), start, stop, batch, rows, region))
     size, never = scene.domain.size, particles.never

@@ -62,7 +62,7 @@ def settled(
     def settle(state: State, neighbors: Neighbors) -> tuple[State, Neighbors]:
         model = required(dry.contact, "simulation.contact").model
         given = required(state.particles, "state.particles")
-        walls = tuple(jnp.zeros((model.analytic_walls, len(given.position)), s.dtype) for s in given.wall_spring)
+        walls = tuple(jnp.zeros((model.analytic_walls, s.shape[1]), s.dtype) for s in given.wall_spring)
         falling = State(given._replace(wall_spring=walls, pistons=None), None, state.step)
         done, energy, force = 0, math.inf, math.inf
         while not (energy < REST_ENERGY and force < REST_FORCE):
@@ -91,7 +91,7 @@ def _without_fluid(particles: ParticleSetup, simulation: Simulation) -> Simulati
     sides, index = box_sides(simulation.box, simulation.periodic), model.materials
     if table is not None:
         walls = table.of_walls(len(sides), len(model.surfaces), len(model.meshes))
-        index = MaterialIndex.of(particles.bodies.material, walls, table.pair)
+        index = MaterialIndex.of(particles.contact_material, walls, table.pair)
     times = None if model.wall_times is None else model.wall_times.held(0.5 * simulation.interval)
     motions = tuple(None if one is None else _still(one) for one in model.motions)
     model = dataclasses.replace(

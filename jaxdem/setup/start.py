@@ -39,7 +39,7 @@ from jaxdem.setup.overlaps import (
 )
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.wear import not_worn
-from jaxdem.simulation import Simulation
+from jaxdem.simulation import Simulation, contact_spheres
 from jaxdem.state import Parameters, State
 
 
@@ -68,9 +68,10 @@ def first_state(
         middle = 0.5 * simulation.interval
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
         placed = simulation.placed(parameters, state, _full((), 0, np.int32)) if model.motions else ()
-        check_surfaces(scene, model.surfaces, present, state, parameters.bodies.radius, allowed, placed)
+        spheres, radius = contact_spheres(state, parameters.bodies)
+        check_surfaces(scene, model.surfaces, present, spheres, radius, allowed, placed)
         check_inlets_beside_meshes(particles, placed)
-        check_meshes(particles.meshes, present, state, parameters.bodies.radius, allowed, placed)
+        check_meshes(particles.meshes, present, spheres, radius, allowed, placed)
         room = simulation.room(parameters, state)
         state = _with_memory(scene, simulation, parameters.bodies.radius, state, room)
         state = with_mesh_memory(state, simulation.contact, room)
@@ -128,6 +129,9 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
     leading = position.astype(dtype)
     single = dtype != np.float64
 
+    turned = particles.orientation
+    low = None if turned is None else turned - turned.astype(dtype)
+
     def rows(name: str, source: str | Numbers | None, width: int) -> Array:
         given = rows_of(f"particles.{name}", source, width, present, of_frame=True)
         values = np.zeros((count, width))
@@ -147,6 +151,8 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
         active=None if population is None else on_device(np.arange(count) < present, bool),
         inserted=_full((len(inlets),), 0, np.int32) if inlets else None,
         bonds=None if particles.bonds is None else bond_state(particles.bonds, count, dtype),
+        orientation=None if turned is None else on_device(turned, dtype),
+        orientation_low=None if low is None or not single else on_device(low, dtype),
     )
 
 
@@ -168,9 +174,10 @@ def _with_memory(
         slip = np.asarray(fluid_velocity(scene), dtype) - np.asarray(particles.velocity)
         forces = coupling.forces
         memory = jax.jit(lambda slip: {force.name: force.start(slip) for force in forces})(slip)
+    rows = count * required(contact.search, "search").members
     return particles._replace(
         contact_spring=(_full((room.pairs,), 0.0, dtype),) * kept,
-        wall_spring=(_full((contact.model.analytic_walls, count), 0.0, dtype),) * kept,
+        wall_spring=(_full((contact.model.analytic_walls, rows), 0.0, dtype),) * kept,
         fluid_memory={name: value for name, value in memory.items() if value is not None} or None,
         liquid=first_films(scene, radius, count, dtype) if contact.model.wet else None,
     )

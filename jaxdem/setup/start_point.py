@@ -126,7 +126,8 @@ class StartPoint:
     @property
     def bodies(self) -> Bodies:
         """What its particles are, those that have left or have still to come included."""
-        return Bodies(*(self.arrays[f"rows/{name}"] for name in Bodies._fields))
+        names = (name for name in Bodies._fields if f"rows/{name}" in self.arrays)
+        return Bodies(**{name: self.arrays[f"rows/{name}"] for name in names})
 
     @property
     def queues(self) -> list[Queue]:

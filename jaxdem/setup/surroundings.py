@@ -59,6 +59,9 @@ def _refuse_others(scene: Scene, particles: ParticleSetup) -> None:
     if particles.table.coarse_grain != 1.0:
         limit = "is of grains: a parcel has the neighbours of none of its grains"
         raise InputError("particles.coarse_grain", particles.table.coarse_grain, limit, "set it to 1, or " + remedy)
+    if particles.shapes is not None:
+        limit = "is a closure of neighbours: it is of spheres"
+        raise InputError("closure.file", scene.closure.file, limit, "remove particles.shape, or " + remedy)
     ratio = bodies.largest_diameter / (2.0 * bodies.smallest_radius)
     if ratio > LARGEST_RATIO:
         limit = f"the closure of neighbours is of equal spheres; the largest here is {ratio:.3g} times the smallest, "

@@ -120,7 +120,7 @@ def _with_contacts(steps: TimeSteps, found: ContactStep, particles: ParticleSetu
             "soften the contact, use larger particles, lower contact.speed, or shorten coupling.interval",
         )
     count = whole(interval / longest)
-    check_displacement(particles.scene, interval / count, particles.bodies.smallest_radius)
+    check_displacement(particles.scene, interval / count, particles.spheres.smallest_radius)
     check_pistons(particles, interval / count, found.limits["contact_stability"])
     return dataclasses.replace(
         steps,

@@ -82,6 +82,9 @@ def make_dataset(
             raise InputError(key, value, limit, "leave this key out")
     # Closures are trained in single precision, whatever the run had.
     scene, coarse_scene = (load_scene(source.scene, {"precision": "float32"} | changed) for changed in ({}, overrides))
+    if required(scene.particles, "particles").has_clumps:
+        limit = "closures are trained on spheres, and this run has clumps"
+        raise InputError("particles.shape", None, limit, "give a run of spheres")
     if required(scene.coupling, "coupling").self_disturbance:
         limit = "its drag law received the slip without the wake of the particle, and samples do not contain this slip"
         raise InputError("coupling.self_disturbance", True, limit, "Run the scene without it for training data.")

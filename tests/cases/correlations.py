@@ -130,6 +130,26 @@ def rong(slip, s):
     return cross_section_force(coefficient, velocity) * g**-chi
 
 
+def shaped_force(coefficient, slip, s):
+    velocity, re = superficial(slip, s)
+    chi = 3.7 - 0.65 * math.exp(-((1.5 - math.log10(re)) ** 2) / 2)
+    return cross_section_force(coefficient(re), velocity) * (1 - s) ** -chi
+
+
+def haider_levenspiel_coefficient(re, sphericity=1.0):
+    p = sphericity
+    a, b = math.exp(2.3288 - 6.4581 * p + 2.4486 * p**2), 0.0964 + 0.5565 * p
+    c = math.exp(4.905 - 13.8944 * p + 18.4222 * p**2 - 10.2599 * p**3)
+    d = math.exp(1.4681 + 12.2584 * p - 20.7322 * p**2 + 15.8855 * p**3)
+    return 24 / re * (1 + a * re**b) + c / (1 + d / re)
+
+
+def hoelzer_sommerfeld_coefficient(re, sphericity=1.0, crosswise=1.0):
+    last = 0.42 * 10 ** (0.4 * abs(math.log10(sphericity)) ** 0.2) / crosswise
+    middle = 3 / math.sqrt(re) / sphericity**0.75
+    return 8 / re / math.sqrt(crosswise) + 16 / re / math.sqrt(sphericity) + middle + last
+
+
 ROWS = {
     "stokes": Row(stokes, (0.004,), (1e-3,)),
     "schiller_naumann": Row(schiller_naumann, (0.004,), (1e-3, 1.0, 300.0, 1e4)),
@@ -144,5 +164,11 @@ ROWS = {
     "beetstra": Row(beetstra, (0.15, 0.45), (1e-3, 30.0, 1e3)),
     "tang": Row(tang, (0.15, 0.45), (1e-3, 30.0, 1e3)),
     "rong": Row(rong, (0.15, 0.45), (1e-2, 30.0, 3e3), single_creeping=0.96),
+    "haider_levenspiel": Row(
+        lambda slip, s: shaped_force(haider_levenspiel_coefficient, slip, s), (0.004, 0.45), (1e-3, 30.0, 1e4)
+    ),
+    "hoelzer_sommerfeld": Row(
+        lambda slip, s: shaped_force(hoelzer_sommerfeld_coefficient, slip, s), (0.004, 0.45), (1e-2, 30.0, 1e4)
+    ),
 }
 """By the name that a scene has for the law."""

@@ -1,0 +1,343 @@
+"""The shapes of a scene: clumps of spheres in their principal axes, and how particles of each lie. Host, numpy."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.particles.union import covered, shadows, union_of
+from jaxdem.scene import Particles, Scene
+from jaxdem.scene.rows import given_rows
+from jaxdem.scene.shapes import SPHERE, Shape
+from jaxdem.setup.bodies import Bodies
+
+ALIKE = 1e-9
+"""Moments of inertia that differ by less than this part are equal, and products that are smaller are none."""
+
+SMALLEST = 1e-3
+"""Radius of a member over that of its body, at least: a smaller one would decide the contact step alone."""
+
+
+class Template(NamedTuple):
+    """A shape in its principal axes, for a body whose sphere of the same volume has the radius 1.
+
+    Attributes:
+        centres: (m, D) of the spheres, from the centre of mass [-].
+        radii: (m,) [-].
+        inertia: principal moments over m r^2: 3, in 2-D the one across the plane [-].
+        sphericity: [-].
+        shadow: (D,) areas of the projections along the principal axes over pi r^2 [-].
+        axes: (3, 3) the principal axes, its columns, in those in which the shape is given; in 2-D turned in the plane.
+        within: number of spheres that lie within others and touch nothing.
+    """
+
+    centres: np.ndarray
+    radii: np.ndarray
+    inertia: np.ndarray
+    sphericity: float
+    shadow: np.ndarray
+    axes: np.ndarray
+    within: int
+
+    @property
+    def reach(self) -> float:
+        """Of the sphere about the centre of mass that holds it [-]."""
+        return float(np.max(np.linalg.norm(self.centres, axis=1) + self.radii))
+
+    @property
+    def parts(self) -> np.ndarray:
+        """(m,) of the volume that its spheres stand for; overlaps are shared out in proportion [-]."""
+        volumes = self.radii**3
+        return volumes / volumes.sum()
+
+    @property
+    def share_felt(self) -> float:
+        """Mass that the contacts of a sphere have to feel for the stable step of the clump, over the body's [-].
+
+        Along a unit vector n at the arm a: 1/m* = 1/m + (a x n).I^-1 (a x n). Along the normal of a contact the arm to
+        the centre of a member counts, and the largest eigenvalue over n; across it the arm to its surface, and the
+        least moment. A sphere has 1/m and 7/2 of that.
+        """
+        moments, felt = self.inertia, 1.0
+        for centre, radius in zip(self.centres, self.radii, strict=True):
+            distance = float(np.linalg.norm(centre))
+            if len(centre) == 2:
+                largest = distance**2 / float(moments[0])
+            else:
+                x, y, z = centre
+                cross = np.asarray([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+                largest = float(np.linalg.eigvalsh(cross.T @ (cross / moments[:, None]))[-1])
+            across = 1.0 + (distance + radius) ** 2 / float(moments.min())
+            felt = min(felt, 1.0 / (1.0 + largest), 3.5 / across)
+        return felt
+
+    @property
+    def crowding(self) -> float:
+        """Surface on which centres of touching spheres lie, of the smallest member's size, over that of a sphere."""
+        if len(self.radii) == 1:
+            return 1.0
+        small = float(self.radii.min())
+        centres = self.centres if self.centres.shape[1] == 3 else np.insert(self.centres, 1, 0.0, axis=1)
+        around = union_of(tuple(map(tuple, centres.tolist())), tuple((self.radii + small).tolist()))
+        return around.surface / (16.0 * math.pi * small**2)
+
+
+def template(shape: Shape | None, dimension: int) -> Template:
+    """What a shape is; None is a sphere."""
+    if shape is None:
+        inertia = np.full(1 if dimension == 2 else 3, 0.4)
+        return Template(np.zeros((1, dimension)), np.ones(1), inertia, 1.0, np.ones(dimension), np.eye(3), 0)
+    given = shape.spheres(dimension)
+    centres, radii = np.asarray(given[0], float), np.asarray(given[1], float)
+    kept = ~covered(centres, radii)
+    if kept.sum() == 1:
+        return template(None, dimension)._replace(within=len(kept) - 1)
+    union = shape.union(dimension)
+    axes = _principal_axes(union.moments, dimension)
+    inside = (centres[kept] - union.centre) @ axes / union.radius
+    moments = np.diag(axes.T @ union.moments @ axes) / union.radius**2
+    moments = _made_equal(moments)
+    areas = shadows(inside, radii[kept] / union.radius) / math.pi
+    rows = [0, 2] if dimension == 2 else [0, 1, 2]
+    return Template(
+        inside[:, rows],
+        radii[kept] / union.radius,
+        moments[1:2] if dimension == 2 else moments,
+        union.sphericity,
+        areas[rows],
+        axes,
+        int(len(kept) - kept.sum()),
+    )
+
+
+def _principal_axes(moments: np.ndarray, dimension: int) -> np.ndarray:
+    """(3, 3) principal axes, right-handed; the given ones where they are, and in 2-D the second stays."""
+    size = ALIKE * np.trace(moments)
+    if np.abs(moments - np.diag(np.diag(moments))).max() < size:
+        return np.eye(3)
+    if dimension == 3:
+        _, axes = np.linalg.eigh(moments)
+        return axes * (1.0 if np.linalg.det(axes) > 0.0 else np.asarray([1.0, 1.0, -1.0]))
+    angle = 0.5 * math.atan2(2.0 * moments[0, 2], moments[0, 0] - moments[2, 2])
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.asarray([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+
+
+def _made_equal(moments: np.ndarray) -> np.ndarray:
+    """The moments, those that differ by rounding alone made equal: a body of revolution has two."""
+    found = moments.copy()
+    for k in range(3):
+        near = np.abs(found - found[k]) < ALIKE * found[k]
+        found[near] = found[k]
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class ShapeTable:
+    """The shapes of a scene by number; 0 is the sphere.
+
+    Attributes:
+        names: of the shapes.
+        templates: of the same.
+        dimension: of the scene.
+    """
+
+    names: tuple[str, ...]
+    templates: tuple[Template, ...]
+    dimension: int
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """Radii of the spheres that hold the shapes, of bodies of radius 1 [-]."""
+        return np.asarray([one.reach for one in self.templates])
+
+    def outer(self, bodies: Bodies) -> np.ndarray:
+        """() or (N,) radius of the sphere about the centre of mass that holds a body [m]."""
+        found: np.ndarray = self.reach[bodies.shape] * bodies.radius
+        return found
+
+    def members(self, shape: np.ndarray) -> int:
+        """m, most spheres of a body."""
+        return max(len(self.templates[number].radii) for number in np.unique(shape))
+
+    def padded(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+        """Of the shapes: offsets (m, N, D), radii (m, N), parts of the volume (m, N), and (m, N) bool, which spheres
+        there are, None if all; N = 1 where all bodies are alike. Spheres that are not there are as the first one."""
+        number = np.atleast_1d(shape)
+        size = self.members(shape)
+        offset = np.stack([_filled(one.centres, size) for one in self.templates])[number]
+        radius = np.stack([_filled(one.radii, size) for one in self.templates])[number]
+        count = np.asarray([len(one.radii) for one in self.templates])[number]
+        there = np.arange(size)[:, None] < count[None]
+        part = np.stack([_filled(one.parts, size) for one in self.templates])[number].T * there
+        return np.moveaxis(offset, 1, 0), radius.T, part, None if there.all() else there
+
+    def spheres(self, bodies: Bodies) -> Bodies:
+        """What touches: the members that there are, with the density and material of their bodies."""
+        _, radius, _, there = self.padded(bodies.shape)
+        each = radius * np.atleast_1d(bodies.radius)[None]
+        shown = np.full(each.shape, True) if there is None else np.broadcast_to(there, each.shape)
+
+        def rows(column: np.ndarray) -> np.ndarray:
+            return column if column.ndim == 0 else np.broadcast_to(column[None], each.shape)[shown]
+
+        flat = each[shown]
+        if (flat == flat[0]).all():
+            flat = flat[0].reshape(())
+        return Bodies(flat, rows(bodies.density), rows(bodies.material))
+
+    def placed(
+        self, bodies: Bodies, position: np.ndarray, orientation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Centres (M, D) [m] and radii (M,) [m] of all members, and (M,) the body that each is a part of.
+
+        Args:
+            bodies: (N,) each.
+            position: (N, D) [m].
+            orientation: (N, 4) or (N, 1), of the principal axes.
+        """
+        centres, radii, owner = [], [], []
+        for kind in np.unique(bodies.shape):
+            here, one = np.flatnonzero(bodies.shape == kind), self.templates[kind]
+            arm = turned(orientation[here], np.broadcast_to(one.centres, (len(here), *one.centres.shape)))
+            size = bodies.radius[here]
+            centres.append((position[here, None] + size[:, None, None] * arm).reshape(-1, position.shape[1]))
+            radii.append((size[:, None] * one.radii[None]).ravel())
+            owner.append(np.repeat(here, len(one.radii)))
+        if not centres:
+            return position, np.zeros(0), np.zeros(0, int)
+        return np.concatenate(centres), np.concatenate(radii), np.concatenate(owner)
+
+
+def turned(orientation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """(N, m, D) vectors of N bodies in the axes of the box, of those in the bodies' own."""
+    if vectors.shape[2] == 2:
+        cosine, sine = np.cos(orientation), np.sin(orientation)
+        x, y = vectors[..., 0], vectors[..., 1]
+        return np.stack((cosine * x - sine * y, sine * x + cosine * y), axis=2)
+    scalar, axis = orientation[:, None, :1], orientation[:, None, 1:]
+    return vectors + 2.0 * np.cross(axis, scalar * vectors + np.cross(axis, vectors))
+
+
+def _filled(rows: np.ndarray, size: int) -> np.ndarray:
+    return np.concatenate([rows, np.repeat(rows[:1], max(size - len(rows), 0), axis=0)])[:size]
+
+
+def shape_table(particles: Particles, dimension: int) -> ShapeTable | None:
+    """The shapes of a scene; None in a scene of spheres."""
+    if not particles.has_clumps:
+        return None
+    names = (SPHERE, *(shape.name for shape in particles.shapes))
+    templates = (template(None, dimension), *(template(shape, dimension) for shape in particles.shapes))
+    return ShapeTable(names, templates, dimension)
+
+
+def check_shapes(scene: Scene, particles: Particles) -> None:
+    """Refuses what does not work, or means nothing, with clumps.
+
+    Raises:
+        InputError: naming it.
+    """
+    if not particles.has_clumps:
+        return
+    coupling, contact = scene.coupling if scene.fluid is not None else None, scene.contact
+    of_sphere = "is a law of a sphere"
+    rule = "has no rule for clumps"
+    found: list[tuple[str, object, bool, str]] = [
+        ("particles.coarse_grain", particles.coarse_grain, particles.coarse_grain != 1.0, "parcels are spheres"),
+        ("start.from", "...", scene.start is not None, "stages go on with spheres alone"),
+        ("bonds", f"{len(scene.bonds)} tables", bool(scene.bonds), "bonds are between spheres"),
+        ("output.samples", scene.output.samples, scene.output.samples > 0.0, "samples are of laws for spheres"),
+    ]
+    if contact is not None and contact.cohesion is not None:
+        kind = contact.cohesion.kind
+        found.append(
+            ("contact.cohesion.kind", kind, kind == "capillary", "the film on a sphere has no rule for a member")
+        )
+    for k, pack in enumerate(particles.packs):
+        key, given = f"{particles.pack_key(k)}.solid_fraction", pack.solid_fraction
+        found.append((key, given, given is not None, "clumps are packed as the spheres that hold them; give a count"))
+    for k, probe in enumerate(scene.probes):
+        found.append((f"probes.{k}.kind", probe.kind, probe.kind in ("contacts", "profile"), rule))
+    if coupling is not None:
+        found += [
+            ("coupling.lift", coupling.lift, bool(coupling.lift), of_sphere),
+            ("coupling.rotational_drag", True, coupling.rotational_drag, of_sphere),
+            ("coupling.virtual_mass", coupling.virtual_mass, coupling.virtual_mass > 0.0, of_sphere),
+            ("coupling.basset", coupling.basset, bool(coupling.basset), of_sphere),
+            ("coupling.self_disturbance", True, coupling.self_disturbance, of_sphere),
+        ]
+    for key, value, given, limit in found:
+        if given:
+            raise InputError(key, value, f"does not go with particles.shape: {limit}", "remove one of the two keys")
+    for shape in particles.shapes:
+        smallest = min(template(shape, scene.dimension).radii)
+        if smallest < SMALLEST:
+            limit = f"its smallest sphere has {smallest:.3g} of the radius of the body; the limit is {SMALLEST:g}"
+            remedy = "leave it out, or make it larger: it would decide the time step alone"
+            raise InputError(f"particles.shapes.{shape.name}", "...", limit, remedy)
+
+
+def orientations(table: ShapeTable, particles: Particles, shape: np.ndarray, present: int, seed: int) -> np.ndarray:
+    """(N, 4) unit quaternions that turn the principal axes into those of the box, in 2-D (N, 1) angles [rad].
+
+    Random ones are even over all orientations (K. Shoemake, in Graphics Gems III, 1992, 124-132).
+
+    Args:
+        table: the shapes.
+        particles: table of the scene.
+        shape: (N,) of all particles that there ever are.
+        present: at the start; those that come in later are turned at random where these are not aligned.
+        seed: of the scene.
+    """
+    count, width = len(shape), 1 if table.dimension == 2 else 4
+    generator = np.random.default_rng([seed, 7])
+    if table.dimension == 2:
+        given = generator.uniform(0.0, 2.0 * math.pi, (count, 1))
+        still = np.zeros(1)
+    else:
+        u, v, w = generator.uniform(size=(3, count))
+        inner, outer = np.sqrt(1.0 - u), np.sqrt(u)
+        first, second = 2.0 * math.pi * v, 2.0 * math.pi * w
+        given = np.stack(
+            (outer * np.cos(second), inner * np.sin(first), inner * np.cos(first), outer * np.sin(second)), axis=1
+        )
+        still = np.asarray([1.0, 0.0, 0.0, 0.0])
+    if particles.orientation == "aligned":
+        given = np.broadcast_to(still, (count, width))
+    elif not isinstance(particles.orientation, str):
+        given = given.copy()
+        rows = given_rows("particles.orientation", particles.orientation, width, present)
+        given[:present] = rows if width == 1 else rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return _times(given, np.stack([_turn(one.axes, table.dimension) for one in table.templates])[shape])
+
+
+def as_given(table: ShapeTable, shape: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+    """Quaternions, in 2-D angles, of the axes in which shapes are given; the inverse of what `orientations` adds."""
+    turn = np.stack([_turn(one.axes, table.dimension) for one in table.templates])[shape]
+    back = -turn if table.dimension == 2 else turn * np.asarray([1.0, -1.0, -1.0, -1.0])
+    return _times(np.asarray(orientation, float), back)
+
+
+def _turn(axes: np.ndarray, dimension: int) -> np.ndarray:
+    """The quaternion of a rotation matrix, in 2-D its angle in the plane of the first and the last axis."""
+    if dimension == 2:
+        return np.asarray([math.atan2(axes[2, 0], axes[0, 0])])
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(axes).as_quat()
+    return np.asarray([w, x, y, z])
+
+
+def _times(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Products of rows of quaternions, in 2-D sums of angles."""
+    if one.shape[1] == 1:
+        return one + other
+    a, u, b, v = one[:, :1], one[:, 1:], other[:, :1], other[:, 1:]
+    scalar = a * b - np.sum(u * v, axis=1, keepdims=True)
+    return np.concatenate((scalar, a * v + b * u + np.cross(u, v)), axis=1)
