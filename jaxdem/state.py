@@ -15,8 +15,9 @@ from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.numerics.compensated import Low
 from jaxdem.particles.bond_geometry import BondParameters
 from jaxdem.particles.contact_sums import WallLoads
+from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
-from jaxdem.particles.materials import ContactParameters, SeveralMaterials
+from jaxdem.particles.materials import ContactParameters, SeveralMaterials, needs_liquid, with_liquid
 from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.moving_walls import Numbers, PistonNumbers
 
@@ -73,8 +74,11 @@ class Parameters(NamedTuple):
 
     @property
     def materials(self) -> ContactParameters | SeveralMaterials:
-        """Constants of the contacts, of a scene with particles."""
-        return self.contact if self.contact is not None else required(self.contact, "parameters.contact")
+        """Constants of the contacts, of a scene with particles; liquid between them is that of the scene's fluid."""
+        contact = self.contact if self.contact is not None else required(self.contact, "parameters.contact")
+        if self.fluid is None or not needs_liquid(contact):
+            return contact
+        return with_liquid(contact, self.fluid.density * self.fluid.viscosity)
 
     @property
     def flow(self) -> FluidProperties:
@@ -106,6 +110,7 @@ class ParticleDiagnostics(NamedTuple):
         waiting: () int32, particles that are due at an inlet and have not found room; None without inlets.
         buried: () int32, particles within a wall that came in this interval; None where all walls always are there.
         walls: mean force and torque on every wall, sides of the box first; None where nothing asks for it.
+        energy: what was given and taken; None where no balance of energy is kept.
     """
 
     collision_force: Array
@@ -117,6 +122,7 @@ class ParticleDiagnostics(NamedTuple):
     waiting: Array | None = None
     buried: Array | None = None
     walls: WallLoads | None = None
+    energy: EnergyFlow | None = None
 
 
 class Places(NamedTuple):

@@ -9,6 +9,7 @@ from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.particles.energy import flow_of_interval
 from jaxdem.particles.integrate import ParticleState, as_column
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
@@ -62,7 +63,7 @@ def advance_particles(
     before, neighbors = required(state.particles, "state.particles"), required(neighbors, "neighbors")
     everyone = required(parameters.bodies, "parameters.bodies")
     bodies = everyone.of_rows(before.identity)
-    parameters = parameters._replace(bodies=bodies)
+    parameters, plain = parameters._replace(bodies=bodies), bodies
     load = jnp.broadcast_to(as_column(bodies.mass) * parameters.gravity[None], before.velocity.shape)
     if simulation.coupling is not None and forces is not None:
         force = forces.total + parameters.mixture.buoyancy
@@ -76,15 +77,24 @@ def advance_particles(
         simulation.contact, walls, before, middle,
         lambda contact, walls, start: contact_interval(contact, walls, bodies, start, listed, load, step, torque),
     )  # fmt: skip
+    energy = means.energy
+    if energy is not None:
+        energy = flow_of_interval(energy, plain, bodies, parameters.gravity, before, particles)
     if simulation.coupling is not None and forces is not None:
         particles = simulation.coupling.remember(parameters.mixture, forces, before, particles)
     places = None if simulation.cut is None else Places(particles.position, particles.position_low)
     if simulation.population is not None:
         whole = parameters._replace(bodies=everyone)
+        remaining, kept = particles, neighbors
         particles, neighbors = simulation.renewed(whole, particles, neighbors, state.step + 1)
+        if energy is not None:
+            stored = simulation.stored(whole, particles, neighbors, state.step + 1)
+            without = simulation.stored(whole, remaining, kept, state.step + 1)
+            energy = energy._replace(population=stored.total - without.total)
     if simulation.contact.division is not None:
         division, search = simulation.contact.division, simulation.search
         particles, neighbors = settled(division, search, everyone.radius, particles, neighbors)
     buried = simulation.buried(parameters, before, listed, state.step)
+    means = means._replace(energy=energy)
     report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried, bodies)
     return particles, neighbors, report, places

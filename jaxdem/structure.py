@@ -20,11 +20,13 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.clump_forces import as_members
+from jaxdem.particles.energy import StoredEnergy, stored_energy
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.loop import ContactInterval, ContactMeans
+from jaxdem.particles.materials import surroundings
 from jaxdem.particles.moving_walls import WallMotions, placements
 from jaxdem.particles.neighbor_search import NeighborSearch
-from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.neighbors import Neighbors, with_radius
 from jaxdem.particles.population import Population, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
 from jaxdem.particles.walls_present import Buried, buried
@@ -176,6 +178,17 @@ class Structure:
             velocities.append(velocity_at(side, given[number], time) if side.kind == "moving_wall" else still)
         return (*velocities, *(still,) * (len(model.surfaces) + len(model.meshes)))
 
+    def stored(
+        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+    ) -> StoredEnergy:
+        """What is stored in the particles after `step` intervals."""
+        contact, bodies = required(self.contact, "particles"), required(parameters.bodies, "parameters.bodies")
+        parameters = self.during(parameters, jnp.maximum(step - 1, 0))
+        around = surroundings(parameters.materials, self.wall_velocity(parameters, self._start(parameters, step)))
+        around = around._replace(placements=self.placed(parameters, particles, step))
+        listed = with_radius(neighbors, bodies.radius)
+        return stored_energy(contact.model, around, bodies, parameters.gravity, particles, listed)
+
     def buried(
         self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
     ) -> Buried | None:
@@ -247,6 +260,7 @@ class Structure:
             waiting,
             None if buried is None else total(blocks, jnp.sum(jnp.any(buried.found, axis=0).astype(jnp.int32))),
             means.walls,
+            means.energy,
         )
 
     @property

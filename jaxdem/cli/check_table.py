@@ -22,6 +22,7 @@ LIMIT_NAMES = {
     "contact_duration": "duration of an impact",
     "contact_stability": "contact stability 2/omega_max",
     "contact_attraction": "growth of the attraction before touch",
+    "contact_lubrication": "the liquid in the narrowest gap",
     "contact_automatic": "automatic contact step",
     "courant": "Courant limit",
     "viscous": "viscous limit",

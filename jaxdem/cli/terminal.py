@@ -88,6 +88,9 @@ def print_run(result: Run) -> None:
     }
     if merge := summary.get("start", {}).get("merged"):
         rows["merged"] = merge_text(merge)
+    if (gained := summary.get("energy", {}).get("gained_relative")) is not None:
+        remark = summary["energy"]["remark"]
+        rows["energy"] = remark or f"balanced but for {abs(gained):.2g} of what was turned over"
     for label, text in rows.items():
         line(f"{label:<10}{text}")
 

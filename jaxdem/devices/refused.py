@@ -22,6 +22,8 @@ def require_divisible(simulation: Simulation) -> None:
         found = "particles.inlet", remembers, "where particles come in or leave and a force of the fluid has a memory"
     elif contact is not None and contact.search is not None and contact.search.members > 1:
         found = "particles.shape", "a clump", "with clumps, whose members a slab would have to know with their bodies"
+    elif contact is not None and contact.model.energy:
+        found = "output.energy", "true", "with a balance of energy"
     elif contact is not None and contact.model.meshes:
         found = "walls", "kind = mesh", "with walls that are meshes"
     elif contact is not None and contact.model.wet:

@@ -143,11 +143,11 @@ class JohnsonKendallRoberts:
 
     def reach(self, gap: Gap, constants: CohesionConstants) -> Array:
         """See `Cohesion`."""
-        return -END_OF_NECK * _jkr_unit(gap, constants.strength)
+        return -END_OF_NECK * jkr_unit(gap, constants.strength)
 
     def __call__(self, gap: Gap, constants: CohesionConstants, memory: Vector) -> Attraction:
         """See `Cohesion`."""
-        unit = _jkr_unit(gap, constants.strength)
+        unit = jkr_unit(gap, constants.strength)
         holds = memory[0] > 0
         end = jnp.where(holds, END_OF_NECK * unit, 0.0)
         depth = gap.overlap - end
@@ -304,7 +304,7 @@ STEEPEST = 100.0
 d/u."""
 
 
-def _jkr_unit(gap: Gap, work: Array) -> Array:
+def jkr_unit(gap: Gap, work: Array) -> Array:
     """u = (2 pi w / E*)^(2/3) R*^(1/3); 0 without adhesion [m]."""
     adheres = work > 0
     # By logarithms, which are vectorised: the library's cube root takes half of a step where sizes differ.

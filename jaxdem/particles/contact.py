@@ -15,7 +15,7 @@ Sources:
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 from jax import Array
@@ -24,6 +24,7 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cohesion import CohesionConstants
+from jaxdem.particles.lubrication import LubricationConstants
 
 
 class ContactMaterial(NamedTuple):
@@ -42,6 +43,7 @@ class ContactMaterial(NamedTuple):
         normal_stiffness: spring of the linear law [N/m].
         tangential_stiffness: tangential spring of the linear law [N/m].
         cohesion: of what pulls the bodies together; None without.
+        lubrication: of the liquid in the gap; None without.
     """
 
     effective_young_modulus: Array
@@ -53,6 +55,7 @@ class ContactMaterial(NamedTuple):
     normal_stiffness: Array
     tangential_stiffness: Array
     cohesion: CohesionConstants | None = None
+    lubrication: LubricationConstants | None = None
 
 
 class Contact(NamedTuple):
@@ -108,6 +111,23 @@ class ContactLaw(Protocol):
         ...
 
 
+@runtime_checkable
+class StoringLaw(Protocol):
+    """A law that says what its springs store, for the balance of energy; elementwise, on arrays of any one shape."""
+
+    def energy(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """Of the normal spring at an overlap >= 0 of bodies with R* [J]."""
+        ...
+
+    def elastic(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """Force of the normal spring [N]."""
+        ...
+
+    def tangential_stiffness(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """Force of the tangential spring over its displacement [N/m]."""
+        ...
+
+
 def damping_ratio(restitution: Array) -> Array:
     """|b| = -ln e / sqrt(ln^2 e + pi^2) [-]; 1 for e = 0, 0 for e = 1."""
     positive = restitution > 0
@@ -143,6 +163,18 @@ class HertzMindlin:
     no friction; the limit in full: `_with_coulomb_limit`.
     """
 
+    def energy(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """See `StoringLaw`: 8/15 E* sqrt(R*) d^2.5."""
+        return 8.0 / 15.0 * material.effective_young_modulus * vectors.safe_sqrt(radius * overlap) * overlap**2
+
+    def elastic(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """See `StoringLaw`."""
+        return 4.0 / 3.0 * material.effective_young_modulus * vectors.safe_sqrt(radius * overlap) * overlap
+
+    def tangential_stiffness(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """See `StoringLaw`: S_t."""
+        return 8.0 * material.effective_shear_modulus * vectors.safe_sqrt(radius * overlap)
+
     def __call__(self, contact: Contact, material: ContactMaterial) -> ContactForce:
         """See `ContactLaw`."""
         root = jnp.sqrt(contact.effective_radius * contact.overlap)
@@ -170,6 +202,18 @@ class LinearSpringDashpot:
     F_n = k_n d + 2 |b| sqrt(k_n m*) dd/dt and F_t = -k_t xi - (c_n / 2) v_t, |F_t| <= mu F_n, with the
     tangential dashpot half the normal one, as MFIX has it. The contact ends at zero overlap.
     """
+
+    def energy(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """See `StoringLaw`: k_n d^2 / 2."""
+        return 0.5 * material.normal_stiffness * overlap**2
+
+    def elastic(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """See `StoringLaw`."""
+        return material.normal_stiffness * overlap
+
+    def tangential_stiffness(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
+        """See `StoringLaw`: k_t."""
+        return jnp.broadcast_to(material.tangential_stiffness, overlap.shape)
 
     def __call__(self, contact: Contact, material: ContactMaterial) -> ContactForce:
         """See `ContactLaw`."""

@@ -13,9 +13,10 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
 from jaxdem.particles.cohesion import TOUCHING, Attraction, Gap
-from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
-from jaxdem.particles.contact_pair import ContactLoad, ContactPair
+from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, StoringLaw
+from jaxdem.particles.contact_pair import ContactLoad, ContactPair, LoadParts
 from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.lubrication import wet_friction
 from jaxdem.particles.stages import stage
 
 
@@ -24,7 +25,9 @@ def contact_load(step: ContactStep, material: ContactMaterial, pair: ContactPair
     # Within the step an overlap changes by less than this: also a contact that is about to begin has a dashpot.
     change = 0.5 * step.time_step * vectors.length(pair.approach)
     if step.model.cohesion is not None:
-        change = change + step.model.cohesion.reach(_gap(pair, material), required(material.cohesion, "cohesion"))
+        change = change + step.model.cohesion.reach(gap_of(pair, material), required(material.cohesion, "cohesion"))
+    if step.model.lubrication is not None:
+        change = change + required(material.lubrication, "lubrication").cutoff
     return stage(jnp.any(pair.overlap + change > 0), lambda: _law(step, material, pair, spring))
 
 
@@ -34,7 +37,7 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     approach_speed = -vectors.dot(pair.approach, normal)
     kept = len(spring) - step.model.memory
     memory, spring = spring[kept:], spring[:kept]
-    attraction = _attraction(step, material, pair, memory)
+    attraction = attraction_of(step, material, pair, memory)
     depth = overlap if attraction is None else attraction.depth
     share = _share_of_step(depth, 0.5 * step.time_step * jnp.abs(approach_speed))
     touching = depth > 0
@@ -74,12 +77,16 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
         sharing=sharing,
         adhesion=None if attraction is None else attraction.friction,
     )
+    if step.model.wet_friction:
+        material = _wetted(step, contact, material)
     result = step.model.law(contact, material)
     # A contact that begins or ends within the step, but not in its middle, has its dashpot only.
     along = jnp.where(touching, result.normal, result.normal - result.elastic)
     adhesion = None
     if attraction is not None:
         along, adhesion = _pulled(step, result, attraction, share, approach_speed)
+    if step.model.lubrication is not None:
+        along = along + _lubricated(step, material, pair, approach_speed)
     across = vectors.where(share > 0, result.tangential, 0.0)
     resistance: Vector = ()
     rolled: Vector = ()
@@ -91,15 +98,56 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     springs = vectors.where(touching, (*result.spring, *rolled), 0.0)
     if attraction is not None:
         springs = (*springs, *attraction.kept)
-    return ContactLoad(along, across, resistance, springs, adhesion)
+    load = ContactLoad(along, across, resistance, springs, adhesion)
+    if not step.model.energy:
+        return load
+    return load._replace(parts=_parts(step, contact, result, material, load, pair, attraction))
 
 
-def _attraction(step: ContactStep, material: ContactMaterial, pair: ContactPair, memory: Vector) -> Attraction | None:
+def _parts(
+    step: ContactStep,
+    contact: Contact,
+    result: ContactForce,
+    material: ContactMaterial,
+    load: ContactLoad,
+    pair: ContactPair,
+    attraction: Attraction | None,
+) -> LoadParts:
+    """What of a load takes energy out of the motion."""
+    law, approach_speed = step.model.law, -vectors.dot(pair.approach, pair.normal)
+    if not isinstance(law, StoringLaw):  # refused before
+        raise TypeError("the contact law does not say what its springs store")
+    liquid = jnp.zeros_like(load.along)
+    if attraction is not None and attraction.damping is not None:
+        liquid = liquid + attraction.damping * approach_speed
+    if step.model.lubrication is not None:
+        liquid = liquid + _lubricated(step, material, pair, approach_speed)
+    stiffness = law.tangential_stiffness(contact.overlap, contact.effective_radius, material)
+    kept = load.spring[: len(load.across)]
+    dashpot = jnp.broadcast_to(result.normal - result.elastic, load.along.shape)
+    return LoadParts(dashpot, liquid, vectors.add_scaled(load.across, stiffness, kept))
+
+
+def _lubricated(step: ContactStep, material: ContactMaterial, pair: ContactPair, approach_speed: Array) -> Array:
+    """Force of the liquid in the gap along the normal [N]."""
+    film, constants = required(step.model.lubrication, "lubrication"), required(material.lubrication, "lubrication")
+    radius = pair.effective_radius
+    return film.damping(pair.overlap, approach_speed, radius, step.time_step, constants) * approach_speed
+
+
+def _wetted(step: ContactStep, contact: Contact, material: ContactMaterial) -> ContactMaterial:
+    """The constants with the friction of wet bodies; the normal force does not depend on friction."""
+    normal, constants = step.model.law(contact, material).normal, required(material.lubrication, "lubrication")
+    given = material.friction, normal, vectors.length(contact.slip), contact.effective_radius, constants
+    return material._replace(friction=wet_friction(*given))
+
+
+def attraction_of(step: ContactStep, material: ContactMaterial, pair: ContactPair, memory: Vector) -> Attraction | None:
     """What cohesion makes of all contacts; None without."""
     cohesion = step.model.cohesion
     if cohesion is None:
         return None
-    return cohesion(_gap(pair, material), required(material.cohesion, "cohesion"), memory)
+    return cohesion(gap_of(pair, material), required(material.cohesion, "cohesion"), memory)
 
 
 def _pulled(
@@ -121,7 +169,7 @@ def _pulled(
     return along, beside if attraction.friction is None else beside + attraction.friction
 
 
-def _gap(pair: ContactPair, material: ContactMaterial) -> Gap:
+def gap_of(pair: ContactPair, material: ContactMaterial) -> Gap:
     """What cohesion is given of all contacts."""
     other = None if pair.other_spin is None else pair.other_radius
     return Gap(pair.overlap, pair.radius, other, pair.effective_radius, material.effective_young_modulus)

@@ -15,6 +15,7 @@ from jaxdem.particles import walls
 from jaxdem.particles.bond_state import Bonding
 from jaxdem.particles.cohesion import CapillaryBridge, Cohesion
 from jaxdem.particles.contact import ContactLaw, ContactMaterial
+from jaxdem.particles.lubrication import Lubrication
 from jaxdem.particles.moving_walls import Piston, SurfaceMotion
 from jaxdem.particles.pairs import Pairs
 from jaxdem.particles.rolling import RollingFriction
@@ -109,6 +110,9 @@ class ContactModel:
         meshes: walls that are meshes; none: then no such term is compiled.
         lists: number of meshes of the scene, those included that are not there now.
         bonds: where bonded grains are, or None: then no such term is compiled.
+        lubrication: what the liquid in gaps does, or None: then no such term is compiled.
+        wet_friction: whether friction depends on the film between bodies.
+        energy: whether what contacts take and give is summed; without it no such term is compiled.
     """
 
     law: ContactLaw
@@ -124,6 +128,9 @@ class ContactModel:
     meshes: tuple[MeshWall, ...] = ()
     lists: int = 0
     bonds: Bonding | None = None
+    lubrication: Lubrication | None = None
+    wet_friction: bool = False
+    energy: bool = False
 
     @property
     def walls(self) -> int:

@@ -41,6 +41,20 @@ class ContactPair(NamedTuple):
     wall_spin: Vector | None = None
 
 
+class LoadParts(NamedTuple):
+    """Parts of a `ContactLoad` that take energy out of the motion, for the balance of energy.
+
+    Attributes:
+        dashpot: of the law, along the normal [N].
+        liquid: of bridges and films against approach and parting, along the normal [N].
+        across: of the law's tangential dashpot, in the contact plane: what is not of the spring [N].
+    """
+
+    dashpot: Array
+    liquid: Array
+    across: Vector
+
+
 class ContactLoad(NamedTuple):
     """What a contact does to the one of two bodies, and what it keeps.
 
@@ -50,6 +64,7 @@ class ContactLoad(NamedTuple):
         resistance: torque against rolling [N m]; empty without rolling friction.
         spring: what the contact keeps; see `ContactModel.history_size`.
         adhesion: what Coulomb's limit counts beside `along`; None without cohesion [N].
+        parts: of these; None where no balance of energy is kept.
     """
 
     along: Array
@@ -57,6 +72,7 @@ class ContactLoad(NamedTuple):
     resistance: Vector
     spring: Vector
     adhesion: Array | None = None
+    parts: LoadParts | None = None
 
 
 def on_bodies(load: ContactLoad, pair: ContactPair) -> tuple[Vector, Vector, Vector]:

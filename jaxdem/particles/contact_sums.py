@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.contact_pair import ContactLoad, ContactPair
 
 
 class WallLoads(NamedTuple):
@@ -34,6 +37,27 @@ class WallLoads(NamedTuple):
         return WallLoads(*(tuple(blank.at[places].set(jnp.sum(x, axis=1)) for x in vector) for vector in self))
 
 
+class FoundContacts(NamedTuple):
+    """Contacts of a kind in a step, and of whom they are.
+
+    Attributes:
+        pair, load: what they are and do.
+        material: their constants.
+        of_one: values of the particles (N,), as those of the one body of each contact.
+        of_other: the same of the other body; None for a wall.
+        memory: what cohesion remembers before and after the step; () for none.
+        there: such that it goes with the contacts, which of them are any; None where all are.
+    """
+
+    pair: ContactPair
+    load: ContactLoad
+    material: ContactMaterial
+    of_one: Callable[[Vector], Vector]
+    of_other: Callable[[Vector], Vector] | None
+    memory: tuple[tuple[Vector, Vector], ...] = ()
+    there: Array | None = None
+
+
 class Sums(NamedTuple):
     """Sums over contacts.
 
@@ -44,6 +68,7 @@ class Sums(NamedTuple):
         liquid: (N,) films after the bridges that formed or ruptured; None without capillary bridges [m3].
         crowded: () bool, a particle has more contacts with a mesh than there is room for; None without meshes.
         wear: (F,) volume that they take from the triangles of each mesh, None from one that does not wear [m3].
+        found: the contacts one by one, for the balance of energy; none where it is not kept.
     """
 
     force: Vector
@@ -52,6 +77,7 @@ class Sums(NamedTuple):
     liquid: Array | None = None
     crowded: Array | None = None
     wear: tuple[Array | None, ...] = ()
+    found: tuple[FoundContacts, ...] = ()
 
 
 class Touching(NamedTuple):

@@ -23,6 +23,7 @@ from jaxdem.particles.clumps import kicked, normalised, turned
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_step import Surroundings
 from jaxdem.particles.contact_sums import WallLoads
+from jaxdem.particles.energy import EnergyFlow, flow_of_step, no_flow, work_on_bodies
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.ghosts import NEVER, Division
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
@@ -82,6 +83,7 @@ class _Carry(NamedTuple):
     pistons: PistonState | None = None
     crowded: Array | None = None
     wear: tuple[Array | None, ...] = ()
+    energy: EnergyFlow | None = None
 
 
 class ContactMeans(NamedTuple):
@@ -90,10 +92,13 @@ class ContactMeans(NamedTuple):
     Attributes:
         collision_force: () over particles present and steps, of |sum of contact forces| [N].
         walls: force and torque on every wall, NaN where it is not measured; None where none is.
+        energy: a sum and not a mean, what contacts and the given forces have given and taken, the latter under `fluid`;
+            None where no balance is kept [J].
     """
 
     collision_force: Array
     walls: WallLoads | None
+    energy: EnergyFlow | None = None
 
 
 _Step = Callable[[_Carry, Neighbors], _Carry]
@@ -178,7 +183,12 @@ def _advanced(
         sums, motion = forces_of(interval.model, around, bodies, motion, neighbors, time_step, expected, active)
         acting = vectors.add(sums.force, force)
         torque = sums.torque if turning is None else vectors.add(sums.torque, turning)
-        motion = pushed_by(motion, acting, torque, bodies, time_step)
+        before, motion = motion, pushed_by(motion, acting, torque, bodies, time_step)
+        energy = carry.energy
+        if energy is not None:
+            given = work_on_bodies(force, turning, before, motion, time_step)
+            flow = flow_of_step(interval.model, sums.found, before, motion, time_step)
+            energy = jax.tree.map(jnp.add, energy, flow._replace(fluid=given))
         impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)
         size = vectors.length(sums.force)
         if slab is not None and active is not None:
@@ -194,7 +204,7 @@ def _advanced(
             pistons = _pushed(interval, surroundings, pistons, elapsed, sums.walls, time_step)
         crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
         wear = jax.tree.map(jnp.add, carry.wear, sums.wear)
-        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded, wear)
+        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded, wear, energy)
 
     zero = jnp.zeros_like(force[0])
     touching = zero if clumps is None else clumps.rows(zero, len(zero))
@@ -208,6 +218,7 @@ def _advanced(
         pistons=state.pistons,
         crowded=jnp.zeros((), bool) if interval.model.meshes else None,
         wear=no_wear(interval.model.worn_cells, zero.dtype) if interval.model.wears else (),
+        energy=no_flow(zero) if interval.model.energy else None,
     )
     if division is not None:
         beginning = SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
@@ -231,7 +242,8 @@ def _advanced(
     # Sums over the particles once an interval: in every contact step they would take a tenth of its time.
     loads = None if carry.walls is None else total(blocks, carry.walls.summed(interval.model))
     walls = jax.tree.map(lambda sum_: sum_ / interval.steps, loads)
-    return state, neighbors, ContactMeans(total(blocks, carry.collision) / (interval.steps * present), walls)
+    collision = total(blocks, carry.collision) / (interval.steps * present)
+    return state, neighbors, ContactMeans(collision, walls, carry.energy)
 
 
 def _no_loads(model: ContactModel, like: Array, dimension: int) -> WallLoads:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +13,7 @@ from jaxdem.numerics.static import static
 from jaxdem.particles.cohesion import CohesionConstants
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_step import Surroundings
+from jaxdem.particles.lubrication import LubricationConstants
 from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
 
 TANGENTIAL_SHARE = 2.0 / 7.0
@@ -62,6 +63,7 @@ class ContactParameters(NamedTuple):
         normal_stiffness: of the linear law [N/m].
         tangential_stiffness: of the linear law; None: 2/7 of `normal_stiffness` [N/m].
         cohesion: of the particles; None without.
+        lubrication: of the liquid between bodies; None without.
     """
 
     young_modulus: Array
@@ -76,6 +78,7 @@ class ContactParameters(NamedTuple):
     normal_stiffness: Array
     tangential_stiffness: Array | None
     cohesion: CohesionParameters | None = None
+    lubrication: LubricationConstants | None = None
 
 
 @static
@@ -108,6 +111,7 @@ class SeveralMaterials(NamedTuple):
         tangential_stiffness: () of the linear law; None: 2/7 of `normal_stiffness` [N/m].
         numbers: static, which of them is whose.
         cohesion: its `strength` is such a column too; None without.
+        lubrication: of the liquid between bodies, the same for all pairs; None without.
     """
 
     young_modulus: Array
@@ -120,6 +124,22 @@ class SeveralMaterials(NamedTuple):
     tangential_stiffness: Array | None
     numbers: MaterialNumbers
     cohesion: CohesionParameters | None = None
+    lubrication: LubricationConstants | None = None
+
+
+def needs_liquid(parameters: ContactParameters | SeveralMaterials) -> bool:
+    """Whether there is lubrication by the scene's fluid, whose viscosity it is still to be given."""
+    return parameters.lubrication is not None and parameters.lubrication.viscosity is None
+
+
+def with_liquid(
+    parameters: ContactParameters | SeveralMaterials, viscosity: Array
+) -> ContactParameters | SeveralMaterials:
+    """The same with the dynamic viscosity of the liquid between bodies [Pa s]."""
+    film = required(parameters.lubrication, "lubrication")._replace(viscosity=viscosity)
+    if isinstance(parameters, ContactParameters):
+        return parameters._replace(lubrication=film)
+    return parameters._replace(lubrication=film)
 
 
 def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity: tuple[Array, ...]) -> Surroundings:
@@ -133,10 +153,11 @@ def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity
     Source: K. L. Johnson, Contact Mechanics (1985), eqs 3.41 and 7.42.
     """
     across = parameters.tangential_stiffness
-    shared = {
+    shared: dict[str, Any] = {
         "rolling_damping": parameters.rolling_damping,
         "normal_stiffness": parameters.normal_stiffness,
         "tangential_stiffness": TANGENTIAL_SHARE * parameters.normal_stiffness if across is None else across,
+        "lubrication": parameters.lubrication,
     }
     if isinstance(parameters, SeveralMaterials):
         table = _pair_table(parameters, shared)
@@ -177,7 +198,7 @@ def _or(own: Array | None, followed: Array) -> Array:
     return followed if own is None else own
 
 
-def _pair_table(parameters: SeveralMaterials, shared: dict[str, Array]) -> ContactMaterial:
+def _pair_table(parameters: SeveralMaterials, shared: dict[str, Any]) -> ContactMaterial:
     """Constants (P,) of the pairs of materials, in the order of `numpy.triu_indices`."""
     numbers = parameters.numbers
     normal, shear = _compliances(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -11,11 +13,12 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
+from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_load import contact_load
 from jaxdem.particles.contact_model import MeshWall
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, row, rows, sum_slots
 from jaxdem.particles.contact_step import ContactStep
-from jaxdem.particles.contact_sums import Sums, WallLoads
+from jaxdem.particles.contact_sums import FoundContacts, Sums, WallLoads
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, begins, remembered, touching
 from jaxdem.particles.mesh_list import MeshList
@@ -26,21 +29,15 @@ from jaxdem.particles.wear import WearContact, worn
 def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Motion]:
     """Adds the contacts with the meshes; returns the motion with what they keep."""
     displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
-    placements, surfaces = step.surroundings.placements, len(step.model.surfaces)
     memory, crowded, loads = list(step.motion.mesh_memory), jnp.zeros((), bool), []
     wear: list[Array | None] = []
     for k, mesh in enumerate(step.model.meshes):
         listed, wall = neighbors.meshes[mesh.number], step.model.analytic_walls + k
-        placed = placements[surfaces + k] if placements else None
-        moved = listed.of_rows(displacement)
-        if placed is not None:
-            moved = listed.moved(placed, step.motion.position, step.motion.low)
-        pair, touch, springs = mesh_contacts(step, listed, moved, memory[mesh.number], placed)
-        material, index = step.surroundings.wall, step.model.materials
-        if index is not None:
-            material = index.with_wall(material, wall, listed.row)
+        pair, touch, springs, material = _contacts_with(step, listed, k, displacement)
         load = contact_load(step, material, pair, springs)
         force, torque, _ = on_bodies(load, pair)
+        if step.model.energy:
+            sums = sums._replace(found=(*sums.found, _found(step, listed, pair, load, material)))
         force, torque = tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
         sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
         wear.append(None if mesh.wear is None else _worn(step, mesh, pair, touch, memory[mesh.number], load))
@@ -54,6 +51,47 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
     joined: WallLoads | None = jax.tree.map(lambda *parts: jnp.concatenate(parts), *walls) if walls else None
     sums = sums._replace(wear=tuple(wear) if step.model.wears else ())
     return sums._replace(walls=joined, crowded=crowded), step.motion._replace(mesh_memory=tuple(memory))
+
+
+def _contacts_with(
+    step: ContactStep, listed: MeshList, number: int, displacement: Vector
+) -> tuple[ContactPair, MeshTouch, Vector, ContactMaterial]:
+    """The contacts with the mesh of a number, what they have kept, and their constants."""
+    placements, surfaces = step.surroundings.placements, len(step.model.surfaces)
+    placed = placements[surfaces + number] if placements else None
+    moved = listed.of_rows(displacement)
+    if placed is not None:
+        moved = listed.moved(placed, step.motion.position, step.motion.low)
+    memory = step.motion.mesh_memory[step.model.meshes[number].number]
+    pair, touch, springs = mesh_contacts(step, listed, moved, memory, placed)
+    material, index = step.surroundings.wall, step.model.materials
+    if index is not None:
+        material = index.with_wall(material, step.model.analytic_walls + number, listed.row)
+    return pair, touch, springs, material
+
+
+def mesh_pair(
+    step: ContactStep, neighbors: Neighbors, number: int
+) -> tuple[ContactPair, ContactMaterial, Vector, Array]:
+    """The contacts with the mesh of a number as they are, their constants, what they keep, and which are any."""
+    displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
+    listed = neighbors.meshes[step.model.meshes[number].number]
+    pair, _, springs, material = _contacts_with(step, listed, number, displacement)
+    return pair, material, springs, _there(step, listed)
+
+
+def _there(step: ContactStep, listed: MeshList) -> Array:
+    """(1, M) bool, rows that are not empty."""
+    return (listed.row < step.motion.position[0].shape[0])[None]
+
+
+def _found(
+    step: ContactStep, listed: MeshList, pair: ContactPair, load: ContactLoad, material: ContactMaterial
+) -> FoundContacts:
+    """The contacts with a mesh one by one."""
+    there = _there(step, listed)
+    of_one: Callable[[Vector], Vector] = lambda values: rows(listed.of_rows(values))  # noqa: E731
+    return FoundContacts(pair, load, material, of_one, of_other=None, there=there)
 
 
 def mesh_contacts(

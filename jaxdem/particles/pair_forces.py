@@ -13,7 +13,7 @@ from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_load import contact_load
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies
 from jaxdem.particles.contact_step import ContactStep
-from jaxdem.particles.contact_sums import Sums
+from jaxdem.particles.contact_sums import FoundContacts, Sums
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.stages import stage
@@ -60,7 +60,23 @@ def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums
         volume, constants = step.motion.contact_spring[-1], required(step.surroundings.pair.cohesion, "cohesion")
         volume, film = liquid.with_pairs(pair.overlap, volume, film, neighbors.pairs, constants)
         spring = (*spring[:-1], volume)
-    return Sums(both, added(sums.torque, torque, other_torque), liquid=film), spring
+    summed = Sums(both, added(sums.torque, torque, other_torque), liquid=film)
+    if step.model.energy:
+        summed = summed._replace(found=(_found(step, neighbors, pair, load, spring),))
+    return summed, spring
+
+
+def _found(
+    step: ContactStep, neighbors: Neighbors, pair: ContactPair, load: ContactLoad, spring: Vector
+) -> FoundContacts:
+    """The contacts one by one, with what they keep from now on."""
+    pairs, before = neighbors.pairs, step.motion.contact_spring
+    number = len(spring) - step.model.memory
+    return FoundContacts(
+        pair, load, pair_material(step, neighbors),
+        of_one=lambda values: at(values, pairs.first), of_other=lambda values: at(values, pairs.second),
+        memory=((before[number:], spring[number:]),) if step.model.memory else (),
+    )  # fmt: skip
 
 
 def _relative_motion(

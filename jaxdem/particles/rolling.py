@@ -22,6 +22,16 @@ class RollingFriction(Protocol):
         """Whether contacts keep a torque from step to step."""
         ...
 
+    def stiffness(self, lever: Array, elastic: Array, overlap: Array) -> Array:
+        """Torque of the spring over its angle, for the balance of energy; not asked for without a spring [N m].
+
+        Args:
+            lever: mu_r R* [m].
+            elastic: normal force [N].
+            overlap: positive [m].
+        """
+        ...
+
     def __call__(
         self,
         contact: Contact,
@@ -63,6 +73,10 @@ class ConstantDirectionalTorque:
 
     has_spring = False
 
+    def stiffness(self, lever: Array, elastic: Array, overlap: Array) -> Array:
+        """See `RollingFriction`."""
+        return jnp.zeros_like(overlap)
+
     def __call__(
         self,
         contact: Contact,
@@ -100,6 +114,10 @@ class ElasticPlasticSpringDashpot:
 
     has_spring = True
 
+    def stiffness(self, lever: Array, elastic: Array, overlap: Array) -> Array:
+        """See `RollingFriction`: k_r."""
+        return 2.25 * lever**2 * elastic / overlap
+
     def __call__(
         self,
         contact: Contact,
@@ -113,7 +131,7 @@ class ElasticPlasticSpringDashpot:
         """See `RollingFriction`."""
         rolling = tangent.rolling_part(spin, normal)
         arm = material.rolling_friction * contact.effective_radius
-        stiffness = 2.25 * arm**2 * force.elastic / contact.overlap
+        stiffness = self.stiffness(arm, force.elastic, contact.overlap)
         turned = tangent.turned_into_plane(spring, normal)
         trial = vectors.add_scaled(turned, -stiffness * time_step, rolling)
         size, limit = vectors.length(trial), arm * force.elastic

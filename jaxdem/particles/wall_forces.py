@@ -14,7 +14,7 @@ from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_load import contact_load
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, row, rows, sum_slots
 from jaxdem.particles.contact_step import ContactStep
-from jaxdem.particles.contact_sums import Sums, WallLoads
+from jaxdem.particles.contact_sums import FoundContacts, Sums, WallLoads
 from jaxdem.particles.surfaces import surface_contacts
 
 
@@ -61,7 +61,13 @@ def add_walls(step: ContactStep, sums: Sums) -> tuple[Sums, Vector]:
         volume, constants = step.motion.wall_spring[-1], required(step.surroundings.wall.cohesion, "cohesion")
         volume, film = liquid.with_walls(pair.overlap, volume, film, constants)
         spring = (*spring[:-1], volume)
-    return Sums(added, vectors.add(sums.torque, tuple(sum_slots(x) for x in torque)), loads, film), spring
+    summed = Sums(added, vectors.add(sums.torque, tuple(sum_slots(x) for x in torque)), loads, film)
+    if step.model.energy:
+        number, before = len(spring) - step.model.memory, step.motion.wall_spring
+        memory = ((before[number:], spring[number:]),) if step.model.memory else ()
+        found = FoundContacts(pair, load, wall_material(step), of_one=rows, of_other=None, memory=memory)
+        summed = summed._replace(found=(*sums.found, found))
+    return summed, spring
 
 
 def _wall_geometry(step: ContactStep) -> tuple[Array, Vector]:

@@ -19,6 +19,7 @@ from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, on_slabs, put
 from jaxdem.errors import required
 from jaxdem.failures import failures
 from jaxdem.numerics.host import on_device
+from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.probes.base import Interval
 from jaxdem.run.exported import compiled
@@ -42,6 +43,7 @@ class Records(NamedTuple):
         collision_force, fastest, builds, waiting: see `ParticleDiagnostics`.
         substeps, courant, iterations, divergence, pressure_gradient, surface_load: see `FluidDiagnostics`.
         momentum, volume, out_of_range: see `ExchangeDiagnostics`.
+        energy: of `ParticleDiagnostics`, (CHUNK,) each.
     """
 
     collision_force: Array | None = None
@@ -57,6 +59,7 @@ class Records(NamedTuple):
     momentum: Array | None = None
     volume: Array | None = None
     out_of_range: Array | None = None
+    energy: EnergyFlow | None = None
 
 
 class Chunk(NamedTuple):
@@ -270,7 +273,7 @@ def _identity(state: State) -> Array | None:
 
 def _records(diagnostics: Diagnostics) -> Records:
     """The figures of an interval."""
-    found: dict[str, Array] = {}
+    found: dict[str, Any] = {}
     for part in (diagnostics.particles, diagnostics.fluid, diagnostics.exchange):
         if part is not None:
             found |= {name: value for name, value in part._asdict().items() if name in Records._fields}

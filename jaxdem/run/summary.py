@@ -14,6 +14,7 @@ from jaxdem import metrics
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import FixedClosure
 from jaxdem.run.bonds import bond_figures
+from jaxdem.run.energy import energy_figures
 from jaxdem.run.profile import WORTH_SPLITTING, estimate_stages
 from jaxdem.run.records import Instant, particle_counts
 from jaxdem.run.totals import Totals
@@ -87,6 +88,7 @@ def run_summary(
         **({"start": case.start_figures} if case.start is not None else {}),
         **_walls_in_fluid(case, totals),
         **wear_summary(case, state),
+        **energy_figures(case, instant, totals),
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},

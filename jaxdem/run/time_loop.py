@@ -22,6 +22,7 @@ from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import CHUNK, Program
 from jaxdem.run.diagnosis import diagnosis
+from jaxdem.run.energy import energy_now
 from jaxdem.run.observer import PROBES, Observer, probe_marks
 from jaxdem.run.peers import Peers, here
 from jaxdem.run.placement import OneDevice, Placement
@@ -166,8 +167,11 @@ class TimeLoop:
     def begin(self) -> None:
         """The program, compiled, and the first frame if there is none."""
         self._compile()
-        if self.done == 0 and self.directory.frames == 0:
-            self._write_frame()
+        if self.done == 0:
+            with self.totals.timed("output"):
+                self.totals.energy_start = energy_now(self.case, self.instant)
+            if self.directory.frames == 0:
+                self._write_frame()
 
     def advance(self) -> bool:
         """Intervals up to the next one after which the host has to look, with what is then due written.

@@ -44,6 +44,8 @@ class Totals:
     gradient: tuple[float, ...] = ()
     gradient_intervals: int = 0
     surface_force: tuple[float, ...] = ()
+    energy: tuple[float, ...] = ()
+    energy_start: tuple[float, ...] = ()
     out_of_range: float = 0.0
     spread: float = 0.0
     ensemble_force: float = 0.0
@@ -73,7 +75,11 @@ class Totals:
 
     def add(self, records: Records, count: int) -> None:
         """The first `count` coupling intervals of a chunk."""
-        told = {name: np.asarray(value)[:count] for name, value in records._asdict().items() if value is not None}
+        told = {
+            name: np.asarray(value)[:count]
+            for name, value in records._asdict().items()
+            if value is not None and name != "energy"
+        }
         self.intervals += count
         if records.collision_force is not None:
             for force in told["collision_force"]:
@@ -92,6 +98,12 @@ class Totals:
             for row in forces:
                 so_far = so_far + np.ravel(row)
             self.surface_force = tuple(so_far.tolist())
+        if records.energy is not None:
+            rows = np.stack([np.asarray(part)[:count] for part in records.energy], axis=1).astype(float)
+            flow = np.asarray(self.energy) if self.energy else np.zeros(rows.shape[1])
+            for row in rows:
+                flow = flow + row
+            self.energy = tuple(flow.tolist())
         if records.waiting is not None:
             self.waiting = int(told["waiting"][-1])
             self.waiting_most = max(self.waiting_most, int(told["waiting"].max()))
@@ -150,12 +162,13 @@ class Totals:
         Args:
             values: from a checkpoint.
             walls_in_fluid: whether the fluid sees walls; without them an older checkpoint need not have their force.
+                It has no energies either: of the start these stay unknown.
 
         Raises:
             InputError: one is missing.
         """
-        if not walls_in_fluid:
-            values = {"surface_force": np.zeros(0)} | dict(values)
+        missing = ("energy", "energy_start") if walls_in_fluid else ("energy", "energy_start", "surface_force")
+        values = {name: np.zeros(0) for name in missing} | dict(values)
         for field in dataclasses.fields(self):
             if field.name not in NOT_KEPT:
                 setattr(self, field.name, type(getattr(self, field.name))(stored(values, field.name)))

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from jaxdem.scene.base import WALL, Fraction, NonNegative, Poisson, Positive, Section, WallMaterialName, wrong
 from jaxdem.scene.cohesion import Cohesion
+from jaxdem.scene.lubrication import Lubrication
 
 
 class Contact(Section):
@@ -34,6 +35,7 @@ class Contact(Section):
         maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
         skin: additional reach of the neighbour list over the (largest) diameter. "auto" is 0.4 [-].
         cohesion: what pulls particles together. Default: nothing.
+        lubrication: what the liquid in narrow gaps does. Default: nothing.
     """
 
     law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
@@ -55,6 +57,7 @@ class Contact(Section):
     maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
     skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
     cohesion: Cohesion | None = None
+    lubrication: Lubrication | None = None
 
     @model_validator(mode="after")
     def _walls_have_one_material(self) -> Contact:

@@ -165,7 +165,10 @@ class Output(Section):
         samples: time between two samples of the inputs and results of the drag law; 0 for none [s].
         checkpoint_interval: wall time between two checkpoints; a checkpoint is written at the first output after it
             [s].
+        energy: whether the energy that contacts give and take is summed in every contact step, for the balance of
+            energy in the summary.
     """
 
     samples: NonNegative = 0.0
     checkpoint_interval: NonNegative = 60.0
+    energy: bool = False

@@ -20,6 +20,7 @@ from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
 from jaxdem.scene.drive import check_drive, check_own_gravity
 from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.fluid_walls import check_fluid_walls
+from jaxdem.scene.lubrication import check_lubrication
 from jaxdem.scene.materials import MaterialPairs, Materials
 from jaxdem.scene.packs import check_settling
 from jaxdem.scene.particles import Particles, largest_radius
@@ -167,7 +168,7 @@ def completed(scene: Scene) -> Scene:
         if side.kind == "inlet" and scene.fluid is None:
             limit = "is an inlet of fluid, and the scene has no fluid"
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
-    _check_cohesion(found)
+    _check_gaps(found)
     _check_bonds(found)
     if found.particles is not None:
         check_settling(found.particles.packs, found.domain, found.periodic)
@@ -189,8 +190,8 @@ def completed(scene: Scene) -> Scene:
     return found
 
 
-def _check_cohesion(scene: Scene) -> None:
-    """Refuses a cohesion that does not fit the rest of the scene."""
+def _check_gaps(scene: Scene) -> None:
+    """Refuses a cohesion, or a lubrication, that does not fit the rest of the scene."""
     table = None if scene.contact is None else scene.contact.cohesion
     check_strengths(table, {"materials": scene.materials, "material_pairs": scene.material_pairs})
     if table is not None and scene.particles is not None:
@@ -200,6 +201,16 @@ def _check_cohesion(scene: Scene) -> None:
             "[start]": scene.start is not None,
         }
         check_together(table, bool(scene.materials), scene.particles.coarse_grain, others)
+    if scene.contact is not None and scene.contact.lubrication is not None and scene.particles is not None:
+        liquid = {
+            f"parcels (particles.coarse_grain = {scene.particles.coarse_grain:g}), for which it has no rule": (
+                scene.particles.coarse_grain != 1.0
+            ),
+            "liquid bridges (contact.cohesion.kind = capillary): particles are within liquid, or hold some": (
+                scene.contact.cohesion_kind == "capillary"
+            ),
+        }
+        check_lubrication(scene.contact.lubrication, scene.fluid is not None, liquid)
 
 
 def _check_bonds(scene: Scene) -> None:

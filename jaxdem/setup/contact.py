@@ -19,6 +19,7 @@ from jaxdem.particles.cohesion import (
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.contact_model import ContactModel, MaterialIndex, MeshWall
 from jaxdem.particles.loop import ContactInterval
+from jaxdem.particles.lubrication import Lubrication
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import NeighborGeometry
 from jaxdem.particles.population import Population
@@ -26,7 +27,9 @@ from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSp
 from jaxdem.particles.walls import BoxSide, box_sides
 from jaxdem.setup.cohesion import check_bridges, cohesion_reach
 from jaxdem.setup.coincident_walls import check_coincident
+from jaxdem.setup.energy import check_energy
 from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.lubrication import lubrication_reach
 from jaxdem.setup.meshes import list_skin
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.wall_motion import surface_motions
@@ -98,6 +101,10 @@ def contact_interval(
             key, kind = "cohesion", type(cohesion).__name__
         limit = "may act over a gap, and lists of walls that are meshes reach as far as contacts only"
         raise InputError(key, kind, limit, f"take {' or '.join(AT_MESHES)}, or planes as walls")
+    film = particles.contact.lubrication
+    if meshes and film is not None:
+        limit = "acts over a gap, and lists of walls that are meshes reach as far as contacts only"
+        raise InputError("contact.lubrication", "...", limit, "take planes as walls")
     model = ContactModel(
         law,
         _rolling(particles),
@@ -112,19 +119,23 @@ def contact_interval(
         meshes,
         len(meshes),
         None if particles.bonds is None else Bonding(particles.scene.domain.size, particles.scene.periodic),
+        lubrication=None if film is None else Lubrication(),
+        wet_friction=film is not None and film.wet_friction is not None,
+        energy=particles.scene.output.energy,
     )
+    check_energy(particles.scene, model, search.members > 1)
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
-    """Reach of the neighbour list: the largest diameter and how far cohesion acts; the automatic skin is 0.4 diameters.
+    """Reach of the neighbour list: the largest diameter and how far cohesion or lubrication acts.
 
-    That is the widest at which a dense layer still has fewer neighbours than `USUAL_SLOTS`: the list is
-    rebuilt half as often as with 0.2, and no wider.
+    The automatic skin is 0.4 diameters. That is the widest at which a dense layer still has fewer neighbours than
+    `USUAL_SLOTS`: the list is rebuilt half as often as with 0.2, and no wider.
     """
     scene, contact, diameter = particles.scene, particles.contact, particles.spheres.largest_diameter
     skin = list_skin(contact, diameter)
-    cutoff = diameter + cohesion_reach(particles)
+    cutoff = diameter + max(cohesion_reach(particles), lubrication_reach(particles))
     for axis, wraps in enumerate(scene.periodic):
         needed = 3.0 * (cutoff + skin)
         if wraps and scene.domain.size[axis] < needed:

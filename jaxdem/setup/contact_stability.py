@@ -11,6 +11,7 @@ from jaxdem.setup import stability
 from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import Pair, bridge_volume, strongest
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, worst_constants
+from jaxdem.setup.lubrication import largest_resistance
 from jaxdem.setup.particles import ParticleSetup
 
 
@@ -51,11 +52,15 @@ def contact_stability(
                 return pair.law_depth(overlap)
         return overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
 
+    def with_film(contact: stability.LinearContact, radius: float) -> stability.LinearContact:
+        """Bodies that press each other have no film between them, but their neighbours may."""
+        return contact._replace(normal_damping=contact.normal_damping + largest_resistance(particles, radius))
+
     of_pair, of_wall = (worst_constants(particles, wall) for wall in (False, True))
     pair_depth = depth(0.5 * heavy, 0.5 * small, of_pair.modulus, wall=False)
     wall_depth = depth(heavy, small, of_wall.modulus, wall=True)
     pairs = [
-        (factor, _linearised(contact, of_pair, mass, radius, pair_depth, radius / small))
+        (factor, with_film(_linearised(contact, of_pair, mass, radius, pair_depth, radius / small), radius))
         for factor, mass, radius in kinds
     ]
     thin = sum(
@@ -65,7 +70,7 @@ def contact_stability(
         light / crowding(particles),  # of a clump with so many times the contacts of a sphere
         scene.dimension,
         pairs,
-        _linearised(contact, of_wall, light, small, wall_depth, 1.0),
+        with_film(_linearised(contact, of_wall, light, small, wall_depth, 1.0), small),
         particles.total - 1,
         min(scene.dimension, scene.periodic.count(False) + len(scene.walls)),
         thin,

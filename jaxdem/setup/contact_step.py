@@ -17,6 +17,7 @@ from jaxdem.setup.bond_stability import SAFETY, bond_growth, bond_limit
 from jaxdem.setup.cohesion import attraction_time, pair_of
 from jaxdem.setup.contact_bodies import ContactBody, contact_bodies, effective
 from jaxdem.setup.contact_stability import contact_stability
+from jaxdem.setup.lubrication import lubrication_time
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.wall_motion import fastest_wall
 
@@ -70,6 +71,9 @@ def contact_step(particles: ParticleSetup, boundary_speed: float) -> ContactStep
     growing = attraction_time(particles, bodies)
     if math.isfinite(growing):
         limits["contact_attraction"] = growing
+    film = lubrication_time(particles, bodies)
+    if math.isfinite(film):
+        limits["contact_lubrication"] = film
     limits["contact_automatic"] = min(
         0.2 * limits.get("rayleigh", math.inf),
         limits["contact_duration"] / 20.0,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 from jax import Array
@@ -15,6 +16,7 @@ from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.integrate import Parcels, ParticleProperties
+from jaxdem.particles.lubrication import LubricationConstants
 from jaxdem.particles.materials import CohesionParameters, ContactParameters, MaterialNumbers, SeveralMaterials
 from jaxdem.particles.moving_walls import Numbers
 from jaxdem.scene import Contact, Scene
@@ -63,7 +65,9 @@ def scene_parameters(
         bodies = ParticleProperties(*of_bodies, parcels=parcels, clumps=_clumps(particles, number))
         share = share_of_sphere(ratio, scene.dimension)
         contact = _contact_constants(particles.contact, particles.materials, number, share)
-        contact = contact._replace(cohesion=_cohesion(particles, number))
+        contact = contact._replace(
+            cohesion=_cohesion(particles, number), lubrication=_lubrication(particles.contact, number)
+        )
     if scene.fluid is not None:
         table = scene.fluid
         smagorinsky = number(table.smagorinsky) if table.smagorinsky > 0.0 else None
@@ -167,13 +171,22 @@ def _contact_constants(
     given = {name: values for name, (values, _) in table.given.items()}
     given["young_modulus"] = share * given["young_modulus"]
     return SeveralMaterials(
-        **{name: number(values) for name, values in given.items() if name != "cohesion"},
+        **cast(Any, {name: number(values) for name, values in given.items() if name != "cohesion"}),
         rolling_damping=number(contact.rolling_damping),
         normal_stiffness=normal,
         tangential_stiffness=tangential,
         numbers=MaterialNumbers(**{name: mixing for name, (_, mixing) in table.given.items()}),
         cohesion=None,
     )
+
+
+def _lubrication(contact: Contact, number: _Numbers) -> LubricationConstants | None:
+    """The numbers of the liquid in gaps; None without."""
+    table = contact.lubrication
+    if table is None:
+        return None
+    own = number.optional(table.wet_friction), number.optional(table.sommerfeld_number)
+    return LubricationConstants(number.optional(table.viscosity), number(table.roughness), number(table.cutoff), *own)
 
 
 def _cohesion(particles: ParticleSetup, number: _Numbers) -> CohesionParameters | None:

@@ -13,6 +13,7 @@ MODULES = (
     "contact",
     "cohesion",
     "bonds",
+    "energy",
     "conservation",
     "granular",
     "moving_walls",

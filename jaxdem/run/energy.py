@@ -1,0 +1,128 @@
+"""The balance of energy of the particles of a run, for its summary. Host side."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxdem.numerics.host import on_device
+from jaxdem.particles.energy import EnergyFlow, StoredEnergy
+from jaxdem.particles.integrate import ParticleState
+from jaxdem.run.records import Instant
+from jaxdem.run.totals import Totals
+from jaxdem.setup.builder import Case
+
+TOLD = 0.01
+"""Energy that no force explains, over what was turned over, from which on the summary says so [-]."""
+
+MOTION = ("translation", "rotation", "potential")
+"""What a summary has of every run."""
+
+
+def energy_now(case: Case, instant: Instant) -> tuple[float, ...]:
+    """What is stored in the particles, the fields of `StoredEnergy`; without `output.energy` only `MOTION` [J].
+
+    Empty in a scene without particles.
+    """
+    particles, neighbors = instant.state.particles, instant.neighbors
+    if particles is None:
+        return ()
+    if not case.scene.output.energy or neighbors is None:
+        return _of_motion(case, particles, instant)
+    stored = _stored(case.simulation)(case.parameters, particles, neighbors, instant.state.step)
+    return tuple(float(x) for x in stored)
+
+
+def _stored(simulation: Any) -> Any:
+    return jax.jit(partial(type(simulation).stored, simulation))
+
+
+def _of_motion(case: Case, particles: ParticleState, instant: Instant) -> tuple[float, ...]:
+    """By NumPy: nothing is compiled for it."""
+    bodies = jax.tree.map(np.asarray, case.parameters.bodies)
+    there = slice(None) if particles.active is None else np.asarray(particles.active)
+    count = particles.velocity.shape[0]
+    mass, inertia = (np.broadcast_to(np.asarray(x, float), (count,))[there] for x in (bodies.mass, bodies.inertia))
+    centre = np.asarray(particles.position, float)
+    if particles.position_low is not None:
+        centre = centre + np.asarray(particles.position_low, float)
+    velocity, spin = (np.asarray(x, float)[there] for x in (particles.velocity, particles.angular_velocity))
+    gravity = _gravity(case, instant)
+    translation = 0.5 * float(np.sum(mass * np.sum(velocity**2, axis=1)))
+    rotation = 0.5 * float(np.sum(inertia * np.sum(spin**2, axis=1)))
+    return translation, rotation, -float(np.sum(mass * (centre[there] @ gravity)))
+
+
+def _gravity(case: Case, instant: Instant) -> np.ndarray:
+    """Of the interval before an instant [m/s2]."""
+    gravity = np.asarray(case.parameters.gravity, float)
+    if case.simulation.gravity_times is None:
+        return gravity
+    step = max(int(instant.state.step) - 1, 0)
+    return np.asarray(case.simulation.during(case.parameters, on_device(step, np.int32)).gravity, float)
+
+
+def energy_figures(case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
+    """Entry `energy` of the summary; {} in a scene without particles [J].
+
+    `gained` is what no force and no source explains: `time_step`, the error of the contact step in the springs, and
+    `missing`, which is zero but for rounding. Positive where there is more energy than there should be.
+    """
+    end = energy_now(case, instant)
+    if not end:
+        return {}
+    names = StoredEnergy._fields if len(end) > len(MOTION) else MOTION
+    at_end = dict(zip(names, end, strict=True))
+    start = totals.energy_start if len(totals.energy_start) == len(end) else ()
+    at_start = dict(zip(names, start, strict=True)) if start else None
+    figures: dict[str, Any] = {"start": at_start, "end": at_end}
+    if at_start is not None and len(end) > len(MOTION):
+        flow = totals.energy or (0.0,) * len(EnergyFlow._fields)
+        changes = case.simulation.gravity_times is not None
+        figures |= balance(at_start, at_end, dict(zip(EnergyFlow._fields, flow, strict=True)), changes)
+    return {"energy": figures}
+
+
+def balance(
+    start: dict[str, float], end: dict[str, float], flow: dict[str, float], gravity_changes: bool = False
+) -> dict[str, Any]:
+    """Works, dissipations and what is left [J].
+
+    Args:
+        start, end: what is stored, see `StoredEnergy`.
+        flow: between the two, see `EnergyFlow`.
+        gravity_changes: whether gravity changes with time.
+    """
+    change = {name: end[name] - start[name] for name in start}
+    work = {name: flow[name] for name in ("walls", "fluid", "population")}
+    # Where gravity changes with time, so does the potential energy of particles at rest.
+    work["gravity_change"] = change["potential"] + flow["gravity"] if gravity_changes else 0.0
+    dissipated = {name: flow[name] for name in ("damping", "liquid", "adhesion", "tangential_damping")}
+    dissipated["sliding"] = flow["tangential"] - flow["tangential_damping"] - change["tangential"]
+    dissipated["rolling"] = flow["rolling"] - change["rolling"]
+    time_step = flow["conservative"] + change["normal"] + change["surface"] + flow["adhesion"]
+    gained = sum(change.values()) - sum(work.values()) + sum(dissipated.values())
+    kinetic = start["translation"] + start["rotation"], end["translation"] + end["rotation"]
+    springs = sum(abs(moment[name]) for moment in (start, end) for name in ("normal", "surface"))
+    turned_over = sum(kinetic) + abs(flow["gravity"]) + springs
+    turned_over += sum(map(abs, work.values())) + sum(map(abs, dissipated.values()))
+    relative = gained / turned_over if turned_over else 0.0
+    remark = ""
+    if abs(relative) > TOLD:
+        side = "gained" if relative > 0.0 else "lost"
+        remark = (
+            f"the particles have {side} {abs(gained):.3g} J, {100.0 * abs(relative):.3g} % of the energy turned over, "
+            "that no force explains: the contact step is too long for these contacts"
+        )
+    return {
+        "work": work,
+        "dissipated": dissipated,
+        "time_step": time_step,
+        "missing": gained - time_step,
+        "gained": gained,
+        "gained_relative": relative,
+        "remark": remark,
+    }

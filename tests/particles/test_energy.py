@@ -1,0 +1,125 @@
+"""The balance of energy: closed boxes, what one that is wrong shows, runs, what is refused.
+
+Losses of single impacts against closed forms, and every option in turn, are cases: `tests/cases/energy.py`.
+"""
+
+from __future__ import annotations
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import jaxdem
+import jaxdem.particles.energy as kernel
+from examples.extending.cohesion import AdhesiveSpheres
+from jaxdem.cli.terminal import print_run
+from jaxdem.errors import InputError
+from tests.cases import checked
+from tests.cases.energy import BOX, OPTIONS, SHAKE, balance_of, in_space, tilted, with_tables
+
+TOGETHER = {
+    "walls, epsd and JKR": with_tables(
+        BOX, walls=[tilted(motion=SHAKE)],
+        contact={"rolling_friction": 0.1, "rolling_model": "epsd", **OPTIONS["JKR"]["contact"]},
+    ),
+    "liquid bridges, cdt and the linear law": with_tables(
+        BOX, contact=OPTIONS["linear law"]["contact"] | OPTIONS["liquid bridges"]["contact"]
+        | {"rolling_friction": 0.1}, particles=OPTIONS["two sizes"]["particles"],
+    ),
+    "van der Waals in space": in_space(with_tables(BOX, **OPTIONS["van der Waals"])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_a_closed_box_keeps_its_energy(name):
+    """1e-6 of what is turned over; without the error of the springs' step to rounding."""
+    found = balance_of(TOGETHER[name])
+    turned_over = found["gained"] / found["gained_relative"]
+    assert abs(found["gained_relative"]) < 1e-6
+    assert abs(found["missing"]) < 1e-11 * turned_over
+    for part in ("damping", "sliding", "tangential_damping"):
+        assert found["dissipated"][part] > 1e-3 * turned_over, part
+
+
+def test_a_balance_without_the_dashpots_of_walls_does_not_close(monkeypatch):
+    honest = kernel._of_contacts
+
+    def careless(model, found, *given):
+        work = honest(model, found, *given)
+        return work._replace(damping=0.0 * work.damping) if found.pair.other_spin is None else work
+
+    monkeypatch.setattr(kernel, "_of_contacts", careless)
+    assert abs(balance_of(with_tables(BOX, contact={"time_step": 1e-5}))["gained_relative"]) > 0.02
+
+
+@pytest.mark.parametrize("name", ["energy: what an impact takes", "energy: a wall that pushes"])
+def test_losses_and_works_of_closed_form(name):
+    checked(name)
+
+
+def scene_of(**changes):
+    tables = with_tables(BOX, contact={"time_step": 1e-5}, time={"end": 0.01, "output_interval": 0.005})
+    return jaxdem.load_scene(with_tables(tables, **changes))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A run with the balance."""
+    return jaxdem.simulate(scene_of(), tmp_path_factory.mktemp("energy") / "whole")
+
+
+def test_the_summary_of_a_run_has_it_and_a_resumed_one_the_same(whole, tmp_path, capsys):
+    jaxdem.simulate(scene_of(time={"end": 0.005}), tmp_path / "half")
+    resumed = jaxdem.simulate(scene_of(), tmp_path / "half", resume=True)
+    figures = whole.summary["energy"]
+    assert resumed.summary["energy"] == figures
+    assert figures["missing"] == pytest.approx(0.0, abs=1e-11 * figures["start"]["translation"])
+    assert 1e-6 < abs(figures["gained_relative"]) < 1e-3
+    print_run(whole)
+    assert "balanced but for" in capsys.readouterr().out
+    assert json.loads((whole.path / "summary.json").read_text())["energy"] == figures
+
+
+def test_a_run_without_the_option_tells_the_energy_of_the_motion_and_moves_alike(whole, tmp_path):
+    off = jaxdem.simulate(scene_of(output={"energy": False}), tmp_path / "off")
+    told = off.summary["energy"]
+    assert list(told) == ["start", "end"]
+    for moment in told:
+        assert told[moment] == pytest.approx({k: whole.summary["energy"][moment][k] for k in told[moment]}, rel=1e-9)
+    np.testing.assert_allclose(whole.particles(-1)["velocity"], off.particles(-1)["velocity"], rtol=1e-9)
+
+
+REFUSED = {
+    "a wall that goes": (
+        with_tables(BOX, walls=[tilted(end=0.005)], time={"output_interval": 0.001}),
+        {},
+        "begin or end",
+    ),
+    "a law of the user's": (BOX, {"contact_law": lambda contact, material: None}, "StoringLaw"),
+    "a cohesion of the user's": (with_tables(BOX, **OPTIONS["JKR"]), {"cohesion": AdhesiveSpheres()}, "cohesion"),
+    "several devices": (BOX, {"devices": 1}, "balance of energy"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_has_no_known_energy_is_refused(name):
+    tables, extensions, words = REFUSED[name]
+    with pytest.raises(InputError, match=words) as found:
+        jaxdem.build(jaxdem.load_scene(tables), **extensions)
+    assert found.value.key == "output.energy"
+
+
+def test_gradients_pass_through_a_step_with_the_balance():
+    scene = scene_of(time={"end": 2e-3, "output_interval": 2e-3})
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+
+    def lost(restitution):
+        contact = parameters.contact._replace(restitution=restitution)
+        report = simulation.reversible().step(parameters._replace(contact=contact), state, neighbors)[2]
+        return report.particles.energy.damping
+
+    slope = jax.jit(jax.grad(lost))(parameters.contact.restitution)
+    assert np.isfinite(slope) and slope < 0.0
