@@ -93,7 +93,8 @@ def advance_particles(
             energy = energy._replace(population=stored.total - without.total)
     if simulation.contact.division is not None:
         division, search = simulation.contact.division, simulation.search
-        particles, neighbors = settled(division, search, everyone.radius, particles, neighbors)
+        meshes = simulation.meshes_placed(parameters, particles, state.step + 1)
+        particles, neighbors = settled(division, search, everyone.radius, particles, neighbors, meshes)
     buried = simulation.buried(parameters, before, listed, state.step)
     means = means._replace(energy=energy)
     report = simulation.particle_report(particles, neighbors, means, state.step + 1, buried, bodies)

@@ -143,6 +143,13 @@ class Structure:
             return ()
         return placements(self.contact.model.motions, motions, jnp.zeros_like(motions.start), particles.pistons)
 
+    def meshes_placed(
+        self, parameters: Parameters, particles: ParticleState, step: Array
+    ) -> tuple[Placement | None, ...]:
+        """The same of the meshes alone."""
+        placed = self.placed(parameters, particles, step)
+        return placed[len(placed) - len(parameters.meshes) :]
+
     def _start_pair(self, parameters: Parameters, step: Array) -> Pair:
         """`_start` as a pair, exact for whole numbers of steps up to 2^31."""
         dtype = parameters.gravity.dtype

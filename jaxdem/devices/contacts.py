@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jaxdem.errors import required
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors
 
 
@@ -18,25 +21,61 @@ class Contacts(NamedTuple):
     Attributes:
         first, second: (P,) identities, first < second.
         values: (c, P), what is kept; see `ParticleState.contact_spring`.
+        meshes: of the contacts with each mesh, arrays (C, N) by identity.
     """
 
     first: np.ndarray
     second: np.ndarray
     values: np.ndarray
+    meshes: tuple[MeshMemory, ...] = ()
 
 
-def contacts_of_list(spring: Vector, neighbors: Neighbors) -> Contacts:
-    """Of a list on one device."""
-    pairs = neighbors.pairs
-    return _with_something(np.asarray(pairs.first), np.asarray(pairs.second), np.stack(spring))
+def contacts_of_list(spring: Vector, neighbors: Neighbors, memory: Sequence[MeshMemory] = ()) -> Contacts:
+    """Of a list on one device, and what contacts with its meshes keep."""
+    pairs, number = neighbors.pairs, np.arange(neighbors.reference[0].shape[0])
+    found = _with_something(np.asarray(pairs.first), np.asarray(pairs.second), np.stack(spring))
+    rows = [np.asarray(mesh.row)[None] for mesh in neighbors.meshes]
+    kept = jax.tree.map(lambda x: np.asarray(x)[None], tuple(memory))
+    return found._replace(meshes=memory_by_identity(kept, rows, number[None], len(number)))
 
 
-def contacts_of_slabs(spring: Vector, neighbors: Neighbors) -> Contacts:
-    """Of a distributed list on the host; a pair across a border is that of its first particle's slab."""
+def memory_by_identity(
+    memory: Sequence[MeshMemory], rows: Sequence[np.ndarray], identity: np.ndarray, count: int
+) -> tuple[MeshMemory, ...]:
+    """`kept_by_identity` of all that is kept of each mesh, in the rows of each."""
+    pairs = zip(memory, rows, strict=True)
+    found: Any = tuple(
+        jax.tree.map(lambda x, row=row: kept_by_identity(x, row, identity, count), kept) for kept, row in pairs
+    )
+    return found
+
+
+def kept_by_identity(values: Any, row: np.ndarray, identity: np.ndarray, count: int) -> np.ndarray:
+    """(C, N) by identity of what contacts with a mesh keep in slabs.
+
+    Args:
+        values: (B, C, M).
+        row: (B, M), rows of the grains; R or more where there is none.
+        identity: (B, R) of the rows.
+        count: N.
+    """
+    whole = np.zeros((values.shape[1], count), values.dtype)
+    for slab, number in enumerate(identity):
+        listed = np.flatnonzero(row[slab] < len(number))
+        owner = number[row[slab][listed]]
+        whole[:, owner[owner >= 0]] = np.asarray(values[slab])[:, listed[owner >= 0]]
+    return whole
+
+
+def contacts_of_slabs(particles: ParticleState, neighbors: Neighbors, count: int) -> Contacts:
+    """Of a distributed state and list of N particles on the host; a pair across a border is that of its first
+    particle's slab."""
     ghosts: Any = required(neighbors.ghosts, "ghosts of a list")
     pairs: Any = neighbors.pairs
     rows = ghosts.identity.shape[1] - 2 * ghosts.lower.shape[1]
-    return contacts_of_rows(spring, rows, ghosts.identity, pairs.first, pairs.second)
+    found = contacts_of_rows(particles.contact_spring, rows, ghosts.identity, pairs.first, pairs.second)
+    of_mesh = [np.asarray(mesh.row) for mesh in neighbors.meshes]
+    return found._replace(meshes=memory_by_identity(particles.mesh_memory, of_mesh, ghosts.identity[:, :rows], count))
 
 
 def contacts_of_rows(
@@ -55,7 +94,8 @@ def contacts_of_rows(
         own = np.flatnonzero((first[slab] < rows) & (first[slab] != second[slab]))
         values = np.stack([component[slab][own] for component in spring])
         found.append(_with_something(number[first[slab][own]], number[second[slab][own]], values))
-    return Contacts(*(np.concatenate(part, axis=-1) for part in zip(*found, strict=True)))
+    lower, upper, values = (np.concatenate(part, axis=-1) for part in zip(*(one[:3] for one in found), strict=True))
+    return Contacts(lower, upper, values)
 
 
 def _with_something(first: np.ndarray, second: np.ndarray, values: np.ndarray) -> Contacts:

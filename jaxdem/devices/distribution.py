@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -19,8 +20,10 @@ from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
 from jaxdem.numerics import vectors
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
+from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.mesh_list import of_grain
 from jaxdem.particles.neighbors import Neighbors, Room
-from jaxdem.particles.slab_list import History, of_pairs, slab_list
+from jaxdem.particles.slab_list import History, Meshes, of_pairs, slab_list
 from jaxdem.state import Parameters, State
 
 Tree = TypeVar("Tree")
@@ -40,7 +43,7 @@ AXIS_OF_PARTICLES = {
 KEPT = ("position", "position_low")
 """Fields of which a row without a particle has the values of another one, not zero."""
 
-REFUSED = ("liquid", "mesh_memory", "mesh_wear", "bonds")
+REFUSED = ("liquid", "bonds")
 """Fields of scenes that `refused` turns away."""
 
 
@@ -69,8 +72,10 @@ def distributed(
     if state.particles is not None and neighbors is not None:
         rows = on_host(state.particles)
         if not isinstance(neighbors, Contacts):
-            neighbors = contacts_of_list(rows.contact_spring, on_host(neighbors))
-        particles, lists = _particles(simulation, parameters, rows, neighbors, room)
+            neighbors = contacts_of_list(rows.contact_spring, on_host(neighbors), rows.mesh_memory)
+        placed = simulation.meshes_placed(parameters, _on_one(rows), jnp.asarray(on_host(state.step)))
+        meshes = Meshes(parameters.meshes, placed)
+        particles, lists = _particles(simulation, parameters, rows, neighbors, room, meshes)
     return State(particles, fluid, put(mesh, on_host(state.step), SAME)), lists
 
 
@@ -80,6 +85,7 @@ def _particles(
     particles: ParticleState,
     contacts: Contacts,
     room: SlabRoom | None,
+    meshes: Meshes,
 ) -> tuple[ParticleState, Neighbors]:
     division, search, number = simulation.division, simulation.search, simulation.slabs.number
     present, dtype = _present(particles), particles.position.dtype
@@ -90,7 +96,7 @@ def _particles(
         planes = equal_planes(division, search, along)
     slab = np.zeros(len(particles.position), int)
     slab[present] = slab_of(planes.astype(dtype), along)
-    listed = search.room(tuple(particles.position.T), particles.active)
+    listed = _listed_room(simulation, parameters, particles, np.where(_is_present(particles), slab, -1))
     coming = simulation.count - len(present) if particles.inserted is not None else 0
     wider = needed_room(division, search, inside, planes, listed, coming)
     room = _for_contacts(wider if room is None else _covering(room, wider), contacts)
@@ -99,11 +105,24 @@ def _particles(
         own = present[slab[present] == k]
         table[k, : len(own)], row[own] = own, np.arange(len(own))
     history = History(*history_tables(contacts, slab, row, (number, room.listed.slots, room.rows)))
-    mesh = required(simulation.mesh, "mesh")
-    rows, ghosts, history = put(mesh, (_rows(particles, table), _no_ghosts(planes.astype(dtype), table, room), history))
-    listing = on_slabs(mesh, _first_list(simulation, room.listed), (SAME, SLABS, SLABS, SLABS), (SLABS, SLABS))
-    springs, new = jax.jit(listing)(put(mesh, parameters.bodies, SAME), rows, ghosts, history)
-    return rows._replace(contact_spring=springs), new
+    mesh, memory = required(simulation.mesh, "mesh"), _memory_of_rows(contacts, table)
+    given = (_rows(particles, table), _no_ghosts(planes.astype(dtype), table, room), history, memory)
+    rows, ghosts, history, memory = put(mesh, given)
+    listing = on_slabs(mesh, _first_list(simulation, room.listed), (SAME, SAME, *(SLABS,) * 4), (SLABS, SLABS, SLABS))
+    everywhere = put(mesh, (parameters.bodies, meshes), SAME)
+    springs, memory, new = jax.jit(listing)(*everywhere, rows, ghosts, history, memory)
+    return rows._replace(contact_spring=springs, mesh_memory=memory), new
+
+
+def _memory_of_rows(contacts: Contacts, table: np.ndarray) -> tuple[MeshMemory, ...]:
+    """What contacts with meshes keep, arrays (B, C, R) of the rows of all slabs."""
+
+    def of_rows(values: Any) -> np.ndarray:
+        chosen = np.where(table[None] >= 0, values[:, np.maximum(table, 0)], 0.0)
+        return np.moveaxis(chosen, 1, 0).astype(values.dtype)
+
+    found: tuple[MeshMemory, ...] = jax.tree.map(of_rows, contacts.meshes)
+    return found
 
 
 def _on_one(particles: ParticleState) -> ParticleState:
@@ -112,8 +131,27 @@ def _on_one(particles: ParticleState) -> ParticleState:
 
 def _present(particles: ParticleState) -> np.ndarray:
     """Identities of the particles that are there."""
-    count = len(particles.position)
-    return np.arange(count) if particles.active is None else np.flatnonzero(particles.active)
+    return np.flatnonzero(_is_present(particles))
+
+
+def _is_present(particles: ParticleState) -> np.ndarray:
+    return np.ones(len(particles.position), bool) if particles.active is None else np.asarray(particles.active)
+
+
+def _listed_room(
+    simulation: DividedSimulation, parameters: Parameters, particles: ParticleState, slab: np.ndarray
+) -> Room:
+    """Room for the list of the whole box, but of meshes for that of any slab; `slab` is -1 of who is not there."""
+    search, position = simulation.search, tuple(particles.position.T)
+    found = search.room(position, particles.active)
+    if not parameters.meshes:
+        return found
+    meshes = required(simulation.contact, "particles").model.meshes
+    given = parameters.meshes, tuple(mesh.usual for mesh in meshes), position
+    radius: Any = np.asarray(required(parameters.bodies, "parameters.bodies").radius)
+    there: list[Any] = [slab == k for k in range(simulation.slabs.number)]
+    rooms = [search.with_room_for_meshes(found, *given, radius, own) for own in there]
+    return functools.reduce(Room.covering, rooms)
 
 
 def _covering(room: SlabRoom, other: SlabRoom) -> SlabRoom:
@@ -128,7 +166,7 @@ def _covering(room: SlabRoom, other: SlabRoom) -> SlabRoom:
 def _for_contacts(room: SlabRoom, contacts: Contacts) -> SlabRoom:
     """Room for what every particle keeps."""
     numbers = np.bincount(np.concatenate((contacts.first, contacts.second)).astype(int))
-    listed = Room(max(room.listed.slots, int(numbers.max(initial=1))), room.listed.pairs, room.listed.cell)
+    listed = dataclasses.replace(room.listed, slots=max(room.listed.slots, int(numbers.max(initial=1))))
     return SlabRoom(room.rows, room.ghosts, room.migrating, listed)
 
 
@@ -152,6 +190,7 @@ def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
         identity=identity,
         inserted=_in_all(particles.inserted, len(table)),
         pistons=_in_all(particles.pistons, len(table)),
+        mesh_wear=_in_all(particles.mesh_wear, len(table)),
     )
 
 
@@ -192,14 +231,19 @@ def _no_ghosts(planes: Any, table: Any, room: SlabRoom) -> Ghosts:
 
 
 def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]:
-    """The list of a slab and the springs of its pairs, from the bodies, its rows, its ghosts and what contacts keep."""
+    """The list of a slab, the springs of its pairs and what contacts with meshes keep; from the bodies, the meshes, its
+    rows, its ghosts and what its rows keep."""
 
-    def listing(bodies: Any, rows: ParticleState, ghosts: Ghosts, history: History) -> tuple[Any, Neighbors]:
+    def listing(
+        bodies: Any, meshes: Meshes, rows: ParticleState, ghosts: Ghosts, history: History, memory: Any
+    ) -> tuple[Any, Any, Neighbors]:
         own = bodies.of_rows(rows.identity)
         position = vectors.components(rows.position)
         low = split_low(rows.position_low, len(position))
-        new = slab_list(simulation.search, simulation.division, position, low, own.radius, room, ghosts)
-        return of_pairs(history, required(new.ghosts, "ghosts").identity, new.pairs), new
+        new = slab_list(simulation.search, simulation.division, position, low, own.radius, room, ghosts, meshes)
+        kept = zip(memory, new.meshes, strict=True)
+        of_rows = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
+        return of_pairs(history, required(new.ghosts, "ghosts").identity, new.pairs), of_rows, new
 
     return listing
 
@@ -219,7 +263,7 @@ def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors |
         fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
     if state.particles is not None and neighbors is not None:
         rows: ParticleState = on_host(state.particles)
-        contacts = contacts_of_slabs(rows.contact_spring, on_host(neighbors))
+        contacts = contacts_of_slabs(rows, on_host(neighbors.without_surfaces()), simulation.count)
         particles = _by_identity(simulation, rows)
     return State(particles, fluid, on_host(state.step)), contacts
 
@@ -230,7 +274,7 @@ def gathered_state(simulation: DividedSimulation, state: State) -> State:
     if state.fluid is not None:
         fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
     if state.particles is not None:
-        particles = _by_identity(simulation, on_host(state.particles._replace(contact_spring=())))
+        particles = _by_identity(simulation, on_host(state.particles._replace(contact_spring=(), mesh_memory=())))
     return State(particles, fluid, on_host(state.step))
 
 
@@ -267,6 +311,7 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
         active=None if simulation.population is None else active,
         inserted=None if rows.inserted is None else rows.inserted[0],
         pistons=jax.tree.map(lambda x: x[0], rows.pistons),
+        mesh_wear=jax.tree.map(lambda x: x[0], rows.mesh_wear),
     )
 
 
@@ -294,7 +339,8 @@ def on_one_device(
     if contacts is None:
         return State(None, fluid, step), None
     particles = jax.tree.map(jnp.asarray, required(state.particles, "state.particles"))
-    neighbors = simulation.undivided().allocate(parameters, particles)
+    placed = simulation.meshes_placed(parameters, particles, step)
+    neighbors = simulation.undivided().allocate(parameters, particles, placed=placed)
     first, second = np.asarray(neighbors.pairs.first), np.asarray(neighbors.pairs.second)
     count = max(len(particles.position), 1)
     # A pair is one number; the empty ones come after all others.
@@ -304,7 +350,9 @@ def on_one_device(
     place = order[np.searchsorted(pair[order], low.astype(np.int64) * count + high)]
     springs = np.zeros((len(contacts.values), len(pair)), particles.position.dtype)
     springs[:, place] = contacts.values
-    particles = particles._replace(contact_spring=tuple(jnp.asarray(x) for x in springs))
+    kept = zip(jax.tree.map(jnp.asarray, contacts.meshes), neighbors.meshes, strict=True)
+    memory = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
+    particles = particles._replace(contact_spring=tuple(jnp.asarray(x) for x in springs), mesh_memory=memory)
     return State(particles, fluid, step), neighbors
 
 

@@ -42,8 +42,7 @@ class SlabRoom:
         """Of a distributed list."""
         ghosts = required(neighbors.ghosts, "ghosts of a list")
         sent = ghosts.lower.shape[-1]
-        listed = Room(neighbors.index.shape[-2], neighbors.overlap.shape[-1], neighbors.cell_slots)
-        return cls(ghosts.identity.shape[-1] - 2 * sent, sent, ghosts.migrating, listed)
+        return cls(ghosts.identity.shape[-1] - 2 * sent, sent, ghosts.migrating, neighbors.room)
 
     def enlarged(self, needed: np.ndarray) -> SlabRoom:
         """With a margin for what was needed, (3,) as in `Ghosts`; all of the list half as much again if that was there.
@@ -117,5 +116,5 @@ def needed_room(
     each = np.bincount(slab, weights=0.5 * found * (1 + near), minlength=number)
     usual = USUAL_PAIRS[dimension] * (IMBALANCE * fullest + most)
     pairs = max(math.ceil(EXTRA_PAIRS * each.max()), math.ceil(usual)) + 1
-    listed = Room(max(room.slots, 1), pairs, room.cell)
+    listed = dataclasses.replace(room, slots=max(room.slots, 1), pairs=pairs)
     return SlabRoom(rows, ghosts, rows // TRAVELLERS + LEAST, listed)

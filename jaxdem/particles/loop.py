@@ -198,13 +198,19 @@ def _advanced(
         motion, number = drift(motion, 0.5 * time_step), carry.step + 1
         if clumps is not None:
             motion = turned(motion, clumps, 0.5 * time_step, forwards=False)
-        if division is not None and slab is not None:
-            slab = with_own_due(division, interval.search, neighbors, motion, slab, (number, time_step))
         if pistons is not None:
             pistons = _pushed(interval, surroundings, pistons, elapsed, sums.walls, time_step)
         crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
         wear = jax.tree.map(jnp.add, carry.wear, sums.wear)
-        return _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded, wear, energy)
+        carry = _Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded, wear, energy)
+        return with_due(carry, neighbors)
+
+    def with_due(carry: _Carry, neighbors: Neighbors) -> _Carry:
+        if division is None or carry.slab is None:
+            return carry
+        way = way_of_meshes(neighbors, _meshes_placed(interval, surroundings, time_step, carry, division.hops + 1))
+        given = neighbors, carry.motion, carry.slab, (carry.step, time_step), way
+        return carry._replace(slab=with_own_due(division, interval.search, *given))
 
     zero = jnp.zeros_like(force[0])
     touching = zero if clumps is None else clumps.rows(zero, len(zero))
@@ -221,9 +227,8 @@ def _advanced(
         energy=no_flow(zero) if interval.model.energy else None,
     )
     if division is not None:
-        beginning = SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
-        given = (carry.step, time_step)
-        slab = with_own_due(division, interval.search, neighbors, carry.motion, beginning, given)
+        carry = with_due(carry._replace(slab=SlabCarry(jnp.full((), NEVER, jnp.int32), properties)), neighbors)
+        slab = required(carry.slab, "carry of a slab")
         late = any_of(division.blocks, slab.due < NEVER)
         carry = carry._replace(slab=slab._replace(due=jnp.where(late, 0, jnp.int32(NEVER))))
     loop = _reversible_loop if interval.reversible else _fast_loop
@@ -231,13 +236,12 @@ def _advanced(
     carry, neighbors = loop(interval, surroundings, step, time_step, carry, neighbors, active)
     if carry.crowded is not None:
         neighbors = dataclasses.replace(neighbors, overflow=neighbors.overflow | carry.crowded)
-    duration = interval.steps * time_step
+    duration, blocks = interval.steps * time_step, None if division is None else division.blocks
     state = carry.motion.into(state)._replace(contact_force=vectors.stack(carry.contact_impulse) / duration)
     state = state._replace(pistons=carry.pistons)
     if carry.wear:
         numbers = tuple(mesh.number for mesh in interval.model.meshes)
-        state = state._replace(mesh_wear=with_wear(state.mesh_wear, numbers, carry.wear))
-    blocks = None if division is None else division.blocks
+        state = state._replace(mesh_wear=with_wear(state.mesh_wear, numbers, total(blocks, carry.wear)))
     present = count if active is None else jnp.maximum(total(blocks, jnp.sum(active)), 1)
     # Sums over the particles once an interval: in every contact step they would take a tenth of its time.
     loads = None if carry.walls is None else total(blocks, carry.walls.summed(interval.model))
@@ -334,17 +338,18 @@ def _stale(
 
 
 def _meshes_placed(
-    interval: ContactInterval, around: Surroundings, time_step: Array, carry: _Carry
+    interval: ContactInterval, around: Surroundings, time_step: Array, carry: _Carry, steps: int = 1
 ) -> tuple[Placement | None, ...]:
-    """Where each mesh is at the end of the coming step, None for one at rest; empty where all are.
+    """Where each mesh is at the end of the coming steps, None for one at rest; empty where all are.
 
     Of a scene some of whose walls are not there yet, or not any more, also those.
     """
     model = interval.model
     if not any(model.motions[len(model.surfaces) :]):
         return ()
-    pistons = None if carry.pistons is None else carry.pistons.drifted(time_step)
-    placed = around.after(model, (carry.step + 1) * time_step, pistons).placements[len(model.surfaces) :]
+    ahead = time_step if steps == 1 else steps * time_step
+    pistons = None if carry.pistons is None else carry.pistons.drifted(ahead)
+    placed = around.after(model, (carry.step + steps) * time_step, pistons).placements[len(model.surfaces) :]
     found: list[Placement | None] = [None] * model.lists
     for mesh, one in zip(model.meshes, placed, strict=True):
         found[mesh.number] = one
@@ -369,16 +374,16 @@ def _with_list_in_date(
         carry, neighbors = both
         # Where `_stale` looks: the new list is in date whatever the speed, and the loop goes on.
         motion = drift(carry.motion, time_step)
-        if interval.division is not None and carry.slab is not None:
-            new, springs, slab = rebuilt(interval.division, search, motion, neighbors, carry.slab)
-            return carry._replace(motion=carry.motion._replace(contact_spring=springs), slab=slab), new
-        placed = _meshes_placed(interval, around, time_step, carry)
-        new = updated(search, motion, neighbors, active, placed)
-        springs = carry_history(carry.motion.contact_spring, neighbors, new)
+        placed, slab = _meshes_placed(interval, around, time_step, carry), carry.slab
+        if interval.division is not None and slab is not None:
+            new, springs, slab = rebuilt(interval.division, search, motion, neighbors, slab, placed)
+        else:
+            new = updated(search, motion, neighbors, active, placed)
+            springs = carry_history(carry.motion.contact_spring, neighbors, new)
         motion = carry.motion._replace(contact_spring=springs)
         if neighbors.meshes:
             motion = motion._replace(mesh_memory=carry_memory(motion.mesh_memory, neighbors, new))
-        return carry._replace(motion=motion), new
+        return carry._replace(motion=motion, slab=slab), new
 
     stale = _stale(interval, around, time_step, carry, neighbors)
     return cond_in_batch(stale, rebuild, (carry, neighbors))

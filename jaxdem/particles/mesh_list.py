@@ -90,9 +90,9 @@ class MeshList:
     def room(self) -> MeshRoom:
         """What there is room for."""
         faces, edges, corners = (
-            0 if kind is None else int(kind.overlap.shape[0]) for kind in (self.faces, self.edges, self.corners)
+            0 if kind is None else int(kind.overlap.shape[-2]) for kind in (self.faces, self.edges, self.corners)
         )
-        return MeshRoom(self.row.shape[0], self.contacts, self.looks, (faces, edges, corners))
+        return MeshRoom(self.row.shape[-1], self.contacts, self.looks, (faces, edges, corners))
 
     def of_rows(self, values: Vector) -> Vector:
         """Values (M,) of (N,); of an empty row those of some grain."""
@@ -127,6 +127,16 @@ class MeshList:
         return dataclasses.replace(
             self, faces=changed(self.faces), edges=changed(self.edges), corners=changed(self.corners)
         )
+
+
+def by_grain(values: Vector, listed: MeshList, count: int) -> Vector:
+    """Values (C, M) of the contacts of each row as those of N grains, (C, N): zero of those without a row."""
+    return tuple(jnp.zeros((x.shape[0], count), x.dtype).at[:, listed.row].set(x, mode="drop") for x in values)
+
+
+def of_grain(values: Vector, listed: MeshList) -> Vector:
+    """The inverse: (C, M) of (C, N), zero in rows without a grain."""
+    return tuple(x.at[:, listed.row].get(mode="fill", fill_value=0) for x in values)
 
 
 def carried(values: Vector, old: MeshList, new: MeshList, count: int) -> Vector:

@@ -18,8 +18,11 @@ from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks
+from jaxdem.numerics.placement import Placement
 from jaxdem.particles.ghosts import Division, Ghosts
 from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.mesh_list import by_grain, of_grain
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.slab_list import History, history_of, of_pairs, renewed_list
@@ -39,6 +42,7 @@ class _Rows(NamedTuple):
 
     particles: ParticleState
     history: History
+    meshes: tuple[MeshMemory, ...]
 
 
 def settled(
@@ -47,6 +51,7 @@ def settled(
     radius: Array,
     particles: ParticleState,
     neighbors: Neighbors,
+    placed: tuple[Placement | None, ...] = (),
 ) -> tuple[ParticleState, Neighbors]:
     """Particles and list at the end of an interval, every particle in the slab where it is; within `shard_map`.
 
@@ -58,6 +63,7 @@ def settled(
         radius: () or (N,) of all particles by identity [m].
         particles: of this slab, R rows.
         neighbors: their list.
+        placed: where each mesh is, None for one at rest; empty where all are.
     """
     blocks, ghosts = division.blocks, required(neighbors.ghosts, "ghosts of a list")
     position, low = _positions(particles)
@@ -81,7 +87,7 @@ def settled(
         any_out = any_out | jnp.any(planes != ghosts.planes)
 
     def move(both: tuple[ParticleState, Neighbors]) -> tuple[ParticleState, Neighbors]:
-        return _moved(division, search, radius, both, planes)
+        return _moved(division, search, radius, both, planes, placed)
 
     return cond_in_batch(any_out, move, (particles, neighbors))
 
@@ -132,16 +138,19 @@ def _balanced(
 
 
 def _moved(
-    division: Division, search: NeighborSearch, radius: Array, both: tuple[ParticleState, Neighbors], planes: Array
+    division: Division,
+    search: NeighborSearch,
+    radius: Array,
+    both: tuple[ParticleState, Neighbors],
+    planes: Array,
+    placed: tuple[Placement | None, ...],
 ) -> tuple[ParticleState, Neighbors]:
     """Particles sent to the slabs where they are, and the list of those that are here then."""
     particles, neighbors = both
     ghosts, active = required(neighbors.ghosts, "ghosts of a list"), required(particles.active, "active")
     steps = jnp.where(active, division.steps_to(planes, *_positions(particles)), 0)
-    history = history_of(particles.contact_spring, neighbors)
-    rows = _Rows(_row_first(particles), jax.tree.map(jnp.transpose, history))
-    rows, needed = _sent(division.blocks, rows, steps, ghosts)
-    history = jax.tree.map(jnp.transpose, rows.history)
+    rows, needed = _sent(division.blocks, _rows(particles, neighbors), steps, ghosts)
+    history, meshes = jax.tree.map(jnp.transpose, (rows.history, rows.meshes))
     here, number = required(rows.particles.active, "active"), required(rows.particles.identity, "identity")
     identity = jnp.where(here, number, -1)
     lacking = jnp.any(needed[::2] > jnp.array([ghosts.rows, ghosts.migrating]))
@@ -157,9 +166,25 @@ def _moved(
     particles = _row_last(rows.particles, particles)._replace(identity=identity)
     own = radius if radius.ndim == 0 else radius[jnp.maximum(identity, 0)]
     neighbors = dataclasses.replace(neighbors, overflow=neighbors.overflow | lacking)
-    new = renewed_list(search, division, *_positions(particles), own, neighbors, ghosts)
+    new = renewed_list(search, division, *_positions(particles), own, neighbors, ghosts, placed)
     springs = of_pairs(history, required(new.ghosts, "ghosts of a list").identity, new.pairs)
-    return particles._replace(contact_spring=springs), new
+    kept = zip(meshes, new.meshes, strict=True)
+    memory = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
+    return particles._replace(contact_spring=springs, mesh_memory=memory), new
+
+
+def _rows(particles: ParticleState, neighbors: Neighbors) -> _Rows:
+    """What goes along; a row whose particle has come since the list was made has no contacts."""
+    ghosts, count = required(neighbors.ghosts, "ghosts of a list"), particles.position.shape[0]
+    same = required(particles.identity, "identity of the particles") == ghosts.identity[: ghosts.rows]
+    history = history_of(particles.contact_spring, neighbors)
+    history = history._replace(partner=jnp.where(same[None], history.partner, -1))
+    meshes = tuple(
+        MeshMemory(*(tuple(jnp.where(same[None], x, 0.0) for x in by_grain(part, listed, count)) for part in kept))
+        for kept, listed in zip(particles.mesh_memory, neighbors.meshes, strict=True)
+    )
+    history, meshes = jax.tree.map(jnp.transpose, (history, meshes))
+    return _Rows(_row_first(particles), history, meshes)
 
 
 def _row_first(particles: ParticleState) -> ParticleState:
@@ -170,6 +195,8 @@ def _row_first(particles: ParticleState) -> ParticleState:
         fluid_memory=jax.tree.map(lambda x: jnp.moveaxis(x, -2, 0), particles.fluid_memory),
         inserted=None,
         pistons=None,
+        mesh_memory=(),
+        mesh_wear=(),
     )
 
 
@@ -181,6 +208,7 @@ def _row_last(rows: ParticleState, before: ParticleState) -> ParticleState:
         fluid_memory=jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2), rows.fluid_memory),
         inserted=before.inserted,
         pistons=before.pistons,
+        mesh_wear=before.mesh_wear,
     )
 
 

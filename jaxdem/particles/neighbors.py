@@ -129,7 +129,7 @@ class Neighbors:
     def room(self) -> Room:
         """What there is room for."""
         meshes = tuple(number for mesh in self.meshes for number in mesh.room.numbers)
-        return Room(self.index.shape[0], self.overlap.shape[0], self.cell_slots, meshes)
+        return Room(self.index.shape[-2], self.overlap.shape[-1], self.cell_slots, meshes)
 
     @property
     def surfaces(self) -> tuple[MeshSurface, ...]:

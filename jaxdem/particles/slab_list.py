@@ -10,11 +10,23 @@ from jax import Array, lax
 
 from jaxdem.errors import required
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.ghosts import Division, Ghosts, chosen_ghosts, with_ghosts
+from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, Room, with_radius
 from jaxdem.particles.pairs import Pairs, at, repeated
+
+
+class Meshes(NamedTuple):
+    """Meshes and where each of them is, None for one at rest; of all at rest empty."""
+
+    surfaces: tuple[MeshSurface, ...]
+    placed: tuple[Placement | None, ...]
+
+
+NO_MESHES = Meshes((), ())
 
 
 class History(NamedTuple):
@@ -72,6 +84,7 @@ def slab_list(
     radius: Array,
     room: Room,
     ghosts: Ghosts,
+    meshes: Meshes = NO_MESHES,
 ) -> Neighbors:
     """A first list of a slab; jittable, within `shard_map`.
 
@@ -82,6 +95,7 @@ def slab_list(
         radius: () or (R,) [m].
         room: for the list.
         ghosts: with the identities of the own particles; who is a ghost is found here.
+        meshes: of the scene, whole on every device.
     """
     position, low, radius = lax.stop_gradient((position, low, radius))
     ghosts = chosen_ghosts(division, ghosts, position, low, search.reach)
@@ -97,6 +111,9 @@ def slab_list(
     index = jnp.where((row[None] >= ghosts.rows) & (index >= ghosts.rows), row[None], index)
     lacking = ghosts.narrow | (ghosts.needed[1] > ghosts.lower.shape[0])
     listed = search.listed(index, position, low, rest[0] if rest else radius, room, crowded | lacking, identity)
+    if meshes.surfaces:
+        own_rows = (identity >= 0) & (row < ghosts.rows)
+        listed = search.with_meshes(listed, meshes.surfaces, room, own_rows, meshes.placed)
     return dataclasses.replace(listed, ghosts=ghosts)
 
 
@@ -108,10 +125,14 @@ def renewed_list(
     radius: Array,
     old: Neighbors,
     ghosts: Ghosts,
+    placed: tuple[Placement | None, ...] = (),
 ) -> Neighbors:
-    """A list at these positions with the room of another one; `radius`, () or (n,), is as old as that one."""
+    """A list at these positions with the room of another one; `radius`, () or (n,), is as old as that one.
+
+    `placed` is where each mesh is, None for one at rest; empty where all are.
+    """
     own = radius if radius.ndim == 0 else radius[: ghosts.rows]
-    new = slab_list(search, division, position, low, own, old.room, ghosts)
+    new = slab_list(search, division, position, low, own, old.room, ghosts, Meshes(old.surfaces, placed))
     radius = own
     if own.ndim:
         radius = with_ghosts(division.blocks, required(new.ghosts, "ghosts of a list"), (own,))[0]

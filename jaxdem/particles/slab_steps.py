@@ -15,6 +15,7 @@ from jax import Array, lax
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.ghosts import NEVER, Division, Ghosts, exchanged, with_ghosts
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
@@ -70,6 +71,8 @@ def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> Part
         wall_spring=tuple(spring[:, :count] for spring in rows.wall_spring),
         contact_force=rows.contact_force[:count],
         pistons=rows.pistons,
+        mesh_memory=rows.mesh_memory,
+        mesh_wear=rows.mesh_wear,
     )
 
 
@@ -120,6 +123,7 @@ def with_own_due(
     motion: Motion,
     slab: SlabCarry,
     now: tuple[Array, Array],
+    way: Array | float = 0.0,
 ) -> SlabCarry:
     """The carry with the step before which this slab needs another list, which its neighbours learn in the next step.
 
@@ -130,6 +134,7 @@ def with_own_due(
         motion: after a step.
         slab: with what is known so far.
         now: () int32, contact steps done; and () contact step [s].
+        way: how far a point of a mesh will have moved since the list was built, in that time [m].
     """
     if search is None:
         return slab
@@ -141,19 +146,30 @@ def with_own_due(
         return jnp.sqrt(jnp.max(jnp.where(ghosts.own, squared, 0.0), initial=0.0))
 
     coming = (division.hops + 1) * time_step * largest(lax.stop_gradient(motion.velocity))
-    needed = largest(displacement) + coming > 0.5 * search.geometry.skin
+    most = largest(displacement) + coming
+    if not isinstance(way, float):
+        most = most + way
+    needed = most > 0.5 * search.geometry.skin
     return slab._replace(due=jnp.minimum(slab.due, jnp.where(needed, step + division.hops, jnp.int32(NEVER))))
 
 
 def rebuilt(
-    division: Division, search: NeighborSearch, motion: Motion, neighbors: Neighbors, slab: SlabCarry
+    division: Division,
+    search: NeighborSearch,
+    motion: Motion,
+    neighbors: Neighbors,
+    slab: SlabCarry,
+    placed: tuple[Placement | None, ...] = (),
 ) -> tuple[Neighbors, Vector, SlabCarry]:
-    """A list at this motion, the springs of its pairs, and the carry with the properties of the new ghosts."""
+    """A list at this motion, the springs of its pairs, and the carry with the properties of the new ghosts.
+
+    `placed` is where each mesh is then, None for one at rest; empty where all are.
+    """
     ghosts = required(neighbors.ghosts, "ghosts of a list")
     position = tuple(x[: ghosts.rows] for x in motion.position)
     low = tuple(None if x is None else x[: ghosts.rows] for x in motion.low)
     radius = slab.properties.radius
-    new = renewed_list(search, division, position, low, radius, neighbors, ghosts)
+    new = renewed_list(search, division, position, low, radius, neighbors, ghosts, placed)
     ghosts = required(new.ghosts, "ghosts of a list")
     springs = of_pairs(history_of(motion.contact_spring, neighbors), ghosts.identity, new.pairs)
     properties = ghosts_beside(division, ghosts, slab.properties)

@@ -26,7 +26,7 @@ from jaxdem.devices.mesh import SAME, on_host, put
 from jaxdem.errors import InputError, required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Ghosts
-from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import Probe
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program, SlabProgram
 from jaxdem.run.probing import Rows, Watch, of_all_slabs
@@ -176,8 +176,8 @@ class Slabs:
         same["state.step"] = np.asarray(state.step)
         if neighbors is not None:
             room = SlabRoom.of(neighbors)
-            listed = (room.listed.slots, room.listed.pairs, room.listed.cell)
-            same[ROOM] = np.asarray([room.rows, room.ghosts, room.migrating, *listed])
+            same[ROOM] = np.asarray([room.rows, room.ghosts, room.migrating, *room.listed.numbers])
+            neighbors = neighbors.without_surfaces()
         apart: Any = state._replace(step=None)  # type: ignore[arg-type]
         leaves = (*_leaves("state", apart), *_leaves("neighbors", neighbors))
         blocks = {name: _own_slabs(leaf) for name, leaf in leaves}
@@ -200,8 +200,15 @@ class Slabs:
             return *distributed(self.simulation, self.case.parameters, *found), _extra(arrays)
         mesh = required(self.simulation.mesh, "mesh")
         apart: Any = given[0]._replace(step=None)  # type: ignore[arg-type]
-        state = put(mesh, apart)._replace(step=put(mesh, given[0].step, SAME))
-        return state, put(mesh, given[1]), _extra(arrays)
+        state, neighbors = put(mesh, apart)._replace(step=put(mesh, given[0].step, SAME)), given[1]
+        if neighbors is not None:
+            surfaces = jax.tree.map(lambda x: np.stack([np.asarray(x)] * before.slabs.number), self._surfaces)
+            neighbors = neighbors.with_surfaces(surfaces)
+        return state, put(mesh, neighbors), _extra(arrays)
+
+    @property
+    def _surfaces(self) -> Any:
+        return self.case.parameters.meshes
 
     def figures(self, neighbors: Neighbors | None) -> dict[str, Any]:
         slabs = self.simulation.slabs
@@ -255,11 +262,9 @@ def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> t
     if template.particles is not None:
         room, blank = [int(value) for value in stored(arrays, ROOM)], np.zeros(())
         particles: Any = template.particles
-        lists = case.simulation.list_shapes(
-            case.parameters, particles, case.simulation.room(case.parameters, particles)
-        )
+        lists = case.simulation.list_shapes(case.parameters, particles, Room.of(room[3:])).without_surfaces()
         parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if field.name != "migrating"}
-        lists = dataclasses.replace(lists, cell_slots=room[5], ghosts=Ghosts(**parts, migrating=room[2]))
+        lists = dataclasses.replace(lists, ghosts=Ghosts(**parts, migrating=room[2]))
         state = state._replace(particles=particles._replace(active=blank, identity=blank))
 
     def filled(prefix: str, tree: Any) -> Any:

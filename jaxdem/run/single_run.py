@@ -62,7 +62,8 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
     with noted_signals() as caught, _opened(scene, out, attributes, columns, resume) as directory:
         if case.start is not None:
             directory.keep_start(case.start.arrays, case.start.attributes)
-        keep_walls(case, directory.path)
+        if here().first:
+            keep_walls(case, directory.path)
         loop = TimeLoop(case, directory, state, neighbors, every, options.profile, placement=placement)
         if directory.has_checkpoint:
             loop.restore()
@@ -71,7 +72,9 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
         if resume and RunDirectory.is_longer(out, scene.to_toml()):
             directory.store_scene(scene.to_toml())
         loop.run(options.progress, caught)
-        keep_wear(case, loop.state, directory.path)
+        last = loop.instant.state  # of all devices, whoever writes it
+        if here().first:
+            keep_wear(case, last, directory.path)
     return load_run(out)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.devices.contacts import contacts_of_rows
+from jaxdem.devices.contacts import contacts_of_rows, kept_by_identity
 from jaxdem.devices.distribution import AXIS_OF_PARTICLES, rows_by_identity
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.slabs import fluid_of_slabs
@@ -71,10 +71,22 @@ def _particles(arrays: Mapping[str, np.ndarray], count: int) -> dict[str, np.nda
         axis = None if field is None else AXIS_OF_PARTICLES.get(field[1])
         if axis is not None:
             found[name] = rows_by_identity(values, there, number, count, axis)
-        elif name.startswith((f"{PARTICLES}inserted", f"{PARTICLES}pistons")):
+        elif name.startswith(tuple(f"{PARTICLES}{field}" for field in ("inserted", "pistons", "mesh_wear"))):
             found[name] = values[0]
     listed = (stored(arrays, f"neighbors.{name}") for name in ("ghosts.identity", "pairs.first", "pairs.second"))
     springs = _components(arrays, SPRING)
     kept = contacts_of_rows(tuple(arrays[name] for name in springs), identity.shape[1], *listed)
-    found |= dict(zip(springs, kept.values, strict=True))
+    found |= dict(zip(springs, kept.values, strict=True)) | _memory_of_meshes(arrays, identity, count)
     return found | {"neighbors.pairs.first": kept.first, "neighbors.pairs.second": kept.second}
+
+
+def _memory_of_meshes(arrays: Mapping[str, np.ndarray], identity: np.ndarray, count: int) -> dict[str, np.ndarray]:
+    """What contacts with meshes keep, with a row for every particle."""
+    found: dict[str, np.ndarray] = {}
+    while (row := f"neighbors.meshes[{len(found)}].row") in arrays:
+        found[row] = np.arange(count, dtype=np.int32)
+    for number, row in enumerate(list(found)):
+        kept = f"{PARTICLES}mesh_memory[{number}]."
+        for name in (name for name in arrays if name.startswith(kept)):
+            found[name] = kept_by_identity(arrays[name], arrays[row], identity, count)
+    return found

@@ -1,0 +1,80 @@
+"""Walls that are meshes on several devices, against one device: one that moves and wears, and one held by a force."""
+
+import jax
+import numpy as np
+
+import jaxdem
+from jaxdem import devices
+from jaxdem.devices.contacts import contacts_of_list
+from jaxdem.failures import Failure, failures
+from jaxdem.run.placement import Slabs
+from jaxdem.setup.builder import build_case
+from tests.cases.slabs import apart
+from tests.devices.test_particles import PARTS, scene_of
+
+
+def bowl():
+    """Grains that fly to the right over the edges of a floor that shakes, under a lid on which all of them press."""
+    floor = {
+        "kind": "mesh", "points": [[-0.05, 0.03], [0.05, 0.004], [0.1, 0.02], [0.15, 0.004], [0.25, 0.03]],
+        "motion": [{"kind": "oscillation", "direction": [1.0, 0.3], "amplitude": 0.004, "frequency": 20.0}],
+        "wear": {"model": "archard", "coefficient": 1e-3, "hardness": 1e9},
+    }  # fmt: skip
+    lid = {
+        "kind": "mesh", "points": [[0.25, 0.115], [-0.05, 0.115]],
+        "piston": {"direction": [0.0, -1.0], "force": 5.0, "mass": 1.0, "damping": 1.0},
+    }  # fmt: skip
+    particles = scene_of().tables()["particles"]
+    particles["position"] = (np.asarray(particles["position"]) * [1.0, 0.9] + [0.0, 0.021]).tolist()
+    particles["velocity"] = (np.asarray(particles["velocity"]) + [0.8, 0.0]).tolist()
+    return scene_of(domain={"size": [0.2, 0.13], "depth": 0.02}, walls=[floor, lid], particles=particles)
+
+
+def stepped(simulation, parameters, state, neighbors, count):
+    """After so many intervals, with more room where it is needed."""
+    step = jax.jit(lambda s, n: simulation.step(parameters, s, n))
+    for _ in range(count):
+        new = step(state, neighbors)
+        if int(failures(simulation, new[2])) & Failure.OVERFLOW:
+            state, neighbors = devices.enlarged(simulation, parameters, state, neighbors, new[1])
+            new = step(state, neighbors)
+        state, neighbors, report = new
+        assert int(failures(simulation, report)) == 0
+    return state, neighbors
+
+
+def require_same_memory(one, other):
+    """What contacts with meshes keep, by grain."""
+    assert len(one.meshes) == len(other.meshes) == 2
+    for expected, found in zip(one.meshes, other.meshes, strict=True):
+        for x, y in zip(jax.tree.leaves(expected), jax.tree.leaves(found), strict=True):
+            assert np.abs(x - y).max() <= 1e-10 * np.abs(x).max()
+        assert np.any(np.asarray(expected.spring) != 0.0)
+
+
+def test_grains_on_meshes_that_move(intervals=14):
+    case = build_case(bowl())
+    simulation, parameters = case.simulation, case.parameters
+    divided, _ = jaxdem.build(bowl(), devices=2)
+    start = case.initial_state()
+    slabs, lists = devices.distributed(divided, parameters, *start)
+    state, neighbors = stepped(simulation, parameters, *start, intervals)
+    slabs, lists = stepped(divided, parameters, slabs, lists, intervals)
+    assert devices.counts(lists).migrations > 0
+    whole, kept = devices.gathered(divided, slabs, lists)
+    for name in (*PARTS, "pistons", "mesh_wear"):
+        pairs = (jax.tree.leaves(getattr(s.particles, name)) for s in (state, whole))
+        for x, y in zip(*pairs, strict=True):
+            assert apart(x, y) < 1e-10, name
+    own = contacts_of_list(state.particles.contact_spring, jax.device_get(neighbors), state.particles.mesh_memory)
+    require_same_memory(own, kept)
+    back, listed = devices.distribution.on_one_device(divided, parameters, whole, kept)
+    again = contacts_of_list(back.particles.contact_spring, jax.device_get(listed), back.particles.mesh_memory)
+    require_same_memory(own, again)
+
+    # A checkpoint gives back the same bits.
+    place = Slabs(case, divided)
+    saved = place.saved(slabs, lists, {})
+    restored = place.restored(case.unsettled_state()[0], dict(saved.same), saved.attributes)[:2]
+    for x, y in zip(jax.tree.leaves((slabs, lists)), jax.tree.leaves(restored), strict=True):
+        np.testing.assert_array_equal(x, y)
