@@ -20,6 +20,7 @@ from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials, needs_liquid, with_liquid
 from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.moving_walls import Numbers, PistonNumbers
+from jaxdem.scalars.scalars import ScalarParameters, ScalarState
 
 
 class State(NamedTuple):
@@ -29,11 +30,13 @@ class State(NamedTuple):
         particles: None in a scene without particles.
         fluid: None in a scene without a fluid.
         step: () int32, coupling intervals done; the time is step times the interval.
+        scalars: temperatures and other scalars; None in a scene without.
     """
 
     particles: ParticleState | None
     fluid: FluidState | None
     step: Array
+    scalars: ScalarState | None = None
 
 
 class Parameters(NamedTuple):
@@ -57,6 +60,7 @@ class Parameters(NamedTuple):
         pistons: numbers of the walls that a force holds.
         meshes: the walls that are meshes.
         bonds: stiffness, size and strength of the bonds.
+        scalars: of temperatures and other scalars; None in a scene without.
     """
 
     gravity: Array
@@ -71,6 +75,7 @@ class Parameters(NamedTuple):
     pistons: tuple[PistonNumbers, ...] = ()
     meshes: tuple[MeshSurface, ...] = ()
     bonds: BondParameters | None = None
+    scalars: ScalarParameters | None = None
 
     @property
     def materials(self) -> ContactParameters | SeveralMaterials:

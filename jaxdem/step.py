@@ -16,6 +16,7 @@ from jaxdem.particles.materials import surroundings
 from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.walls_present import with_walls_present
+from jaxdem.scalar_step import FlowOfInterval, advance_scalars, with_buoyancy
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, Places, State
 from jaxdem.structure import Structure
 
@@ -25,9 +26,13 @@ def step(
 ) -> tuple[State, Neighbors | None, Diagnostics]:
     """State and neighbour list after one coupling interval; pure, differentiable, for jit and vmap."""
     fluid, forces, fluid_report, exchange_report = advance_fluid(simulation, parameters, state)
-    particles, neighbors, report, places = advance_particles(simulation, parameters, state, neighbors, forces)
-    new = State(particles, fluid, state.step + 1)
-    return new, neighbors, Diagnostics(report, fluid_report, exchange_report, forces, places)
+    particles, listed, report, places = advance_particles(simulation, parameters, state, neighbors, forces)
+    scalars = None
+    if simulation.scalars is not None:
+        flow = FlowOfInterval(fluid, forces, fluid_report)
+        scalars, fluid_report = advance_scalars(simulation, parameters, state, neighbors, flow, particles)
+    new = State(particles, fluid, state.step + 1, scalars)
+    return new, listed, Diagnostics(report, fluid_report, exchange_report, forces, places)
 
 
 @named_scope("fluid")
@@ -37,7 +42,7 @@ def advance_fluid(
     """The fluid after the interval, among particles that stand still; and the mean forces that it puts on them."""
     if simulation.fluid is None:
         return None, None, None, None
-    parameters = simulation.during(parameters, state.step)
+    parameters = with_buoyancy(simulation, simulation.during(parameters, state.step), state)
     time, fluid = simulation.time(parameters, state), required(state.fluid, "state.fluid")
     if simulation.coupling is not None:
         particles = required(state.particles, "state.particles")

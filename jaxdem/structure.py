@@ -30,6 +30,7 @@ from jaxdem.particles.neighbors import Neighbors, with_radius
 from jaxdem.particles.population import Population, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
 from jaxdem.particles.walls_present import Buried, buried
+from jaxdem.scalars.scalars import Scalars
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 
 
@@ -92,6 +93,7 @@ class Structure:
         gravity_times: T increasing times of `Parameters.gravity` (T, D) [s]; None for one that does not change.
         drag_times: the same of `Parameters.drag_scale` (T,) [s].
         clock: where its time begins; None where the time is the number of intervals done times the interval.
+        scalars: temperatures and other scalars; None compiles none.
     """
 
     interval: float
@@ -106,6 +108,7 @@ class Structure:
     gravity_times: tuple[float, ...] | None = None
     drag_times: tuple[float, ...] | None = None
     clock: Clock | None = None
+    scalars: Scalars | None = None
 
     def during(self, parameters: Parameters, step: Array) -> Parameters:
         """The parameters of the interval that begins after `step` intervals, with the means over it of gravity and of
@@ -208,6 +211,12 @@ class Structure:
         placed = self.placed(parameters, particles, step)
         spheres = as_members(particles, bodies.clumps)
         return buried(contact, spheres, neighbors, bodies.spheres(count).radius, (middle, interval), placed)
+
+    def surfaces_present(self, parameters: Parameters, step: Array) -> Array | None:
+        """(W,) bool, the surfaces and meshes beside the sides of the box that are there in the interval after `step`
+        others; None where all always are."""
+        times = required(self.contact, "particles").model.wall_times
+        return None if times is None else times.present(self.middle(parameters, step))
 
     def renewed(
         self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array

@@ -143,14 +143,18 @@ class Coupling:
             steady_force(mixture, particles), substeps, slip_mass, attenuation, coefficient * attenuation,
         )  # fmt: skip
 
+    def weights(self, mixture: Mixture, particles: ParticleState) -> Weights:
+        """Weights of the particles on the cells."""
+        grid = self.interval.solver.grid
+        centres = centres_in_box(particles, grid.size, grid.periodic)
+        weights = body_weights(self.deposition, grid, particles, centres, mixture.bodies)
+        return present_weights(open_weights(weights, mixture.properties.cut), particles.active)
+
     def sample(self, mixture: Mixture, fluid: FluidState, particles: ParticleState) -> SampledFluid:
         """The fluid at the particles, on its own mesh and as the drag law sees it."""
         solver, bodies, properties = self.interval.solver, mixture.bodies, mixture.properties
-        grid = solver.grid
-        centres = centres_in_box(particles, grid.size, grid.periodic)
-        cut = properties.cut
-        weights = open_weights(body_weights(self.deposition, grid, particles, centres, bodies), cut)
-        weights = present_weights(weights, particles.active)
+        grid, cut = solver.grid, properties.cut
+        weights = self.weights(mixture, particles)
         solids = solid_fraction(grid, weights, bodies.volume, cut)
         slope = seen_slope(pressure_slope(grid, solver.boundary, fluid, continued=True), cut)
         fields = MeshFields(fluid.face_velocity, slope, solids)

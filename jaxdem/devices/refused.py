@@ -30,6 +30,8 @@ def require_divisible(simulation: Simulation) -> None:
         found = "bonds", "...", "with bonds between particles"
     elif simulation.fluid is not None and simulation.fluid.solver.surfaces:
         found = "walls", "fluid", "with walls that the fluid sees"
+    elif simulation.scalars is not None:
+        found = "heat", "[heat] or [[scalars]]", "with temperatures and other scalars"
     elif coupling is not None and coupling.drag.surroundings is not None:
         # They are farther away than the neighbouring slab's particles that a slab knows.
         found = "closure.file", "a closure of neighbours", "with a drag law that looks at the neighbours of a particle"

@@ -186,7 +186,7 @@ def advection(
         for axis in range(grid.dimension):
             padded = with_ghosts(grid, sides, component, which, axis)
             carrier = _flux_through_control_surfaces(grid, flux, which, axis)
-            value = _surface_value(scheme, padded, carrier, axis)
+            value = surface_value(scheme, padded, carrier, axis)
             if cut is not None:
                 value = cut.surface_value(grid, value, padded, which, axis)
             transported = carrier * value
@@ -201,7 +201,7 @@ def advection(
     return tuple(result)
 
 
-def _surface_value(scheme: AdvectionScheme, padded: Array, carrier: Array, axis: int) -> Array:
+def surface_value(scheme: AdvectionScheme, padded: Array, carrier: Array, axis: int) -> Array:
     """Values on the surfaces between the second and the last but one entry of an array padded by two."""
     difference = along(padded, axis, 1, None) - along(padded, axis, None, -1)
     down, up = scheme.to_surfaces(along(difference, axis, None, -1), along(difference, axis, 1, None))

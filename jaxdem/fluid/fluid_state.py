@@ -49,6 +49,8 @@ class FluidProperties(NamedTuple):
         drive: of periodic axes; None where nothing drives the fluid.
         gravity: (D,) that drives it along periodic axes; `Parameters` gives it [m/s2].
         cut: surfaces within the mesh, see `cut_cells`; None compiles none.
+        buoyancy: acceleration on the faces beside that of gravity on the fluid's mean density; None compiles none
+            [m/s2].
     """
 
     density: Array
@@ -60,6 +62,7 @@ class FluidProperties(NamedTuple):
     drive: DriveParameters | None = None
     gravity: Array | None = None
     cut: CutCells | None = None
+    buoyancy: FaceField | None = None
 
 
 class FaceExchange(NamedTuple):
@@ -101,6 +104,8 @@ class FluidStep(NamedTuple):
         side_load: (2 D, D, 1 + D) mean load on every side of the box, see `side_forces`; None unless the solver
             measures it [N], [N m].
         surface_load: (S, D, 1 + D) the same on the surfaces within the mesh; None without [N], [N m].
+        flux: volume flux g u at the end, which satisfies continuity over the step; None unless the solver keeps it
+            [m/s].
     """
 
     state: FluidState
@@ -109,3 +114,4 @@ class FluidStep(NamedTuple):
     divergence: Array
     side_load: Array | None = None
     surface_load: Array | None = None
+    flux: FaceField | None = None

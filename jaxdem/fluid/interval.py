@@ -13,7 +13,7 @@ from jax import Array, lax
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
-from jaxdem.fluid.grid import Grid, along
+from jaxdem.fluid.grid import FaceField, Grid, along
 from jaxdem.fluid.mesh import at_side, of_slab
 from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.numerics.batches import cond_in_batch
@@ -53,6 +53,7 @@ class FluidDiagnostics(NamedTuple):
         pressure_gradient: (D,) mean gradient of the pressure along periodic axes, without a meaning along others; None
             where nothing drives the fluid [Pa/m].
         surface_load: (S, D, 1 + D) mean load on the surfaces within the mesh; None without [N], [N m].
+        flux: mean volume flux on the faces; None unless the solver keeps it [m/s].
     """
 
     substeps: Array
@@ -65,6 +66,7 @@ class FluidDiagnostics(NamedTuple):
     side_load: Array | None = None
     pressure_gradient: Array | None = None
     surface_load: Array | None = None
+    flux: FaceField | None = None
 
 
 class Substeps(NamedTuple):
@@ -97,20 +99,24 @@ class StepSums(NamedTuple):
         side_load: see `FluidStep`; None where it is not measured.
         mean_gradient: see `FluidState`; None where nothing drives the fluid.
         surface_load: see `FluidStep`; None without surfaces.
+        flux: see `FluidStep`; None where it is not kept.
     """
 
     side_load: Array | None
     mean_gradient: Array | None
     surface_load: Array | None = None
+    flux: FaceField | None = None
 
     def plus(self, result: FluidStep) -> StepSums:
         """With one step more."""
-        load, gradient, on_surfaces = self
+        load, gradient, on_surfaces, flux = self
         load = None if load is None or result.side_load is None else load + result.side_load
         added = result.state.mean_gradient
         if on_surfaces is not None and result.surface_load is not None:
             on_surfaces = on_surfaces + result.surface_load
-        return StepSums(load, None if gradient is None or added is None else gradient + added, on_surfaces)
+        if flux is not None and result.flux is not None:
+            flux = tuple(f + x for f, x in zip(flux, result.flux, strict=True))
+        return StepSums(load, None if gradient is None or added is None else gradient + added, on_surfaces, flux)
 
 
 @static
@@ -157,7 +163,8 @@ class FluidInterval:
         count = self.solver.surfaces
         on_surfaces = jnp.zeros((count, size, 1 + size), dtype) if count else None
         gradient = None if state.mean_gradient is None else jnp.zeros_like(state.mean_gradient)
-        return StepSums(load, gradient, on_surfaces)
+        flux = tuple(map(jnp.zeros_like, state.face_velocity)) if self.solver.keeps_flux else None
+        return StepSums(load, gradient, on_surfaces, flux)
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:
         """The fluid steps that Courant and viscosity number ask for, at least `substeps` of them."""
@@ -237,11 +244,11 @@ def diagnostics(
 ) -> FluidDiagnostics:
     """Figures of an interval that ends with `state`."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
-    load, gradient, on_surfaces = (None if total is None else total / substeps.number for total in sums)
+    load, gradient, on_surfaces, flux = jax.tree.map(lambda total: total / substeps.number, sums)
     if gradient is not None:  # of the pressure itself, with the weight that the reduced one leaves out
         gradient = gradient + properties.density * required(properties.gravity, "gravity of the fluid")
     sound = jnp.all(jnp.asarray(finite))
     if grid.blocks is not None:
         sound = ~any_of(grid.blocks, ~sound)
     courant, viscous = substeps.courant, substeps.viscous
-    return FluidDiagnostics(substeps.number, courant, viscous, *record, sound, load, gradient, on_surfaces)
+    return FluidDiagnostics(substeps.number, courant, viscous, *record, sound, load, gradient, on_surfaces, flux)

@@ -88,6 +88,7 @@ class FluidSolver:
         drive: of periodic axes; None compiles none.
         measured_sides: of the box, whose loads are found, see `side_forces`; none: no such term is compiled.
         surfaces: number of surfaces within the mesh, see `cut_cells`.
+        keeps_flux: whether the volume flux of every step is told, for the scalars that it carries.
 
     Source of the models: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II
     and III.
@@ -101,6 +102,7 @@ class FluidSolver:
     drive: Drive | None = None
     measured_sides: tuple[int, ...] = ()
     surfaces: int = 0
+    keeps_flux: bool = False
 
     @property
     def shares_stress(self) -> bool:
@@ -137,7 +139,8 @@ class FluidSolver:
             state.pressure, predicted, begun.open_new, push
         )
         fluid = FluidState(velocity, pressure, begun.void_fraction, mean_gradient)
-        result = FluidStep(fluid, mean.stress, report, remaining)
+        flux = product(begun.open_new, velocity) if self.keeps_flux else None
+        result = FluidStep(fluid, mean.stress, report, remaining, flux=flux)
         exchange = None if particles is None else particles.exchange
         loads = StepLoads(
             grid, self.boundary, self.shares_stress, properties, fluid, begun.weight, exchange, time_step
@@ -179,6 +182,8 @@ class FluidSolver:
         state = state._replace(mean_gradient=self._mean_gradient(properties, state, time + 0.5 * time_step))
         slope = pressure_slope(grid, self.boundary, state)
         pull = tuple(g * s / properties.density for g, s in zip(weight, slope, strict=True))
+        if properties.buoyancy is not None:
+            pull = tuple(p - g * a for p, g, a in zip(pull, new, properties.buoyancy, strict=True))
         cut, open_old, open_new = properties.cut, old, new
         if cut is not None:
             open_old, open_new = cut.opened(old), cut.opened(new)

@@ -33,8 +33,14 @@ BOND_COLUMNS = ("bonds_intact", "bonds_broken", "bonds_left")
 WALL_COLUMN = re.compile(r"wall_\d+_(displacement|wear)")
 """How far a wall that a force holds has moved [m], and what has been worn off a mesh [m3]; with the wall's number."""
 
+TEMPERATURE_COLUMNS = ("fluid_temperature_mean", "particle_temperature_mean")
+"""Mean temperatures of the fluid, by volume, and of the particles, by heat capacity, in runs that have them [K]."""
+SCALAR_COLUMN = re.compile(r"scalar_\w+_mean")
+"""Mean of a scalar over the volume of the fluid, by its name."""
+
 _HEADER = ",".join(COLUMNS)
-_EXTRA = {*POPULATION_COLUMNS, *BOND_COLUMNS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
+_OF_PARTS = (*POPULATION_COLUMNS, *BOND_COLUMNS, *TEMPERATURE_COLUMNS)
+_EXTRA = {*_OF_PARTS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
 
 
 class History(LineFile):
@@ -82,5 +88,6 @@ def read_history(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _of_a_history(names: tuple[str, ...]) -> bool:
-    others = [name for name in names[len(COLUMNS) :] if not WALL_COLUMN.fullmatch(name)]
+    named = (WALL_COLUMN, SCALAR_COLUMN)
+    others = [name for name in names[len(COLUMNS) :] if not any(column.fullmatch(name) for column in named)]
     return names[: len(COLUMNS)] == COLUMNS and _EXTRA.issuperset(others)

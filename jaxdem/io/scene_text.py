@@ -10,7 +10,7 @@ from typing import Any
 
 from jaxdem.errors import InputError
 from jaxdem.files.reading import parse_toml, read_text
-from jaxdem.io.history import BOND_COLUMNS, DRIVE_COLUMNS, POPULATION_COLUMNS
+from jaxdem.io.history import BOND_COLUMNS, DRIVE_COLUMNS, POPULATION_COLUMNS, TEMPERATURE_COLUMNS
 from jaxdem.numerics.axes import AXES
 
 LOWER_SIDES = {2: ("left", "bottom"), 3: ("left", "front", "bottom")}
@@ -136,7 +136,7 @@ def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
     population = POPULATION_COLUMNS if comes_and_goes(scene) else ()
     drive = (f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene))
     bonds = BOND_COLUMNS if scene.get("bonds") else ()
-    return (*population, *bonds, *drive, *wall_columns(scene))
+    return (*population, *bonds, *drive, *wall_columns(scene), *scalar_columns(scene))
 
 
 def wall_columns(scene: dict[str, Any]) -> tuple[str, ...]:
@@ -144,6 +144,14 @@ def wall_columns(scene: dict[str, Any]) -> tuple[str, ...]:
     walls = scene.get("walls", []) if "particles" in scene else []
     moved = (f"wall_{k}_displacement" for k, wall in enumerate(walls) if wall.get("piston") is not None)
     return (*moved, *(f"wall_{k}_wear" for k, wall in enumerate(walls) if wall.get("wear") is not None))
+
+
+def scalar_columns(scene: dict[str, Any]) -> tuple[str, ...]:
+    """Mean temperatures of fluid and particles, and means of the other scalars."""
+    parts = [part in scene for part in ("fluid", "particles")] if "heat" in scene else [False, False]
+    names = [str(table["name"]) for table in scene.get("scalars", [])]
+    means = (column for column, there in zip(TEMPERATURE_COLUMNS, parts, strict=True) if there)
+    return (*means, *(f"scalar_{name}_mean" for name in names))
 
 
 def probe_names(scene: dict[str, Any]) -> list[str]:

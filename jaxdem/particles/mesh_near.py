@@ -139,7 +139,7 @@ Near = NearFaces | NearEdges | NearCorners
 def _overlap_after(overlap: Array, initial: Vector, moved: Vector, radius: Array) -> tuple[Array, Vector, Vector]:
     """Overlap, normal and vector from the point, of the overlap and vector at the build and the motion since then.
 
-    |r0 + D| - |r0| = D.(2 r0 + D) / (|r0 + D| + |r0|), see `pair_forces._pair_geometry`.
+    |r0 + D| - |r0| = D.(2 r0 + D) / (|r0 + D| + |r0|), see `pair_forces.pair_geometry`.
     """
     apart = vectors.add(initial, moved)
     distance = vectors.length(apart)

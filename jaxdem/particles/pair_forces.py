@@ -28,7 +28,7 @@ def pair_contacts(step: ContactStep, neighbors: Neighbors) -> tuple[ContactPair,
     change, approach, velocity, spin, other_spin = stage(
         pairs.first[0] != pairs.second[0], lambda: _relative_motion(step, pairs, displacement)
     )
-    overlap, normal = _pair_geometry(neighbors, change, one + other)
+    overlap, normal = pair_geometry(neighbors, change, one + other)
     mass, inertia = step.properties.mass, step.properties.mass * radius**2
     pair = ContactPair(
         overlap, normal, approach, velocity, spin, other_spin, one, other,
@@ -97,7 +97,7 @@ def _relative_motion(
     )
 
 
-def _pair_geometry(neighbors: Neighbors, change: Vector, radius_sum: Array) -> tuple[Array, Vector]:
+def pair_geometry(neighbors: Neighbors, change: Vector, radius_sum: Array) -> tuple[Array, Vector]:
     """Overlap now, and unit normal towards the first particle, of all pairs.
 
     |r0 + D| - |r0| = D.(2 r0 + D) / (|r0 + D| + |r0|), D the change of the separation since the build:

@@ -8,10 +8,13 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import liquid, walls
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_load import contact_load
+from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, row, rows, sum_slots
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import FoundContacts, Sums, WallLoads
@@ -21,7 +24,8 @@ from jaxdem.particles.surfaces import surface_contacts
 def wall_contacts(step: ContactStep) -> tuple[ContactPair, ContactLoad]:
     """The contacts with the walls, bodies of infinite radius and mass, and what they do."""
     motion, radius, mass = step.motion, row(step.properties.radius), row(step.properties.mass)
-    overlap, normal = _wall_geometry(step)
+    position, low, placed = motion.position, motion.low, step.surroundings.placements
+    overlap, normal = wall_geometry(step.model, position, low, step.properties.radius, placed)
     particles_there = None if step.active is None else step.active[None]
     walls_there = None if step.present is None else step.present[:, None]
     for there in (particles_there, walls_there):
@@ -70,17 +74,24 @@ def add_walls(step: ContactStep, sums: Sums) -> tuple[Sums, Vector]:
     return summed, spring
 
 
-def _wall_geometry(step: ContactStep) -> tuple[Array, Vector]:
-    """Overlap (S, N) with all walls, and their unit normals, (S, 1) if all are sides of the box."""
-    model, motion, radius = step.model, step.motion, step.properties.radius
+def wall_geometry(
+    model: ContactModel, position: Vector, low: tuple[Low, ...], radius: Array, placed: tuple[Placement | None, ...]
+) -> tuple[Array, Vector]:
+    """Overlap (S, N) with all analytic walls, and their unit normals, (S, 1) if all are sides of the box.
+
+    Args:
+        model: which walls there are; static.
+        position, low: of the particles, D arrays (N,) [m].
+        radius: () or (N,) [m].
+        placed: where every surface is; empty where all are at rest.
+    """
     overlaps, normals = [], []
     if model.sides:
-        depths = [walls.wall_overlap(side, motion.position, motion.low, radius) for side in model.sides]
+        depths = [walls.wall_overlap(side, position, low, radius) for side in model.sides]
         overlaps.append(jnp.stack(depths))
-        normals.append(walls.wall_normals(model.sides, overlaps[0].dtype, len(motion.position)))
+        normals.append(walls.wall_normals(model.sides, overlaps[0].dtype, len(position)))
     if model.surfaces:
-        placed = step.surroundings.placements[: len(model.surfaces)]
-        overlap, normal = surface_contacts(model.surfaces, motion.position, motion.low, radius, placed)
+        overlap, normal = surface_contacts(model.surfaces, position, low, radius, placed[: len(model.surfaces)])
         overlaps.append(overlap)
         normals.append(normal)
     if len(overlaps) == 1:

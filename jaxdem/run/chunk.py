@@ -25,6 +25,7 @@ from jaxdem.probes.base import Interval
 from jaxdem.run.exported import compiled
 from jaxdem.run.numbers import NO_NUMBERS, LoopNumbers, loop_numbers, with_numbers
 from jaxdem.run.probing import Probed, Rows, Watch, nothing_yet, probed
+from jaxdem.scalar_step import FlowOfInterval, advance_scalars
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import advance_fluid, advance_particles
@@ -197,6 +198,7 @@ class ProfiledProgram:
         self._fluid = fluid.lower(parameters, state).compile()
         particles = jax.jit(partial(advance_particles, simulation))
         self._particles = particles.lower(parameters, state, neighbors, forces).compile()
+        self._scalars = None if simulation.scalars is None else jax.jit(partial(advance_scalars, simulation))
         self._probe = None if watch is None else jax.jit(partial(probed, simulation))
 
     def __call__(
@@ -205,13 +207,17 @@ class ProfiledProgram:
         """See `Program`."""
         with self._timed("fluid_part"):
             fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
+        scalars, flow, before = None, FlowOfInterval(fluid, forces, of_fluid), neighbors
         with self._timed("particle_part"):
             moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces))
-        particles, neighbors, of_particles, places = moved
+            particles, neighbors, of_particles, places = moved
+            if self._scalars is not None:
+                given = parameters, state, before, flow, particles
+                scalars, of_fluid = jax.block_until_ready(self._scalars(*given))
         diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
         records = jax.tree.map(lambda value: value[None], _records(diagnostics))
         code = failures(self._simulation, diagnostics)
-        new, seen = State(particles, fluid, state.step + 1), None
+        new, seen = State(particles, fluid, state.step + 1, scalars), None
         if watch is not None and self._probe is not None:
             interval = Interval(state, new, neighbors, diagnostics)
             seen = self._probe(parameters, watch.probing, interval, nothing_yet(watch, new, neighbors, self.most))

@@ -23,6 +23,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.regions import into_period
 from jaxdem.run.bonds import bond_arrays, bond_counts
 from jaxdem.run.clump_records import inertia_of, orientation_of, spheres_of
+from jaxdem.run.scalar_figures import scalar_arrays, scalar_columns
 from jaxdem.run.wear import wear_figures
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
@@ -91,7 +92,8 @@ def frame_of(case: Case, instant: Instant) -> Frame:
             "pressure": pressure,
             "void_fraction": np.ones_like(pressure) if void_fraction is None else np.asarray(void_fraction),
         }
-    return Frame(particles, fluid, bonds, spheres)
+    of_grains, of_fluid = scalar_arrays(state, case)
+    return Frame(particles and particles | of_grains, fluid and fluid | of_fluid, bonds, spheres)
 
 
 def _further_forces(case: Case, instant: Instant, like: np.ndarray) -> dict[str, np.ndarray]:
@@ -140,10 +142,11 @@ def history_of(
     known = metrics.Quantities(collision_force=None if particles is None else collision, **arrays)
     row = metrics.history_row(instant.time, known)
     counts = particle_counts(case.simulation, instant.state)
+    state = instant.state
     numbers: dict[str, float] = {name: counts[name] for name in ("present", "removed") if name in counts}
-    numbers |= bond_counts(instant.state.particles)
-    of_walls = piston_figures(case, instant.state) | wear_figures(case, instant.state)
-    return row | numbers | drive_figures(case, instant.state, gradient) | of_walls
+    numbers |= bond_counts(state.particles)
+    of_walls = piston_figures(case, state) | wear_figures(case, state)
+    return row | numbers | drive_figures(case, state, gradient) | of_walls | scalar_columns(state, case)
 
 
 def piston_figures(case: Case, state: State) -> dict[str, float]:

@@ -17,6 +17,7 @@ from jaxdem.run.bonds import bond_figures
 from jaxdem.run.energy import energy_figures
 from jaxdem.run.profile import WORTH_SPLITTING, estimate_stages
 from jaxdem.run.records import Instant, particle_counts
+from jaxdem.run.scalar_figures import heat_summary
 from jaxdem.run.totals import Totals
 from jaxdem.run.wear import wear_summary
 from jaxdem.scene import Scene
@@ -85,6 +86,7 @@ def run_summary(
         **_inlet_figures(simulation, state, totals),
         **_liquid_figures(case, state),
         **bond_figures(case, state.particles),
+        **heat_summary(state, case, totals.heat_start),
         **({"start": case.start_figures} if case.start is not None else {}),
         **_walls_in_fluid(case, totals),
         **wear_summary(case, state),

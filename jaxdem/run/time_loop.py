@@ -30,6 +30,7 @@ from jaxdem.run.probing import Probed
 from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
 from jaxdem.run.restart import about, origin, require_same_origin, require_same_rows
 from jaxdem.run.samples import sample_of
+from jaxdem.run.scalar_figures import heat_content
 from jaxdem.run.signals import Caught, Stopped
 from jaxdem.run.summary import run_summary
 from jaxdem.run.totals import Totals
@@ -170,6 +171,7 @@ class TimeLoop:
         if self.done == 0:
             with self.totals.timed("output"):
                 self.totals.energy_start = energy_now(self.case, self.instant)
+            self.totals.heat_start = heat_content(self.state, self.case)
             if self.directory.frames == 0:
                 self._write_frame()
 

@@ -59,6 +59,7 @@ class Totals:
     waiting: int = 0
     waiting_most: int = 0
     waited: int = 0
+    heat_start: float = 0.0
     wall: float = 0.0
     stages: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 

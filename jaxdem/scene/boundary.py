@@ -59,6 +59,11 @@ class BoundarySide(Section):
         values: for profile = "table": multiples of the velocity at these positions, linear between them [-].
         particles: "screen": the side is a wall for particles. "remove": particles whose centre crosses the side are
             removed.
+        temperature: temperature of the side: of the fluid that comes in, and of a wall, for the fluid and for particles
+            that touch it. Default: no heat passes a wall, and needed by an inlet [K].
+        heat_flux: heat flux into the fluid through a wall, in place of a temperature [W/m2].
+        scalars: values of `[[scalars]]` by name: of the fluid that comes in, and at a wall. Default: nothing passes a
+            wall, and needed by an inlet.
     """
 
     kind: Kind = "no_slip"
@@ -72,6 +77,9 @@ class BoundarySide(Section):
     positions: Abscissae | None = None
     values: tuple[Finite, ...] | None = None
     particles: Literal["screen", "remove"] = "screen"
+    temperature: Finite | None = None
+    heat_flux: Finite | None = None
+    scalars: dict[str, Finite] | None = None
 
     @model_validator(mode="after")
     def _patch(self) -> BoundarySide:

@@ -49,6 +49,7 @@ class ParticleInlet(Section):
         density: density of these particles [kg/m3].
         material: name of one of `[[materials]]`.
         species: kinds of particles with their own radius, density or material, drawn according to their shares.
+        temperature: temperature of these particles. Default: `heat.particle_temperature` [K].
     """
 
     side: str | None = None
@@ -69,6 +70,7 @@ class ParticleInlet(Section):
     density: Positive | None = None
     material: MaterialName | None = None
     species: Mixture = ()
+    temperature: Finite | None = None
 
     @model_validator(mode="after")
     def _one_way_each(self) -> ParticleInlet:

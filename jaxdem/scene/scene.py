@@ -20,6 +20,7 @@ from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
 from jaxdem.scene.drive import check_drive, check_own_gravity
 from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.fluid_walls import check_fluid_walls
+from jaxdem.scene.heat import Heat, Scalar, check_heat
 from jaxdem.scene.lubrication import check_lubrication
 from jaxdem.scene.materials import MaterialPairs, Materials
 from jaxdem.scene.packs import check_settling
@@ -50,6 +51,8 @@ class Scene(Section):
             walls.
         coupling: exchange of forces between particles and fluid.
         closure: a learned drag closure.
+        heat: temperatures of fluid and particles.
+        scalars: what else the fluid carries.
         start: a run from whose state the scene begins.
         time: duration and output.
         output: optional output.
@@ -69,6 +72,8 @@ class Scene(Section):
     boundary: dict[str, BoundarySide] = {}
     coupling: Coupling | None = None
     closure: Closure = Closure()
+    heat: Heat | None = None
+    scalars: Tables[Scalar] = ()
     start: Start | None = None
     time: Time
     output: Output = Output()
@@ -179,6 +184,8 @@ def completed(scene: Scene) -> Scene:
         if found.fluid.bed_mixing is not None:
             check_bed_mixing(found.boundary)
     check_fluid_walls(found.walls, found.fluid, found.coupling if found.fluid is not None else None)
+    has_fluid, several = found.fluid is not None, bool(found.materials)
+    check_heat(found.heat, found.scalars, found.boundary, found.walls, found.particles, has_fluid, several)
     has = found.particles is not None, found.fluid is not None
     time = found.time
     place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary)

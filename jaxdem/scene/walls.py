@@ -40,7 +40,7 @@ NEEDED = {
 }
 """Keys that each kind of wall must have, and what they are."""
 
-OF_ALL = ("name", "material", "begin", "end", "motion", "piston", "fluid")
+OF_ALL = ("name", "material", "begin", "end", "motion", "piston", "fluid", "temperature")
 OF_MESH = (
     "file", "points", "scale", "rotate", "translate", "spacing", "closed", "touch", "smooth_angle", "repair",
 )  # fmt: skip
@@ -48,7 +48,7 @@ OPTIONAL = {
     "plane": OF_ALL,
     "cylinder": ("axis", "inside", *OF_ALL),
     "wedge": OF_ALL,
-    "mesh": (*OF_MESH, "wear", *(name for name in OF_ALL if name != "fluid")),
+    "mesh": (*OF_MESH, "wear", *(name for name in OF_ALL if name not in ("fluid", "temperature"))),
 }
 """Keys that it may have."""
 
@@ -105,6 +105,7 @@ class Wall(Section):
         wear: how grains wear a mesh; see `[walls.wear]`. Default: not at all.
         fluid: what the wall is to the fluid: "none" (it flows through), "no_slip" (it sticks to the wall) or
             "free_slip". Default: "none".
+        temperature: temperature of the wall, which grains take by contact. Default: no heat passes it [K].
     """
 
     name: Annotated[str, Field(strict=True, min_length=1, max_length=100)] | None = None
@@ -134,6 +135,7 @@ class Wall(Section):
     piston: Piston | None = None
     wear: Wear | None = None
     fluid: Literal["none", "no_slip", "free_slip"] | None = None
+    temperature: Finite | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Wall:

@@ -34,6 +34,7 @@ from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
 from jaxdem.setup.probes import scene_probes, with_measured_walls
+from jaxdem.setup.scalars import scene_scalars
 from jaxdem.setup.settling import Progress, check_settling_time, settled
 from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.start_point import StartPoint, read_start
@@ -146,7 +147,7 @@ def build(
             program.
         extensions: further parts in place of the scene's: `walls`, `contact_law`, `cohesion`, `inlet_profiles`,
             `subgrid`,
-            `side_conditions`; see `jaxdem.setup.extensions.Extensions`.
+            `side_conditions`, `nusselt`; see `jaxdem.setup.extensions.Extensions`.
 
     Raises:
         InputError: a step or size that the scene asks for cannot work.
@@ -226,6 +227,7 @@ def build_case(
         gravity_times=scene.domain.gravity_times,
         drag_times=None if coupling is None or scene.coupling is None else scene.coupling.drag_times,
         clock=clock,
+        scalars=scene_scalars(scene, particles, interval, steps, extensions.get("nusselt")),
     )
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
     parameters = seen.put_into(parameters)

@@ -15,6 +15,7 @@ from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.particles.cohesion import Cohesion
 from jaxdem.particles.contact import ContactLaw
+from jaxdem.scalars.nusselt import NusseltLaw
 
 
 class Extensions(TypedDict, total=False):
@@ -35,6 +36,8 @@ class Extensions(TypedDict, total=False):
         side_conditions: by the side's name, what the fluid does there instead of what the scene's
             `boundary.<side>.kind` says; see `jaxdem.fluid.side_conditions.SideCondition`. Checks of the scene and
             limits of the fluid step are those of the kind: name there the one that is most like it.
+        nusselt: law of heat transfer between grains and fluid, to use instead of the scene's `heat.exchange`; see
+            `jaxdem.scalars.nusselt.NusseltLaw`.
     """
 
     walls: Sequence[Callable[[Array], Array]]
@@ -43,6 +46,7 @@ class Extensions(TypedDict, total=False):
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None
     subgrid: SubgridLaw | None
     side_conditions: Mapping[str, SideCondition] | None
+    nusselt: NusseltLaw | None
 
 
 def refuse_unknown(extensions: Extensions) -> None:

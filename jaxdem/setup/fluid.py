@@ -65,6 +65,7 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surf
     viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0 or table.bed_mixing is not None
     drive = drive_of(fluid.scene, table)
     solver = FluidSolver(
-        fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive, surfaces=surfaces
-    )
+        fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive, surfaces=surfaces,
+        keeps_flux=fluid.scene.heat is not None or bool(fluid.scene.scalars),
+    )  # fmt: skip
     return FluidInterval(solver, steps.interval, steps.fluid_substeps, table.courant_limit)

@@ -27,6 +27,7 @@ from jaxdem.setup.drive import drive_parameters
 from jaxdem.setup.materials import MaterialTable
 from jaxdem.setup.parcels import share_of_sphere
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.scalars import scalar_parameters
 from jaxdem.setup.wall_motion import motion_numbers, piston_numbers
 from jaxdem.state import Parameters
 
@@ -92,6 +93,7 @@ def scene_parameters(
         pistons=() if particles is None else piston_numbers(scene, number),
         meshes=() if particles is None else tuple(mesh.traced(dtype) for mesh in particles.meshes),
         bonds=bond_parameters(scene, number),
+        scalars=scalar_parameters(scene, particles, dtype),
     )
 
 

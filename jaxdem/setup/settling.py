@@ -103,7 +103,8 @@ def _without_fluid(particles: ParticleSetup, simulation: Simulation) -> Simulati
         pistons=(),
     )
     contact = dataclasses.replace(contact, model=model)
-    return Simulation(**parts | {"contact": contact, "fluid": None, "coupling": None, "population": None})
+    without = dict.fromkeys(("fluid", "coupling", "population", "scalars"))
+    return Simulation(**parts | without | {"contact": contact})
 
 
 def _still(surface: SurfaceMotion) -> SurfaceMotion | None:

@@ -38,6 +38,7 @@ from jaxdem.setup.overlaps import (
     check_surfaces,
 )
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.scalars import first_scalars
 from jaxdem.setup.wear import not_worn
 from jaxdem.simulation import Simulation, contact_spheres
 from jaxdem.state import Parameters, State
@@ -83,7 +84,8 @@ def first_state(
             void_fraction = initial_void_fraction(simulation.coupling, parameters.mixture, state)
         now = simulation.during(parameters, _full((), 0, np.int32))
         fluid = resting_fluid(scene, simulation.fluid.solver, now, void_fraction)
-    return State(state, fluid, _full((), 0, np.int32)), room
+    scalars = first_scalars(scene, particles, simulation, parameters, state)
+    return State(state, fluid, _full((), 0, np.int32), scalars), room
 
 
 def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, void_fraction: Array | None) -> FluidState:

@@ -24,6 +24,7 @@ from jaxdem.scene.rows import rows_of
 from jaxdem.setup.bonds import bond_state
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.scalars import first_scalars
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
 from jaxdem.setup.start_point import StartPoint, wall_text, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
@@ -72,7 +73,9 @@ class Beginning:
             fluid = self._fluid(state)
         if state is not None and simulation.coupling is not None and simulation.coupling.forces:
             state = state._replace(fluid_memory=self._memory(simulation.coupling, state, required(fluid, "fluid")))
-        return State(state, fluid, on_device(self.start.step, np.int32)), room
+        given = self.scene, self.particles, simulation, self.parameters
+        scalars = first_scalars(*given, state, self.start)
+        return State(state, fluid, on_device(self.start.step, np.int32), scalars), room
 
     def with_list(self, state: State, room: Room) -> tuple[State, Neighbors]:
         """State and list: the list of the run where it still holds, and the springs of the contacts that go on."""

@@ -199,6 +199,9 @@ def _check_scene(scene: Scene, closures: Closures) -> None:
     coupling = scene.coupling
     if scene.particles is None or scene.fluid is None or coupling is None:
         raise InputError("SCENE", "", "needs both [particles] and [fluid]", "Give the coarse scene of a coupled run.")
+    if scene.heat is not None or scene.scalars:
+        key = "heat" if scene.heat is not None else "scalars"
+        raise InputError(key, "...", "a training does not follow temperatures and scalars", f"Remove [{key}].")
     if coupling.virtual_mass or coupling.basset:
         raise InputError(
             "coupling.basset" if coupling.basset else "coupling.virtual_mass",

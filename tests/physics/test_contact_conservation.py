@@ -12,13 +12,13 @@ from tests.cases.worlds import track
 def test_full_arm_would_lose_angular_momentum(monkeypatch):
     """Negative control: with the tangential force turned about r instead of r - d/2 angular momentum
     drifts."""
-    original = pair_forces._pair_geometry
+    original = pair_forces.pair_geometry
 
     def deeper(*arguments):
         overlap, normal = original(*arguments)
         return overlap * (1 + 1e-3), normal
 
-    monkeypatch.setattr(pair_forces, "_pair_geometry", deeper)
+    monkeypatch.setattr(pair_forces, "pair_geometry", deeper)
     scene = cluster(2)
     _, seen = track(scene, 2e-5, 80, 25)
     _, angular = totals(scene, seen)

@@ -1,0 +1,111 @@
+"""The scalars of a scene after an interval in which fluid and particles have moved; and what warm fluid does to it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import named_scope
+
+from jaxdem.coupling.exchange import FluidForces
+from jaxdem.errors import required
+from jaxdem.fluid.fluid_state import FluidState
+from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.scalars.conduction import Conductances, conductances
+from jaxdem.scalars.scalars import FluidFlow, GrainsInFluid, ScalarState
+from jaxdem.state import Parameters, State
+from jaxdem.structure import Structure
+
+
+class FlowOfInterval(NamedTuple):
+    """What the fluid's part of a step gives; None for a part that the scene has not.
+
+    Attributes:
+        fluid: state at the end.
+        forces: on the particles.
+        report: of the fluid.
+    """
+
+    fluid: FluidState | None
+    forces: FluidForces | None
+    report: FluidDiagnostics | None
+
+
+@named_scope("scalars")
+def advance_scalars(
+    simulation: Structure,
+    parameters: Parameters,
+    state: State,
+    neighbors: Neighbors | None,
+    flow: FlowOfInterval,
+    after: ParticleState | None,
+) -> tuple[ScalarState, FluidDiagnostics | None]:
+    """The scalars after an interval, and the fluid's report without the flux, which is for them alone.
+
+    The fluid carries them by the mean flux of the interval; then grains and fluid exchange heat, and contacts conduct.
+    The grains stand where they stood at its start, as they do for the fluid.
+
+    Args:
+        simulation: static.
+        parameters: of the scene.
+        state: at the start.
+        neighbors: list of that state.
+        flow: of the fluid.
+        after: particles at the end, after those that left and came.
+    """
+    scalars, numbers = required(simulation.scalars, "scalars"), required(parameters.scalars, "parameters.scalars")
+    parameters = simulation.during(parameters, state.step)
+    found, report = required(state.scalars, "state.scalars"), flow.report
+    duration = jnp.asarray(simulation.interval, parameters.gravity.dtype)
+    stream = None
+    if simulation.fluid is not None and flow.fluid is not None and report is not None:
+        solver = simulation.fluid.solver
+        stream = FluidFlow(
+            solver.grid, solver.boundary, parameters.flow, required(state.fluid, "state.fluid"), flow.fluid,
+            required(report.flux, "flux of the fluid"), report.substeps, simulation.fluid.reversible,
+        )  # fmt: skip
+        found, report = scalars.carried(numbers, found, stream, duration), report._replace(flux=None)
+    particles = state.particles
+    if particles is None or found.grains is None:
+        return found, report
+    bodies = required(parameters.bodies, "parameters.bodies")
+    if stream is not None and flow.forces is not None and simulation.coupling is not None:
+        weights = simulation.coupling.weights(parameters.mixture, particles)
+        grains = GrainsInFluid(weights, flow.forces.inputs)
+        found = scalars.exchanged(numbers, found, stream, bodies, grains, particles.active, duration)
+    if scalars.heat is not None and scalars.heat.conduction is not None:
+        listed = required(neighbors, "neighbors")
+        contacts = contact_conductances(simulation, parameters, state, listed)
+        found = scalars.conducted(numbers, found, contacts, listed, bodies, duration)
+    left = None if after is None else after.active
+    return scalars.renewed(numbers, found, bodies, particles.active, left), report
+
+
+def contact_conductances(
+    simulation: Structure, parameters: Parameters, state: State, neighbors: Neighbors
+) -> Conductances:
+    """Of the contacts of a state, of a scene in which contacts conduct heat [W/K]."""
+    scalars, numbers = required(simulation.scalars, "scalars"), required(parameters.scalars, "parameters.scalars")
+    conduction = required(required(scalars.heat, "heat").conduction, "conduction")
+    of_contacts = required(required(numbers.grains, "heat of the grains").conduction, "conduction")
+    particles, materials = required(state.particles, "state.particles"), parameters.materials
+    if not isinstance(materials, ContactParameters):  # refused by the scene
+        raise TypeError("contacts of several materials have no conductance")
+    return conductances(
+        conduction, of_contacts, required(simulation.contact, "particles").model, materials, particles,
+        required(parameters.bodies, "parameters.bodies").radius, neighbors,
+        simulation.surfaces_present(parameters, state.step), simulation.placed(parameters, particles, state.step),
+    )  # fmt: skip
+
+
+def with_buoyancy(simulation: Structure, parameters: Parameters, state: State) -> Parameters:
+    """The parameters with the acceleration of warm fluid; unchanged where it does not expand."""
+    scalars, found = simulation.scalars, state.scalars
+    if scalars is None or scalars.heat is None or not scalars.heat.expands or found is None:
+        return parameters
+    numbers, solver = required(parameters.scalars, "parameters.scalars"), required(simulation.fluid, "fluid").solver
+    lift = scalars.buoyancy(numbers, found, solver.grid, parameters.gravity)
+    return parameters._replace(fluid=required(parameters.fluid, "parameters.fluid")._replace(buoyancy=lift))

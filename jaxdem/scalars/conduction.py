@@ -1,0 +1,179 @@
+"""Conduction of heat between grains that touch, and between grains and walls.
+
+    Q = H (T_j - T_i),   H = 4 a / (1/k_i + 1/k_j)
+
+of two smooth bodies that touch over a circle of radius a. Softened grains overlap too much and would conduct too well:
+a is that of grains with the true Young's modulus E under the same elastic force. With Hertz's law, whose contact has
+a^2 = R* overlap, this is
+
+    a = sqrt(R* overlap) (E_scene / E)^(1/3),
+
+with a linear spring of stiffness k it is Hertz's a = (3 k overlap R* / (4 E*))^(1/3), 1/E* = 2 (1 - nu^2) / E.
+
+Source: G. K. Batchelor, R. W. O'Brien, Proc. R. Soc. Lond. A 355 (1977) 313-333. The correction follows from Hertz's
+law at equal force.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.numerics import vectors
+from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.powers import power
+from jaxdem.numerics.static import static
+from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.contact_pair import row, sum_slots
+from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.neighbors import Neighbors, displacement_since_build, with_radius
+from jaxdem.particles.pair_forces import pair_geometry
+from jaxdem.particles.pairs import at, sum_over_pairs
+from jaxdem.particles.wall_forces import wall_geometry
+
+
+@static
+class Conduction:
+    """Which contacts conduct; static.
+
+    Attributes:
+        walls: whether each wall has a temperature, sides of the box first; the others conduct nothing.
+        linear: whether contacts have linear springs, else Hertz's law.
+        steps: of the conduction within an interval, explicit ones.
+    """
+
+    walls: tuple[bool, ...]
+    linear: bool
+    steps: int = 1
+
+
+class ConductionNumbers(NamedTuple):
+    """Numbers of the conduction; traced.
+
+    Attributes:
+        conductivity: () of the grains [W/(m K)].
+        wall_conductivity: () of the walls [W/(m K)].
+        young_modulus: () true one of the grains [Pa].
+        wall_temperature: (W,) of every wall; anything of one that does not conduct [K].
+    """
+
+    conductivity: Array
+    wall_conductivity: Array
+    young_modulus: Array
+    wall_temperature: Array
+
+
+class Conductances(NamedTuple):
+    """Of all contacts at one moment [W/K].
+
+    Attributes:
+        pairs: (P,) between grains; None where none are listed.
+        walls: (S, N) of every grain with the walls that conduct; None without any.
+    """
+
+    pairs: Array | None
+    walls: Array | None
+
+
+def conductances(
+    conduction: Conduction,
+    numbers: ConductionNumbers,
+    model: ContactModel,
+    materials: ContactParameters,
+    particles: ParticleState,
+    radius: Array,
+    neighbors: Neighbors,
+    present: Array | None,
+    placed: tuple[Placement | None, ...],
+) -> Conductances:
+    """Of the contacts of a state.
+
+    Args:
+        conduction, numbers: of the scene.
+        model: of the contacts; static.
+        materials: of the contacts.
+        particles: where they are.
+        radius: () or (N,) [m].
+        neighbors: list that holds there.
+        present: (W,) bool, surfaces beside the box that are there; None for all.
+        placed: of every surface that moves.
+    """
+    position, low = (
+        vectors.components(particles.position),
+        split_low(particles.position_low, particles.position.shape[1]),
+    )
+    pairs = walls = None
+    if neighbors.index.shape[0]:
+        listed = with_radius(neighbors, radius)
+        displacement = displacement_since_build(position, low, listed)
+        first, second = listed.pairs.first, listed.pairs.second
+        change = vectors.subtract(at(displacement, first), at(displacement, second))
+        one, other = (radius, radius) if radius.ndim == 0 else (at((radius,), first)[0], at((radius,), second)[0])
+        overlap = pair_geometry(listed, change, one + other)[0]
+        touched = _radius_of_contact(conduction, numbers, materials, one * other / (one + other), overlap)
+        pairs = 2.0 * numbers.conductivity * touched
+    chosen = tuple(k for k, conducts in enumerate(conduction.walls) if conducts)
+    if chosen:
+        overlap = wall_geometry(model, position, low, radius, placed)[0]
+        overlap = jnp.stack([overlap[k] for k in chosen])
+        if present is not None:
+            sides = len(model.sides)
+            there = jnp.stack([jnp.asarray(True) if k < sides else present[k - sides] for k in chosen])
+            overlap = jnp.where(there[:, None], overlap, -1.0)
+        if particles.active is not None:
+            overlap = jnp.where(particles.active[None], overlap, -1.0)
+        touched = _radius_of_contact(conduction, numbers, materials, row(radius), overlap)
+        walls = 4.0 * touched / (1.0 / numbers.conductivity + 1.0 / numbers.wall_conductivity)
+    return Conductances(pairs, walls)
+
+
+def conducted(
+    conduction: Conduction,
+    numbers: ConductionNumbers,
+    found: Conductances,
+    neighbors: Neighbors,
+    temperature: Array,
+    capacity: Array,
+    duration: Array,
+) -> tuple[Array, Array]:
+    """Temperatures (N,) after a time [K], and the heat that the walls have given [J]; heat is kept to rounding.
+
+    Args:
+        conduction, numbers: of the scene.
+        found: of the contacts, which stay as they are.
+        neighbors: list of them.
+        temperature: (N,) [K].
+        capacity: () or (N,) heat capacity of a grain [J/K].
+        duration: [s].
+    """
+    chosen = [k for k, conducts in enumerate(conduction.walls) if conducts]
+    step = duration / conduction.steps
+
+    def advanced(k: int | Array, both: tuple[Array, Array]) -> tuple[Array, Array]:
+        grains, given = both
+        gained = jnp.zeros_like(grains)
+        if found.pairs is not None:
+            first, second = at((grains,), neighbors.pairs.first)[0], at((grains,), neighbors.pairs.second)[0]
+            flow = found.pairs * (second - first)
+            gained = gained + sum_over_pairs(flow, -flow, neighbors.pairs)
+        if found.walls is not None:
+            walls = numbers.wall_temperature[jnp.asarray(chosen)]
+            flow = found.walls * (walls[:, None] - grains[None])
+            gained, given = gained + sum_slots(flow), given + step * jnp.sum(flow)
+        return grains + step * gained / capacity, given
+
+    return lax.fori_loop(0, conduction.steps, advanced, (temperature, jnp.zeros((), temperature.dtype)))
+
+
+def _radius_of_contact(
+    conduction: Conduction, numbers: ConductionNumbers, materials: ContactParameters, radius: Array, overlap: Array
+) -> Array:
+    """Radius of the circle that true grains would touch over [m]; zero where they do not."""
+    if conduction.linear:
+        modulus = 0.5 * numbers.young_modulus / (1.0 - materials.poisson_ratio**2)
+        return power(0.75 * materials.normal_stiffness * overlap * radius / modulus, 1.0 / 3.0)
+    softened = power(materials.young_modulus / numbers.young_modulus, 1.0 / 3.0)
+    return softened * power(radius * overlap, 0.5)

@@ -1,0 +1,284 @@
+"""Scalars of a scene over a coupling interval: temperatures of fluid and grains, and what else the fluid carries."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.closures.base import DragInputs
+from jaxdem.coupling.interpolation import Weights
+from jaxdem.errors import required
+from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average
+from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, ScalarTransport, Stream
+from jaxdem.numerics.static import static
+from jaxdem.particles.integrate import ParticleProperties
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.scalars.conduction import Conductances, Conduction, ConductionNumbers, conducted
+from jaxdem.scalars.exchange import exchanged
+from jaxdem.scalars.nusselt import NusseltLaw
+
+TEMPERATURE = "temperature"
+"""Name of the field that is the temperature of the fluid."""
+
+
+@static
+class Heat:
+    """What heat does in a scene; static.
+
+    Attributes:
+        exchange: law of the transfer between grains and fluid; None for none.
+        conduction: through contacts; None for none.
+        expands: whether the fluid is lighter where it is warmer.
+        bed: conductivity of the fluid between grains: "open", in proportion to its volume, or "kuipers".
+    """
+
+    exchange: NusseltLaw | None
+    conduction: Conduction | None
+    expands: bool
+    bed: Literal["open", "kuipers"] = "open"
+
+
+class FluidHeat(NamedTuple):
+    """Numbers of the fluid's heat; traced.
+
+    Attributes:
+        capacity: () heat capacity [J/(kg K)].
+        expansion: () thermal expansion [1/K].
+        reference: () temperature at which it has its density [K].
+    """
+
+    capacity: Array
+    expansion: Array
+    reference: Array
+
+
+class GrainHeat(NamedTuple):
+    """Numbers of the grains' heat; traced.
+
+    Attributes:
+        capacity: () heat capacity [J/(kg K)].
+        conduction: of the contacts; None where they conduct nothing.
+    """
+
+    capacity: Array
+    conduction: ConductionNumbers | None
+
+    def of_each(self, bodies: ParticleProperties) -> Array:
+        """() or (N,) heat capacity of a grain, c rho V, without fluid that moves along [J/K]."""
+        return self.capacity * bodies.density * bodies.volume
+
+
+class ScalarParameters(NamedTuple):
+    """Numbers of the scalars; traced.
+
+    Attributes:
+        fields: of each field; that of the temperature has the conductivity [W/(m K)] in place of the diffusivity, and
+            fluxes of heat [W/m2].
+        fluid: None without a temperature of the fluid.
+        grains: None without temperatures of grains.
+    """
+
+    fields: tuple[ScalarNumbers, ...]
+    fluid: FluidHeat | None
+    grains: GrainHeat | None
+
+
+class Supplied(NamedTuple):
+    """What has come in since the start.
+
+    Attributes:
+        sides: (F, 2 D) of every field through every side, lower before upper, axis by axis [unit m3].
+        walls: () heat that walls have given to grains by contact [J].
+        grains: () heat that grains have brought which came in, less that of those which left [J].
+    """
+
+    sides: Array
+    walls: Array
+    grains: Array
+
+
+class ScalarState(NamedTuple):
+    """What evolves.
+
+    Attributes:
+        fields: of the fluid, on the cells, in the order of `Scalars.fields`.
+        grains: (N,) temperature of the grains; None without [K].
+        supplied: since the start.
+    """
+
+    fields: tuple[Array, ...]
+    grains: Array | None
+    supplied: Supplied
+
+
+class FluidFlow(NamedTuple):
+    """The fluid of an interval.
+
+    Attributes:
+        grid, boundary: static.
+        properties: of the fluid.
+        before, after: its states.
+        flux: mean of the volume flux between the two [m/s].
+        steps: () int32, fluid steps.
+        reversible: see `ScalarTransport.advance`; static.
+    """
+
+    grid: Grid
+    boundary: Boundary
+    properties: FluidProperties
+    before: FluidState
+    after: FluidState
+    flux: FaceField
+    steps: Array
+    reversible: bool
+
+
+class GrainsInFluid(NamedTuple):
+    """The grains of an interval, as the fluid sees them.
+
+    Attributes:
+        weights: on the cells.
+        inputs: of the drag law.
+    """
+
+    weights: Weights
+    inputs: DragInputs
+
+
+@static
+class Scalars:
+    """The scalars of a scene; static.
+
+    Attributes:
+        fields: that the fluid carries.
+        heat: None without temperatures.
+    """
+
+    fields: tuple[ScalarField, ...]
+    heat: Heat | None
+
+    @property
+    def temperature(self) -> int | None:
+        """Number of the field of the temperature; None where the fluid has none."""
+        names = [field.name for field in self.fields]
+        return names.index(TEMPERATURE) if TEMPERATURE in names else None
+
+    def carried(
+        self, parameters: ScalarParameters, state: ScalarState, flow: FluidFlow, duration: Array
+    ) -> ScalarState:
+        """The fields after an interval of flow and diffusion."""
+        before = _or_one(flow.before.void_fraction)
+        after = _or_one(flow.after.void_fraction)
+        on_faces = face_average(flow.grid, after)
+        fields, passed = [], []
+        for number, (field, value) in enumerate(zip(self.fields, state.fields, strict=True)):
+            numbers, share = parameters.fields[number], on_faces
+            if number == self.temperature and self.heat is not None:
+                capacity = flow.properties.density * required(parameters.fluid, "heat of the fluid").capacity
+                numbers = numbers._replace(diffusivity=numbers.diffusivity / capacity, flux=numbers.flux / capacity)
+                share = tuple(_conducting(self.heat.bed, g) for g in on_faces)
+            transport = ScalarTransport(
+                flow.grid, flow.boundary, field, numbers, Stream(flow.flux, before, after, share)
+            )
+            found, through = transport.advance(value, duration, flow.steps, flow.reversible)
+            fields.append(found)
+            passed.append(through)
+        supplied = state.supplied
+        if passed:
+            supplied = supplied._replace(sides=supplied.sides + jnp.stack(passed))
+        return state._replace(fields=tuple(fields), supplied=supplied)
+
+    def exchanged(
+        self,
+        parameters: ScalarParameters,
+        state: ScalarState,
+        flow: FluidFlow,
+        bodies: ParticleProperties,
+        grains: GrainsInFluid,
+        active: Array | None,
+        duration: Array,
+    ) -> ScalarState:
+        """The temperatures after grains and fluid have exchanged heat; unchanged where no law says how."""
+        heat, place, of_fluid, of_grains = self.heat, self.temperature, parameters.fluid, parameters.grains
+        if heat is None or heat.exchange is None or state.grains is None or place is None:
+            return state
+        of_fluid, of_grains = required(of_fluid, "heat of the fluid"), required(of_grains, "heat of the grains")
+        density, inputs = flow.properties.density, grains.inputs
+        conductivity = parameters.fields[place].diffusivity
+        prandtl = flow.properties.viscosity * density * of_fluid.capacity / conductivity
+        nusselt = heat.exchange(inputs.reynolds, prandtl, 1.0 - inputs.solid_fraction)
+        conductance = nusselt * conductivity * jnp.pi * inputs.diameter
+        if active is not None:
+            conductance = jnp.where(active, conductance, 0.0)
+        of_cells = density * of_fluid.capacity * flow.grid.cell_volume * _or_one(flow.after.void_fraction)
+        capacities = jnp.asarray(of_cells), of_grains.of_each(bodies)
+        fluid, warmed = exchanged(
+            flow.grid, grains.weights, state.fields[place], state.grains, conductance, capacities, duration
+        )
+        fields = tuple(fluid if k == place else field for k, field in enumerate(state.fields))
+        return state._replace(fields=fields, grains=warmed)
+
+    def conducted(
+        self,
+        parameters: ScalarParameters,
+        state: ScalarState,
+        found: Conductances,
+        neighbors: Neighbors,
+        bodies: ParticleProperties,
+        duration: Array,
+    ) -> ScalarState:
+        """The temperatures after conduction through contacts of these conductances."""
+        heat, numbers = self.heat, parameters.grains
+        if heat is None or heat.conduction is None or numbers is None or state.grains is None:
+            return state
+        of_contacts, capacity = required(numbers.conduction, "conduction"), numbers.of_each(bodies)
+        grains, given = conducted(heat.conduction, of_contacts, found, neighbors, state.grains, capacity, duration)
+        supplied = state.supplied._replace(walls=state.supplied.walls + given)
+        return state._replace(grains=grains, supplied=supplied)
+
+    def renewed(
+        self,
+        parameters: ScalarParameters,
+        state: ScalarState,
+        bodies: ParticleProperties,
+        before: Array | None,
+        after: Array | None,
+    ) -> ScalarState:
+        """With the heat of the grains that came and left counted; `before` and `after` (N,) are those present."""
+        if state.grains is None or parameters.grains is None or before is None or after is None:
+            return state
+        came = after.astype(state.grains.dtype) - before.astype(state.grains.dtype)
+        brought = jnp.sum(came * parameters.grains.of_each(bodies) * state.grains)
+        return state._replace(supplied=state.supplied._replace(grains=state.supplied.grains + brought))
+
+    def buoyancy(self, parameters: ScalarParameters, state: ScalarState, grid: Grid, gravity: Array) -> FaceField:
+        """Acceleration of the fluid where it is warmer than the reference, -beta (T - T0) g, on the faces [m/s2].
+
+        Source: J. Boussinesq, Theorie analytique de la chaleur, vol. 2 (1903); D. J. Tritton, Physical Fluid Dynamics,
+        2nd ed. (1988), section 14.
+        """
+        numbers = required(parameters.fluid, "heat of the fluid")
+        place = required(self.temperature, "temperature of the fluid")
+        above = face_average(grid, state.fields[place] - numbers.reference)
+        return tuple(-numbers.expansion * gravity[axis] * warmth for axis, warmth in enumerate(above))
+
+
+def _or_one(void_fraction: Array | None) -> CellOrOne:
+    return 1.0 if void_fraction is None else void_fraction
+
+
+def _conducting(bed: str, void_fraction: CellOrOne) -> CellOrOne:
+    """Part of the fluid's conductivity that acts at a void fraction.
+
+    "kuipers": 1 - sqrt(1 - g), the part of a bed through which heat goes by the fluid alone.
+
+    Source: J. A. M. Kuipers, W. Prins, W. P. M. van Swaaij, AIChE J. 38 (1992) 1079-1091, after P. Zehner, E. U.
+    Schluender, Chem.-Ing.-Tech. 42 (1970) 933-941.
+    """
+    if bed == "open" or isinstance(void_fraction, float):
+        return void_fraction
+    return 1.0 - jnp.sqrt(jnp.maximum(1.0 - void_fraction, jnp.finfo(void_fraction.dtype).tiny))

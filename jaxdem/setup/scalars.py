@@ -1,0 +1,254 @@
+"""Temperatures and other scalars of a scene: what is compiled, the numbers, and the first state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jax import Array
+
+from jaxdem.errors import InputError, required
+from jaxdem.fluid.interval import FluidInterval
+from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, SideKind
+from jaxdem.numerics.host import on_device
+from jaxdem.particles.integrate import ParticleState
+from jaxdem.scalars.conduction import Conduction, ConductionNumbers
+from jaxdem.scalars.nusselt import NUSSELT_LAWS, NusseltLaw
+from jaxdem.scalars.scalars import (
+    TEMPERATURE,
+    FluidHeat,
+    GrainHeat,
+    Heat,
+    ScalarParameters,
+    Scalars,
+    ScalarState,
+    Supplied,
+)
+from jaxdem.scene import Scene
+from jaxdem.scene.boundary import BoundarySide
+from jaxdem.scene.heat import Heat as HeatTable
+from jaxdem.scene.heat import thermal_diffusivity
+from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.start_point import StartPoint
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters
+from jaxdem.structure import TimeSteps
+
+FOURIER = 0.2
+"""Largest D t sum(1/h^2) of a step of a scalar [-]: Heun's method is stable up to 0.5 where the void fraction of a face
+is that of its cells, and at a front of grains it may be more than twice that of a cell."""
+
+CONDUCTED = 0.25
+"""Largest part of the difference to its neighbours that a grain may lose in a step of conduction [-]."""
+
+COORDINATION = {2: 6, 3: 12}
+"""Most contacts of a grain among equal ones, by the dimension."""
+
+
+def scene_scalars(
+    scene: Scene,
+    particles: ParticleSetup | None,
+    fluid: FluidInterval | None,
+    steps: TimeSteps,
+    nusselt: NusseltLaw | None,
+) -> Scalars | None:
+    """What is compiled of the scalars of a scene; None where it has none.
+
+    Args:
+        scene: the scene.
+        particles: of it.
+        fluid: its fluid and steps.
+        steps: of the run.
+        nusselt: law of heat transfer in place of the scene's.
+
+    Raises:
+        InputError: a law of heat transfer is given in Python, and no heat is exchanged.
+    """
+    exchanges = scene.heat is not None and scene.heat.exchange != "none" and fluid is not None and particles is not None
+    if nusselt is not None and not exchanges:
+        limit = "a law of heat transfer needs [heat] with an exchange, [fluid] and [particles]"
+        raise InputError("nusselt", "given", limit, "leave it out, or add what is missing")
+    if scene.heat is None and not scene.scalars:
+        return None
+    fields = []
+    if fluid is not None:
+        spacing = fluid.solver.grid.spacing
+        for name, diffusivity in _diffusivities(scene):
+            number = diffusivity * steps.interval * sum(1.0 / h**2 for h in spacing)
+            sides = tuple(_kind(scene.boundary[side], name) for side in scene.sides)
+            fields.append(ScalarField(name, sides, diffusivity > 0.0, max(1, math.ceil(number / FOURIER))))
+    heat = None
+    if scene.heat is not None:
+        table = scene.heat
+        law = nusselt or NUSSELT_LAWS.get(table.exchange)
+        heat = Heat(
+            exchange=law if exchanges else None,
+            conduction=_conduction(scene, particles, steps),
+            expands=table.expansion != 0.0,
+            bed=table.bed_conductivity,
+        )
+    return Scalars(tuple(fields), heat)
+
+
+def scalar_parameters(
+    scene: Scene, particles: ParticleSetup | None, dtype: np.dtype[np.floating]
+) -> ScalarParameters | None:
+    """The numbers of the scalars; None in a scene without."""
+    if scene.heat is None and not scene.scalars:
+        return None
+
+    def number(value: float | list[float]) -> Array:
+        return on_device(value, dtype)
+
+    table, fields = scene.heat, []
+    sides = [scene.boundary[name] for name in scene.sides]
+    if scene.fluid is not None:
+        for name, _ in _diffusivities(scene):
+            values = [_value(side, name) or 0.0 for side in sides]
+            if name == TEMPERATURE and table is not None:
+                flux = [side.heat_flux or 0.0 for side in sides]
+                conductivity = required(table.fluid_conductivity, "fluid_conductivity")
+                fields.append(ScalarNumbers(number(conductivity), number(values), number(flux)))
+                continue
+            diffusivity = next(scalar.diffusivity for scalar in scene.scalars if scalar.name == name)
+            fields.append(ScalarNumbers(number(diffusivity), number(values), number([0.0] * len(sides))))
+    fluid = grains = None
+    if table is not None and table.fluid_heat_capacity is not None and table.fluid_temperature is not None:
+        reference = table.fluid_temperature if table.reference_temperature is None else table.reference_temperature
+        fluid = FluidHeat(number(table.fluid_heat_capacity), number(table.expansion), number(reference))
+    if table is not None and particles is not None and table.particle_heat_capacity is not None:
+        grains = GrainHeat(number(table.particle_heat_capacity), _conduction_numbers(scene, table, particles, number))
+    return ScalarParameters(tuple(fields), fluid, grains)
+
+
+def _conduction_numbers(
+    scene: Scene, table: HeatTable, particles: ParticleSetup, number: Callable[[float | list[float]], Array]
+) -> ConductionNumbers | None:
+    if table.particle_conductivity is None or table.true_young_modulus is None:
+        return None
+    walls = [0.0 if value is None else value for value in _wall_temperatures(scene, particles)]
+    return ConductionNumbers(
+        number(table.particle_conductivity),
+        number(table.wall_conductivity or table.particle_conductivity),
+        number(table.true_young_modulus),
+        number(walls),
+    )
+
+
+def first_scalars(
+    scene: Scene,
+    particles: ParticleSetup | None,
+    simulation: Simulation,
+    parameters: Parameters,
+    state: ParticleState | None,
+    start: StartPoint | None = None,
+) -> ScalarState | None:
+    """The scalars of the first state; those of a run that the scene begins from go on.
+
+    Args:
+        scene, particles, simulation, parameters: of the case.
+        state: of the particles.
+        start: of the run that it begins from.
+
+    Raises:
+        InputError: that run has scalars on another mesh.
+    """
+    scalars, dtype = simulation.scalars, np.dtype(parameters.gravity.dtype)
+    if scalars is None:
+        return None
+    fields = [_first_field(scene, field.name, start, dtype) for field in scalars.fields]
+    grains = None
+    if state is not None and particles is not None and scene.heat is not None:
+        grains = _first_temperatures(scene, particles, len(state.position), start)
+    zero = on_device(np.zeros(()), dtype)
+    supplied = Supplied(on_device(np.zeros((len(fields), 2 * scene.dimension)), dtype), zero, zero)
+    return ScalarState(tuple(fields), None if grains is None else on_device(grains, dtype), supplied)
+
+
+def _diffusivities(scene: Scene) -> list[tuple[str, float]]:
+    """Name and diffusivity of every scalar of the fluid, the temperature first."""
+    found = [(scalar.name, scalar.diffusivity) for scalar in scene.scalars]
+    if scene.heat is None or scene.fluid is None:
+        return found
+    return [(TEMPERATURE, thermal_diffusivity(scene.heat, scene.fluid.density)), *found]
+
+
+def _value(side: BoundarySide, name: str) -> float | None:
+    return side.temperature if name == TEMPERATURE else (side.scalars or {}).get(name)
+
+
+def _kind(side: BoundarySide, name: str) -> SideKind:
+    if _value(side, name) is not None:
+        return "value"
+    return "flux" if name == TEMPERATURE and side.heat_flux is not None else "closed"
+
+
+def _wall_temperatures(scene: Scene, particles: ParticleSetup) -> list[float | None]:
+    """Of all walls that grains have with a formula: sides of the box, then surfaces, a wedge being two; None for one
+    without a temperature."""
+    sides = []
+    for number, name in enumerate(scene.sides):
+        table = scene.boundary[name]
+        if not scene.periodic[number // 2] and table.particles != "remove":
+            sides.append(table.temperature)
+    surfaces: list[float | None] = []
+    for wall in scene.walls:
+        if wall.kind != "mesh":
+            surfaces += [wall.temperature] * (2 if wall.kind == "wedge" else 1)
+    return sides + surfaces
+
+
+def _conduction(scene: Scene, particles: ParticleSetup | None, steps: TimeSteps) -> Conduction | None:
+    table = required(scene.heat, "heat")
+    if particles is None or table.particle_conductivity is None:
+        return None
+    bodies, contact = particles.bodies, particles.contact
+    linear = contact.law == "linear_spring_dashpot"
+    # The contact of the largest overlap that is expected, of the smallest grain.
+    radius, density = bodies.smallest_radius, float(np.min(bodies.density))
+    overlap = 2.0 * radius * max(steps.expected_overlap or 0.0, 1e-4)
+    share = 1.0 if linear else (contact.young_modulus / required(table.true_young_modulus, "modulus")) ** (1.0 / 3.0)
+    touched = share * math.sqrt(0.5 * radius * overlap)
+    capacity = required(table.particle_heat_capacity, "capacity") * density * 4.0 / 3.0 * math.pi * radius**3
+    rate = COORDINATION[scene.dimension] * 2.0 * table.particle_conductivity * touched / capacity
+    walls = tuple(value is not None for value in _wall_temperatures(scene, particles))
+    return Conduction(walls, linear, max(1, math.ceil(rate * steps.interval / CONDUCTED)))
+
+
+def _first_field(scene: Scene, name: str, start: StartPoint | None, dtype: np.dtype[np.floating]) -> Array:
+    fluid = required(scene.fluid, "fluid")
+    if name == TEMPERATURE and scene.heat is not None:
+        value = required(scene.heat.fluid_temperature, "fluid_temperature")
+    else:
+        value = next(scalar.value for scalar in scene.scalars if scalar.name == name)
+    found = np.full(fluid.cells, value)
+    stored = None if start is None else _stored_field(start, name)
+    if stored is not None:
+        if stored.shape != found.shape:
+            limit = f"the run before has {name} on {list(stored.shape)} cells, and scalars stay on their mesh"
+            raise InputError("fluid.cells", list(found.shape), limit, "take the mesh of that run")
+        found = stored
+    return on_device(found, dtype)
+
+
+def _stored_field(start: StartPoint, name: str) -> np.ndarray | None:
+    """A scalar of the run before by its name; None where it had none of that name."""
+    tables = start.tables
+    names = [TEMPERATURE] if "heat" in tables and "fluid" in tables else []
+    names += [table["name"] for table in tables.get("scalars", [])]
+    if name not in names:
+        return None
+    return start.arrays.get(f"state.scalars.fields[{names.index(name)}]")
+
+
+def _first_temperatures(scene: Scene, particles: ParticleSetup, count: int, start: StartPoint | None) -> np.ndarray:
+    """(N,) of all grains that there ever are, those to come at the temperature of their inlet [K]."""
+    usual = required(required(scene.heat, "heat").particle_temperature, "particle_temperature")
+    found = np.full(count, usual)
+    for inlet, queue in zip(particles.table.inlet, particles.queues, strict=True):
+        found[queue.rows] = usual if inlet.temperature is None else inlet.temperature
+    stored = None if start is None else start.arrays.get("state.scalars.grains")
+    if stored is not None:
+        found[: len(stored)] = stored
+    return found
