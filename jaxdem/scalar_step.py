@@ -67,7 +67,9 @@ def advance_scalars(
             solver.grid, solver.boundary, parameters.flow, required(state.fluid, "state.fluid"), flow.fluid,
             required(report.flux, "flux of the fluid"), report.substeps, simulation.fluid.reversible,
         )  # fmt: skip
-        found, report = scalars.carried(numbers, found, stream, duration), report._replace(flux=None)
+        found = scalars.carried(numbers, found, stream, duration)
+        sound = [jnp.all(jnp.isfinite(field)) for field in found.fields]
+        report = report._replace(flux=None, finite=report.finite & jnp.all(jnp.stack(sound)))
     particles = state.particles
     if particles is None or found.grains is None:
         return found, report

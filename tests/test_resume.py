@@ -42,10 +42,30 @@ SCENE = {
     "contact": {"young_modulus": 5e5, "restitution": 0.6, "friction": 0.4, "skin": 0.06, "speed": 1.0},
     "fluid": {"cells": [5, 5], "time_step": 0.01},
     "boundary": {
-        "left": {"kind": "inlet", "velocity": 0.2, "from": 0.0, "to": 0.08, "ramp_time": 0.0},
+        "left": {
+            "kind": "inlet",
+            "velocity": 0.2,
+            "from": 0.0,
+            "to": 0.08,
+            "ramp_time": 0.0,
+            "temperature": 300.0,
+            "scalars": {"dye": 1.0},
+        },
         "right": {"kind": "outlet"},
+        "bottom": {"temperature": 350.0},
     },
     "coupling": {"drag": "koch_hill"},
+    "heat": {
+        "fluid_heat_capacity": 4000.0,
+        "fluid_conductivity": 0.6,
+        "fluid_temperature": 300.0,
+        "expansion": 2e-4,
+        "particle_heat_capacity": 800.0,
+        "particle_temperature": 310.0,
+        "particle_conductivity": 2.0,
+        "true_young_modulus": 5e10,
+    },
+    "scalars": [{"name": "dye", "diffusivity": 1e-6, "value": 1.0}],
     "time": {"end": 0.2, "output_interval": 0.02},
     "output": {"samples": 0.02, "checkpoint_interval": 0.0},
     "probes": [
@@ -172,6 +192,19 @@ def test_the_fluid_that_comes_in_goes_out(whole):
     np.testing.assert_allclose(whole.probes["in"]["fluid_volume_flow"], 0.2 * 0.08 * 0.04, rtol=1e-5)
     np.testing.assert_allclose(whole.probes["out"]["fluid_volume_flow"], 0.2 * 0.08 * 0.04, rtol=1e-4)
     np.testing.assert_allclose(whole.probes["out"]["time"], [0.06, 0.11, 0.16])
+
+
+def test_heat_is_kept(whole):
+    """What is in fluid and grains is what was there, and what has passed the sides; a uniform dye stays uniform."""
+    heat = whole.summary["heat"]
+    assert abs(heat["missing_relative"]) < 1e-6
+    assert heat["through_sides"]["left"] > 0.0 > heat["through_sides"]["right"]
+    assert heat["through_sides"]["bottom"] > 0.0 and heat["from_walls_to_grains"] > 0.0
+    grains, fluid = whole.particles(-1), whole.fluid(-1)
+    assert 300.0 < grains["temperature"].min() < 309.0
+    np.testing.assert_allclose(fluid["dye"], 1.0, rtol=2e-5)
+    assert fluid["temperature"].min() >= 300.0 and fluid["temperature"].max() < 350.0
+    assert whole.history["particle_temperature_mean"][-1] == pytest.approx(grains["temperature"].mean(), rel=1e-6)
 
 
 def test_slices_hold_all_grains(whole):

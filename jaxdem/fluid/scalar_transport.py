@@ -104,7 +104,7 @@ class ScalarTransport(NamedTuple):
             on the cells; and (2 D,) through every side, lower before upper [unit m3].
         """
         number = jnp.maximum(fluid_steps, self.field.steps)
-        step = duration / number
+        step = duration / number.astype(value.dtype)
         start = value, jnp.zeros(2 * self.grid.dimension, value.dtype)
         if not reversible:
             return lax.fori_loop(0, number, lambda k, both: self._stepped(both, k, number, step), start)
@@ -119,8 +119,8 @@ class ScalarTransport(NamedTuple):
         """Heun's step number k of `number`."""
         value, passed = both
         before, after = self.stream.before, self.stream.after
-        old = before + (after - before) * (k / number)
-        new = before + (after - before) * ((k + 1) / number)
+        start, stop = ((k + end).astype(value.dtype) / number.astype(value.dtype) for end in (0, 1))
+        old, new = (before + (after - before) * share for share in (start, stop))
         rate, through = self._rate(value)
         first = (old * value + step * rate) / new
         second, later = self._rate(first)

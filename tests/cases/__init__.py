@@ -28,6 +28,7 @@ MODULES = (
     "gradients",
     "invariance",
     "lists",
+    "heat",
 )
 
 
