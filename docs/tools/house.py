@@ -33,8 +33,10 @@ HOLDS = {
     "step": "the algorithm",
     "observables": "quantities of a state",
     "failures": "what can go wrong",
+    "scalar_step": "scalars after an interval",
     "structure": "which parts there are",
     "state": "State, Parameters, Diagnostics",
+    "scalars": "temperature and other scalars",
     "particle_files": "particles from files of others",
     "coupling": "weights, exchange of impulses, forces of the fluid",
     "solids": "bodies and their motion",
@@ -48,7 +50,7 @@ HOLDS = {
     "version": "version",
     "numerics": "vectors, pairs of floats",
 }
-GROUPS = (("use", 10, "#E8F0FA"), ("describe", 8, "#EAF6EC"), ("compute", 2, "#FDF1E4"), ("common", 0, "#F2F2F2"))
+GROUPS = (("use", 12, "#E8F0FA"), ("describe", 10, "#EAF6EC"), ("compute", 2, "#FDF1E4"), ("common", 0, "#F2F2F2"))
 """Name, first floor from 0, colour."""
 
 
