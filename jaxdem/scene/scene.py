@@ -138,7 +138,9 @@ class Scene(Section):
         for table, section in tables.items():
             if isinstance(section, Section):
                 fields = {field.alias or name: field for name, field in type(section).model_fields.items()}
-                found |= {f"{table}.{name}": field.default for name, field in fields.items() if not field.is_required()}
+                given = {name: field.default for name, field in fields.items() if not field.is_required()}
+                # As the file has them: an empty list of tables is a tuple here.
+                found |= {f"{table}.{name}": [] if value == () else value for name, value in given.items()}
             elif section == ():
                 found[table] = []
         return found
