@@ -31,6 +31,9 @@ GRACE = 15.0
 POLL = 0.05
 """How often the processes are looked after [s]."""
 
+THREADS = "NPROC"
+"""Variable by which XLA is told for how many cores it makes threads; else each process makes them for all."""
+
 LAST_LINES = 12
 """Of what a process wrote that ended without a word of jaxdem."""
 
@@ -75,7 +78,7 @@ class _Process:
         names = {PROCESS: index, PROCESSES: number, COORDINATOR: f"127.0.0.1:{port}", LAUNCHED: self.log}
         self._process = subprocess.Popen(
             [sys.executable, "-m", "jaxdem", *arguments],
-            env=os.environ | {name: str(value) for name, value in names.items()},
+            env={THREADS: str(threads_each(number))} | os.environ | {name: str(one) for name, one in names.items()},
             stdin=subprocess.PIPE,
             stdout=None if index == 0 else subprocess.DEVNULL,
             start_new_session=True,  # the terminal's Ctrl-C comes to the launcher alone, which hands it on
@@ -179,6 +182,11 @@ class _Group:
         if len(killed) == 1:
             return f"Process {min(killed)} of {number} did not answer any more, and was ended."
         return f"The {number} processes of the run lost each other."
+
+
+def threads_each(number: int) -> int:
+    """Threads that each of so many processes may compute with: its share of the cores that this one may use."""
+    return max(1, len(os.sched_getaffinity(0)) // number)
 
 
 def _free_port() -> int:

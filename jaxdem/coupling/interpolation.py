@@ -71,15 +71,17 @@ class Halo:
         """Cell arrays of the slab with the neighbours' cells in the halo; beyond a side of the box without a meaning.
         One message each way carries the layers of all."""
         axis = self.blocks.axis
-        before = self.blocks.from_lower(jnp.stack([along(field, axis, -self.layers, None) for field in fields]))
-        after = self.blocks.from_upper(jnp.stack([along(field, axis, 0, self.layers) for field in fields]))
+        lowest = jnp.stack([along(field, axis, 0, self.layers) for field in fields])
+        highest = jnp.stack([along(field, axis, -self.layers, None) for field in fields])
+        before, after = self.blocks.from_both(lowest, highest)
         return [jnp.concatenate(parts, axis) for parts in zip(before, fields, after, strict=True)]
 
     def folded(self, fields: list[Array]) -> list[Array]:
         """Cell arrays of the slab, with what all particles have put there: the adjoint of `filled`."""
         axis, width, count = self.blocks.axis, self.layers, self.grid.cells[self.blocks.axis]
-        first = self.blocks.from_lower(jnp.stack([along(field, axis, count + width, None) for field in fields]))
-        last = self.blocks.from_upper(jnp.stack([along(field, axis, 0, width) for field in fields]))
+        lowest = jnp.stack([along(field, axis, 0, width) for field in fields])
+        highest = jnp.stack([along(field, axis, count + width, None) for field in fields])
+        first, last = self.blocks.from_both(lowest, highest)
         rest = jnp.zeros_like(along(first[0], axis, 0, 1), shape=self._with_layers(count - width))
         return [
             along(field, axis, width, width + count)

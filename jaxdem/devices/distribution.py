@@ -108,9 +108,8 @@ def _particles(
     mesh, memory = required(simulation.mesh, "mesh"), _memory_of_rows(contacts, table)
     given = (_rows(particles, table), _no_ghosts(planes.astype(dtype), table, room), history, memory)
     rows, ghosts, history, memory = put(mesh, given)
-    listing = on_slabs(mesh, _first_list(simulation, room.listed), (SAME, SAME, *(SLABS,) * 4), (SLABS, SLABS, SLABS))
-    everywhere = put(mesh, (parameters.bodies, meshes), SAME)
-    springs, memory, new = jax.jit(listing)(*everywhere, rows, ghosts, history, memory)
+    listing, everywhere = _first_list(simulation, room.listed), put(mesh, (parameters.bodies, meshes), SAME)
+    springs, memory, new = listing(*everywhere, rows, ghosts, history, memory)
     return rows._replace(contact_spring=springs, mesh_memory=memory), new
 
 
@@ -230,9 +229,10 @@ def _no_ghosts(planes: Any, table: Any, room: SlabRoom) -> Ghosts:
     return Ghosts(**parts, migrating=room.migrating)
 
 
+@functools.lru_cache(maxsize=8)
 def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]:
-    """The list of a slab, the springs of its pairs and what contacts with meshes keep; from the bodies, the meshes, its
-    rows, its ghosts and what its rows keep."""
+    """A program over all slabs, kept for states that are cut later: the lists, the springs of their pairs and what
+    contacts with meshes keep; from the bodies, the meshes, the rows of a slab, its ghosts and what its rows keep."""
 
     def listing(
         bodies: Any, meshes: Meshes, rows: ParticleState, ghosts: Ghosts, history: History, memory: Any
@@ -245,7 +245,8 @@ def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]
         of_rows = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
         return of_pairs(history, required(new.ghosts, "ghosts").identity, new.pairs), of_rows, new
 
-    return listing
+    mesh = required(simulation.mesh, "mesh")
+    return jax.jit(on_slabs(mesh, listing, (SAME, SAME, *(SLABS,) * 4), (SLABS, SLABS, SLABS)))
 
 
 def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors | None) -> tuple[State, Contacts | None]:

@@ -96,7 +96,7 @@ def needed_room(
     slab = slab_of(planes, along)
     counts = np.bincount(slab, minlength=number)
     fullest = max(counts.max(), (len(position) + coming) / number)
-    rows = math.ceil(IMBALANCE**2 * fullest) + LEAST
+    rows = math.ceil(IMBALANCE**2 * fullest) + LEAST if number > 1 else max(math.ceil(fullest), 1)
     near = np.zeros(len(along), bool)
     most = 0
     wraps = division.blocks.periodic and number > 1
@@ -114,7 +114,7 @@ def needed_room(
         found = tree.query_ball_point(tree.data, search.reach, return_length=True, workers=-1) - 1.0
     # A pair across a border is half of the neighbours of either, and a whole one of both slabs.
     each = np.bincount(slab, weights=0.5 * found * (1 + near), minlength=number)
-    usual = USUAL_PAIRS[dimension] * (IMBALANCE * fullest + most)
+    usual = USUAL_PAIRS[dimension] * (fullest + most)
     pairs = max(math.ceil(EXTRA_PAIRS * each.max()), math.ceil(usual)) + 1
     listed = dataclasses.replace(room, slots=max(room.slots, 1), pairs=pairs)
     return SlabRoom(rows, ghosts, rows // TRAVELLERS + LEAST, listed)

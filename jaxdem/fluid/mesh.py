@@ -141,9 +141,8 @@ def beyond(
         if not grid.periodic[axis]:
             return outside()
         return layers(array, axis, below), layers(array, axis, above)
-    before = cut.from_lower(layers(array, axis, below))
-    after = cut.from_upper(layers(array, axis, above))
-    return _at_sides(grid, axis, (before, after), outside)
+    ends = cut.from_both(layers(array, axis, above), layers(array, axis, below))
+    return _at_sides(grid, axis, ends, outside)
 
 
 def end_faces(
@@ -165,7 +164,8 @@ def end_faces(
     first, last = along(cell, axis, 0, 1), along(cell, axis, -1, None)
     cut = grid.cut_along(axis)
     if cut is not None:
-        ends = between(cut.from_lower(last), first), between(last, cut.from_upper(first))
+        before, after = cut.from_both(first, last)
+        ends = between(before, first), between(last, after)
         return _at_sides(grid, axis, ends, lambda: of_sides(first, last))
     if grid.periodic[axis]:
         seam = between(last, first)

@@ -150,7 +150,7 @@ def exchanged(blocks: Blocks, ghosts: Ghosts, own: Vector, due: Array | None) ->
         first = jnp.stack([x[0] for x in own])[:, None]
         return jnp.where(there[None], jnp.concatenate((from_below, from_above), axis=1), first)
 
-    from_below, from_above = blocks.from_lower(packed(ghosts.upper)), blocks.from_upper(packed(ghosts.lower))
+    from_below, from_above = blocks.from_both(packed(ghosts.lower), packed(ghosts.upper))
     if due is None:
         return filled(from_below, from_above), jnp.full((), NEVER, jnp.int32)
     heard = lax.stop_gradient(jnp.stack((from_below[0, -1], from_above[0, -1])))
@@ -171,7 +171,7 @@ def chosen_ghosts(division: Division, ghosts: Ghosts, position: Vector, low: tup
     below = jnp.max(jnp.where(own, -half - away, 0.0), initial=0.0)
     above = jnp.max(jnp.where(own, away - half, 0.0), initial=0.0)
     below, above = jnp.where(blocks.is_first(), 0.0, below), jnp.where(blocks.is_last(), 0.0, above)
-    out_of_lower, out_of_upper = blocks.from_lower(above), blocks.from_upper(below)
+    out_of_lower, out_of_upper = blocks.from_both(below, above)
     to_upper = own & (half - away < reach + out_of_upper) & ~blocks.is_last()
     to_lower = own & (half + away < reach + out_of_lower) & ~blocks.is_first()
     if blocks.number == 1:  # it finds its own pairs across a periodic side
@@ -191,7 +191,7 @@ def chosen_ghosts(division: Division, ghosts: Ghosts, position: Vector, low: tup
     def identities(rows: Array) -> Array:
         return jnp.concatenate((ghosts.identity[: ghosts.rows], jnp.full(1, -1, jnp.int32)))[rows]
 
-    from_below, from_above = blocks.from_lower(identities(upper)), blocks.from_upper(identities(lower))
+    from_below, from_above = blocks.from_both(identities(lower), identities(upper))
     from_below = jnp.where(blocks.is_first(), -1, from_below)
     from_above = jnp.where(blocks.is_last(), -1, from_above)
     identity = jnp.concatenate((ghosts.identity[: ghosts.rows], from_below, from_above))

@@ -228,8 +228,7 @@ def _sent(blocks: Blocks, rows: _Rows, steps: Array, ghosts: Ghosts) -> tuple[_R
         return [x.at[places].get(mode="fill", fill_value=0) for x in leaves]
 
     up, down = steps == 1, steps == -1
-    from_below = _as_one_message(chosen(up), blocks.from_lower)
-    from_above = _as_one_message(chosen(down), blocks.from_upper)
+    from_below, from_above = _as_one_message(blocks, chosen(down), chosen(up))
     arrived = [jnp.concatenate(both) for both in zip(from_below, from_above, strict=True)]
     coming = required(jax.tree.unflatten(tree, arrived).particles.active, "active")
     staying = required(rows.particles.active, "active") & (steps == 0)
@@ -248,14 +247,18 @@ def _sent(blocks: Blocks, rows: _Rows, steps: Array, ghosts: Ghosts) -> tuple[_R
     return jax.tree.unflatten(tree, new), needed
 
 
-def _as_one_message(arrays: list[Array], send: Any) -> list[Array]:
-    """The arrays (M, ...) after `send`, which is called once for each type of numbers."""
-    flat = [x.reshape(len(x), -1) for x in arrays]
-    kinds = [jnp.dtype(jnp.int32) if x.dtype == bool else x.dtype for x in arrays]
-    found: dict[int, Array] = {}
+def _as_one_message(blocks: Blocks, down: list[Array], up: list[Array]) -> tuple[list[Array], list[Array]]:
+    """What comes from below and above of arrays (M, ...) that go down and up; one message for each type of numbers."""
+    kinds = [jnp.dtype(jnp.int32) if x.dtype == bool else x.dtype for x in up]
+    found: tuple[dict[int, Array], dict[int, Array]] = {}, {}
     for kind in dict.fromkeys(kinds):
         those = [k for k, own in enumerate(kinds) if own == kind]
-        message = send(jnp.concatenate([flat[k].astype(kind) for k in those], axis=1))
-        ends = np.cumsum([flat[k].shape[1] for k in those])[:-1].tolist()
-        found |= dict(zip(those, jnp.split(message, ends, axis=1), strict=True))
-    return [found[k].astype(x.dtype).reshape(x.shape) for k, x in enumerate(arrays)]
+        ends = np.cumsum([up[k][0].size for k in those])[:-1].tolist()
+
+        def joined(arrays: list[Array], those: list[int] = those, kind: Any = kind) -> Array:
+            return jnp.concatenate([arrays[k].reshape(len(arrays[k]), -1).astype(kind) for k in those], axis=1)
+
+        for parts, message in zip(found, blocks.from_both(joined(down), joined(up)), strict=True):
+            parts.update(zip(those, jnp.split(message, ends, axis=1), strict=True))
+    below, above = ([parts[k].astype(x.dtype).reshape(x.shape) for k, x in enumerate(up)] for parts in found)
+    return below, above
