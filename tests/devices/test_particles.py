@@ -111,20 +111,6 @@ def test_a_pack_that_drifts_through_slabs_and_periodic_sides_keeps_its_contacts(
     assert number == 1 or figures.migrations > 4
 
 
-def test_grains_of_two_sizes_between_walls():
-    simulation, divided, parameters, one, slabs = pair_of(scene_of(), 2)
-    state, _, _ = run(simulation, parameters, *one, 12)
-    distributed, lists, _ = run(divided, parameters, *slabs, 12)
-    whole, _ = devices.gathered(divided, distributed, lists)
-    for name in (*PARTS, "wall_spring"):
-        for x, y in zip(
-            jax.tree.leaves(getattr(state.particles, name)),
-            jax.tree.leaves(getattr(whole.particles, name)),
-            strict=True,
-        ):
-            assert apart(x, y) < 1e-11, name
-
-
 def test_walls_that_move_and_a_wall_held_by_a_force():
     """A floor that shakes, and a piston on which grains of both slabs press."""
     shaken = {
@@ -183,32 +169,6 @@ def test_too_little_room_is_told_and_the_step_repeated_with_more(monkeypatch):
     whole, _ = devices.gathered(divided, state, lists)
     state, _, _ = run(simulation, parameters, *one, 16)
     assert apart(state.particles.position, whole.particles.position) < 1e-9
-
-
-def test_grains_come_and_leave_in_slabs_as_on_one_device():
-    boundary = {"right": {"particles": "remove"}}
-    particles = {
-        "radius": 0.008,
-        "density": 2500.0,
-        "inlet": [{"start": [0.02, 0.02], "stop": [0.18, 0.08], "rate": 1200.0, "velocity": [0.8, 0.0]}],
-    }
-    scene = scene_of(boundary=boundary, particles=particles, time={"end": 0.02, "output_interval": 0.005})
-    simulation, divided, parameters, one, (state, lists) = pair_of(scene, 2)
-    one = run(simulation, parameters, *one, 20)
-    step = jax.jit(lambda s, n: divided.step(parameters, s, n))
-    for _ in range(20):
-        new = step(state, lists)
-        while int(failures(divided, new[2])) & Failure.OVERFLOW:
-            state, lists = devices.enlarged(divided, parameters, state, lists, new[1])
-            new = step(state, lists)
-        state, lists, report = new
-    whole, _ = devices.gathered(divided, state, lists)
-    active = np.asarray(one[0].particles.active)
-    np.testing.assert_array_equal(whole.particles.active, active)
-    np.testing.assert_array_equal(whole.particles.inserted, one[0].particles.inserted)
-    assert 0 < active.sum() < int(whole.particles.inserted[0])
-    assert int(report.particles.waiting) == int(one[2].particles.waiting)
-    assert apart(one[0].particles.position[active], whole.particles.position[active]) < 1e-9
 
 
 def test_only_neighbours_are_sent_arrays_and_nothing_is_gathered():
