@@ -42,6 +42,13 @@ class Simulation(Structure):
             coupling = None if coupling is None else dataclasses.replace(coupling, interval=fluid)
         return dataclasses.replace(self, contact=contact, fluid=fluid, coupling=coupling)
 
+    def without_levels(self) -> Simulation:
+        """The same simulation with a search that has one table for grains of all sizes."""
+        contact = self.contact
+        if contact is None or contact.search is None or contact.search.levels is None:
+            return self
+        return dataclasses.replace(self, contact=dataclasses.replace(contact, search=contact.search.without_levels))
+
     def allocate(
         self,
         parameters: Parameters,
@@ -65,7 +72,7 @@ class Simulation(Structure):
         bodies = required(parameters.bodies, "parameters.bodies")
         _, particles, radius = _spheres(particles, bodies)
         position = _on_host(particles)[0]
-        found = self.search.room(position, particles.active)
+        found = self.search.room(position, particles.active, radius)
         if not parameters.meshes:
             return found
         usual = tuple(mesh.usual for mesh in required(self.contact, "particles").model.meshes)

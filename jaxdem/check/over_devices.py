@@ -16,6 +16,7 @@ from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.vectors import components
 from jaxdem.particles.ghosts import Division
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.migration import NARROWEST
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.setup.builder import Case
@@ -74,6 +75,9 @@ def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | 
     Raises:
         InputError: something in the scene does not work on several devices, or no axis can be cut so often.
     """
+    if case.simulation.contact is not None and case.simulation.search.levels is not None and neighbors is not None:
+        case = dataclasses.replace(case, simulation=case.simulation.without_levels())
+        neighbors = _one_table(case, required(state.particles, "state.particles"))
     simulation = case.simulation
     require_divisible(simulation)
     position = None if case.particles is None else case.particles.position
@@ -111,6 +115,12 @@ def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | 
         float(times[1] / times[number]),
         useful,
     )
+
+
+def _one_table(case: Case, particles: ParticleState) -> Neighbors:
+    """Shapes of the list on one device without levels of size."""
+    room = case.simulation.room(case.parameters, particles)
+    return case.simulation.list_shapes(case.parameters, particles, room)
 
 
 def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.ndarray, SlabRoom]:

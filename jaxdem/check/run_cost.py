@@ -7,8 +7,8 @@ import math
 
 import jax
 
-from jaxdem.particles.neighbor_search import USUAL_PAIRS, USUAL_SLOTS
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.usual_room import USUAL_PAIRS, USUAL_SLOTS
 from jaxdem.simulation import Simulation
 
 
@@ -123,7 +123,9 @@ def run_cost(simulation: Simulation, neighbors: Neighbors | None) -> RunCost:
             lists = costs.particle[dimension] * count + costs.pair[dimension] * pairs
             return costs.launch + lists + costs.slot[dimension] * places * count
 
-        step = of_step(neighbors.room.pairs, slots)
+        rows = neighbors.room.rows
+        places = slots if rows is None else rows.width * (1.0 + rows.further / count)
+        step = of_step(neighbors.room.pairs, places)
         everyone = 0.5 * count * (count - 1)
         equal = of_step(min(USUAL_PAIRS[dimension] * count, everyone), min(USUAL_SLOTS[dimension], count - 1))
         contacts, over_equal = intervals * steps.contacts_per_interval * step, step / equal

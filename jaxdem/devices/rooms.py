@@ -11,8 +11,9 @@ from jaxdem.errors import required
 from jaxdem.numerics.static import static
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.migration import IMBALANCE, NARROWEST
-from jaxdem.particles.neighbor_search import EXTRA_CAPACITY, EXTRA_PAIRS, USUAL_PAIRS, NeighborSearch
+from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.particles.usual_room import EXTRA_CAPACITY, EXTRA_PAIRS, USUAL_PAIRS
 
 LEAST = 16
 """Rows, ghosts and travellers that there is always room for beside those that are needed."""

@@ -93,8 +93,9 @@ def divided(
         InputError: there are not so many devices, the slabs would be too narrow, or something in the scene does not
             work on several devices.
     """
-    mesh = device_mesh(devices)
+    mesh, whole = device_mesh(devices), simulation
     require_divisible(simulation)
+    simulation = simulation.without_levels()
     blocks = slabs_of(simulation, mesh.devices.size, position, axis)
     own = {field.name: getattr(simulation, field.name) for field in dataclasses.fields(Simulation)}
     if simulation.contact is not None:
@@ -107,4 +108,4 @@ def divided(
             own["coupling"] = simulation.coupling.in_blocks(blocks, drift)
     if count is None:
         count = 0 if position is None else len(position)
-    return DividedSimulation(**own, mesh=mesh, blocks=blocks, count=count, whole=simulation)
+    return DividedSimulation(**own, mesh=mesh, blocks=blocks, count=count, whole=whole)

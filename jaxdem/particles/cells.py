@@ -161,35 +161,50 @@ def neighbors_in_cells(
     if active is not None:
         home = jnp.where(active, home, grid.columns)  # beyond the last one
         position = tuple(jnp.where(active, x, jnp.nan) for x in position)
-    table, crowded = _table(grid, home, cell_slots)
+    table, crowded = column_table(grid.columns, home, cell_slots)
     around = grid.around(cells)
     words = _words(grid, position, own, table, around, members)
-    counts = lax.population_count(words).astype(jnp.int32)
+    slot, number, bit, total = picked(words, own, slots, min(cell_slots, WORD))
+    block, cell = number // len(around), number % len(around)
+    row = jnp.minimum(block * WORD + bit, cell_slots - 1)  # where no bit is set, anything inside the table
+    found = table[row, around[cell, own[None]]]
+    return jnp.where(slot < total[None], found, own[None]), crowded | (jnp.max(total) > slots)
 
+
+def picked(words: Array, own: Array, slots: int, bits: int) -> tuple[Array, Array, Array, Array]:
+    """Word and bit of the first `slots` set bits of every column of words.
+
+    Args:
+        words: (W, N) uint32.
+        own: (N,) int32, 0 ... N - 1.
+        slots: K.
+        bits: that a word has at most.
+
+    Returns:
+        (K, 1) int32, 0 ... K - 1; (K, N) int32 the word and the bit, anything where fewer bits are set; and (N,) how
+        many are set.
+    """
+    counts = lax.population_count(words).astype(jnp.int32)
     slot = jnp.arange(slots, dtype=jnp.int32)[:, None]
     if len(words) > WRITTEN_OUT:
         upto = jnp.cumsum(counts, axis=0, dtype=jnp.int32)
         before, total = upto - counts, upto[-1]
         wanted = jnp.broadcast_to(slot, (slots, len(own)))
         number = last_up_to(before, own[None], wanted)
-        bits, first = at((words.reshape(-1), before.reshape(-1)), number * len(own) + own[None])
-        word, rank = bits, wanted - first
+        found, first = at((words.reshape(-1), before.reshape(-1)), number * len(own) + own[None])
+        word, rank = found, wanted - first
     else:
         word = jnp.zeros((slots, len(own)), jnp.uint32)
         number, rank = jnp.zeros(word.shape, jnp.int32), jnp.zeros(word.shape, jnp.int32)
         total = jnp.zeros_like(own)
-        for k, (bits, count) in enumerate(zip(words, counts, strict=True)):
+        for k, (bits_of, count) in enumerate(zip(words, counts, strict=True)):
             here = (slot >= total[None]) & (slot < (total + count)[None])
-            word, number = jnp.where(here, bits[None], word), jnp.where(here, k, number)
+            word, number = jnp.where(here, bits_of[None], word), jnp.where(here, k, number)
             rank = jnp.where(here, slot - total[None], rank)
             total = total + count
-    for k in range(min(cell_slots, WORD) - 1):
+    for k in range(bits - 1):
         word = jnp.where(rank > k, word & (word - 1), word)  # takes the lowest bit away
-    bit = lax.population_count((word & -word) - 1).astype(jnp.int32)
-    block, cell = number // len(around), number % len(around)
-    row = jnp.minimum(block * WORD + bit, cell_slots - 1)  # where no bit is set, anything inside the table
-    found = table[row, around[cell, own[None]]]
-    return jnp.where(slot < total[None], found, own[None]), crowded | (jnp.max(total) > slots)
+    return slot, number, lax.population_count((word & -word) - 1).astype(jnp.int32), total
 
 
 def _offsets(cells: int, periodic: bool) -> tuple[int, ...]:
@@ -222,10 +237,13 @@ def _multipliers(periods: tuple[int, ...], columns: int) -> tuple[int, ...]:
     raise AssertionError(f"no multipliers for {columns} columns")  # pragma: no cover
 
 
-def _table(grid: CellGrid, home: Array, cell_slots: int) -> tuple[Array, Array]:
-    """(cell_slots, columns) the particles of every column, in order, N where there is none; and whether all fit."""
+def column_table(columns: int, home: Array, cell_slots: int) -> tuple[Array, Array]:
+    """(cell_slots, columns) the particles of every column, in order, N where there is none; and whether all fit.
+
+    `home` (N,) is the column of each; one beyond the last is none.
+    """
     count = home.shape[0]
-    own, columns = jnp.arange(count, dtype=jnp.int32), grid.columns
+    own = jnp.arange(count, dtype=jnp.int32)
 
     # `left` are those without a place yet; the others are sent to a column beyond the last.
     def fill_row(left: Array, _: None) -> tuple[Array, Array]:

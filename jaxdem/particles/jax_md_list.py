@@ -111,6 +111,11 @@ def _check_values(search: NeighborSearch, particles: ParticleState, new: Neighbo
     rounding = 8.0 * float(jnp.finfo(position[0].dtype).eps) * max(search.geometry.box)
     wanted = search.tree(new.reference).query_pairs(search.reach - rounding, output_type="ndarray")
     wanted = np.sort(wanted[present[wanted].all(axis=1)], axis=1).astype(np.int64)
+    if search.levels is not None:
+        radius = np.asarray(new.radius, float)
+        apart = _distances(search, new.reference, wanted)
+        reach = radius[wanted].sum(axis=1) + search.levels.gap + search.geometry.skin
+        wanted = wanted[apart < reach - rounding]
     count = len(present)
     found = np.asarray(new.pairs.first, np.int64) * count + np.asarray(new.pairs.second)
     missing = wanted[~np.isin(wanted[:, 0] * count + wanted[:, 1], found)]
@@ -122,17 +127,29 @@ def _check_values(search: NeighborSearch, particles: ParticleState, new: Neighbo
         )  # fmt: skip
 
 
+def _distances(search: NeighborSearch, position: Vector, pairs: np.ndarray) -> np.ndarray:
+    """(P,) of the nearest images of pairs (P, 2) [m]."""
+    squared = np.zeros(len(pairs))
+    for x, length, wraps in zip(position, search.geometry.box, search.geometry.periodic, strict=True):
+        apart = np.asarray(x, float)[pairs[:, 0]] - np.asarray(x, float)[pairs[:, 1]]
+        squared += (apart - length * np.round(apart / length) if wraps else apart) ** 2
+    return np.sqrt(squared)
+
+
 @jax.jit
 def _taken_over(
     search: NeighborSearch, particles: ParticleState, neighbors: Neighbors, given: JaxMdList
 ) -> tuple[ParticleState, Neighbors]:
     """The particles, their springs moved to the places of the new list, and this list in the room of `neighbors`."""
     count, slots = particles.position.shape[0], neighbors.room.slots
-    one, other = _ends_in_reach(search, particles.active, given)
+    one, other = _ends_in_reach(search, particles.active, given, neighbors.radius)
     # A format has a pair from one side or from both, and a mask may take one of them away: each from both sides, once.
     one, other = lax.sort((jnp.concatenate((one, other)), jnp.concatenate((other, one))), num_keys=2)
     again = (one[1:] == one[:-1]) & (other[1:] == other[:-1])
     kept = (one < count) & ~jnp.append(jnp.zeros(1, bool), again)
+    if search.levels is not None:
+        size, theirs = neighbors.radius[one], neighbors.radius[other]
+        kept = kept & ((theirs > size) | ((theirs == size) & (other > one)))
     before = jnp.cumsum(kept, dtype=jnp.int32) - kept
     start = jnp.searchsorted(one, jnp.arange(count + 1, dtype=jnp.int32))
     rank = before - before[start[one]]
@@ -146,7 +163,9 @@ def _taken_over(
     return particles._replace(contact_spring=carry_history(particles.contact_spring, neighbors, new)), new
 
 
-def _ends_in_reach(search: NeighborSearch, active: Array | None, given: JaxMdList) -> tuple[Array, Array]:
+def _ends_in_reach(
+    search: NeighborSearch, active: Array | None, given: JaxMdList, radius: Array
+) -> tuple[Array, Array]:
     """The two of every pair of the list that is in reach and present, (M,) int32 each; N and N for the others."""
     geometry, count = search.geometry, given.reference_position.shape[0]
     if given.format.name == "Dense":
@@ -164,7 +183,10 @@ def _ends_in_reach(search: NeighborSearch, active: Array | None, given: JaxMdLis
         if wraps:
             apart = apart - length * jnp.round(apart / length)
         squared = squared + apart * apart
-    real = real & (squared < search.reach**2)
+    reach: float | Array = search.reach
+    if search.levels is not None:
+        reach = radius[one] + radius[other] + (search.levels.gap + geometry.skin)
+    real = real & (squared < reach**2)
     if active is not None:
         real = real & active[one] & active[other]
     return jnp.where(real, one, count), jnp.where(real, other, count)

@@ -19,33 +19,23 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 from scipy.spatial import KDTree
 
+from jaxdem.errors import required
 from jaxdem.numerics import compensated
 from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
+from jaxdem.particles.level_room import level_room
 from jaxdem.particles.mesh_room import with_margin
 from jaxdem.particles.mesh_search import MeshSearch, needed, whole
 from jaxdem.particles.mesh_surface import MeshSurface, on_host
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, Room, separation_and_overlap, with_radius
-from jaxdem.particles.pairs import Pairs, pairs_of
+from jaxdem.particles.owned_pairs import owned_pairs
+from jaxdem.particles.pairs import Owned, Pairs, pairs_of
 from jaxdem.particles.regions import into_period
-
-EXTRA_CAPACITY = 1.25
-"""Slots are allocated for this multiple of the largest number of neighbours found."""
-
-USUAL_SLOTS = {2: 8, 3: 16}
-"""Slots allocated at least, by dimension: what a dense pack of equal spheres needs once it has formed."""
-
-USUAL_PAIRS = {2: 3.25, 3: 5.0}
-"""Pairs allocated at least for each particle, by dimension: three in a hexagonal layer, and a margin."""
-
-EXTRA_PAIRS = 1.1
-"""Pairs are allocated for this multiple of those found: their sum varies less than the most that one particle has."""
-
-DENSE = {2: 0.85, 3: 0.64}
-"""Solid fraction of a dense pack, by dimension."""
+from jaxdem.particles.size_levels import LevelTables, SizeLevels
+from jaxdem.particles.usual_room import DENSE, EXTRA_CAPACITY, EXTRA_PAIRS, USUAL_PAIRS, USUAL_SLOTS
 
 
 @static
@@ -57,16 +47,31 @@ class NeighborSearch:
         typical_radius: of the mean volume of all particles, those still to come included [m].
         moving: of each mesh, whether it moves.
         members: spheres of a body, which are no pairs with each other; of N bodies row k N + i is one of body i.
+        levels: of size, by which grains are looked for; None for one table for all.
     """
 
     geometry: NeighborGeometry
     typical_radius: float
     moving: tuple[bool, ...] = ()
     members: int = 1
+    levels: SizeLevels | None = None
+
+    @property
+    def without_levels(self) -> NeighborSearch:
+        """The same with one table for all."""
+        if self.levels is None:
+            return self
+        geometry = dataclasses.replace(self.geometry, skin=self.levels.single_skin)
+        return dataclasses.replace(self, geometry=geometry, levels=None)
+
+    @property
+    def limits(self) -> list[float]:
+        """What decides which pairs are listed: lists of the same pairs have the same [m]."""
+        return [self.geometry.cutoff, self.geometry.skin, *(() if self.levels is None else self.levels.radii)]
 
     @property
     def reach(self) -> float:
-        """Pairs nearer than this are listed [m]."""
+        """Pairs nearer than this are listed; in a list by levels, of the largest grains [m]."""
         return self.geometry.cutoff + self.geometry.skin
 
     @property
@@ -102,7 +107,7 @@ class NeighborSearch:
             placed: where each of them is, None for one at rest; empty for their places without motion.
         """
         if room is None:
-            room = self.room(position, active)
+            room = self.room(position, active, radius)
         # As one program: outside of jit every operation would be compiled by itself.
         built = jax.jit(self._built)
         return built(position, low, radius, room, np.zeros((), bool), active, surfaces, placed)
@@ -128,7 +133,7 @@ class NeighborSearch:
         given = jax.tree.map(lambda a: shape(*a.shape, dtype=a.dtype), (position, low, radius))
         return Neighbors(
             index=index,
-            pairs=Pairs(shape(room.pairs), shape(room.pairs), index),
+            pairs=self._pair_shapes(shape, room, count),
             separation=(real,) * len(position),
             radius=given[2],
             overlap=real,
@@ -137,7 +142,17 @@ class NeighborSearch:
             overflow=shape(dtype=bool),
             builds=shape(),
             cell_slots=room.cell,
+            across_slots=0 if room.rows is None else room.rows.across,
         )
+
+    @staticmethod
+    def _pair_shapes(shape: Any, room: Room, count: int) -> Pairs:
+        """Shapes of the pairs of so many particles."""
+        each, rows = shape(room.pairs), room.rows
+        if rows is None:
+            return Pairs(each, each, shape(room.slots, count))
+        owned = Owned(shape(count), each, shape(rows.further))
+        return Pairs(each, each, shape(rows.width, count + rows.further), owned)
 
     def update(
         self,
@@ -170,7 +185,7 @@ class NeighborSearch:
         if room.slots == 0:
             index = jnp.zeros((0, *position[0].shape), jnp.int32)
         else:
-            index, crowded = self.in_reach(position, low, room, active)
+            index, crowded = self.in_reach(position, low, room, active, radius)
             overflow = overflow | crowded
         listed = self.listed(index, position, low, radius, room, overflow)
         return self.with_meshes(listed, surfaces, room, active, placed) if surfaces else listed
@@ -233,9 +248,19 @@ class NeighborSearch:
         """How particles find the meshes."""
         return MeshSearch(self.geometry.box, self.geometry.periodic, self.geometry.skin)
 
-    def in_reach(self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None) -> tuple[Array, Array]:
-        """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough."""
-        inside = compensated.into_box(position, low, self.geometry.box, self.geometry.periodic)
+    def in_reach(
+        self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None, radius: Array | None = None
+    ) -> tuple[Array, Array]:
+        """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough.
+
+        `radius` (N,) counts in a search by levels of size [m].
+        """
+        geometry = self.geometry
+        inside = compensated.into_box(position, low, geometry.box, geometry.periodic)
+        if self.levels is not None and radius is not None:
+            tables = LevelTables(self.levels, geometry.box, geometry.periodic, len(radius))
+            rows = room.cell, required(room.rows, "room for rows").across
+            return tables.owned(inside, radius, geometry.skin, room.slots, rows, active)
         return neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active, self.members)
 
     def listed(
@@ -262,17 +287,28 @@ class NeighborSearch:
             none, blank = jnp.zeros(0, jnp.int32), jnp.zeros(0, position[0].dtype)
             pairs, separation, overlap = Pairs(none, none, index), (blank,) * len(position), blank
         else:
-            pairs, too_many = pairs_of(index, room.pairs, identity)
+            if room.rows is None:
+                pairs, too_many = pairs_of(index, room.pairs, identity)
+            else:
+                pairs, too_many = owned_pairs(index, room.pairs, room.rows.width, room.rows.further)
             overflow = overflow | too_many
             separation, overlap = separation_and_overlap(self.geometry, pairs, position, low, radius)
-        builds = jnp.ones((), jnp.int32)
-        return Neighbors(index, pairs, separation, radius, overlap, position, low, overflow, builds, room.cell)
+        builds, across = jnp.ones((), jnp.int32), 0 if room.rows is None else room.rows.across
+        first = Neighbors(index, pairs, separation, radius, overlap, position, low, overflow, builds, room.cell)
+        return dataclasses.replace(first, across_slots=across) if across else first
 
-    def room(self, position: Vector, active: Array | None = None) -> Room:
-        """Room for these positions and for a dense pack, with a margin; on the host."""
+    def room(self, position: Vector, active: Array | None = None, radius: Array | None = None) -> Room:
+        """Room for these positions and for a dense pack, with a margin; on the host.
+
+        `radius` (N,) counts in a search by levels of size [m].
+        """
         count, dimension = position[0].shape[0], len(position)
         if count < 2:
             return Room(0, 0, 1)
+        if self.levels is not None:
+            there = None if active is None else np.asarray(active)
+            places = tuple(np.asarray(x, float) for x in position)
+            return level_room(self.levels, self.geometry, places, np.asarray(required(radius, "radii"), float), there)
         present = jax.tree.map(np.asarray, position)
         own = self._own(present, active)
         if active is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,7 @@ from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import MeshList, carried
 from jaxdem.particles.mesh_room import NUMBERS, MeshRoom
 from jaxdem.particles.mesh_surface import MeshSurface
+from jaxdem.particles.owned_pairs import carried_by_owner
 from jaxdem.particles.pairs import WRITTEN_OUT, Pairs, at, place_of
 
 
@@ -48,32 +50,55 @@ class NeighborGeometry:
     cells: tuple[int, ...] | None = None
 
 
+class RowRoom(NamedTuple):
+    """What a list by levels of size has further room for.
+
+    Attributes:
+        width: of the rows of entries.
+        further: E, rows beyond the first of every particle.
+        across: particles in a column of the tables in which grains of finer levels look.
+    """
+
+    width: int
+    further: int
+    across: int
+
+    def enlarged(self) -> RowRoom:
+        """Half as many further rows and particles in a column again; wider rows would be slower."""
+        return RowRoom(self.width, self.further + max(16, self.further // 2), self.across + max(2, self.across // 2))
+
+
 @static
 class Room:
     """What a list has room for; static.
 
     Attributes:
-        slots: K, neighbours of a particle; 0 for nothing to list.
+        slots: K, neighbours of a particle, in a list by levels pairs that one owns; 0 for nothing to list.
         pairs: P, pairs and the empty one.
         cell: particles in a column of the search's table.
         mesh: what the lists of the meshes have room for, `MeshRoom.numbers` of one after the other.
+        rows: of a list by levels of size; None of others.
     """
 
     slots: int
     pairs: int
     cell: int
     mesh: tuple[int, ...] = ()
+    rows: RowRoom | None = None
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """All of them in a row."""
-        return (self.slots, self.pairs, self.cell, *self.mesh)
+        """All of them in a row; those of `rows`, of which a mesh has none, are negative."""
+        rows = () if self.rows is None else tuple(-1 - number for number in self.rows)
+        return (self.slots, self.pairs, self.cell, *rows, *self.mesh)
 
     @classmethod
     def of(cls, numbers: Sequence[int]) -> Room:
         """The inverse of `numbers`."""
-        slots, pairs, cell, *mesh = numbers
-        return cls(slots, pairs, cell, tuple(mesh))
+        slots, pairs, cell, *rest = numbers
+        rows = [-1 - number for number in rest if number < 0]
+        mesh = tuple(number for number in rest if number >= 0)
+        return cls(slots, pairs, cell, mesh, RowRoom(*rows) if rows else None)
 
     @property
     def meshes(self) -> tuple[MeshRoom, ...]:
@@ -83,11 +108,17 @@ class Room:
     def enlarged(self) -> Room:
         """Half as much again; what a mesh has nothing of stays so."""
         slots, pairs, cell = (n + max(2, n // 2) for n in (self.slots, self.pairs, self.cell))
-        return Room(slots, pairs, cell, tuple(n + max(2, n // 2) if n else 0 for n in self.mesh))
+        rows = None if self.rows is None else self.rows.enlarged()
+        return Room(slots, pairs, cell, tuple(n + max(2, n // 2) if n else 0 for n in self.mesh), rows)
 
     def covering(self, other: Room) -> Room:
         """Room for what either has room for."""
-        return Room.of(tuple(map(max, self.numbers, other.numbers)))
+        slots, pairs, cell, mesh = max(self.slots, other.slots), max(self.pairs, other.pairs), self.cell, self.mesh
+        rows = self.rows
+        if rows is not None and other.rows is not None:
+            # Rows of another width would be other rows.
+            rows = RowRoom(rows.width, max(rows.further, other.rows.further), max(rows.across, other.rows.across))
+        return Room(slots, pairs, max(cell, other.cell), tuple(map(max, mesh, other.mesh)), rows)
 
 
 @jax.tree_util.register_dataclass
@@ -96,7 +127,8 @@ class Neighbors:
     """Pairs in reach: P pairs, each once, and K slots for each of N particles, where each stands twice.
 
     Attributes:
-        index: (K, N) int32, the other particle; an empty slot holds the particle itself.
+        index: (K, N) int32, the other particle, in a list by levels of the pairs that one owns; an empty slot holds the
+            particle itself.
         pairs: who the pairs are, and where those of each particle stand.
         separation: D arrays (P,), centre of the first less centre of the second, at the build [m].
         radius: () or (N,) at the build [m].
@@ -106,6 +138,7 @@ class Neighbors:
         overflow: () bool, there were more neighbours or pairs than room; the list is then incomplete.
         builds: () int32, number of builds so far.
         cell_slots: room for particles in a column of the search's table; static.
+        across_slots: the same of the tables in which grains of finer levels look; 0 without levels; static.
         ghosts: in a box that is cut into slabs, whose particles the N rows are; None on one device.
         meshes: which particles are near each mesh; none in a scene without meshes.
         bodies: where clumps stood whose members the N rows are; None for spheres.
@@ -124,12 +157,16 @@ class Neighbors:
     ghosts: Ghosts | None = None
     meshes: tuple[MeshList, ...] = ()
     bodies: Placed | None = None
+    across_slots: int = dataclasses.field(default=0, metadata={"static": True})
 
     @property
     def room(self) -> Room:
         """What there is room for."""
         meshes = tuple(number for mesh in self.meshes for number in mesh.room.numbers)
-        return Room(self.index.shape[-2], self.overlap.shape[-1], self.cell_slots, meshes)
+        rows = None
+        if self.pairs.owned is not None:
+            rows = RowRoom(self.pairs.entry.shape[-2], self.pairs.owned.row.shape[-1], self.across_slots)
+        return Room(self.index.shape[-2], self.overlap.shape[-1], self.cell_slots, meshes, rows)
 
     @property
     def surfaces(self) -> tuple[MeshSurface, ...]:
@@ -225,6 +262,8 @@ def carry_history(history: Vector, old: Neighbors, new: Neighbors) -> Vector:
         Components (P',); zero for pairs that were not listed before.
     """
     first, second = new.pairs.first, new.pairs.second
+    if old.pairs.owned is not None:
+        return carried_by_owner(history, old.index, old.pairs, new.pairs)
     if len(old.index) > WRITTEN_OUT:
         place, found = place_of(old.pairs, first, second)
         return tuple(jnp.where(found, component, 0.0) for component in at(history, place))

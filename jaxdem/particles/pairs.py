@@ -24,19 +24,35 @@ thousands of neighbours, and what is sought in so many is sought by halving."""
 Value = TypeVar("Value")
 
 
+class Owned(NamedTuple):
+    """Who owns the pairs of a list by levels of size: the smaller particle of each.
+
+    Attributes:
+        start: (N,) int32, place of the first pair that a particle owns; all of them stand there in a row.
+        owner: (P,) int32, of every pair; 0 where there is none.
+        row: (E,) int32, the particle that each further row of entries is of, ascending; N for none.
+    """
+
+    start: Array
+    owner: Array
+    row: Array
+
+
 class Pairs(NamedTuple):
-    """The pairs of a list, ordered by their first particle; P of them, the last of which is always empty.
+    """The pairs of a list, ordered by their first particle or by their owner; P of them, the last always empty.
 
     Attributes:
         first: (P,) int32, the particle with the lower index; 0 where there is no pair.
         second: (P,) int32, the other; 0 where there is no pair.
         entry: (K, N) int32, the pairs of every particle: p where it is the first of pair p, P + p where it is the
-            second, and P - 1, the empty pair, where it has none.
+            second, and P - 1, the empty pair, where it has none. In a list by levels (K, N + E), see `owned_pairs`.
+        owned: who owns them, in a list by levels of size; None in others.
     """
 
     first: Array
     second: Array
     entry: Array
+    owned: Owned | None = None
 
 
 def repeated(count: int, body: Callable[[int | Array, Value], Value], value: Value) -> Value:
@@ -163,4 +179,8 @@ def sum_over_pairs(on_first: Array, on_second: Array, pairs: Pairs) -> Array:
     def add(k: int | Array, total: Array) -> Array:
         return total + at((both,), pairs.entry[k + 1])[0]
 
-    return repeated(len(pairs.entry) - 1, add, at((both,), pairs.entry[0])[0])
+    total = repeated(len(pairs.entry) - 1, add, at((both,), pairs.entry[0])[0])
+    if pairs.owned is None:
+        return total
+    count = len(pairs.owned.start)
+    return total[:count].at[pairs.owned.row].add(total[count:], mode="drop", indices_are_sorted=True)

@@ -245,10 +245,10 @@ def _extra(arrays: Arrays) -> Arrays:
 
 def _divided_before(case: Case, attributes: Mapping[str, Any]) -> DividedSimulation:
     """What `gathered` asks of the simulation in slabs that has written a checkpoint."""
-    plain, number, axis = case.simulation, int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS])
+    plain, number, axis = case.simulation.without_levels(), int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS])
     own = {field.name: getattr(plain, field.name) for field in dataclasses.fields(plain)}
     blocks = Blocks(number, axis, plain.periodic[axis])
-    return DividedSimulation(**own, blocks=blocks, count=int(attributes[ROWS]), whole=plain)
+    return DividedSimulation(**own, blocks=blocks, count=int(attributes[ROWS]), whole=case.simulation)
 
 
 def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> tuple[State, Neighbors | None]:
@@ -262,7 +262,8 @@ def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> t
     if template.particles is not None:
         room, blank = [int(value) for value in stored(arrays, ROOM)], np.zeros(())
         particles: Any = template.particles
-        lists = case.simulation.list_shapes(case.parameters, particles, Room.of(room[3:])).without_surfaces()
+        plain = case.simulation.without_levels()
+        lists = plain.list_shapes(case.parameters, particles, Room.of(room[3:])).without_surfaces()
         parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if field.name != "migrating"}
         lists = dataclasses.replace(lists, ghosts=Ghosts(**parts, migrating=room[2]))
         state = state._replace(particles=particles._replace(active=blank, identity=blank))

@@ -12,6 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -19,10 +20,12 @@ from jaxdem.errors import InputError, required
 from jaxdem.io import scene_text
 from jaxdem.io.checkpoint import read_checkpoint
 from jaxdem.io.run_directory import CHECKPOINT, START
+from jaxdem.numerics import vectors
 from jaxdem.numerics.compensated import Low
 from jaxdem.particles.clump_shape import Placed
+from jaxdem.particles.integrate import split_low
 from jaxdem.particles.mesh_surface import MeshSurface
-from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.neighbors import Neighbors, carry_history, carry_memory
 from jaxdem.setup.builder import Case
 from jaxdem.setup.start import with_mesh_memory
 from jaxdem.setup.start_point import ABOUT, StartPoint, wall_text, walls_of
@@ -85,10 +88,13 @@ def from_arrays(
         if state.particles.position_low is not None:
             low = tuple(jnp.asarray(stored(arrays, f"neighbors.reference_low[{k}]")) for k in range(dimension))
         radius = jnp.asarray(stored(arrays, "neighbors.radius"))
-        fresh = simulation.search.allocate(reference, low, radius, room, surfaces=surfaces)
+        search = simulation.search if room.rows is not None or room.slots == 0 else simulation.search.without_levels
+        fresh = search.allocate(reference, low, radius, room, surfaces=surfaces)
         if state.particles.orientation is not None:
             fresh = dataclasses.replace(fresh, bodies=_placed(arrays))
         neighbors = restored("neighbors", fresh.without_surfaces(), arrays).with_surfaces(surfaces)
+        if search != simulation.search:
+            state, neighbors = _by_levels(simulation, state, neighbors)
     extra = {name[len("extra/") :]: value for name, value in arrays.items() if name.startswith("extra/")}
     return state, neighbors, extra
 
@@ -107,6 +113,22 @@ def _placed(arrays: dict[str, np.ndarray]) -> Placed:
     return Placed(**found, there=None if there is None else jnp.asarray(there))
 
 
+def _by_levels(simulation: Simulation, state: State, neighbors: Neighbors) -> tuple[State, Neighbors]:
+    """The list of a version that had one table for all sizes, made anew; what contacts keep goes along."""
+    particles = required(state.particles, "state.particles")
+    position = vectors.components(particles.position)
+    low = split_low(particles.position_low, len(position))
+    room = dataclasses.replace(
+        simulation.search.room(position, particles.active, neighbors.radius), mesh=neighbors.room.mesh
+    )
+    placed = tuple(mesh.placement for mesh in neighbors.meshes)
+    given = (position, low, neighbors.radius, room, particles.active, neighbors.surfaces, placed)
+    new = dataclasses.replace(simulation.search.allocate(*given), builds=neighbors.builds)
+    springs = jax.jit(carry_history)(particles.contact_spring, neighbors, new)
+    memory = jax.jit(carry_memory)(particles.mesh_memory, neighbors, new) if particles.mesh_memory else ()
+    return state._replace(particles=particles._replace(contact_spring=springs, mesh_memory=memory)), new
+
+
 def about(case: Case, time: Fraction) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Arrays and attributes of a checkpoint by which another run can begin from it.
 
@@ -116,14 +138,14 @@ def about(case: Case, time: Fraction) -> tuple[dict[str, np.ndarray], dict[str, 
     """
     arrays: dict[str, np.ndarray] = {}
     tables = case.scene.tables()
-    search = None if case.simulation.contact is None else case.simulation.search.geometry
+    search = None if case.simulation.contact is None else case.simulation.search
     attributes = {
         "time": str(time),
         "interval": case.simulation.interval,
         "coarse_grain": 1.0 if case.scene.particles is None else case.scene.particles.coarse_grain,
         "clock": json.dumps(None if case.simulation.clock is None else dataclasses.astuple(case.simulation.clock)),
         "tables": json.dumps({name: tables[name] for name in ABOUT if name in tables}),
-        "reach": json.dumps([] if search is None else [search.cutoff, search.skin]),
+        "reach": json.dumps([] if search is None else search.limits),
         "walls": json.dumps(walls_of(case.scene, case.simulation)),
         "pistons": json.dumps([wall_text(wall) for wall in case.scene.walls if wall.piston is not None]),
         "meshes": json.dumps([wall_text(wall) for wall in case.scene.walls if wall.kind == "mesh"]),

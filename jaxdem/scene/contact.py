@@ -33,7 +33,8 @@ class Contact(Section):
         speed: largest expected speed, for the automatic time step and the expected overlap. "auto" computes it from the
             inlets, the initial velocities and a fall through the box [m/s].
         maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
-        skin: additional reach of the neighbour list over the (largest) diameter. "auto" is 0.4 [-].
+        skin: additional reach of the neighbour list over the largest diameter. "auto" is 0.4; with grains of very
+            different sizes 0.4 of the mean diameter [-].
         cohesion: what pulls particles together. Default: nothing.
         lubrication: what the liquid in narrow gaps does. Default: nothing.
     """

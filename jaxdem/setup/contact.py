@@ -30,8 +30,8 @@ from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.energy import check_energy
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.lubrication import lubrication_reach
-from jaxdem.setup.meshes import list_skin
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.size_levels import list_skin, size_levels
 from jaxdem.setup.wall_motion import surface_motions
 from jaxdem.setup.walls import scene_surfaces, wall_times
 from jaxdem.setup.wear import wear_law
@@ -78,7 +78,9 @@ def contact_interval(
         InputError: the box is too small for the neighbour list, or two walls are one.
     """
     moving = tuple(mesh.moves for mesh in particles.meshes)
-    search = NeighborSearch(neighbor_geometry(particles), _typical_radius(particles), moving, particles.members)
+    geometry = neighbor_geometry(particles)
+    levels = size_levels(geometry, particles.contact, particles.spheres.radius, particles.members)
+    search = NeighborSearch(geometry, _typical_radius(particles), moving, particles.members, levels)
     sides = _box_walls(particles, population)
     surfaces = scene_surfaces(particles.scene, extensions.get("walls", ()), dtype)
     times = wall_times(particles, extensions.get("walls", ()), steps.interval)
@@ -128,13 +130,9 @@ def contact_interval(
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
-    """Reach of the neighbour list: the largest diameter and how far cohesion or lubrication acts.
-
-    The automatic skin is 0.4 diameters. That is the widest at which a dense layer still has fewer neighbours than
-    `USUAL_SLOTS`: the list is rebuilt half as often as with 0.2, and no wider.
-    """
-    scene, contact, diameter = particles.scene, particles.contact, particles.spheres.largest_diameter
-    skin = list_skin(contact, diameter)
+    """Reach of the neighbour list: the largest diameter and how far cohesion or lubrication acts; and its skin, see `list_skin`."""
+    scene, diameter = particles.scene, particles.spheres.largest_diameter
+    skin = list_skin(particles.contact, particles.spheres.radius, scene.dimension, particles.members)
     cutoff = diameter + max(cohesion_reach(particles), lubrication_reach(particles))
     for axis, wraps in enumerate(scene.periodic):
         needed = 3.0 * (cutoff + skin)

@@ -19,6 +19,7 @@ from jaxdem.scene import Contact, Scene
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.mesh_sources import sound_mesh
 from jaxdem.setup.mesh_tables import hull_of, tables_of_features, traced_tables, with_cells
+from jaxdem.setup.size_levels import list_skin
 from jaxdem.solids.defects import Defects
 from jaxdem.solids.features import Features, features_of
 from jaxdem.solids.inside import inside
@@ -139,19 +140,20 @@ class WallMesh:
         return int(sum(leaf.size * (8 if leaf.dtype == np.float64 else 4) for leaf in leaves))
 
 
-def wall_meshes(scene: Scene, contact: Contact, radius: np.ndarray) -> tuple[WallMesh, ...]:
+def wall_meshes(scene: Scene, contact: Contact, radius: np.ndarray, members: int) -> tuple[WallMesh, ...]:
     """The walls of a scene that are meshes.
 
     Args:
         scene: the scene.
         contact: its table `[contact]`.
-        radius: () or (N,) of all grains that there ever are [m].
+        radius: () or (N,) of all spheres that there ever are [m].
+        members: of a body.
 
     Raises:
         InputError: a file cannot be read, or a mesh is broken or lies where it cannot be meant to.
     """
     largest = float(np.max(radius))
-    search = MeshSearch(scene.domain.size, scene.periodic, list_skin(contact, 2.0 * largest))
+    search = MeshSearch(scene.domain.size, scene.periodic, list_skin(contact, radius, scene.dimension, members))
     typical = float(np.mean(np.power(radius, scene.dimension))) ** (1.0 / scene.dimension)
     found = []
     for number, wall in enumerate(scene.walls):
@@ -160,11 +162,6 @@ def wall_meshes(scene: Scene, contact: Contact, radius: np.ndarray) -> tuple[Wal
             mesh, defects = sound_mesh(key, wall, scene, float(np.min(radius)))
             found.append(WallMesh(key, wall, mesh, defects, search, largest, typical))
     return tuple(found)
-
-
-def list_skin(contact: Contact, largest_diameter: float) -> float:
-    """Skin of the neighbour list [m]; see `neighbor_geometry`."""
-    return (0.4 if contact.skin == "auto" else contact.skin) * largest_diameter
 
 
 def _sampled(mesh: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:

@@ -167,7 +167,7 @@ class ParticleSetup:
     @cached_property
     def meshes(self) -> tuple[WallMesh, ...]:
         """The walls that are meshes."""
-        return wall_meshes(self.scene, self.contact, self.spheres.radius)
+        return wall_meshes(self.scene, self.contact, self.spheres.radius, self.members)
 
     @cached_property
     def bonds(self) -> BondList | None:

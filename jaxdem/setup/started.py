@@ -256,8 +256,9 @@ class Beginning:
             return False
         if self.parameters.meshes:
             return False
-        geometry = self.simulation.search.geometry
-        same = self.start.reach == [geometry.cutoff, geometry.skin] and own.same_box
+        search = self.simulation.search
+        same = self.start.reach == search.limits and own.same_box
+        same = same and (search.levels is None or own.total == own.placed)
         same = same and self.start.arrays["state.particles.position"].dtype == self._dtype
         return same and own.added is None and not own.settings.relax and len(own.removed) == 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 
 import jax
@@ -10,6 +11,7 @@ from jax import Array
 
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.pairs import Pairs
+from jaxdem.setup.stored import restored
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -23,6 +25,9 @@ def widened_list(arrays: Arrays, shapes: Neighbors, radius: Array, reference: tu
         radius: () or (N,) [m].
         reference: D arrays (N,), centres, of which those of the stored rows do not count [m].
     """
+
+    if shapes.pairs.owned is not None:  # of as many rows, see `Beginning`
+        return dataclasses.replace(restored("neighbors", shapes, arrays), radius=radius)
 
     def put(values: np.ndarray) -> Array:
         return jax.device_put(values)

@@ -74,6 +74,9 @@ def stored_room(arrays: Arrays) -> Room:
     room = Room.of([int(number) for number in stored(arrays, "room")])
     slots, count = stored(arrays, "neighbors.index").shape
     pairs = len(stored(arrays, "neighbors.overlap"))
+    if room.rows is not None:
+        width, rows = stored(arrays, "neighbors.pairs.entry").shape
+        pairs = pairs if (room.rows.width, count + room.rows.further) == (width, rows) else -1
     if (room.slots, room.pairs) != (slots, pairs) or not 0 < room.cell <= COLUMN_MARGIN * (count + 1):
         limit = f"the list in it has {slots} slots and {pairs} pairs of {count} particles"
         raise InputError("checkpoint.h5", room.numbers, limit, "Start the run anew in another folder.")

@@ -9,7 +9,7 @@ from jaxdem.closures.neighbors import DENSEST, NeighborClosure
 from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.errors import InputError
 from jaxdem.particles.cells import CellGrid
-from jaxdem.particles.neighbor_search import DENSE, EXTRA_CAPACITY
+from jaxdem.particles.usual_room import DENSE, EXTRA_CAPACITY
 from jaxdem.scene import Scene
 from jaxdem.setup.particles import ParticleSetup
 

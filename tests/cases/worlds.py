@@ -19,6 +19,7 @@ from jaxdem.particles.materials import CohesionParameters, ContactParameters, su
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors
 from jaxdem.particles.pairs import Pairs
+from jaxdem.particles.size_levels import SizeLevels
 from jaxdem.particles.walls import box_sides
 
 DEFAULTS = {
@@ -65,12 +66,14 @@ def world(
     position, velocity=None, spin=None, *, radius=0.01, density=2500.0, box=None, periodic=None, skin=0.2,
     law=None, rolling=None, gravity=None, material=None, walls=True, rebuild=True, room=None,
     dtype=jnp.float64, precise=None, wall_velocity=None, surfaces=(), cohesion=None, liquid=None, reach=0.0,
+    levels=None,
 ) -> World:  # fmt: skip
     """A world of N particles; positions as float64 rows, split into pairs in float32.
 
     `rebuild=False` lists all pairs once and for ever, by numpy: less to compile, and the reference
     for the search. `skin` counts largest diameters. `precise=False` leaves the low parts of a float32 world
     at zero, as plain float32 would. `reach` is how far `cohesion` acts, `liquid` the films (N,).
+    `levels` are the largest radii of the levels of size by which the list is made; one table for all if not given.
     """
     position = np.atleast_2d(np.asarray(position, float))
     count, dimension = position.shape
@@ -79,6 +82,9 @@ def world(
     largest = 2.0 * float(np.max(radius))
     geometry = NeighborGeometry(box, periodic, largest + reach, skin * largest)
     search = NeighborSearch(geometry, float(np.max(radius)))
+    if levels is not None:
+        by_size = SizeLevels.of(tuple(levels), reach, geometry.skin, box, geometry.skin)
+        search = dataclasses.replace(search, levels=by_size)
     sides = box_sides(box, periodic) if walls else ()
     model = ContactModel(law or HertzMindlin(), rolling, sides, surfaces, cohesion=cohesion)
     leading = jnp.asarray(position.astype(dtype))

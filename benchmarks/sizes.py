@@ -1,0 +1,218 @@
+"""What grains of different sizes cost: a contact step of a collapsing column, over that of grains of one size.
+
+    python benchmarks/sizes.py [--count 20000] [--warm-up 0.2] [--steps 200] [--rounds 7] [--dimension 2 3]
+
+Columns of as many grains and of the same volume of solids collapse in a box: of one size; of two, 1 : 1.67; and of a
+distribution by volume that is uniform in radius, 1 : 10 and 1 : 50. After `warm-up` seconds of the column all take the
+same number of steps in turns, forwards and backwards, each of its own stable length. A contact is a pair that overlaps.
+The figure is the least processor time of a step over the number of contacts at that time, and its ratio to that of one
+size. Lists are kept in date as in a run. "one table" is the list that reaches as far as the largest grain for all, from
+the same state; that of 1 : 50 would not fit into the memory. "list" is the share of the time that builds of the list
+take, from the time of one build and their number.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+import jaxdem
+from benchmarks import harness
+from jaxdem.particles.growth import grown_pack
+from jaxdem.particles.regions import Interval, Region
+from jaxdem.step import step
+
+RADIUS, CHUNK = 0.01, 50
+RATIOS = (1.0, 1.67, 10.0, 50.0)
+ONE_TABLE = (1.67, 10.0)
+FRACTION = {2: 0.80, 3: 0.56}
+"""Solid fraction of the column, of areas in 2-D [-]."""
+
+
+def radii(dimension: int, ratio: float, count: int) -> np.ndarray:
+    """(N,) radii whose mean volume, in 2-D area, is that of `RADIUS` [m]."""
+    if ratio < 2.0:
+        found = np.where(np.arange(count) % 2, 1.0, ratio)
+    else:  # by volume uniform in r: the number density falls as r^-3
+        found = (1.0 - np.random.default_rng(1).uniform(size=count) * (1.0 - ratio**-2.0)) ** -0.5
+    return RADIUS * found / np.mean(found**dimension) ** (1.0 / dimension)
+
+
+def scene_of(dimension: int, ratio: float, count: int) -> jaxdem.Scene:
+    """The column in its box."""
+    size = radii(dimension, ratio, count)
+    solids = float(np.sum(np.pi * size**2 if dimension == 2 else 4.0 / 3.0 * np.pi * size**3)) / FRACTION[dimension]
+    height = (solids / 2.0) ** (1.0 / dimension)
+    corner = (2.0 * height, *(height,) * (dimension - 1))
+    parts = tuple(((k,), Interval(0.0, length)) for k, length in enumerate(corner))
+    position, part = grown_pack(Region(parts, ((0.0,) * dimension, corner)), size, 1.0, 0)
+    box = [2.0 * corner[0], *corner[1:-1], 1.2 * height]
+    domain = {"size": box} | ({"depth": 4.0 * RADIUS} if dimension == 2 else {})
+    return jaxdem.load_scene(
+        {
+            "domain": domain,
+            "particles": {"position": position.tolist(), "radius": (0.9999 * part * size).tolist(), "density": 2500.0},
+            "contact": {"young_modulus": 1e7, "restitution": 0.7, "friction": 0.3, "rolling_friction": 0.1},
+            "time": {"end": 1.0, "output_interval": 0.1},
+        }
+    )
+
+
+class Contender:
+    """A column and its program.
+
+    Attributes:
+        name: of its row.
+        simulation: of it.
+        now: state and list.
+        step: length of a contact step [s].
+        chunk: contact steps of a call.
+    """
+
+    def __init__(self, name: str, simulation: Any, parameters: Any, now: tuple[Any, Any]) -> None:
+        self.name, self.simulation, self.parameters, self.now = name, simulation, parameters, now
+        self.step, self.chunk = simulation.steps.contact, simulation.steps.contacts_per_interval
+        self.compile()
+
+    @classmethod
+    def of_scene(cls, name: str, scene: jaxdem.Scene) -> Contender:
+        """At the start of a scene."""
+        simulation, parameters = jaxdem.build(scene)
+        return cls(name, simulation, parameters, jaxdem.initial_state(scene, simulation, parameters))
+
+    def compile(self) -> None:
+        """The program for lists of the present room."""
+
+        def advance(state: Any, neighbors: Any) -> Any:
+            return step(self.simulation, self.parameters, state, neighbors)[:2]
+
+        self.advance: Callable[..., Any] = jax.jit(advance).lower(*self.now).compile()
+        search = self.simulation.search
+
+        def build(state: Any, neighbors: Any) -> Any:
+            position = tuple(state.particles.position.T)
+            return search.update(position, tuple(state.particles.position_low.T), neighbors)
+
+        self.build: Callable[..., Any] = jax.jit(build).lower(*self.now).compile()
+
+    def run(self, steps: int, enlarge: bool = False) -> tuple[Any, Any]:
+        """State and list so many steps later; a list without room is enlarged and its steps are repeated."""
+        now = self.now
+        for _ in range(max(round(steps / self.chunk), 1)):
+            after = jax.block_until_ready(self.advance(*now))
+            while bool(after[1].overflow):
+                assert enlarge
+                self.now = now = self.simulation.with_room(*now, now[1].room.enlarged())
+                self.compile()
+                after = jax.block_until_ready(self.advance(*now))
+            now = after
+        return now
+
+    def contacts(self) -> int:
+        """Number of pairs that overlap now."""
+        found = jaxdem.contacts(self.simulation, self.parameters, *self.now)
+        return int(jnp.sum((found.between.overlap > 0) & (found.first != found.second)))
+
+    def with_one_table(self) -> Contender:
+        """The same state with a list without levels."""
+        plain, state = self.simulation.without_levels(), self.now[0]
+        neighbors = plain.allocate(self.parameters, state.particles)
+        blank = (jnp.zeros(neighbors.room.pairs, jnp.float32),) * len(state.particles.contact_spring)
+        state = state._replace(particles=state.particles._replace(contact_spring=blank))
+        return Contender(f"{self.name}, one table", plain, self.parameters, (state, neighbors))
+
+
+def seconds(function: Callable[[], Any]) -> float:
+    """Processor time of a call [s]."""
+    begin = time.process_time()
+    jax.block_until_ready(function())
+    return time.process_time() - begin
+
+
+def measured(dimension: int, arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Rows of a dimension."""
+    contenders = []
+    for ratio in RATIOS:
+        one = Contender.of_scene(f"{dimension}-D, 1 : {ratio:g}", scene_of(dimension, ratio, arguments.count))
+        one.now = one.run(round(arguments.warm_up / one.step), enlarge=True)
+        contenders.append(one)
+        if ratio in ONE_TABLE:
+            contenders.append(one.with_one_table())
+        print(one.name, one.now[1].room, file=sys.stderr, flush=True)
+    for one in contenders:
+        one.run(arguments.steps)
+    times: dict[str, list[float]] = {one.name: [] for one in contenders}
+    builds: dict[str, list[float]] = {one.name: [] for one in contenders}
+    for number in range(arguments.rounds):
+        for one in contenders if number % 2 == 0 else contenders[::-1]:
+            steps = max(round(arguments.steps / one.chunk), 1) * one.chunk
+            times[one.name].append(seconds(lambda one=one: one.run(arguments.steps)) / steps)
+            builds[one.name].append(seconds(lambda one=one: one.build(*one.now)))
+    rows = {}
+    for one in contenders:
+        after, steps = one.run(arguments.steps), max(round(arguments.steps / one.chunk), 1) * one.chunk
+        rows[one.name] = {
+            "seconds_per_step": times[one.name],
+            "seconds_per_build": builds[one.name],
+            "builds_per_step": int(after[1].builds - one.now[1].builds) / steps,
+            "contacts": one.contacts(),
+            "step": one.step,
+            "levels": 0 if one.simulation.search.levels is None else len(one.simulation.search.levels.radii),
+            "room": dataclasses.asdict(one.now[1].room),
+        }
+    return rows
+
+
+def table(rows: dict[str, dict[str, Any]]) -> str:
+    """As Markdown."""
+    lines = [
+        "| column | levels | contact step [ms] | contacts | a contact over one size | range over rounds | pairs listed "
+        "a grain | a build [ms] | steps a build | list |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, row in rows.items():
+        base = rows[f"{name[:3]}, 1 : 1"]
+        each = [1.0 / base["contacts"], 1.0 / row["contacts"]]
+        pairs = zip(row["seconds_per_step"], base["seconds_per_step"], strict=True)
+        over = [a * each[1] / (b * each[0]) for a, b in pairs]
+        least, build = min(row["seconds_per_step"]), min(row["seconds_per_build"])
+        ratio = least * each[1] / (min(base["seconds_per_step"]) * each[0])
+        share = build * row["builds_per_step"] / least
+        often = f"{1.0 / row['builds_per_step']:.0f}" if row["builds_per_step"] else "more than measured"
+        lines.append(
+            f"| {name} | {row['levels']} | {1e3 * least:.2f} | {row['contacts']} | {ratio:.2f} | {min(over):.2f} to "
+            f"{max(over):.2f} | {row['pairs']:.1f} | {1e3 * build:.0f} | {often} | {100 * share:.0f} % |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measures and writes results/sizes.{json,md}."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    for name, value in (("--count", 20_000), ("--steps", 200), ("--rounds", 7)):
+        parser.add_argument(name, type=int, default=value)
+    parser.add_argument("--warm-up", type=float, default=0.2)
+    parser.add_argument("--dimension", type=int, nargs="*", default=[2, 3])
+    arguments = parser.parse_args()
+    rows: dict[str, dict[str, Any]] = {}
+    for dimension in arguments.dimension:
+        rows |= measured(dimension, arguments)
+        for row in rows.values():
+            row["pairs"] = (row["room"]["pairs"] - 1) / arguments.count
+        harness.save("sizes", {"arguments": vars(arguments), "rows": rows}, table(rows))
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()
