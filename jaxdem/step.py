@@ -44,6 +44,7 @@ def advance_fluid(
         return None, None, None, None
     parameters = with_buoyancy(simulation, simulation.during(parameters, state.step), state)
     time, fluid = simulation.time(parameters, state), required(state.fluid, "state.fluid")
+    parameters, fluid = simulation.with_moved_walls(parameters, fluid, state.step)
     if simulation.coupling is not None:
         particles = required(state.particles, "state.particles")
         bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)

@@ -10,8 +10,10 @@ from jax import Array
 from jax.typing import DTypeLike
 
 from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.walls_in_fluid import WallsInFluid
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, velocity_at
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.blocks import Blocks, all_of, any_of, largest, total
@@ -94,6 +96,7 @@ class Structure:
         drag_times: the same of `Parameters.drag_scale` (T,) [s].
         clock: where its time begins; None where the time is the number of intervals done times the interval.
         scalars: temperatures and other scalars; None compiles none.
+        walls_in_fluid: moving walls that the fluid sees; None where there are none.
     """
 
     interval: float
@@ -109,6 +112,7 @@ class Structure:
     drag_times: tuple[float, ...] | None = None
     clock: Clock | None = None
     scalars: Scalars | None = None
+    walls_in_fluid: WallsInFluid | None = None
 
     def during(self, parameters: Parameters, step: Array) -> Parameters:
         """The parameters of the interval that begins after `step` intervals, with the means over it of gravity and of
@@ -123,6 +127,16 @@ class Structure:
             scale = mean_over(self.drag_times, parameters.drag_scale[:, None], begin, duration)[0]
             parameters = parameters._replace(drag_scale=scale)
         return parameters
+
+    def with_moved_walls(self, parameters: Parameters, fluid: FluidState, step: Array) -> tuple[Parameters, FluidState]:
+        """Parameters and fluid with the walls that the fluid sees where they are in the interval that begins after
+        `step` intervals; the same where none moves."""
+        if self.walls_in_fluid is None:
+            return parameters, fluid
+        start, duration = self._start_pair(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
+        properties = required(parameters.fluid, "parameters.fluid")
+        properties, fluid = self.walls_in_fluid.over(properties, fluid, parameters.wall_motion, start, duration)
+        return parameters._replace(fluid=properties), fluid
 
     def time(self, parameters: Parameters, state: State) -> Array:
         """() simulated time of a state [s]."""

@@ -19,7 +19,7 @@ from jaxdem.fluid.grid import Grid, face_average, face_control_volume, face_tota
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.even_deposition import even_factors
-from jaxdem.setup.fluid_walls import wall_speed_in_fluid
+from jaxdem.setup.fluid_surfaces import wall_speed_in_fluid
 
 TILTED = (
     {"kind": "plane", "point": [0.05, 0.03], "normal": [-0.2, 1.0], "fluid": "no_slip"},
@@ -61,10 +61,8 @@ def test_what_does_not_work_is_refused_by_name():
     wall = TILTED[2]
     assert "walls.0.begin" in refusal(tables(wall | {"begin": 0.1}))
     assert "walls.0.piston" in refusal(tables(TILTED[0] | {"piston": {"direction": [0.0, 1.0], "force": 1.0}}))
-    moving = {"motion": [{"kind": "translation", "velocity": [0.1, 0.0]}]}
-    assert "walls.0.motion.0" in refusal(tables(wall | moving))
-    off_centre = {"motion": [{"kind": "rotation", "rate": 1.0, "center": [0.21, 0.2]}]}
-    assert "walls.0.motion.0" in refusal(tables(wall | off_centre))
+    moving = {"motion": [{"kind": "translation", "velocity": [0.0, 0.1]}]}
+    assert "no way out" in refusal(tables(TILTED[0] | moving, grains=False))
     assert "fluid.smagorinsky" in refusal(tables(wall, fluid={"smagorinsky": 0.1}))
     assert "coupling.void_fraction" in refusal(tables(wall, coupling={"void_fraction": "diffusion"}))
     no_fluid = tables(wall)
@@ -109,7 +107,10 @@ def momentum(simulation, parameters, fluid):
 
 
 def test_water_and_grains_in_a_tilted_box_rest_and_the_third_law_holds():
-    scene = load_scene(tables(*TILTED))
+    """Between planes and a cylinder, round a body of lines."""
+    corners = [[0.24, 0.29], [0.3, 0.29], [0.27, 0.34]]
+    body = {"kind": "mesh", "points": corners, "closed": True, "fluid": "no_slip"}
+    scene = load_scene(tables(*TILTED, body))
     simulation, parameters = build(scene)
     state, neighbors = initial_state(scene, simulation, parameters)
     step = jax.jit(simulation.step)
@@ -169,9 +170,10 @@ def test_check_tells_the_cells_that_walls_cut_off():
 
 
 def test_a_resumed_run_is_the_whole_run_bit_for_bit(tmp_path):
-    """Grains and the force on a cylinder in a stream, in single precision, stopped at half time."""
+    """Grains and the force on a cylinder that swings in a stream, in single precision, stopped at half time."""
     probes = [{"name": "drag", "kind": "wall", "wall": 0, "interval": 0.01}]
-    given = tables(CYLINDER, precision="float32", probes=probes, output={"checkpoint_interval": 0.0}, **STREAM)
+    swings = {"motion": [{"kind": "oscillation", "direction": [0.0, 1.0], "amplitude": 0.01, "frequency": 5.0}]}
+    given = tables(CYLINDER | swings, precision="float32", probes=probes, output={"checkpoint_interval": 0.0}, **STREAM)
     given["particles"]["position"] = [[0.1, 0.2], [0.12, 0.26], [0.3, 0.22], [0.2, 0.1]]
     whole = simulate(load_scene(given), tmp_path / "whole")
     simulate(load_scene(given, {"time.end": 0.02}), tmp_path / "half")

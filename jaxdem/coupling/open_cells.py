@@ -6,8 +6,9 @@ from jax import Array
 
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.errors import required
-from jaxdem.fluid.cut_cells import CutCells, continued
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import FaceField
+from jaxdem.fluid.open_faces import continued
 from jaxdem.numerics.host import namespace
 
 
@@ -49,4 +50,4 @@ def of_whole_cells(cells: Array, cut: CutCells | None) -> Array:
 
 def seen_slope(slope: FaceField, cut: CutCells | None) -> FaceField:
     """A gradient on the faces as particles see it: on closed faces that of the open ones beside them."""
-    return slope if cut is None else continued(cut, slope)
+    return slope if cut is None else continued(cut.open_faces, slope)

@@ -152,7 +152,7 @@ class CentralFourth:
 class ClosedFaces(Protocol):
     """Surfaces within the mesh, see `cut_cells`."""
 
-    def surface_value(self, grid: Grid, value: Array, padded: Array, which: int, axis: int) -> Array:
+    def surface_value(self, grid: Grid, value: Array, around: Array, which: int, axis: int) -> Array:
         """What is carried between control volumes of which one may be closed."""
         ...
 

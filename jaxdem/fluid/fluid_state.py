@@ -35,6 +35,20 @@ class FluidState(NamedTuple):
     pressure_slope: FaceField | None = None
 
 
+class StillDistances(NamedTuple):
+    """What does not change of a mesh whose surfaces move; traced.
+
+    Attributes:
+        distances: at the corners, of every surface in order; zeros () of those that change their place [m].
+        no_slip: (S,) bool.
+        open_faces: open fractions between those that keep their place; None where all do.
+    """
+
+    distances: tuple[Array, ...]
+    no_slip: Array
+    open_faces: FaceField | None = None
+
+
 class FluidProperties(NamedTuple):
     """Numbers of the fluid; traced.
 
@@ -51,6 +65,7 @@ class FluidProperties(NamedTuple):
         cut: surfaces within the mesh, see `cut_cells`; None compiles none.
         buoyancy: acceleration on the faces beside that of gravity on the fluid's mean density; None compiles none
             [m/s2].
+        still: what `coupling.walls_in_fluid` makes `cut` of in every interval; None where no surface moves.
     """
 
     density: Array
@@ -63,6 +78,7 @@ class FluidProperties(NamedTuple):
     gravity: Array | None = None
     cut: CutCells | None = None
     buoyancy: FaceField | None = None
+    still: StillDistances | None = None
 
 
 class FaceExchange(NamedTuple):

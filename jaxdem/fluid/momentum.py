@@ -24,11 +24,8 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity
-from jaxdem.fluid.cut_cells import (
-    CutCells,
-    cut_stress,
-    seen_stress,
-)
+from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.cut_stress import cut_stress, seen_stress
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.drive import Drive, given_gradient, held
 from jaxdem.fluid.fluid_state import FaceExchange, FluidProperties, FluidState, FluidStep, ParticleFields
@@ -178,6 +175,8 @@ class FluidSolver:
             elif not self.boundary.has_outlet:
                 # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
                 growth = growth - box_mean(grid, growth)
+        elif properties.cut is not None and properties.cut.swept is not None:
+            growth = properties.cut.growth(0.0, not self.boundary.has_outlet)
         mobility, shift = self._exchange_terms(properties, exchange, new)
         state = state._replace(mean_gradient=self._mean_gradient(properties, state, time + 0.5 * time_step))
         slope = pressure_slope(grid, self.boundary, state)
@@ -361,6 +360,9 @@ class FluidSolver:
         stress = lost = tuple(jnp.zeros_like(u) for u in velocity)
         if self.viscous:
             stress, lost = cut_stress(self.grid, sides, cut, velocity, viscosity, void_fraction is not None)
+        if cut.swept is not None:
+            kept = face_average(self.grid, cut.swept)
+            rates = tuple(r - u * g for r, u, g in zip(rates, velocity, kept, strict=True))
         on_open = zip(rates, weight, stress, cut.inertia, strict=True)
         total = cut.on_open(tuple((r + g * s) / m for r, g, s, m in on_open))
         on_closed = zip(rates, lost, cut.open_faces, strict=True)
@@ -411,6 +413,12 @@ class _Step:
         """Void fraction of whole control volumes at the end [-]."""
         return self.open[1]
 
+    @property
+    def volume_changes(self) -> bool:
+        """Whether the volume of the fluid in a cell changes, by particles or by surfaces that change their place."""
+        cut = self.properties.cut
+        return self.void_fraction is not None or (cut is not None and cut.swept is not None)
+
     def advanced(self, rates: FaceField) -> FaceField:
         """Velocity after the whole step at these rates of g u [m/s2], with implicit drag and the old pressure."""
         solver, cut, (old, new) = self.solver, self.properties.cut, self.whole
@@ -427,7 +435,7 @@ class _Step:
         """Mean rates, and the velocity that they lead to, before the projection."""
         start, (open_old, open_new) = self.state, self.open
         flux = product(open_old, start.face_velocity)
-        if self.void_fraction is not None:
+        if self.volume_changes:
             flux = self.continuity.corrected(flux)
         stages = [self.rates(flux, start.face_velocity, start.void_fraction, self.time)]
         trial = self.advanced(stages[0].total)

@@ -13,11 +13,13 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary
-from jaxdem.fluid.cut_cells import CutCells, SurfaceShares, continued, stress_on_cuts, surface_loads
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FaceExchange, FluidProperties, FluidState
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average, face_control_volume
+from jaxdem.fluid.open_faces import continued
 from jaxdem.fluid.projection import pressure_slope
 from jaxdem.fluid.side_forces import gained_at_sides
+from jaxdem.fluid.surface_loads import SurfaceShares, stress_on_cuts, surface_loads
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +70,7 @@ class StepLoads:
         grid, cut = self.grid, self._cut
         if not self.shares_stress:
             return tuple(jnp.zeros_like(u) for u in self.fluid.face_velocity)
-        slope = continued(cut, pressure_slope(grid, self.boundary, self.fluid, continued=True))
+        slope = continued(cut.open_faces, pressure_slope(grid, self.boundary, self.fluid, continued=True))
         seen = face_average(grid, solids)
         parts = zip(seen, cut.open_faces, self.weight, slope, stress, strict=True)
         return tuple((s - a * (1.0 - w)) * (p - self.properties.density * t) for s, a, w, p, t in parts)

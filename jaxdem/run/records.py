@@ -135,9 +135,9 @@ def history_of(
             collision = collision / float(bodies.parcels.grains)
     if fluid is not None:
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
-        cut = case.fluid_walls.cut
-        if cut is not None:  # cells that are more open than solid
-            is_open = np.asarray(cut.open_cells) >= 0.5
+        open_cells = case.fluid_walls.open_cells(case.scene, instant.time)
+        if open_cells is not None:  # cells that are more open than solid
+            is_open = open_cells >= 0.5
             arrays |= {name: arrays[name][is_open] for name in ("fluid_pressure", "fluid_velocity")}
     known = metrics.Quantities(collision_force=None if particles is None else collision, **arrays)
     row = metrics.history_row(instant.time, known)

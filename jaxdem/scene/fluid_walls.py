@@ -35,36 +35,36 @@ def check_fluid_walls(walls: tuple[Wall, ...], fluid: Fluid | None, coupling: Co
         key = f"walls.{number}.fluid"
         if fluid is None:
             raise InputError(key, wall.fluid, "the scene has no fluid", "remove this key, or add [fluid]")
-        _check_at_rest(f"walls.{number}", wall)
+        _check_motion(f"walls.{number}", wall)
     if seen and fluid is not None:
         _check_models(fluid, coupling)
 
 
-def _check_at_rest(key: str, wall: Wall) -> None:
+def _check_motion(key: str, wall: Wall) -> None:
     remedy = 'set fluid = "none" for this wall, or leave this key out'
     for name in ("begin", "end", "piston"):
         if getattr(wall, name) is not None:
-            limit = "the mesh of the fluid is cut once: a wall that it sees is there all the time and keeps its place"
+            limit = "a wall that the fluid sees is there all the time, and moves by a given motion alone"
             raise InputError(f"{key}.{name}", getattr(wall, name), limit, remedy)
-    for number, motion in enumerate(wall.motion or ()):
-        uniform = motion.kind in ("translation", "rotation") and motion.begin is None and motion.end is None
-        if not (uniform and _along_itself(wall, motion)):
-            limit = (
-                "a wall that the fluid sees may move along itself alone, at a steady speed: a plane in its own "
-                "directions or about its normal, a cylinder about or along its axis, a wedge along its edge"
-            )
-            raise InputError(f"{key}.motion.{number}", motion.kind, limit, 'set fluid = "none", or another motion')
+    if wall.kind == "mesh" and wall.motion:
+        limit = "a mesh that the fluid sees is at rest: planes, cylinders and wedges may move"
+        raise InputError(f"{key}.motion", f"{len(wall.motion)} motions", limit, remedy)
+
+
+def keeps_place(wall: Wall) -> bool:
+    """Whether the surface of a wall stays where it is while the wall moves: a plane that moves in its own directions or
+    turns about its normal, a cylinder about or along its axis, a wedge along its edge."""
+    return all(_along_itself(wall, motion) for motion in wall.motion or ())
 
 
 def _along_itself(wall: Wall, motion: WallMotion) -> bool:
-    """Whether the surface of a wall stays where it is while the wall moves."""
-    if motion.kind == "translation":
-        velocity = motion.velocity or ()
+    if not motion.turns:
+        way = motion.velocity or motion.direction or ()
         if wall.kind == "plane":
-            return abs(_cosine(velocity, wall.normal or ())) < PARALLEL
+            return abs(_cosine(way, wall.normal or ())) < PARALLEL
         if wall.kind == "cylinder":
-            return wall.axis is not None and _sine(velocity, wall.axis) < PARALLEL
-        return all(abs(_cosine(velocity, _across(wall, k))) < PARALLEL for k in (0, 1))
+            return wall.axis is not None and _sine(way, wall.axis) < PARALLEL
+        return all(abs(_cosine(way, _across(wall, k))) < PARALLEL for k in (0, 1))
     axis = motion.axis or wall.axis
     if wall.kind == "plane":
         return axis is not None and _sine(axis, wall.normal or ()) < PARALLEL

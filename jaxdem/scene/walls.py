@@ -48,7 +48,7 @@ OPTIONAL = {
     "plane": OF_ALL,
     "cylinder": ("axis", "inside", *OF_ALL),
     "wedge": OF_ALL,
-    "mesh": (*OF_MESH, "wear", *(name for name in OF_ALL if name not in ("fluid", "temperature"))),
+    "mesh": (*OF_MESH, "wear", "inside", *(name for name in OF_ALL if name != "temperature")),
 }
 """Keys that it may have."""
 
@@ -72,7 +72,8 @@ class Wall(Section):
         center: a point on the axis of the cylinder [m].
         radius: radius of the cylinder [m].
         axis: direction of the cylinder, any length; 3-D only.
-        inside: whether the particles are inside the cylinder. Default: true.
+        inside: whether the particles are inside the cylinder. Default: true. Of a closed mesh that the fluid sees,
+            whether the fluid is inside of it. Default: false.
         apex: a point of the edge where the two planes of a wedge meet [m].
         directions: two directions, one in each plane of the wedge, at right angles to the edge and away from it; any
             length.
@@ -104,7 +105,8 @@ class Wall(Section):
         piston: the wall is held by a force; see `[walls.piston]`.
         wear: how grains wear a mesh; see `[walls.wear]`. Default: not at all.
         fluid: what the wall is to the fluid: "none" (it flows through), "no_slip" (it sticks to the wall) or
-            "free_slip". Default: "none".
+            "free_slip". A mesh that the fluid sees is closed, or a map of heights with the fluid above. Default:
+            "none".
         temperature: temperature of the wall, which grains take by contact. Default: no heat passes it [K].
     """
 
@@ -150,6 +152,9 @@ class Wall(Section):
         if self.kind == "cylinder" and self.inside is None:
             return self.model_copy(update={"inside": True})
         if self.kind == "mesh":
+            if self.inside is not None and not self.seen_by_fluid:
+                limit = "says on which side of a mesh the fluid is, and the fluid does not see this one"
+                raise wrong("inside", self.inside, limit, 'remove this key, or set fluid = "no_slip"')
             update = {name: value for name, value in MESH_DEFAULTS.items() if getattr(self, name) is None}
             return self.model_copy(update=update)
         return self

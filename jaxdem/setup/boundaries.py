@@ -16,7 +16,7 @@ from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.scene import Scene
 from jaxdem.scene.boundary import parabolic_axes
 from jaxdem.setup.drive import bulk_speed
-from jaxdem.setup.fluid_walls import wall_speed_in_fluid
+from jaxdem.setup.fluid_surfaces import wall_speed_in_fluid
 
 
 def scene_boundary(

@@ -207,7 +207,8 @@ def build_case(
         population = population_of(particles, steps.interval, clock)
         contact = contact_interval(particles, steps, population, extensions, dtype)
     if fluid is not None:
-        seen = fluid_walls(scene, fluid.grid, boundary, extensions)
+        begin = 0.0 if start is None else float(start.time)
+        seen = fluid_walls(scene, fluid.grid, boundary, extensions, begin, steps.interval)
         interval = fluid_interval(fluid, boundary, steps, len(seen.walls))
     if interval is not None and particles is not None and scene.coupling is not None:
         closure = drag_closure(scene, scene.coupling, closure)
@@ -228,6 +229,7 @@ def build_case(
         drag_times=None if coupling is None or scene.coupling is None else scene.coupling.drag_times,
         clock=clock,
         scalars=scene_scalars(scene, particles, interval, steps, extensions.get("nusselt")),
+        walls_in_fluid=seen.moving,
     )
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
     parameters = seen.put_into(parameters)

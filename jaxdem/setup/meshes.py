@@ -97,7 +97,7 @@ class WallMesh:
         Of a layer of grains on all of it, each of which meets what a grain at one of many points of the mesh does.
         """
         dimension, sides = self.mesh.dimension, 2 if self.both and not self.defects.is_closed else 1
-        points, normal = _sampled(self.mesh)
+        points, normal = sampled(self.mesh)
         rng = np.random.default_rng(0)
         apart = self.largest + self.search.skin * (rng.uniform(size=len(points)) - 0.5)
         places = tuple((points + apart[:, None] * normal).T)
@@ -164,8 +164,8 @@ def wall_meshes(scene: Scene, contact: Contact, radius: np.ndarray, members: int
     return tuple(found)
 
 
-def _sampled(mesh: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:
-    """(P, D) points of a mesh, half of them even over its size and half over its cells, and normals there."""
+def sampled(mesh: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:
+    """(P, D) points of a mesh, the first half of them even over its size and half over its cells, and normals there."""
     rng = np.random.default_rng(0)
     area = np.linalg.norm(mesh.area_vectors, axis=1)
     even = rng.choice(len(area), SAMPLES // 2, p=area / area.sum())

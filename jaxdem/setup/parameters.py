@@ -89,7 +89,7 @@ def scene_parameters(
         closure=closure,
         inlet_velocity=() if particles is None else tuple(number(inlet.velocity) for inlet in particles.table.inlet),
         side_velocity=velocity if fluid is None and moving else (),
-        wall_motion=_wall_motion(scene, particles, number),
+        wall_motion=_wall_motion(scene, number),
         pistons=() if particles is None else piston_numbers(scene, number),
         meshes=() if particles is None else tuple(mesh.traced(dtype) for mesh in particles.meshes),
         bonds=bond_parameters(scene, number),
@@ -124,9 +124,9 @@ def _clumps(particles: ParticleSetup, number: _Numbers) -> Clumps | None:
     )
 
 
-def _wall_motion(scene: Scene, particles: ParticleSetup | None, number: _Numbers) -> tuple[Numbers, ...]:
-    """Numbers of the motion of every wall; () where none moves, or nothing sees it."""
-    if particles is None or not any(wall.moves for wall in scene.walls):
+def _wall_motion(scene: Scene, number: _Numbers) -> tuple[Numbers, ...]:
+    """Numbers of the motion of every wall; () where none moves."""
+    if not any(wall.moves for wall in scene.walls):
         return ()
     return tuple(motion_numbers(wall, number) for wall in scene.walls)
 

@@ -143,7 +143,7 @@ def _wall(scene: Scene, probe: described.Probe) -> WallProbe:
 def _surfaces_in_fluid(scene: Scene, number: int) -> tuple[int, ...]:
     """Numbers of the surfaces of a wall among those that the fluid sees."""
     seen = seen_by_fluid(scene.walls)
-    owners = [k for k, wall in seen for _ in surfaces_of(wall)]
+    owners = [k for k, wall in seen for _ in range(1 if wall.kind == "mesh" else len(surfaces_of(wall)))]
     return tuple(k for k, owner in enumerate(owners) if owner == number)
 
 

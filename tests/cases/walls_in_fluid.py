@@ -11,10 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem import build, initial_state, load_scene
+from jaxdem.coupling.open_parts import face_points
 from jaxdem.fluid.advection import Central
 from jaxdem.fluid.drive import Drive, DriveParameters
 from jaxdem.fluid.inlet import Parabola
-from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of, face_points
+from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
+from jaxdem.solids.motion import Rotation, Uniform
 from tests.cases.flows import Flow
 from tests.cases.registry import Figure, absolute, at_least, case, relative
 
@@ -117,11 +119,9 @@ def couette(n, decay=3.0):
     def radius(x):
         return np.hypot(x[..., 0] - middle[0], x[..., 1] - middle[1])
 
-    def turning(x):
-        return rate * np.stack([middle[1] - x[..., 1], x[..., 0] - middle[0]], axis=-1)
-
+    turning = Rotation(tuple(middle), None, Uniform()).at({"rate": np.asarray(rate)}, (np.zeros(()), None))
     surfaces = [
-        FluidSurface(lambda x: radius(x) - inner, True, turning, (rate,)),
+        FluidSurface(lambda x: radius(x) - inner, True, turning),
         FluidSurface(lambda x: outer - radius(x)),
     ]
     cut = jax.tree.map(jnp.asarray, cut_cells_of(flow.grid, surfaces)[0])

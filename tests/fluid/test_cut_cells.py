@@ -8,10 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxdem.coupling.open_parts import corner_points, cut_cells, face_points
 from jaxdem.fluid.boundary import Sides
-from jaxdem.fluid.cut_cells import LEAST_OPEN, cut_stress
+from jaxdem.fluid.cut_stress import cut_stress
 from jaxdem.fluid.grid import divergence, face_control_volume, face_total
-from jaxdem.setup.cut_cells import FluidSurface, corner_points, cut_cells, cut_cells_of, face_points
+from jaxdem.fluid.open_faces import LEAST_OPEN
+from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.solids.clipping import positive_part
 from tests.cases.flows import Flow
 

@@ -1,0 +1,197 @@
+"""Walls that the fluid sees and that move: their velocity, and the mesh that they leave open, in every interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jax import Array
+
+from jaxdem.coupling.open_parts import corner_points, cut_cells, on_corners
+from jaxdem.coupling.surface_velocity import swept, with_velocity
+from jaxdem.errors import required
+from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState, StillDistances
+from jaxdem.fluid.grid import Grid, sum_of
+from jaxdem.fluid.open_faces import next_to
+from jaxdem.numerics import pair_arithmetic as pairs
+from jaxdem.numerics.compensated import Pair
+from jaxdem.numerics.host import namespace
+from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.moving_walls import Numbers
+from jaxdem.particles.surfaces import Cylinder, Plane
+from jaxdem.solids.motion import RigidMotion
+
+
+def signed_distance(shape: Plane | Cylinder, points: Vector) -> Array:
+    """Distance from a surface in its own frame at points, D arrays of any shape, positive in the fluid [m]."""
+    xp = namespace(points[0])
+    if isinstance(shape, Plane):
+        size = math.hypot(*shape.normal)
+        terms = zip(shape.normal, points, shape.point, strict=True)
+        return sum((n / size) * (x - p) for n, x, p in terms)  # type: ignore[return-value]
+    across = [x - c for x, c in zip(points, shape.center, strict=True)]
+    if shape.axis is not None:
+        size = math.hypot(*shape.axis)
+        unit = [a / size for a in shape.axis]
+        way = sum(a * x for a, x in zip(unit, across, strict=True))
+        across = [x - way * a for a, x in zip(unit, across, strict=True)]
+    squared = sum(x * x for x in across)
+    # On the axis the distance from it has no slope.
+    least = np.finfo(squared.dtype).tiny  # type: ignore[union-attr]
+    gap: Array = shape.radius - xp.sqrt(xp.maximum(squared, least))
+    return gap if shape.inside else -gap
+
+
+@static
+class MovingSurface:
+    """A surface that the fluid sees and that moves; static.
+
+    Attributes:
+        number: among the surfaces that the fluid sees.
+        wall: number of its wall in the scene, and of its numbers in `Parameters.wall_motion`.
+        motion: its motion.
+        shape: in its own frame, of one that changes its place; None of one that keeps it.
+    """
+
+    number: int
+    wall: int
+    motion: RigidMotion
+    shape: Plane | Cylinder | None = None
+
+
+@static
+class WallsInFluid:
+    """The moving walls that the fluid sees; static.
+
+    Attributes:
+        grid: its mesh.
+        moving: the surfaces that move; at least one.
+    """
+
+    grid: Grid
+    moving: tuple[MovingSurface, ...]
+
+    @property
+    def change_place(self) -> tuple[MovingSurface, ...]:
+        """Those of which the mesh is cut anew in every interval."""
+        return tuple(surface for surface in self.moving if surface.shape is not None)
+
+    def over(
+        self, properties: FluidProperties, state: FluidState, numbers: Sequence[Numbers], start: Pair, duration: Array
+    ) -> tuple[FluidProperties, FluidState]:
+        """The fluid's numbers with the open parts of an interval, and its state on them.
+
+        Walls have their place at the end of the interval. The velocity of one that keeps its place is that at the end;
+        of one that changes it the mean, so that what it sweeps is what it moves by.
+
+        Args:
+            properties: of the fluid.
+            state: at the start of the interval.
+            numbers: of the motion of every wall.
+            start: () as a pair [s].
+            duration: () of the interval [s].
+        """
+        still = required(properties.still, "still surfaces of the fluid")
+        cut = required(properties.cut, "cut cells")
+        if not self.change_place:
+            end = pairs.total(start, pairs.as_pair(duration))
+            cut = self.with_velocities(cut, still.distances, numbers, end)
+            return properties._replace(cut=cut), state
+        former = self.cut(still, self.places(still, numbers, start))
+        cut, opened = self.cut_and_swept(still, numbers, start, duration)
+        if state.void_fraction is not None:
+            solids = 1.0 - state.void_fraction
+            opened = opened - solids * (cut.open_cells - former.open_cells) / duration
+        fluid = cut.open_cells > 0.0
+        cut = cut._replace(swept=namespace(opened).where(fluid, opened, 0.0))
+        if properties.cut is not None and properties.cut.deposit_weights is not None:
+            cut = cut._replace(deposit_weights=cut.open_cells)
+        state = state._replace(pressure=_in_new_cells(state.pressure, former.open_cells > 0.0, fluid))
+        return properties._replace(cut=cut), state
+
+    def cut_and_swept(
+        self, still: StillDistances, numbers: Sequence[Numbers], start: Pair, duration: Array
+    ) -> tuple[CutCells, Array]:
+        """The open parts at the end of an interval with the velocities of `over`, and what the walls sweep; see
+        `swept`."""
+        end = pairs.total(start, pairs.as_pair(duration))
+        now = self.places(still, numbers, end)
+        means = {s.number: self._mean(s, numbers, start, duration) for s in self.change_place}
+        cut = self.with_velocities(self.cut(still, now), now, numbers, end, means)
+        return cut, self._swept(still, cut, now, means)
+
+    def places(self, still: StillDistances, numbers: Sequence[Numbers], time: Pair) -> tuple[Array, ...]:
+        """Distances of all surfaces at the corners at a time [m]."""
+        found, dtype = list(still.distances), still.distances[0].dtype
+        points = corner_points(self.grid)
+        corners = tuple(
+            namespace(still.distances[0]).asarray(points[..., k].astype(dtype)) for k in range(points.shape[-1])
+        )
+        for surface in self.change_place:
+            placed = surface.motion.at(numbers[surface.wall], time)
+            own, low = placed.to_body(corners, (None,) * len(corners))
+            inside = tuple(x if y is None else x + y for x, y in zip(own, low, strict=True))
+            if surface.shape is not None:
+                found[surface.number] = signed_distance(surface.shape, inside)
+        return tuple(found)
+
+    def cut(self, still: StillDistances, distances: Sequence[Array]) -> CutCells:
+        """The open parts between surfaces where they are."""
+        return cut_cells(self.grid, distances, still.no_slip)
+
+    def with_velocities(
+        self,
+        cut: CutCells,
+        distances: Sequence[Array],
+        numbers: Sequence[Numbers],
+        time: Pair,
+        means: dict[int, Placement] | None = None,
+    ) -> CutCells:
+        """The open parts with the velocities at a time; of some surfaces the `means`."""
+        placed: list[Placement | None] = [None] * len(distances)
+        for surface in self.moving:
+            mean = (means or {}).get(surface.number)
+            placed[surface.number] = surface.motion.at(numbers[surface.wall], time) if mean is None else mean
+        return with_velocity(self.grid, cut, distances, placed)
+
+    def _mean(self, surface: MovingSurface, numbers: Sequence[Numbers], start: Pair, duration: Array) -> Placement:
+        """Its placement in the middle of an interval, with the mean velocity: exact for one that does not turn."""
+        own = numbers[surface.wall]
+        middle = surface.motion.at(own, pairs.total(start, pairs.as_pair(0.5 * duration)))
+        if surface.motion.turns:
+            return middle
+        end = surface.motion.at(own, pairs.total(start, pairs.as_pair(duration)))
+        first = surface.motion.at(own, start)
+        way = pairs.total((end.shift, end.shift_low), pairs.negative((first.shift, first.shift_low)))
+        return middle._replace(velocity=pairs.value(way) / duration)
+
+    def _swept(
+        self, still: StillDistances, cut: CutCells, distances: Sequence[Array], means: dict[int, Placement]
+    ) -> Array:
+        """See `swept`; the surfaces of a wall, as the two planes of a wedge, are one body."""
+        xp, changing = namespace(distances[0]), {surface.number for surface in self.change_place}
+        distances = [on_corners(self.grid, d) for d in distances]
+        kept = [d for k, d in enumerate(distances) if k not in changing]
+        nearest = xp.min(xp.stack(kept), axis=0) if kept else xp.full_like(distances[0], xp.inf)
+        bodies = []
+        for wall in sorted({surface.wall for surface in self.change_place}):
+            numbers = [surface.number for surface in self.change_place if surface.wall == wall]
+            for k in numbers:
+                nearest = xp.minimum(nearest, distances[k])
+            bodies.append((nearest, numbers, means[numbers[0]]))
+        open_faces = required(still.open_faces, "open faces between still surfaces")
+        return swept(self.grid, cut, open_faces, bodies, nearest)
+
+
+def _in_new_cells(pressure: Array, before: Array, now: Array) -> Array:
+    """The pressure, in cells that have just opened the mean of their neighbours that were open [Pa]."""
+    xp = namespace(pressure)
+    known, open_before = xp.where(before, pressure, 0.0), before.astype(pressure.dtype)
+    total = sum_of(next_to(known, axis) for axis in range(pressure.ndim))
+    count = sum_of(next_to(open_before, axis) for axis in range(pressure.ndim))
+    new = now & ~before & (count > 0.0)
+    return xp.where(new, total / xp.where(count > 0.0, count, 1.0), pressure)

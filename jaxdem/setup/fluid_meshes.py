@@ -1,0 +1,124 @@
+"""Meshes that the fluid sees: their signed distance on its mesh. Host, numpy."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from scipy.ndimage import map_coordinates, minimum_filter
+
+from jaxdem.errors import InputError
+from jaxdem.fluid.grid import Grid
+from jaxdem.scene import Scene
+from jaxdem.scene.walls import Wall
+from jaxdem.setup.mesh_sources import sound_mesh
+from jaxdem.setup.meshes import sampled
+from jaxdem.solids.defects import Defects
+from jaxdem.solids.grid_distance import grid_distance
+from jaxdem.solids.mesh_files import HEIGHTS
+from jaxdem.solids.surface_mesh import SurfaceMesh
+
+BAND = 2.5
+"""Width of the band in which the distance is exact, over the diagonal of a cell: faces at the surface know that of the
+next ones [-]."""
+
+MOST_UNSEEN = 0.05
+"""Part of a mesh that may be so thin that the fluid's mesh has no corner behind it [-]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SampledDistance:
+    """A signed distance known at the corners of the cells, linear between them.
+
+    Attributes:
+        values: (n + 1, m + 1, ...) positive in the fluid [m].
+        spacing: of the corners [m].
+    """
+
+    values: np.ndarray
+    spacing: tuple[float, ...]
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """At points (..., D) [m]."""
+        place = np.moveaxis(points / np.asarray(self.spacing), -1, 0)
+        found: np.ndarray = map_coordinates(self.values, place, order=1, mode="nearest")
+        return found
+
+
+def mesh_distance(key: str, wall: Wall, scene: Scene, grid: Grid) -> SampledDistance:
+    """The distance of a mesh of the scene from the corners of the fluid's mesh.
+
+    Args:
+        key: of its table, such as walls.0.
+        wall: the table.
+        scene: the scene.
+        grid: mesh of the fluid.
+
+    Raises:
+        InputError: the mesh is open or broken, or thinner than the cells.
+    """
+    mesh, defects = sound_mesh(key, wall, scene, 0.0)
+    heights = wall.file is not None and wall.file.lower().endswith(HEIGHTS)
+    name = "file" if wall.points is None else "points"
+    if heights:
+        _check_heights(key, wall)
+    else:
+        _check_closed(f"{key}.{name}", wall, mesh, defects)
+    reach = BAND * math.hypot(*grid.spacing)
+    around = mesh.repeated(grid.size, grid.periodic, reach)
+    found = grid_distance(around, grid.spacing, tuple(n + 1 for n in grid.cells), reach)
+    if heights and found.uncovered:
+        limit = f"does not cover the box: {found.uncovered} lines of cells are beside the map"
+        raise InputError(f"{key}.{name}", wall.file, limit, "give a larger map, or correct scale and translate")
+    values = -found.distance if wall.inside else found.distance
+    _check_thickness(f"{key}.{name}", wall, mesh, grid, values)
+    return SampledDistance(values, grid.spacing)
+
+
+def _check_heights(key: str, wall: Wall) -> None:
+    if wall.inside:
+        limit = "the fluid is above a map of heights"
+        raise InputError(f"{key}.inside", True, limit, "remove this key")
+    if any(angle != 0.0 for angle in wall.rotate or ()):
+        limit = "a map of heights that the fluid sees stands upright, with the solid below"
+        raise InputError(f"{key}.rotate", wall.rotate, limit, "remove this key, or give a closed mesh")
+
+
+def _check_closed(key: str, wall: Wall, mesh: SurfaceMesh, defects: Defects) -> None:
+    """Refuses what has no inside."""
+    one, many = ("edge", "edges") if mesh.dimension == 3 else ("end", "ends")
+    cells = "triangles" if mesh.dimension == 3 else "lines"
+    counts = (
+        (defects.open_edges, f"of one of its {cells} alone, at holes and rims"),
+        (defects.crowded_edges, f"of more than two {cells}"),
+        (defects.flipped, f"{cells} turned over against their neighbours"),
+    )
+    found = [f"{n} {words if 'turned' in words else f'{one if n == 1 else many} {words}'}" for n, words in counts if n]
+    if found:
+        limit = f"is no closed surface for the fluid: it has {', and '.join(found)}, of {len(mesh.cells)} {cells}"
+        remedy = "close the file, or set repair = true for triangles that are turned over"
+        if wall.points is not None:
+            remedy = "set closed = true"
+        raise InputError(key, wall.file, limit, f'{remedy}; or set fluid = "none"')
+    volume = np.einsum("fd,fd->", mesh.area_vectors, mesh.corners.mean(axis=1) - mesh.points.mean(axis=0))
+    if wall.touch == "front" and (volume < 0.0) != bool(wall.inside):
+        limit = "the fronts of the mesh look away from the fluid, and grains touch its front"
+        remedy = f"set inside = {str(not wall.inside).lower()}"
+        raise InputError(key.rsplit(".", 1)[0] + ".inside", wall.inside, limit, remedy)
+
+
+def _check_thickness(key: str, wall: Wall, mesh: SurfaceMesh, grid: Grid, distance: np.ndarray) -> None:
+    """Refuses a mesh of which much is so thin that no corner of the cells around it is in the solid."""
+    points, _ = sampled(mesh)
+    points = points[: len(points) // 2]  # those that are even over its size
+    cell = np.floor(points / np.asarray(grid.spacing)).astype(int)
+    within = ((cell >= 0) & (cell < np.asarray(grid.cells))).all(axis=1)
+    if not within.any():
+        return
+    lowest = minimum_filter(distance, size=4, origin=-1, mode="nearest")
+    unseen = lowest[tuple(cell[within].T)] > -1e-6 * min(grid.spacing)
+    if unseen.mean() > MOST_UNSEEN:
+        limit = f"{100.0 * unseen.mean():.3g} % of it is thinner than the cells of the fluid, which would flow through"
+        remedy = 'raise fluid.cells, make it thicker, or set fluid = "none"'
+        raise InputError(key, wall.file, limit, remedy)

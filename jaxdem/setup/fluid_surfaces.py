@@ -1,0 +1,116 @@
+"""The surfaces that the fluid sees: from the walls of a scene to distances and motions. Host, numpy."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from jaxdem.coupling.walls_in_fluid import MovingSurface, signed_distance
+from jaxdem.errors import InputError
+from jaxdem.fluid.grid import Grid
+from jaxdem.numerics.placement import Placement
+from jaxdem.particles.surfaces import Cylinder, Plane
+from jaxdem.scene import Scene
+from jaxdem.scene.fluid_walls import keeps_place, seen_by_fluid
+from jaxdem.scene.wall_motion import WallMotion
+from jaxdem.setup.fluid_meshes import mesh_distance
+from jaxdem.setup.wall_motion import motion_numbers, rigid_motion, tables_of
+from jaxdem.setup.walls import surfaces_of
+from jaxdem.solids.motion_tables import placement_of
+
+
+@dataclasses.dataclass(frozen=True)
+class SeenSurface:
+    """A surface of a wall that the fluid sees.
+
+    Attributes:
+        wall: number of its wall in the scene.
+        no_slip: whether the fluid sticks to it; else it slips freely.
+        distance: points (..., D) [m] -> (...) [m] where it is when the run begins, positive in the fluid.
+        placed: how it moves then; None for one at rest.
+        moving: how it moves, as it is compiled; None for one at rest.
+    """
+
+    wall: int
+    no_slip: bool
+    distance: Callable[[np.ndarray], np.ndarray]
+    placed: Placement | None = None
+    moving: MovingSurface | None = None
+
+
+def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float) -> tuple[SeenSurface, ...]:
+    """The surfaces that the fluid sees, in the order of the walls.
+
+    Args:
+        scene: the scene.
+        grid: mesh of the fluid.
+        begin: time at which the run begins [s].
+
+    Raises:
+        InputError: a mesh has no inside, or is thinner than the cells.
+    """
+    found: list[SeenSurface] = []
+    for number_of_wall, wall in seen_by_fluid(scene.walls):
+        sticks = wall.fluid == "no_slip"
+        if wall.kind == "mesh":
+            found.append(
+                SeenSurface(number_of_wall, sticks, mesh_distance(f"walls.{number_of_wall}", wall, scene, grid))
+            )
+            continue
+        motion, stays = rigid_motion(wall), keeps_place(wall)
+        placed = None if motion is None else placement_of(tables_of(wall), begin)
+        for shape in surfaces_of(wall):
+            if not isinstance(shape, Plane | Cylinder):
+                limit = "the fluid sees planes, cylinders, wedges and meshes"
+                raise InputError(f"walls.{number_of_wall}.fluid", "...", limit, 'set fluid = "none" for this wall')
+            moving = None
+            if motion is not None:
+                moving = MovingSurface(len(found), number_of_wall, motion, None if stays else shape)
+            distance = _distance(shape, None if stays else placed)
+            found.append(SeenSurface(number_of_wall, sticks, distance, placed, moving))
+    return tuple(found)
+
+
+def host_numbers(scene: Scene) -> tuple[Any, ...]:
+    """Numbers of the motion of every wall of the scene, in float64."""
+    return tuple(motion_numbers(wall, np.asarray) for wall in scene.walls)  # type: ignore[arg-type]
+
+
+def wall_speed_in_fluid(scene: Scene) -> float:
+    """A speed that no wall exceeds that the fluid sees: the sum over its motions of the largest speeds, for one that
+    turns at the radius of a cylinder about its axis, else at the diagonal of the box [m/s]."""
+    fastest = 0.0
+    for _, wall in seen_by_fluid(scene.walls):
+        about_itself = wall.kind == "cylinder" and keeps_place(wall)
+        reach = (wall.radius if about_itself else None) or math.hypot(*scene.domain.size)
+        speeds = (_rate(motion) * (reach if motion.turns else 1.0) for motion in wall.motion or ())
+        fastest = max(fastest, sum(speeds))
+    return fastest
+
+
+def _rate(motion: WallMotion) -> float:
+    """The largest speed [m/s] or angular velocity [rad/s] of a motion."""
+    if motion.velocity is not None:
+        return math.hypot(*motion.velocity)
+    if motion.frequency is not None and motion.amplitude is not None:
+        return 2.0 * math.pi * motion.frequency * motion.amplitude
+    if motion.times is not None:
+        values = motion.displacement or motion.angle or ()
+        return float(np.max(np.abs(np.diff(values) / np.diff(motion.times))))
+    return abs(motion.rate or 0.0)
+
+
+def _distance(shape: Plane | Cylinder, placed: Placement | None) -> Callable[[np.ndarray], np.ndarray]:
+    """Signed distance of a surface where it is, at points (..., D), in float64."""
+
+    def distance(points: np.ndarray) -> np.ndarray:
+        own = tuple(np.moveaxis(points, -1, 0))
+        if placed is not None:
+            own, _ = placed.to_body(own, (None,) * len(own))  # type: ignore[assignment,arg-type]
+        return signed_distance(shape, own)  # type: ignore[return-value,arg-type]
+
+    return distance
