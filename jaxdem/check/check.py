@@ -12,6 +12,7 @@ import numpy as np
 from jaxdem.check.bond_numbers import bond_numbers
 from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
+from jaxdem.check.heat_numbers import heat_numbers
 from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
 from jaxdem.check.over_devices import DeviceReport, check_devices
 from jaxdem.check.packs import pack_rows
@@ -181,7 +182,11 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         speed_limit=steps.speed_limit,
         expected_overlap=steps.expected_overlap,
         maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
-        numbers=(*engineering_numbers(scene, parameters, case.grains), *bond_numbers(case.particles)),
+        numbers=(
+            *engineering_numbers(scene, parameters, case.grains),
+            *bond_numbers(case.particles),
+            *heat_numbers(scene, case.grains),
+        ),
         screen_load=load,
         cost=cost,
         warnings=(*warned, *cautions(scene, bodies, spacing, load, cost)),

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.forces import FORCES
+from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.scene import Scene
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.walls import Wall
@@ -39,6 +40,7 @@ def compiled_parts(
             (_walls_beside_the_box(scene), bool(model.surfaces or model.meshes)),
             ("positions in pairs of floats", scene.precision == "float32"),
         ]
+    parts += _scalar_parts(simulation)
     parts.append(("gravity over time", simulation.gravity_times is not None))
     parts.append(("fluid", simulation.fluid is not None))
     if simulation.fluid is not None and parameters.fluid is not None:
@@ -81,6 +83,25 @@ def _cohesion(scene: Scene) -> str:
     """What pulls particles together, in words."""
     table = None if scene.contact is None else scene.contact.cohesion
     return "cohesion" if table is None else f"cohesion {table.kind}"
+
+
+def _scalar_parts(simulation: Simulation) -> list[tuple[str, bool]]:
+    """Temperatures, what they do, and what else the fluid carries."""
+    scalars = simulation.scalars
+    heat = None if scalars is None else scalars.heat
+    others = () if scalars is None else tuple(f.name for f in scalars.fields if f.name != TEMPERATURE)
+    law = "" if heat is None or heat.exchange is None else f" by {_name_of(heat.exchange)}"
+    return [
+        ("temperatures", heat is not None),
+        (f"heat exchange of grains and fluid{law}", heat is not None and heat.exchange is not None),
+        ("conduction through contacts", heat is not None and heat.conduction is not None),
+        ("buoyancy of warm fluid", heat is not None and heat.expands),
+        (f"scalars {', '.join(others)}" if others else "scalars in the fluid", bool(others)),
+    ]
+
+
+def _name_of(law: object) -> str:
+    return getattr(law, "__name__", type(law).__name__)
 
 
 def _coupling_parts(coupling: Coupling) -> list[tuple[str, bool]]:

@@ -1,0 +1,126 @@
+"""Temperatures in a scene: what is refused, what `check` tells, slopes, and a run that begins from another."""
+
+import copy
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import InputError, load_run, load_scene, simulate
+from jaxdem.check.check import check_scene
+from tests.cases.heat import chain_tables, stream_tables
+
+
+def changed(tables, **values):
+    """Tables with dotted keys set, or removed with None."""
+    found = copy.deepcopy(tables)
+    for key, value in values.items():
+        *folders, name = key.split("__")
+        table = found
+        for folder in folders:
+            table = table.setdefault(folder, {})
+        if value is None:
+            table.pop(name)
+        else:
+            table[name] = value
+    return found
+
+
+CHAIN, STREAM = chain_tables(3, 4000.0, 0.01), stream_tables(1e-3)
+DYE = [{"name": "dye"}]
+
+
+@pytest.mark.parametrize(
+    ("tables", "key"),
+    [
+        (changed(STREAM, heat__fluid_conductivity=None), "heat.fluid_conductivity"),
+        (changed(STREAM, heat__particle_temperature=None), "heat.particle_temperature"),
+        (changed(CHAIN, heat__fluid_temperature=300.0), "heat.fluid_temperature"),
+        (changed(CHAIN, heat__true_young_modulus=None), "heat.true_young_modulus"),
+        (changed(STREAM, heat__true_young_modulus=1e9), "heat.true_young_modulus"),
+        (changed(STREAM, heat__reference_temperature=300.0), "heat.reference_temperature"),
+        (changed(STREAM, boundary__left__temperature=None), "boundary.left.temperature"),
+        (changed(STREAM, boundary__bottom__temperature=300.0), "boundary.bottom"),
+        (changed(STREAM, boundary__right__heat_flux=3.0), "boundary.right.heat_flux"),
+        (changed(CHAIN, boundary__left={"heat_flux": 3.0}), "boundary.left.heat_flux"),
+        (changed(CHAIN, heat=None, boundary__left={"temperature": 3.0}), "boundary.left.temperature"),
+        (changed(CHAIN, particles__coarse_grain=2.0), "particles.coarse_grain"),
+        (changed(CHAIN, materials=[{"name": "steel"}], particles__material="steel"), "heat.particle_conductivity"),
+        (changed(CHAIN, scalars=DYE), "scalars"),
+        (changed(STREAM, scalars=DYE), "boundary.left.scalars"),
+        (changed(STREAM, scalars=[{"name": "pressure"}]), "scalars.0.name"),
+        (changed(STREAM, boundary__right__scalars={"salt": 1.0}), "boundary.right.scalars"),
+        (
+            changed(STREAM, walls=[{"kind": "plane", "point": [0.002, 0.0], "normal": [1.0, 0.0], "temperature": 1.0}]),
+            "walls.0.temperature",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_its_key(tables, key):
+    with pytest.raises(InputError) as caught:
+        load_scene(tables)
+    assert caught.value.key == key
+
+
+def test_several_devices_refuse_it():
+    with pytest.raises(InputError, match="temperatures"):
+        jaxdem.build(load_scene(CHAIN), devices=2)
+
+
+def test_a_law_of_heat_transfer_needs_an_exchange():
+    with pytest.raises(InputError, match="nusselt"):
+        jaxdem.build(load_scene(CHAIN), nusselt=lambda reynolds, prandtl, void_fraction: 2.0 + 0.0 * reynolds)
+
+
+def test_check_tells_nusselt_and_biot():
+    """A sphere of 3.6 mm in air of 6 m/s: Nu 21.974, tau 1.8402 s; Bi = Nu k / (6 k_p)."""
+    tables = changed(STREAM, heat__particle_conductivity=1.0, heat__true_young_modulus=1e10)
+    report = check_scene(load_scene(tables))
+    found = {number.name.strip(): number.low for number in report.numbers}
+    assert found["Nusselt number"] == pytest.approx(21.974, rel=1e-4)
+    assert found["time of warming"] == pytest.approx(1.8402, rel=1e-4)
+    assert found["Biot number"] == pytest.approx(21.974 * 0.026 / 6.0, rel=1e-4)
+    assert "temperatures" in report.compiled_in and "buoyancy of warm fluid" in report.left_out
+
+
+def test_slope_by_the_conductivity():
+    """d(T)/d(k) and d(T)/d(wall temperature) of the middle grain after 20 intervals, against central differences."""
+    tables = changed(CHAIN, boundary={"left": {"temperature": 60.0}})
+    scene = load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+
+    @jax.jit
+    def warmth(factor, wall):
+        of_contacts = parameters.scalars.grains.conduction
+        numbers = of_contacts._replace(
+            conductivity=factor * of_contacts.conductivity, wall_temperature=wall + 0.0 * of_contacts.wall_temperature
+        )
+        grains = parameters.scalars.grains._replace(conduction=numbers)
+        here = parameters._replace(scalars=parameters.scalars._replace(grains=grains))
+        return jaxdem.rollout(simulation, here, state, neighbors, 20).state.scalars.grains[1]
+
+    slopes = jax.jit(jax.grad(warmth, (0, 1)))(1.0, 60.0)
+    h = 1e-4
+    by_factor = (warmth(1.0 + h, 60.0) - warmth(1.0 - h, 60.0)) / (2.0 * h)
+    by_wall = (warmth(1.0, 60.0 + h) - warmth(1.0, 60.0 - h)) / (2.0 * h)
+    assert float(jnp.abs(by_factor)) > 1e-3
+    np.testing.assert_allclose(slopes, [by_factor, by_wall], rtol=1e-6)
+
+
+def test_a_run_that_begins_from_another_goes_on(tmp_path):
+    """Two halves, the second from the state of the first, are the whole, bit for bit; and with another material of the
+    grains it begins at the temperatures of the first."""
+    tables = changed(CHAIN, boundary={"left": {"temperature": 60.0}}, time={"end": 0.4, "output_interval": 0.1})
+    whole = simulate(load_scene(tables), tmp_path / "whole")
+    half = simulate(load_scene(changed(tables, time__end=0.2)), tmp_path / "half")
+    onward = changed(tables, start={"from": str(tmp_path / "half")})
+    del onward["particles"]
+    rest = simulate(load_scene(onward), tmp_path / "rest")
+    last = load_run(tmp_path / "rest").particles(-1)["temperature"]
+    assert last.tobytes() == whole.particles(-1)["temperature"].tobytes()
+    assert half.particles(-1)["temperature"].tobytes() == rest.particles(0)["temperature"].tobytes()
+    assert abs(rest.summary["heat"]["missing_relative"]) < 1e-13
+    assert rest.summary["heat"]["from_walls_to_grains"] > 0.0
