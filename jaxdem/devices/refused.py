@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jaxdem.coupling.forces.protocol import FluidForce
 from jaxdem.errors import InputError
 from jaxdem.simulation import Simulation
 
@@ -17,10 +16,7 @@ def require_divisible(simulation: Simulation) -> None:
     """
     found = None
     coupling, contact = simulation.coupling, simulation.contact
-    remembers = None if coupling is None else next((f.label for f in coupling.forces if _remembers(f)), None)
-    if simulation.population is not None and remembers is not None:
-        found = "particles.inlet", remembers, "where particles come in or leave and a force of the fluid has a memory"
-    elif contact is not None and contact.search is not None and contact.search.members > 1:
+    if contact is not None and contact.search is not None and contact.search.members > 1:
         found = "particles.shape", "a clump", "with clumps, whose members a slab would have to know with their bodies"
     elif contact is not None and contact.model.energy:
         found = "output.energy", "true", "with a balance of energy"
@@ -38,10 +34,6 @@ def require_divisible(simulation: Simulation) -> None:
     if found is not None:
         key, value, what = found
         raise InputError(key, value, f"several devices do not work {what}", "run it on one device")
-
-
-def _remembers(force: FluidForce) -> bool:
-    return type(force).start is not FluidForce.start
 
 
 def require_plain_run(asked: Mapping[str, tuple[bool, object, str]]) -> None:
