@@ -14,7 +14,7 @@ from jaxdem.check.cautions import cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
 from jaxdem.check.heat_numbers import heat_numbers
 from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
-from jaxdem.check.over_devices import DeviceReport, check_devices
+from jaxdem.check.over_devices import WORKING_COPIES, DeviceReport, check_devices
 from jaxdem.check.packs import pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
@@ -31,9 +31,6 @@ from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.start_point import StartPoint
 from jaxdem.simulation import Simulation
 from jaxdem.state import State
-
-WORKING_COPIES = 3
-"""Copies of a state that a compiled step is taken to need: before, after, and in between."""
 
 RUNNING = "total while running"
 """Name of the sum of the memory."""
@@ -160,7 +157,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
     memory = _memory(simulation, state, neighbors)
     over = None
     if devices is not None and devices > 1:
-        over = check_devices(case, devices, state, neighbors, memory[RUNNING])
+        over = check_devices(case, devices, state, neighbors, memory)
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
     warned = *unit_warnings(scene), *probe_cautions(case), *mesh_cautions(case)
     return CheckReport(

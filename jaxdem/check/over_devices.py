@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import jax
 import numpy as np
@@ -21,6 +22,9 @@ from jaxdem.particles.migration import NARROWEST
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.setup.builder import Case
 from jaxdem.state import State
+
+WORKING_COPIES = 3
+"""Copies of a state that a compiled step is taken to need: before, after, and in between."""
 
 LATENCY = {"cpu": 0.15e-3, "gpu": 20e-6}
 """Of the messages of a contact step, both directions [s]: measured between two processes over gloo, and assumed between
@@ -48,6 +52,7 @@ class DeviceReport:
         cells: of every device; 0 without a fluid.
         sent: by every device in a contact step, and in an iteration of the pressure [B].
         memory: of every device while running [B].
+        imbalance: particles of the fullest device at the start over their mean number; 1 is even [-].
         shorter: a contact step on one device over one on these [-]; None without particles.
         useful: number of devices up to which twice as many are worth it; None without particles.
     """
@@ -59,18 +64,21 @@ class DeviceReport:
     cells: int
     sent: tuple[int, int]
     memory: int
+    imbalance: float
     shorter: float | None
     useful: int | None
 
 
-def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | None, memory: int) -> DeviceReport:
+def check_devices(
+    case: Case, number: int, state: State, neighbors: Neighbors | None, memory: Mapping[str, int]
+) -> DeviceReport:
     """The report on so many devices.
 
     Args:
         case: the scene.
         number: of devices.
         state, neighbors: at the start; of the list shapes are enough.
-        memory: of one device [B].
+        memory: of the parts of the state on one device [B].
 
     Raises:
         InputError: something in the scene does not work on several devices, or no axis can be cut so often.
@@ -86,7 +94,8 @@ def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | 
     if simulation.fluid is not None:
         cells = math.prod(simulation.fluid.solver.grid.cells) // number
     if state.particles is None or neighbors is None:
-        return DeviceReport(number, blocks.axis, (), (), cells, (0, _pressure_bytes(case, blocks)), memory // number,
+        each = WORKING_COPIES * memory.get("fluid", 0) // number
+        return DeviceReport(number, blocks.axis, (), (), cells, (0, _pressure_bytes(case, blocks)), each, 1.0,
                             None, None)  # fmt: skip
     counts, ghosts, room = _spread(case, blocks, state)
     item = state.particles.position.dtype.itemsize
@@ -97,7 +106,7 @@ def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | 
     sent = 2 * (room.ghosts * values * item + 4)
     rows = (room.rows + 2 * room.ghosts) / max(len(state.particles.position), 1)
     times = {
-        devices: _step_time(case, neighbors, sent, max(ghosts), devices)
+        devices: _step_time(case, neighbors, sent, max(ghosts), devices, _fullest(case, blocks, state, devices))
         for devices in (1, number, *(2**k for k in range(int(math.log2(MOST)) + 1)))
     }
     widest = simulation.box[blocks.axis] / (NARROWEST * simulation.search.reach)
@@ -111,7 +120,8 @@ def check_devices(case: Case, number: int, state: State, neighbors: Neighbors | 
         tuple(map(int, ghosts)),
         cells,
         (sent, _pressure_bytes(case, blocks)),
-        int(memory * rows),
+        _memory(case, memory, rows, number),
+        float(max(counts) * number / max(sum(counts), 1)),
         float(times[1] / times[number]),
         useful,
     )
@@ -151,6 +161,28 @@ def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.nd
     return counts, ghosts, needed_room(division, search, position, planes, listed)
 
 
+def _memory(case: Case, memory: Mapping[str, int], rows: float, number: int) -> int:
+    """Of every device while running [B]: of particles so many rows over all that there are, of the fluid its share,
+    and in whole the meshes, and what particles are where they differ."""
+    of_rows = sum(memory.get(part, 0) for part in ("particles", "neighbour list", "kernel weights"))
+    own = WORKING_COPIES * (rows * of_rows + memory.get("fluid", 0) / number + memory.get("meshes", 0))
+    sizes = [leaf for leaf in jax.tree.leaves(case.parameters.bodies) if leaf.ndim]
+    return int(own + sum(leaf.size * leaf.dtype.itemsize for leaf in sizes))
+
+
+def _fullest(case: Case, blocks: Blocks, state: State, number: int) -> float:
+    """Share of the particles on the fullest of so many devices at the start: an even one where the slabs move."""
+    particles = required(state.particles, "state.particles")
+    along = np.asarray(particles.position, float)[:, blocks.axis]
+    if particles.active is not None:
+        along = along[np.asarray(particles.active)]
+    if case.simulation.fluid is None or not len(along):
+        return 1.0 / number
+    length = case.simulation.box[blocks.axis]
+    slab = np.clip(np.floor(np.mod(along, length) / length * number), 0, number - 1).astype(int)
+    return float(np.bincount(slab).max() / len(along))
+
+
 def _pressure_bytes(case: Case, blocks: Blocks) -> int:
     """Sent by a device in an iteration of the pressure: the layer beside each border, and the slab for the transform
     along the cut axis, there and back [B]."""
@@ -164,8 +196,8 @@ def _pressure_bytes(case: Case, blocks: Blocks) -> int:
     return item * (2 * layer + 2 * slab * (blocks.number - 1) // blocks.number)
 
 
-def _step_time(case: Case, neighbors: Neighbors, sent: int, ghosts: int, number: int) -> float:
-    """Of a contact step on so many devices, with as many ghosts on each [s]."""
+def _step_time(case: Case, neighbors: Neighbors, sent: int, ghosts: int, number: int, fullest: float) -> float:
+    """Of a contact step on so many devices, with as many ghosts on each, by the share of the fullest [s]."""
     steps, gpu = case.simulation.steps, jax.default_backend() != "cpu"
     whole = run_cost(case.simulation, neighbors).contacts
     step = whole / (steps.outputs * steps.intervals_per_output * steps.contacts_per_interval)
@@ -174,5 +206,5 @@ def _step_time(case: Case, neighbors: Neighbors, sent: int, ghosts: int, number:
         return step
     kind = "gpu" if gpu else "cpu"
     count = neighbors.reference[0].shape[0]
-    share = 1.0 / number + ghosts / max(count, 1)
+    share = fullest + ghosts / max(count, 1)
     return launch + (step - launch) * share + LATENCY[kind] + sent / BANDWIDTH[kind]

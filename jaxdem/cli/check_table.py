@@ -17,6 +17,9 @@ from jaxdem.cli.terminal import merge_text
 from jaxdem.closures.correlation import VOID_FRACTION_FLOOR
 from jaxdem.failures import MINIMUM_VOID_FRACTION
 
+UNEVEN = 1.2
+"""Particles of the fullest device over their mean number, above which it is told."""
+
 LIMIT_NAMES = {
     "rayleigh": "Rayleigh time",
     "contact_duration": "duration of an impact",
@@ -206,8 +209,9 @@ def _devices(report: DeviceReport) -> Iterable[tuple[str, str]]:
     else:
         text += f". More than {report.useful} devices do not help"
     yield "contact steps", text
-    if max(report.particles) > 1.2 * sum(report.particles) / report.number:
-        yield "uneven", "with a fluid all devices have as many cells, and the one with most particles sets the pace"
+    if report.imbalance > UNEVEN:
+        text = f"the fullest device has {report.imbalance:.2g} times the mean number of particles at the start"
+        yield "uneven", f"{text}, and sets the pace: with a fluid all have as many cells, and the slabs do not move"
 
 
 def _range(numbers: Sequence[int]) -> str:

@@ -5,6 +5,7 @@ import pytest
 
 import jaxdem
 from jaxdem.check.check import check_scene
+from jaxdem.cli.check_table import _devices as render_devices
 from jaxdem.cli.check_table import render
 from jaxdem.errors import InputError
 
@@ -47,6 +48,18 @@ def test_small_scenes_are_not_helped_and_large_ones_are():
     with console.capture() as said:
         console.print(render(small))
     assert "Several devices do not help" in said.get()
+
+
+def test_grains_at_one_end_of_a_fluid_are_the_work_of_one_device():
+    """All in the first of four slabs of equal width: four times the mean, and nothing gained."""
+    pack = {"kind": "lattice", "start": [0, 0, 0], "stop": [0.4, 0.1, 0.1], "spacing": 0.02 / 0.0198}
+    grains = {**scene_of().tables()["particles"], "count": 500, "pack": pack}
+    fluid = {"cells": [16, 5, 5], "density": 1.2, "viscosity": 1e-5, "time_step": 1e-3}
+    report = check_scene(scene_of(particles=grains, fluid=fluid), devices=4)
+    assert report.devices.particles == (500, 0, 0, 0) and report.devices.imbalance == 4.0
+    assert report.devices.shorter < 1.0 and report.devices.useful == 1
+    shown = [text for name, text in render_devices(report.devices) if name == "uneven"]
+    assert len(shown) == 1 and "4 times the mean number" in shown[0]
 
 
 def test_what_cannot_be_divided_is_refused_by_name():
