@@ -229,7 +229,7 @@ def _forces(simulation: Any, parameters: Parameters, particles: ParticleState) -
 TINY = 1e-7
 
 
-@case("bond: the four springs, however the pair is turned", "contact", SOURCE)
+@case("bond: the four springs, however the pair is turned", "bonds", SOURCE)
 def springs() -> list[Figure]:
     """Force and moment of one bond that is stretched, sheared, bent and twisted by 1e-7, after any rotation."""
     of, none = strand(2), np.full(3, 1e-15)
@@ -263,7 +263,7 @@ def springs() -> list[Figure]:
     return figures
 
 
-@case("bond: rotation of the whole strains nothing", "contact", "rigid body")
+@case("bond: rotation of the whole strains nothing", "bonds", "rigid body")
 def turning() -> list[Figure]:
     """Two bonded grains that turn about each other: no shear, however long; at rest in any attitude no force."""
     of = strand(2)
@@ -314,7 +314,7 @@ def deflection(count: int, load: float) -> tuple[float, float]:
     return load * (count * SPACING) ** 3 / (3.0 * NORMAL * SPACING * INERTIA), load * exact
 
 
-@case("beam of bonded grains: cantilever under a load at its tip", "contact", SOURCE)
+@case("beam of bonded grains: cantilever under a load at its tip", "bonds", SOURCE)
 def cantilever() -> list[Figure]:
     """P L^3/(3 E I) of eight grains in 2-D and 3-D, which are slowed down until they rest."""
     figures = []
@@ -339,7 +339,7 @@ def cantilever() -> list[Figure]:
     return figures
 
 
-@case("beam of bonded grains: first frequency", "contact", SOURCE)
+@case("beam of bonded grains: first frequency", "bonds", SOURCE)
 def frequency() -> list[Figure]:
     """3.516 sqrt(E I/(m L^4)) of fifteen grains that are struck in the shape of the first mode."""
     of, free = undamped(strand(16)), 15
@@ -384,7 +384,7 @@ def breaking_load(of: Strand, force: Any = None, torque: Any = None, rate: float
     return 1.1 * (when + 0.5) / calls, bond, int(status[when, bond])
 
 
-@case("bond: strength", "contact", SOURCE)
+@case("bond: strength", "bonds", SOURCE)
 def strengths() -> list[Figure]:
     """Load at which a bond breaks in tension, shear and twisting, and the root of a beam in bending."""
     pair = strand(2)
@@ -437,7 +437,7 @@ def balance(of: Strand, particles: ParticleState) -> tuple[float, np.ndarray, np
     return float(energy), MASS * v.sum(axis=0), MASS * moment + SPIN_INERTIA * w.sum(axis=0)
 
 
-@case("bonds: energy, momentum and angular momentum of a free strand", "contact", "invariant")
+@case("bonds: energy, momentum and angular momentum of a free strand", "bonds", "invariant")
 def kept() -> list[Figure]:
     """Five grains that tumble and vibrate: kept to rounding, the energy with the square of the step."""
     figures = []

@@ -42,7 +42,7 @@ class Limit:
     """A row: what was predicted, what is true; nan or inf where there is no such step.
 
     Attributes:
-        group: contact, impact, fluid or drag.
+        group: contact, impact, bonds, fluid or drag.
         name: what is tried.
         predicted: largest step that jaxdem calls stable [s].
         found: largest step that is [s].
@@ -271,6 +271,58 @@ HELD = {
 """Cohesion by which two particles rest at about the overlap of `DEPTH`, without another force."""
 
 
+# --- bonds ------------------------------------------------------------------------------------------------
+
+BONDED = {
+    "pair": [[0, 0]],
+    "chain of 8": [[k, 0] for k in range(7)],
+    "square lattice of 5 x 5": [[k, j] for j in range(5) for k in range(5)],
+}
+"""Places of bonded grains in spacings; the pair has one more beside."""
+
+
+def bond_limit_of(name: str, shear: float, damping: float) -> Limit:
+    """Grains that bonds alone hold, a hundredth of a diameter apart, perturbed a little.
+
+    The prediction is that of the bonds by themselves: contacts, which the step of a run counts too, are not there.
+    """
+    places = np.asarray([*BONDED[name], [1, 0]] if name == "pair" else BONDED[name], float)
+    spacing, stiffness = 2.02 * RADIUS, 1e10
+    position = (places + 3.0) * spacing
+    bond = {"gap": 0.05 * RADIUS, "normal_stiffness": stiffness, "shear_stiffness": shear * stiffness}
+    scene = jaxdem.load_scene(
+        {
+            "precision": "float64",
+            "domain": {"size": [12.0 * spacing] * 2, "gravity": [0.0, 0.0]},
+            "particles": {"radius": RADIUS, "density": DENSITY, "position": position.tolist()},
+            "contact": {"speed": 1e-3},
+            "bonds": [bond | {"damping": damping}],
+            "time": {"end": 1.0, "output_interval": 1.0},
+        }
+    )
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    limits = time_steps(scene).limits
+    interval = dataclasses.replace(simulation.contact, search=None, steps=TRIAL_STEPS)
+    still = (jnp.zeros(2),) * len(interval.model.sides)
+    around = surroundings(parameters.contact, still)._replace(bonds=parameters.bonds)
+    noise, force = np.random.default_rng(0), jnp.zeros_like(state.particles.velocity)
+    velocity, spin = (
+        jnp.asarray(noise.normal(0.0, 1e-9, x.shape))
+        for x in (state.particles.velocity, state.particles.angular_velocity)
+    )
+    start = state.particles._replace(velocity=velocity, angular_velocity=spin / RADIUS)
+
+    def growth(step: Array) -> Array:
+        end, _, _ = contact_interval(interval, around, parameters.bodies, start, neighbors, force, step)
+        return kinetic_energy(end, parameters.bodies) / kinetic_energy(start, parameters.bodies)
+
+    run = jax.jit(jax.vmap(growth))
+    found = largest_stable(lambda steps: run(steps) < GROWTH, limits["bond_stability"], 0.5, 8.0)
+    label = f"bonded {name}, k_s = {shear:g} k_n" + (f", damping {damping:g}" if damping else "")
+    return Limit("bonds", label, limits["bond_stability"], found, limits["contact_automatic"])
+
+
 # --- impacts ----------------------------------------------------------------------------------------------
 
 IMPACTS = 200
@@ -490,6 +542,10 @@ def limits() -> dict[str, Callable[[], Limit]]:
         ):
             contact(name, material, f", held by {kind}", cohesion=cohesion)
     table["impact: spheres that van der Waals attracts"] = attraction_limit
+    for name, shear, damping in (
+        *((name, 0.4, 0.0) for name in BONDED), ("pair", 0.01, 0.0), ("pair", 0.4, 0.3), ("chain of 8", 0.4, 0.3)
+    ):  # fmt: skip
+        table[f"bonds: {name}, {shear:g}, {damping:g}"] = functools.partial(bond_limit_of, name, shear, damping)
     streams = {
         "stream along x, limited": ((1.0, 0.0), 1e-6, "limited"),
         "stream along x, upwind": ((1.0, 0.0), 1e-6, "upwind"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -324,3 +325,25 @@ def test_bonds_are_made_of_a_pack_that_a_run_has_left(tmp_path):
     run = jaxdem.load_run(tmp_path / "run" / "bonded")
     assert run.summary["bonds"]["made"] == 12
     assert abs(run.bonds(0)["normal_force"]).max() == 0.0
+
+
+def test_the_disc_of_the_example_splits_between_the_plates(tmp_path):
+    """With 72 grains: the force of the plate rises, and falls to nearly nothing; bonds break nearer to the middle than
+    they lie on average, and no body is left that has most of the grains."""
+    overrides = {"particles.radius": 0.002, "domain.depth": 0.004, "bonds.0.gap": 5e-4, "coupling.interval": 1e-4}
+    overrides |= {
+        "probes.0.interval": 2e-4,
+        "time.end": 0.004,
+        "walls.1.motion.0.velocity": [0.0, -0.3],
+        "particles.pack.solid_fraction": 0.72,
+    }
+    scene = jaxdem.load_scene(Path(__file__).parents[2] / "scenes" / "brazilian_test.toml", overrides)
+    run = jaxdem.simulate(scene, tmp_path / "disc")
+    force = run.probes["upper"]["force_z"]
+    peak = int(np.argmax(force))
+    assert 0 < peak < len(force) - 1
+    assert force[peak:].min() < 0.2 * force[peak]
+    broken = run.bonds(-1)["status"] != INTACT
+    aside = np.abs(run.bonds(0)["position"].reshape(-1, 2, 3).mean(axis=1)[:, 0] - 0.03)
+    assert broken.any() and np.mean(aside[broken]) < np.mean(aside)
+    assert run.summary["bonds"]["largest_body"] < 0.6 * len(run.particles(-1)["id"])

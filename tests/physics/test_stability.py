@@ -49,6 +49,11 @@ def test_predicted_contact_limit_is_safe_and_within_a_factor_of_two(name, materi
     assert 0.5 <= row.ratio <= 1.012
 
 
+@pytest.mark.parametrize(("name", "least"), [("pair", 0.98), ("square lattice of 5 x 5", 0.5)])
+def test_predicted_limit_of_bonds_is_exact_for_a_pair_and_safe_for_a_lattice(name, least):
+    assert least <= stability.bond_limit_of(name, 0.4, 0.0).ratio <= 1.012
+
+
 def test_predicted_limit_of_spheres_that_hold_each_other():
     """JKR at rest: the stiffness is 0.6 of that of the contact radius, which the prediction takes."""
     row = stability.contact_limit("pair", "e = 1, mu = 0", cohesion=stability.HELD["jkr"])
