@@ -130,7 +130,7 @@ def contact_interval(
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
-    """Reach of the neighbour list: the largest diameter and how far cohesion or lubrication acts; skin: see `list_skin`."""
+    """Reach of the neighbour list: largest diameter and reach of cohesion or lubrication; its skin is `list_skin`."""
     scene, diameter = particles.scene, particles.spheres.largest_diameter
     skin = list_skin(particles.contact, particles.spheres.radius, scene.dimension, particles.members)
     cutoff = diameter + max(cohesion_reach(particles), lubrication_reach(particles))
