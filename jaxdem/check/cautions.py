@@ -85,12 +85,13 @@ def _sizes(scene: Scene, smallest: float, largest: float, cost: RunCost) -> Iter
             f"contact step costs about {cost.over_equal:.2g} times as much as with equal grains. Use sizes that "
             f"differ less, or a wall in place of the largest grains."
         )
-    if scene.fluid is not None and scene.coupling is not None and ratio > UNEQUAL:
+    if scene.fluid is not None and scene.coupling is not None and ratio > UNEQUAL and not scene.coupling.polydisperse:
         law = "the closure" if scene.closure.file is not None else f"coupling.drag = {scene.coupling.drag!r}"
         yield (
             f"{law}: this is a drag law for equal grains, but the diameters are 1 : {ratio:.3g}. In a dense mixture "
             f"small grains get too much drag and large ones too little (see the page Limits: for 1 : 2 at a solid "
-            f"fraction of 0.5 it is 1.5 and 0.5 times the drag of a law for mixtures)."
+            f"fraction of 0.5 it is 1.5 and 0.5 times the drag of a law for mixtures). Set "
+            f"coupling.polydisperse = true."
         )
 
 

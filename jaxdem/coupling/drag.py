@@ -17,6 +17,7 @@ from jaxdem.coupling.forces.protocol import IntervalStart
 from jaxdem.coupling.inputs import deconvolved
 from jaxdem.coupling.member_weights import crosswise_sphericity
 from jaxdem.coupling.model_b import drag_of_model_b
+from jaxdem.coupling.polydisperse import sauter_mean, share_of_size
 from jaxdem.coupling.presence import present_drag
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
 from jaxdem.coupling.stiff_drag import settling_coefficient
@@ -39,6 +40,7 @@ class DragModel:
         coarse_inputs: coarser mesh through which the law sees the fluid, None for the fluid's own.
         deconvolution: see `deconvolved`, 0 for none; without `coarse_inputs`, which have their own [-].
         surroundings: finds the neighbours that a `NeighborClosure` asks for, None for other laws.
+        polydisperse: whether grains of different sizes share the drag of their mean diameter, see `polydisperse`.
     """
 
     form: str = "A"
@@ -46,6 +48,7 @@ class DragModel:
     coarse_inputs: CoarseInputs | None = None
     deconvolution: float = 0.0
     surroundings: Surroundings | None = None
+    polydisperse: bool = False
 
     def in_blocks(self, blocks: Blocks, drift: float) -> DragModel:
         """The same in one slab of the box; `drift` is how far its particles may stand outside of it [m]."""
@@ -86,8 +89,10 @@ class DragModel:
         """
         scale = start.bodies.of_all_grains(scale)
         clumps = start.bodies.clumps
+        mean = sauter_mean(start) if self.polydisperse and start.bodies.grain_radius.ndim else None
 
-        def scaled(inputs: DragInputs) -> Drag:
+        def scaled(own: DragInputs) -> Drag:
+            inputs = own if mean is None else own._replace(diameter=mean)
             if clumps is not None and isinstance(closure, ShapedCorrelation):
                 across = crosswise_sphericity(start.particles, clumps, inputs.slip_velocity)
                 drag = closure.of_shape(inputs, ParticleShape(clumps.sphericity, across))
@@ -95,6 +100,8 @@ class DragModel:
                 drag = closure(inputs)
             if self.form == "B":
                 drag = drag_of_model_b(drag, inputs.solid_fraction)
+            if mean is not None:
+                drag = share_of_size(drag, own, mean, self.form)
             remainder = None if drag.remainder is None else scale * drag.remainder
             if neighbors is None:
                 return Drag(scale * drag.coefficient, remainder, drag.out_of_range)

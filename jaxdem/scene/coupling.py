@@ -51,8 +51,11 @@ class Coupling(Section):
         void_fraction: how the volume of particles is distributed over the cells: "kernel" (triangular kernel), "centre"
             (all in the cell of the centre), "divided" (by the volume in each cell) or "diffusion" (divided, then
             smoothed).
-        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples. For "diffusion":
-            half-width of the triangular kernel that has the same variance as the Gaussian.
+        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples. Diameters are of
+            the largest grain, and all grains have the same kernel. For "diffusion": half-width of the triangular kernel
+            that has the same variance as the Gaussian.
+        polydisperse: whether the drag law is taken at the local mean diameter (Sauter's) and shared out among the sizes
+            (van der Hoef, Beetstra & Kuipers). Without it each grain has the law at its own diameter.
         interval: coupling interval, the time between two exchanges; particles enter and leave at its end. It must
             divide `time.output_interval`. "auto" is the fluid step. In a scene without [fluid] this is the only key of
             the table, and "auto" divides `time.output_interval` into equal parts of at most 0.01 s [s].
@@ -79,6 +82,7 @@ class Coupling(Section):
     virtual_mass: Annotated[NonNegative, Field(le=10.0)] = 0.0
     basset: BassetWindow = 0
     self_disturbance: bool = Field(default=False, strict=True)
+    polydisperse: bool = Field(default=False, strict=True)
     drag_inputs_coarsened: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
     deconvolution: NonNegative = 0.0
 

@@ -41,6 +41,9 @@ def fluid_coupling(
     Raises:
         InputError: the kernel is too wide or too narrow for what is wanted.
     """
+    if table.polydisperse and surroundings is not None:
+        limit = "a closure of neighbours has learned what grains of one size do to each other"
+        raise InputError("coupling.polydisperse", True, limit, "remove this key, or take a correlation")
     grid = fluid.solver.grid
     deposition = _deposition(table, grid, diameter)
     drag = DragModel(
@@ -49,6 +52,7 @@ def fluid_coupling(
         _coarse_inputs(table, grid, fluid.solver.boundary, diameter) if table.drag_inputs_coarsened > 1 else None,
         _deconvolution(table, deposition, grid),
         surroundings,
+        table.polydisperse,
     )
     return Coupling(fluid, deposition, drag, _further_forces(table))
 
