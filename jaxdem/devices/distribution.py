@@ -37,13 +37,14 @@ AXIS_OF_PARTICLES = {
     "contact_force": 0,
     "fluid_force": 0,
     "fluid_memory": -2,
+    "liquid": 0,
 }
 """Fields of `ParticleState` that every particle has an entry of, and along which axis of their arrays."""
 
 KEPT = ("position", "position_low")
 """Fields of which a row without a particle has the values of another one, not zero."""
 
-REFUSED = ("liquid", "bonds", "orientation", "orientation_low")
+REFUSED = ("bonds", "orientation", "orientation_low")
 """Fields of scenes that `refused` turns away."""
 
 

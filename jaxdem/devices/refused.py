@@ -20,8 +20,6 @@ def require_divisible(simulation: Simulation) -> None:
         found = "particles.shape", "a clump", "with clumps, whose members a slab would have to know with their bodies"
     elif contact is not None and contact.model.energy:
         found = "output.energy", "true", "with a balance of energy"
-    elif contact is not None and contact.model.wet:
-        found = "contact.cohesion.kind", "capillary", "with liquid bridges, which share the liquid of a grain"
     elif contact is not None and contact.model.bonds is not None:
         found = "bonds", "...", "with bonds between particles"
     elif simulation.fluid is not None and simulation.fluid.solver.surfaces:

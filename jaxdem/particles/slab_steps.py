@@ -47,10 +47,11 @@ def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
     def wider(rows: Array) -> Array:
         return padded_rows(ghosts, rows)
 
-    low = state.position_low
+    low, liquid = state.position_low, state.liquid
     return state._replace(
         position=wider(state.position),
         position_low=None if low is None else wider(low),
+        liquid=None if liquid is None else wider(liquid),
         velocity=wider(state.velocity),
         angular_velocity=wider(state.angular_velocity),
         wall_spring=tuple(wider(spring.T).T for spring in state.wall_spring),
@@ -61,10 +62,11 @@ def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
 
 def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> ParticleState:
     """The state of a slab after contact steps; the inverse of `padded`."""
-    count, low = ghosts.rows, rows.position_low
+    count, low, liquid = ghosts.rows, rows.position_low, rows.liquid
     return before._replace(
         position=rows.position[:count],
         position_low=None if low is None else low[:count],
+        liquid=None if liquid is None else liquid[:count],
         velocity=rows.velocity[:count],
         angular_velocity=rows.angular_velocity[:count],
         contact_spring=rows.contact_spring,
@@ -104,14 +106,20 @@ def seen_in_slab(
 def refreshed(
     division: Division, neighbors: Neighbors, motion: Motion, expected: Vector, slab: SlabCarry
 ) -> tuple[Motion, Vector, SlabCarry]:
-    """Motion and expected velocity (n,) with what the neighbours have of the ghosts, and when they build lists."""
+    """Motion and expected velocity (n,) with what the neighbours have of the ghosts, and when they build lists.
+
+    A bridge of liquid across a border takes from the films of both grains, which both slabs know as they are now.
+    """
     ghosts = required(neighbors.ghosts, "ghosts of a list")
     low = () if motion.low[0] is None else tuple(x for x in motion.low if x is not None)
-    parts = (motion.position, motion.velocity, motion.angular_velocity, expected, low)
+    film: Vector = () if motion.liquid is None else (motion.liquid,)
+    parts = (motion.position, motion.velocity, motion.angular_velocity, expected, low, film)
     flat = tuple(x for part in parts for x in part)
     new, due = exchanged(division.blocks, ghosts, flat, slab.due)
     filled = iter([x.at[ghosts.rows :].set(values) for x, values in zip(flat, new, strict=True)])
-    position, velocity, spin, expected, low = (tuple(next(filled) for _ in part) for part in parts)
+    position, velocity, spin, expected, low, film = (tuple(next(filled) for _ in part) for part in parts)
+    if film:
+        motion = motion._replace(liquid=film[0])
     motion = motion._replace(position=position, velocity=velocity, angular_velocity=spin, low=low or motion.low)
     return motion, expected, slab._replace(due=due)
 

@@ -111,6 +111,30 @@ def test_a_pack_that_drifts_through_slabs_and_periodic_sides_keeps_its_contacts(
     assert number == 1 or figures.migrations > 4
 
 
+def test_liquid_bridges_across_a_border():
+    """Bridges form and rupture between grains of both slabs: films and forces are those of one device, and no liquid is
+    lost."""
+    bridges = {
+        "kind": "capillary", "surface_tension": 0.07, "liquid_content": 0.02, "liquid_viscosity": 1e-3,
+        "minimum_gap": 1e-5,
+    }  # fmt: skip
+    contact = scene_of().tables()["contact"] | {"cohesion": bridges}
+    simulation, divided, parameters, one, slabs = pair_of(scene_of(contact=contact), 2)
+    first = float(np.sum(one[0].particles.liquid))
+    state, neighbors, _ = run(simulation, parameters, *one, 12)
+    distributed, lists, _ = run(divided, parameters, *slabs, 12)
+    whole, contacts = devices.gathered(divided, distributed, lists)
+    for name in (*PARTS, "liquid", "wall_spring"):
+        pairs = (jax.tree.leaves(getattr(s.particles, name)) for s in (state, whole))
+        for x, y in zip(*pairs, strict=True):
+            assert apart(x, y) < 1e-11, name
+    slab = devices.rooms.slab_of(devices.counts(lists).planes, np.asarray(whole.particles.position[:, 0]))
+    bridge = contacts.values[-1] > 0.0
+    assert np.any(slab[contacts.first[bridge]] != slab[contacts.second[bridge]]), "a bridge across the border"
+    held = sum(float(np.sum(x)) for x in (whole.particles.liquid, contacts.values[-1], whole.particles.wall_spring[-1]))
+    assert abs(held - first) < 1e-13 * first
+
+
 def test_walls_that_move_and_a_wall_held_by_a_force():
     """A floor that shakes, and a piston on which grains of both slabs press."""
     shaken = {
