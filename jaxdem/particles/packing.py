@@ -346,6 +346,8 @@ def near_pairs(position: np.ndarray, radius: np.ndarray, box: np.ndarray) -> np.
         radius: (N,) [m].
         box: (D,) side lengths, zero along axes that are not periodic [m].
     """
+    if len(radius) == 0:
+        return np.zeros((0, 2), int)
     classes = np.floor(np.log2(radius / radius.min())).astype(int)
     members = [np.flatnonzero(classes == one) for one in np.unique(classes)]
     trees = [cKDTree(position[rows], boxsize=box) for rows in members]
