@@ -40,6 +40,29 @@ def pipe_mesh(sides: int, radius: float, length: float) -> trimesh.Trimesh:
     return trimesh.Trimesh(points, cells, process=False)
 
 
+def turned(profile: np.ndarray, sides: int) -> trimesh.Trimesh:
+    """The surface of a profile (K, 2) of radius and height that turns about the z axis.
+
+    Args:
+        profile: corners, one after the other [m].
+        sides: of the polygons that stand for circles; their sides have the radius in the middle.
+    """
+    angle = 2.0 * np.pi * np.arange(sides) / sides
+    radius, height = profile[:, 0] / np.cos(np.pi / sides), profile[:, 1]
+    x, y = (np.outer(radius, f(angle)) for f in (np.cos, np.sin))
+    points = np.stack([x, y, np.broadcast_to(height[:, None], x.shape)], axis=-1).reshape(-1, 3)
+    number = np.arange(len(points)).reshape(x.shape)
+    a, b = number[:-1], np.roll(number[:-1], -1, axis=1)
+    c, d = np.roll(number[1:], -1, axis=1), number[1:]
+    cells = np.concatenate([np.stack(corners, -1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+    return trimesh.Trimesh(points, cells)
+
+
+def orifice_plate(orifice: float, radius: float, sides: int = 48) -> trimesh.Trimesh:
+    """A flat ring at z = 0 about a round orifice of this radius [m]."""
+    return turned(np.array([[orifice, 0.0], [radius, 0.0]]), sides)
+
+
 def saved(mesh: trimesh.Trimesh, path) -> str:
     """The file of a mesh; PLY holds coordinates in float64."""
     path = str(path)

@@ -1,0 +1,142 @@
+"""Flow out of a round orifice in a flat bottom that is a mesh, against the law of Beverloo.
+
+A cylinder is filled and comes to rest on a plane. Then the plane is a plate with an orifice, for each diameter.
+The flow is the slope of the mass that has left between two times, grains lying over the orifice all the time.
+
+    python benchmarks/orifices.py [--grains 4000] [--radius 9.5] [--diameter 0.004] [--folder runs]
+
+The spheres of 4 mm are for a few minutes on one core: orifices of 5 to 8 diameters. All lengths are in diameters, so
+--diameter changes the scale alone.
+
+Law: Beverloo, Leniger, van de Velde, Chem. Eng. Sci. 15 (1961) 260: W = C rho_b sqrt(g) (D - k d)^2.5, with C = 0.58,
+k = 1.4 (Nedderman 1992) and a bulk density rho_b of 1500 kg/m3.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # run as a script from anywhere
+
+import jaxdem  # noqa: E402
+from benchmarks import harness  # noqa: E402
+from tests.cases.surfaces import orifice_plate, saved  # noqa: E402
+
+DENSITY, BULK = 2500.0, 1500.0
+ORIFICES = (5.0, 6.5, 8.0)
+FLOOR, FILLED, HEIGHT = 4.0, 26.0, 32.0
+"""Of the bottom, of the region of the grains, and of the box, over the diameter of a grain [-]."""
+
+BEGIN = 0.1
+"""Time after the opening from which the flow is steady [s]."""
+
+
+def tables(given: argparse.Namespace) -> dict[str, Any]:
+    """The silo, filled above a plane."""
+    diameter, grains = given.diameter, given.grains
+    middle, floor, radius = [(given.radius + 0.5) * diameter] * 2, FLOOR * diameter, given.radius * diameter
+    axis = {"axis": [0, 0, 1], "radius": radius}
+    region = {"shape": "cylinder", "base": [*middle, floor], "length": FILLED * diameter, **axis}
+    return {
+        "seed": 1,
+        "domain": {"size": [2.0 * middle[0], 2.0 * middle[1], HEIGHT * diameter]},
+        "particles": {
+            "radius": 0.5 * diameter,
+            "density": DENSITY,
+            "pack": {"kind": "settled", "count": grains, "region": region},
+        },
+        "contact": {
+            "young_modulus": 2.5e8 * diameter,
+            "poisson_ratio": 0.25,
+            "restitution": 0.5,
+            "friction": 0.5,
+            "speed": 1.0,
+        },
+        "walls": [
+            {"kind": "cylinder", "center": [*middle, 0.0], **axis},
+            {"kind": "plane", "point": [*middle, floor], "normal": [0, 0, 1]},
+        ],
+        "boundary": {"bottom": {"particles": "remove"}},
+        "time": {"end": 0.01, "output_interval": 0.01},
+    }
+
+
+def law(orifice: float, diameter: float) -> float:
+    """Beverloo's flow [kg/s]."""
+    return 0.58 * BULK * math.sqrt(9.81) * (orifice - 1.4 * diameter) ** 2.5
+
+
+def flow(width: float, filled: Path, given: argparse.Namespace, folder: Path) -> dict[str, float]:
+    """Flow through an orifice of so many diameters, from `BEGIN` until a third of the grains has left or the end."""
+    diameter, name = given.diameter, f"{width:g}d"
+    orifice, scene = width * diameter, tables(given)
+    file = saved(orifice_plate(0.5 * orifice, 1.1 * given.radius * diameter), folder / f"{name}.ply")
+    plane = scene["walls"].pop()
+    scene["walls"].append({"kind": "mesh", "file": file, "translate": plane["point"]})
+    begin = scene["time"]["end"]
+    scene |= {"start": {"from": str(filled)}, "time": {"end": begin + given.end, "output_interval": 0.01}}
+    del scene["particles"]["pack"]
+    before = time.process_time()
+    run = jaxdem.simulate(jaxdem.load_scene(scene), folder / name)
+    seconds = time.process_time() - before
+    passed, removed = np.asarray(run.history["time"]) - begin, np.asarray(run.history["removed"])
+    steady = (passed >= BEGIN) & (removed <= given.grains / 3)
+    (slope, _), covariance = np.polyfit(passed[steady], removed[steady], 1, cov=True)
+    mass = DENSITY * math.pi / 6.0 * diameter**3
+    return {
+        "orifice_m": orifice,
+        "flow_kg_s": mass * slope,
+        "error_kg_s": mass * math.sqrt(covariance[0, 0]),
+        "law_kg_s": law(orifice, diameter),
+        "ratio": mass * slope / law(orifice, diameter),
+        "measured_s": float(np.ptp(passed[steady])),
+        "grains": float(np.ptp(removed[steady])),
+        "processor_s": seconds,
+    }
+
+
+def main() -> None:
+    """Fills the silo, opens it three times, and fits the exponent."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--grains", type=int, default=4000)
+    parser.add_argument("--radius", type=float, default=9.5, help="of the silo, in diameters of a grain")
+    parser.add_argument("--diameter", type=float, default=0.004, help="of a grain [m]")
+    parser.add_argument("--end", type=float, default=0.4)
+    parser.add_argument("--folder", type=Path)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = given.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        filled = folder / "filled"
+        if not filled.exists():
+            before = time.process_time()
+            jaxdem.simulate(jaxdem.load_scene(tables(given)), filled)
+            print(f"filled: {time.process_time() - before:.0f} s", flush=True)
+        rows = []
+        for orifice in ORIFICES:
+            rows.append(flow(orifice, filled, given, folder))
+            print(rows[-1], flush=True)
+        top = float(np.quantile(jaxdem.load_run(filled).particles(0)["position"][:, 2], 0.99))
+    free = np.log([row["orifice_m"] - 1.4 * given.diameter for row in rows])
+    exponent = float(np.polyfit(free, np.log([row["flow_kg_s"] for row in rows]), 1)[0])
+    names = ("orifice_m", "flow_kg_s", "error_kg_s", "law_kg_s", "ratio", "measured_s", "grains", "processor_s")
+    lines = [f"| {' | '.join(names)} |", f"|{' --- |' * len(names)}"]
+    lines += [f"| {' | '.join(f'{row[name]:.3g}' for name in names)} |" for row in rows]
+    lines.append(
+        f"\nExponent of D - 1.4 d: {exponent:.3f}; {given.grains} grains, {top / given.diameter - FLOOR:.0f} d high."
+    )
+    harness.save("orifices", {"rows": rows, "exponent": exponent, "grains": given.grains}, "\n".join(lines))
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
