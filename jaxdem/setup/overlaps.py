@@ -17,7 +17,11 @@ from jaxdem.particles import packing
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
+<<<<<<< HEAD
 from jaxdem.setup.bodies import Bodies
+=======
+from jaxdem.setup.inlet_regions import inlet_space
+>>>>>>> b892e95 (Inlets given by a region are refused with a mesh in them; cheaper tests of meshes and of moving walls)
 from jaxdem.setup.meshes import WallMesh
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import wall_keys
@@ -263,7 +267,7 @@ def _in_body(placed: Placement | None, position: np.ndarray) -> np.ndarray:
 
 
 def check_inlets_beside_meshes(particles: ParticleSetup, placed: tuple[Placement | None, ...] = ()) -> None:
-    """Refuses a mesh in the box of an inlet: particles that come in do not look for it.
+    """Refuses a mesh in the region of an inlet: particles that come in do not look for it.
 
     Args:
         particles: of the scene.
@@ -276,14 +280,18 @@ def check_inlets_beside_meshes(particles: ParticleSetup, placed: tuple[Placement
         return
     drawn = np.random.default_rng(0).uniform(size=(4096, particles.scene.dimension))
     for k, inlet in enumerate(particles.table.inlet):
-        if inlet.start is None or inlet.stop is None:
-            continue
-        places = np.asarray(inlet.start) + drawn * np.subtract(inlet.stop, inlet.start)
+        key, corners = f"particles.inlet.{k}", (inlet.start or (), inlet.stop or ())
+        space = None if inlet.region is None else inlet_space(key, inlet.region, particles.scene.box)
+        if space is not None:
+            corners = space.bounds
+        places = np.asarray(corners[0]) + drawn * np.subtract(corners[1], corners[0])
         for mesh, place in _placed_meshes(particles.meshes, placed):
+            if space is not None:  # their centres are so far inside
+                places = places[space.inside(places, mesh.largest)]
             radius = np.full(len(places), mesh.largest)
-            if mesh.depth(_in_body(place, places), radius).max() > 0.0:
+            if mesh.depth(_in_body(place, places), radius).max(initial=-np.inf) > 0.0:
                 limit = f"{mesh.key} (mesh) lies in it or touches its particles, and they would come in on it"
-                raise InputError(f"particles.inlet.{k}", "...", limit, "move the inlet or the wall")
+                raise InputError(key, "...", limit, "move the inlet or the wall")
 
 
 def _point(row: np.ndarray) -> str:

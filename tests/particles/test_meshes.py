@@ -46,14 +46,16 @@ def planes(tmp_path_factory):
     }
 
 
-@pytest.mark.parametrize(("precision", "within"), [("float64", 1e-12), ("float32", 1e-6)])
-def test_a_plane_of_triangles_is_a_plane(planes, precision, within):
+@pytest.mark.parametrize(
+    ("precision", "within", "triangles"), [("float64", 1e-12, (2, 20000)), ("float32", 1e-6, (200,))]
+)
+def test_a_plane_of_triangles_is_a_plane(planes, precision, within, triangles):
     """Impact, sliding and rolling over edges and corners in all directions."""
     grains = twelve()
     expected = flight(grains_scene([PLANE], *grains, precision=precision), 16)
     assert np.ptp(expected.position[:, :, 0], axis=0).max() > 0.06  # over many of the triangles
-    for path in planes.values():
-        found = flight(grains_scene([on_mesh(path)], *grains, precision=precision), 16)
+    for number in triangles:
+        found = flight(grains_scene([on_mesh(planes[number])], *grains, precision=precision), 16)
         assert np.abs(found.position - expected.position).max() < within * 0.04
         assert np.abs(found.spin - expected.spin).max() < 50 * within * np.abs(expected.spin).max()
 
@@ -183,19 +185,20 @@ def test_a_grain_rests_in_a_pipe_of_flat_sides(tmp_path, sides):
 
 
 def test_friction_goes_on_over_an_edge_between_coplanar_triangles(planes, monkeypatch):
-    """A grain that slides without spin loses mu g t over all edges. Forgotten springs would show, and do."""
+    """A grain that slides loses mu g t over all edges. Forgotten springs would show on a slow one, and do."""
     mu = 0.2
     position = [[0.2, 0.31, HEIGHT + 0.02 - 1e-5], [0.2, 0.7, HEIGHT + 0.02 - 1e-5]]
-    grains = dict(position=position, velocity=[[1.5, 0.2, 0.0]] * 2, contact={"friction": mu, "restitution": 0.1})
+    grains = dict(
+        position=position, velocity=[[1.5, 0.2, 0.0], [0.05, 0.0, 0.0]], contact={"friction": mu, "restitution": 0.1}
+    )
     expected = flight(grains_scene([PLANE], **grains), 8)
     found = flight(grains_scene([on_mesh(planes[20000])], **grains), 8)
     assert np.abs(found.velocity - expected.velocity).max() < 1e-10
     speed = np.linalg.norm(found.velocity[:, 0, :2], axis=1)
     assert np.diff(speed) == pytest.approx(-mu * 9.81 * 0.01, rel=0.05)
     monkeypatch.setattr(mesh_forces, "remembered", lambda memory, touch, normal: tuple(0.0 * x for x in memory.spring))
-    forgotten = flight(grains_scene([on_mesh(planes[20000])], **grains | {"velocity": [[0.05, 0.0, 0.0]] * 2}), 8)
-    kept = flight(grains_scene([PLANE], **grains | {"velocity": [[0.05, 0.0, 0.0]] * 2}), 8)
-    assert np.abs(forgotten.velocity - kept.velocity).max() > 1e-3
+    forgotten = flight(grains_scene([on_mesh(planes[20000])], **grains), 8)
+    assert np.abs(forgotten.velocity - expected.velocity)[:, 1].max() > 1e-3
 
 
 def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
@@ -222,10 +225,12 @@ def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
         grains_scene([far | {"motion": [{"kind": "translation", "velocity": [-0.1, 0.0, 0.0]}]}], free)
     )
     assert len(build_case(scene).particles.meshes) == 1
-    inlet = {"start": [0.1, 0.1, 0.1], "stop": [0.6, 0.6, 0.6], "rate": 1000.0, "velocity": [0.0, 0.0, 0.0]}
-    tables = grains_scene([{"kind": "mesh", "file": sound, **place}], free, particles={"inlet": [inlet]})
-    with pytest.raises(InputError, match=r"particles\.inlet\.0.*walls\.0"):
-        flight(tables, 1)
+    for region in ({"start": [0.1, 0.1, 0.1], "stop": [0.6, 0.6, 0.6]},
+                   {"region": {"shape": "sphere", "center": [0.5, 0.5, 0.75], "radius": 0.16}}):  # fmt: skip
+        inlet = region | {"rate": 1000.0, "velocity": [0.0, 0.0, 0.0]}
+        tables = grains_scene([{"kind": "mesh", "file": sound, **place}], free, particles={"inlet": [inlet]})
+        with pytest.raises(InputError, match=r"particles\.inlet\.0.*walls\.0"):
+            flight(tables, 1)
     assert len(flight(grains_scene([{"kind": "mesh", "file": twice, **place, "repair": True}], free), 1).position)
 
 

@@ -112,10 +112,10 @@ def test_springs_turn_with_the_wall():
     assert np.abs(inward).max() > 0.0
 
 
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_the_wall_pulls_by_its_velocity(precision):
-    """A belt drags a grain; the program that forgets the belt's velocity does not (control)."""
-    tables = on_belt(2) | {"precision": precision}
+def test_the_wall_pulls_by_its_velocity():
+    """A belt drags a grain; the program that forgets the belt's velocity does not (control). In single precision; the
+    case "grain on a belt" has the same in double."""
+    tables = on_belt(2) | {"precision": "float32"}
     tables["time"]["end"] = 0.1
     dragged = path(tables)
     assert dragged.velocity[-1, 0, 0] > 0.1
