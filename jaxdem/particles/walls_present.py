@@ -156,7 +156,8 @@ def buried(
     comes = (begin <= middle) & (begin > middle - duration)
     crowded = None
     if len(surfaces) < len(late):
-        within, crowded = _in_meshes(interval, particles, neighbors, late[len(surfaces) :], comes, placed)
+        bodies = particles, radius
+        within, crowded = _in_meshes(interval, bodies, neighbors, late[len(surfaces) :], comes, placed)
         overlap = jnp.concatenate([overlap, within])
     # Not "deeper": an overlap that is not a number counts too.
     limit = jnp.reshape(2.0 * times.maximum_overlap * radius, (1, -1))
@@ -166,15 +167,16 @@ def buried(
 
 def _in_meshes(
     interval: ContactInterval,
-    particles: ParticleState,
+    bodies: tuple[ParticleState, Array],
     neighbors: Neighbors,
     late: tuple[int, ...],
     comes: Array,
     placed: tuple[Placement | None, ...],
 ) -> tuple[Array, Array]:
     """(L, N) overlaps with the meshes among the late walls [m], looked for only as one comes, and whether there was
-    not room enough."""
-    search, first = required(interval.search, "search").mesh_search, len(interval.model.surfaces)
+    not room enough; of particles and their radius."""
+    (particles, radius), first = bodies, len(interval.model.surfaces)
+    search = required(interval.search, "search").mesh_search
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
 
@@ -182,7 +184,7 @@ def _in_meshes(
         rows, crowded = [], jnp.zeros((), bool)
         for number in late:
             own = neighbors.surfaces[number - first], neighbors.room.meshes[number - first]
-            given = (position, low, neighbors.radius)
+            given = (position, low, radius)
             row, full = depth_in_mesh(search, *own, placed[number] if placed else None, given, particles.active)
             rows.append(row)
             crowded = crowded | full

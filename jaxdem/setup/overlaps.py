@@ -17,11 +17,8 @@ from jaxdem.particles import packing
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
-<<<<<<< HEAD
 from jaxdem.setup.bodies import Bodies
-=======
 from jaxdem.setup.inlet_regions import inlet_space
->>>>>>> b892e95 (Inlets given by a region are refused with a mesh in them; cheaper tests of meshes and of moving walls)
 from jaxdem.setup.meshes import WallMesh
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import wall_keys
