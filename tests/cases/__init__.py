@@ -14,6 +14,7 @@ MODULES = (
     "cohesion",
     "bonds",
     "energy",
+    "lubrication",
     "conservation",
     "granular",
     "moving_walls",

@@ -513,6 +513,43 @@ def fluid_limit(name: str, stream: tuple[float, float], viscosity: float, advect
     return Limit("fluid", name, predicted, found, default, f"stable to a {number} number of {value:.2f}")
 
 
+def lubrication_limit(wall: bool) -> Limit:
+    """A sphere within the roughness of another one, or of a wall, in a liquid that stops it faster than contacts part
+    it: a perturbation of its speed may not grow."""
+    film = {"cutoff": 1e-5, "roughness": 1e-6, "viscosity": 20.0}
+    near = [[0.005, 1e-3 + 5e-7]] if wall else [[0.003, 0.005], [0.0050005, 0.005]]
+    sides = ("left", "right") if wall else ("left", "right", "bottom", "top")
+    scene = jaxdem.load_scene(
+        {
+            "precision": "float64",
+            "domain": {"size": [0.01, 0.01], "gravity": [0.0, 0.0]},
+            "particles": {"radius": 1e-3, "density": DENSITY, "position": near},
+            "contact": {"young_modulus": 1e7, "restitution": 1.0, "friction": 0.0, "speed": 1e-3, "lubrication": film},
+            "boundary": {side: {"kind": "periodic"} for side in sides},
+            "time": {"end": 1.0, "output_interval": 1.0},
+        }
+    )
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    limits = time_steps(scene).limits
+    interval = dataclasses.replace(simulation.contact, search=None, steps=200)
+    velocity = simulation.wall_velocity(parameters, jnp.zeros(()))
+    around = surroundings(parameters.contact, velocity)
+    speeds = jnp.asarray([[0.0, -1e-9]] if wall else [[1e-9, 0.0], [-1e-9, 0.0]])
+    start = state.particles._replace(velocity=speeds)
+
+    @jax.jit
+    @jax.vmap
+    def stable(time_step: Array) -> Array:
+        force = jnp.zeros_like(start.velocity)
+        end, _, _ = contact_interval(interval, around, parameters.bodies, start, neighbors, force, time_step)
+        return kinetic_energy(end, parameters.bodies) < GROWTH * kinetic_energy(start, parameters.bodies)
+
+    found = largest_stable(stable, limits["contact_stability"], 0.5, 8.0)
+    name = "a sphere near a wall in a liquid" if wall else "two near spheres in a liquid"
+    return Limit("contact", name, limits["contact_stability"], found, limits["contact_automatic"])
+
+
 def limits() -> dict[str, Callable[[], Limit]]:
     """Every row by name; each is run when called."""
     table: dict[str, Callable[[], Limit]] = {}
@@ -546,6 +583,8 @@ def limits() -> dict[str, Callable[[], Limit]]:
         *((name, 0.4, 0.0) for name in BONDED), ("pair", 0.01, 0.0), ("pair", 0.4, 0.3), ("chain of 8", 0.4, 0.3)
     ):  # fmt: skip
         table[f"bonds: {name}, {shear:g}, {damping:g}"] = functools.partial(bond_limit_of, name, shear, damping)
+    for wall, name in ((False, "two near spheres"), (True, "a sphere near a wall")):
+        table[f"contact: {name} in a liquid"] = functools.partial(lubrication_limit, wall)
     streams = {
         "stream along x, limited": ((1.0, 0.0), 1e-6, "limited"),
         "stream along x, upwind": ((1.0, 0.0), 1e-6, "upwind"),

@@ -60,7 +60,9 @@ def test_losses_and_works_of_closed_form(name):
 
 
 def scene_of(**changes):
-    tables = with_tables(BOX, contact={"time_step": 1e-5}, time={"end": 0.01, "output_interval": 0.005})
+    film = {"cutoff": 2e-4, "roughness": 2e-6, "viscosity": 2e-3, "wet_friction": 0.05, "sommerfeld_number": 1e-3}
+    contact = {"time_step": 1e-5, "lubrication": film}
+    tables = with_tables(BOX, contact=contact, time={"end": 0.01, "output_interval": 0.005})
     return jaxdem.load_scene(with_tables(tables, **changes))
 
 
@@ -75,6 +77,9 @@ def test_the_summary_of_a_run_has_it_and_a_resumed_one_the_same(whole, tmp_path,
     resumed = jaxdem.simulate(scene_of(), tmp_path / "half", resume=True)
     figures = whole.summary["energy"]
     assert resumed.summary["energy"] == figures
+    assert figures["dissipated"]["liquid"] > 0.0
+    for name in ("position", "velocity", "contact_force"):
+        np.testing.assert_array_equal(whole.particles(-1)[name], resumed.particles(-1)[name])
     assert figures["missing"] == pytest.approx(0.0, abs=1e-11 * figures["start"]["translation"])
     assert 1e-6 < abs(figures["gained_relative"]) < 1e-3
     print_run(whole)
