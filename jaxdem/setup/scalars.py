@@ -35,9 +35,9 @@ from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters
 from jaxdem.structure import TimeSteps
 
-FOURIER = 0.2
+FOURIER, FOURIER_AMONG_GRAINS = 0.4, 0.2
 """Largest D t sum(1/h^2) of a step of a scalar [-]: Heun's method is stable up to 0.5 where the void fraction of a face
-is that of its cells, and at a front of grains it may be more than twice that of a cell."""
+is that of its cells; at a front of grains it may be more than twice that of a cell."""
 
 CONDUCTED = 0.25
 """Largest part of the difference to its neighbours that a grain may lose in a step of conduction [-]."""
@@ -77,7 +77,8 @@ def scene_scalars(
         for name, diffusivity in _diffusivities(scene):
             number = diffusivity * steps.interval * sum(1.0 / h**2 for h in spacing)
             sides = tuple(_kind(scene.boundary[side], name) for side in scene.sides)
-            fields.append(ScalarField(name, sides, diffusivity > 0.0, max(1, math.ceil(number / FOURIER))))
+            limit = FOURIER if particles is None else FOURIER_AMONG_GRAINS
+            fields.append(ScalarField(name, sides, diffusivity > 0.0, max(1, math.ceil(number / limit))))
     heat = None
     if scene.heat is not None:
         table = scene.heat

@@ -1,0 +1,103 @@
+"""Time of a coupling interval with temperatures against the same interval without.
+
+Two scenes: grains in a gas (exchange of heat, conduction through contacts) and a fluid alone (a cavity). Intervals of
+both are timed in turns in one process, in processor time, and the least of each counts. Writes results/heat.{json,md}.
+
+    python benchmarks/heat.py [--repeats 7]
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import math
+import sys
+import time
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
+
+import jaxdem
+from benchmarks import harness
+
+SCENES = Path(__file__).parents[1] / "scenes"
+INTERVALS = 10
+"""Coupling intervals that are timed together."""
+
+
+def tables_of(name: str) -> dict[str, Any]:
+    """Tables of a shipped scene."""
+    return tomllib.loads((SCENES / f"{name}.toml").read_text())
+
+
+def bed_tables() -> dict[str, Any]:
+    """The heated bed, 10,000 grains on 60 x 60 cells."""
+    tables = tables_of("heated_bed")
+    tables["domain"]["size"] = [0.3, 0.3]
+    tables["particles"]["count"] = 10_000
+    tables["particles"]["pack"]["stop"] = [0.3, 0.15]
+    tables["fluid"]["cells"] = [60, 60]
+    return tables
+
+
+def cavity_tables() -> dict[str, Any]:
+    """The cavity on 128 x 128 cells."""
+    tables = tables_of("cavity")
+    tables["fluid"] |= {"cells": [128, 128], "time_step": 0.002}
+    return tables
+
+
+def without_heat(tables: dict[str, Any]) -> dict[str, Any]:
+    """The same scene without temperatures."""
+    found = copy.deepcopy(tables)
+    del found["heat"]
+    for side in found["boundary"].values():
+        side.pop("temperature", None)
+    found["boundary"] = {name: side for name, side in found["boundary"].items() if side}
+    return found
+
+
+def stepper(tables: dict[str, Any]) -> Callable[[], float]:
+    """A function that advances a scene and gives the processor time of an interval [s]."""
+    scene = jaxdem.load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    going = list(jaxdem.initial_state(scene, simulation, parameters))
+    step = jax.jit(lambda state, neighbors: simulation.step(parameters, state, neighbors)[:2])
+
+    def once() -> float:
+        before = time.process_time()
+        for _ in range(INTERVALS):
+            going[:] = step(*going)
+        jax.block_until_ready(going[0])
+        return (time.process_time() - before) / INTERVALS
+
+    once()
+    return once
+
+
+def main() -> None:
+    """Both scenes, and the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=7)
+    repeats = parser.parse_args().repeats
+    rows: dict[str, dict[str, float]] = {}
+    for name, tables in (("bed", bed_tables()), ("cavity", cavity_tables())):
+        steps = {"with": stepper(tables), "without": stepper(without_heat(tables))}
+        best = dict.fromkeys(steps, math.inf)
+        for _ in range(repeats):
+            for kind, once in steps.items():
+                best[kind] = min(best[kind], once())
+        rows[name] = {f"{kind}_ms": 1e3 * value for kind, value in best.items()}
+        rows[name]["ratio"] = best["with"] / best["without"]
+    lines = ["| scene | without heat [ms] | with heat [ms] | ratio |", "| --- | --- | --- | --- |"]
+    lines += [f"| {n} | {r['without_ms']:.2f} | {r['with_ms']:.2f} | {r['ratio']:.2f} |" for n, r in rows.items()]
+    harness.write("heat", {"intervals": rows, "repeats": repeats}, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
