@@ -23,7 +23,7 @@ from jaxdem.particles.integrate import Motion, ParticleState, kinetic_energy
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
 from jaxdem.state import Parameters
-from tests.cases.registry import Figure, below, case, relative
+from tests.cases.registry import Figure, at_least, below, case, relative
 
 RADIUS, DENSITY, CLAMP = 5e-3, 2500.0, 1e12
 SPACING = 2.02 * RADIUS
@@ -459,4 +459,11 @@ def kept() -> list[Figure]:
         for name, before, after in zip(("momentum", "angular momentum"), first[1:], last[1:], strict=True):
             off = float(np.max(np.abs(after - before)) / np.max(np.abs(before)))
             figures.append(below(f"{dimension}-D: {name}", off, 1e-12))
+        damped = push(of.with_bonds(damping=0.3), velocity=velocity, spin=spin, step=step, calls=5, steps=100).particles
+        last = balance(of, damped)
+        off = float(np.max(np.abs(last[2] - first[2])) / np.max(np.abs(first[2])))
+        figures.append(below(f"{dimension}-D, with dashpots: angular momentum", off, 1e-12))
+        figures.append(
+            at_least(f"{dimension}-D, with dashpots: part of the energy lost", 0.05, 1.0 - last[0] / first[0])
+        )
     return figures

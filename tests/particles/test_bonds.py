@@ -19,6 +19,7 @@ from jaxdem import devices
 from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError
 from jaxdem.particles.bond_state import INTACT, LEFT, TENSION, BondState
+from jaxdem.particles.bonds import bond_loads
 from jaxdem.setup.contact_step import contact_step
 from jaxdem.setup.particles import particle_setup
 from tests.cases import bonds as cases
@@ -153,6 +154,49 @@ def test_slope_of_the_deflection_by_the_stiffness():
     assert abs(float(slope) / exact - 1.0) < 1e-3
 
 
+def test_slope_of_the_stress_before_the_first_break():
+    """k_n (u_n + R b) of a bond that is bent by b, u_n = L (1 - cos(angle/2)): its slopes by the stiffness and by the
+    radius of the bond."""
+    of, angle = cases.strand(2), 1e-3
+    half = [math.cos(0.25 * angle), 0.0, 0.0, math.sin(0.25 * angle)]
+    turned = tuple(jnp.asarray([q if k == 0 else -q, q]) for k, q in enumerate(half))
+    particles = of.particles._replace(bonds=of.particles.bonds._replace(orientation=turned))
+
+    def stress(stiffness, factor):
+        bonds = of.parameters.bonds._replace(normal_stiffness=stiffness[None], radius_factor=factor[None])
+        loads = bond_loads(of.simulation.contact.model.bonds, bonds, of.parameters.bodies, particles)
+        return loads.tensile_stress[0]
+
+    bending = cases.NORMAL * RADIUS * 2.0 * math.sin(0.5 * angle)
+    exact = bending + cases.NORMAL * SPACING * (1.0 - math.cos(0.5 * angle))
+    value, slopes = jax.jit(jax.value_and_grad(stress, (0, 1)))(jnp.asarray(cases.NORMAL), jnp.asarray(1.0))
+    assert float(value) == pytest.approx(exact, rel=1e-8)
+    assert float(slopes[0]) == pytest.approx(exact / cases.NORMAL, rel=1e-8)
+    assert float(slopes[1]) == pytest.approx(bending, rel=1e-8)
+
+
+def test_a_bonded_pair_sinks_in_a_fluid_as_one():
+    """A heavy and a light grain, side by side: without the bond the heavy one is ahead."""
+    apart = []
+    for bonded in (True, False):
+        tables = tables_of(
+            particles={"position": square(2, 1, at=(0.07, 0.1)), "density": [4000.0, 1500.0]},
+            fluid={"cells": [5, 5], "density": 1000.0, "viscosity": 1e-4},
+            boundary={"top": {"kind": "outlet"}},
+            time={"end": 0.02, "output_interval": 0.01},
+        )
+        if not bonded:
+            del tables["bonds"]
+        simulation, parameters, state, neighbors = first(jaxdem.load_scene(tables))
+        step = jax.jit(lambda s, n, sim=simulation, p=parameters: sim.step(p, s, n)[:2])
+        for _ in range(math.ceil(0.02 / simulation.interval)):
+            state, neighbors = step(state, neighbors)
+        position = np.asarray(state.particles.position)
+        apart.append(abs(float(np.linalg.norm(position[0] - position[1])) / SPACING - 1.0))
+        assert (position[:, 1] < 0.1 - 1e-5).all()
+    assert apart[0] < 1e-4 < apart[1]
+
+
 def test_single_precision_bends_as_far():
     """A cantilever that sinks by a thousandth of a diameter: the strains are 1e-4 and less."""
     sunk = []
@@ -278,10 +322,27 @@ def test_runs_are_resumed_and_go_on_in_another_bit_for_bit(tmp_path):
     _counted(whole)
     _opens_in_vtk(whole)
     later["time"]["end"] = 0.03
+    _less_and_more_grains(later)
     with pytest.raises(InputError, match="start.relax"):
         jaxdem.simulate(jaxdem.load_scene(later | {"start": later["start"] | {"relax": True}}), tmp_path / "no")
     with pytest.raises(InputError, match="start.time"):
         jaxdem.simulate(jaxdem.load_scene(later | {"start": later["start"] | {"time": 0.0}}), tmp_path / "no")
+
+
+def _less_and_more_grains(later):
+    """Bonds of grains that are removed at the start have left; grains that are added have none."""
+    low = {"shape": "box", "start": [0.0, 0.0], "stop": [0.15, 0.03]}
+    added = {"radius": RADIUS, "density": 2500.0, "position": [[0.12, 0.12]]}
+    changed = later | {"start": later["start"] | {"remove": [low], "add": added}}
+    _, _, state, _ = first(jaxdem.load_scene(changed))
+    bonds, active = state.particles.bonds, np.asarray(state.particles.active)
+    assert len(active) == 10 and active[9] and not active[:9].all()
+    one, other = (np.asarray(x)[:-1] for x in (bonds.pairs.first, bonds.pairs.second))
+    both = active[one] & active[other]
+    status = np.asarray(bonds.status)[:-1]
+    assert (status[~both] != INTACT).all() and (status[~both] == LEFT).any()
+    assert (status[both] != LEFT).all()
+    assert len(one) == 12 and (np.asarray(bonds.orientation[0])[9] == 1.0)
 
 
 def _counted(run):
