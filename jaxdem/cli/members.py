@@ -86,6 +86,7 @@ def launch(group: ProcessGroup, processes: int | None, resume: str) -> None:
     """
     if group.member is not None or processes is None or processes == 1:
         return
+    process.be_silent()
     outcome = run_processes(processes, sys.argv[1:])
     if outcome.message is not None:
         terminal.fail(f"{outcome.message} The run has stopped. Continue with: {resume}", outcome.code)
