@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxdem.check.bond_numbers import bond_numbers
 from jaxdem.check.cautions import cautions
+from jaxdem.check.clump_rows import clump_rows
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
 from jaxdem.check.heat_numbers import heat_numbers
 from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
@@ -190,7 +191,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         memory=memory,
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
-        packs=pack_rows(case.particles),
+        packs=(*clump_rows(case.particles), *pack_rows(case.particles)),
         meshes=mesh_rows(case),
         start=case.start_figures,
         devices=over,

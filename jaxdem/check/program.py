@@ -28,6 +28,7 @@ def compiled_parts(
         parts += [
             (f"contact law {type(model.law).__name__}", True),
             (_cohesion(scene), model.cohesion is not None),
+            ("clumps of spheres", parameters.bodies is not None and parameters.bodies.clumps is not None),
             ("bonds between particles", model.bonds is not None),
             ("lubrication", model.lubrication is not None),
             ("friction by the film between particles", model.wet_friction),

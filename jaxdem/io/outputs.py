@@ -16,9 +16,9 @@ from jaxdem.io.probes import PROBES_FILE, PROBES_FOLDER
 from jaxdem.io.run_directory import CHECKPOINT, HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat
 from jaxdem.io.summary import SUMMARY
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat
+from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, SphereFormat
 
-SERIES = (ParticleFormat, FluidFormat, BondFormat, SampleFormat)
+SERIES = (ParticleFormat, FluidFormat, BondFormat, SphereFormat, SampleFormat)
 OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK, PROBES_FILE} | {f"{kind.stem}{kind.suffix}" for kind in SERIES}
 """Names in a run directory that are the run's."""
 

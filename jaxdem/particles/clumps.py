@@ -186,7 +186,8 @@ def _arms_in_space(turning: list[Pair], body: list[Pair]) -> list[Pair]:
     scalar, vector = turning[0], turning[1:]
     inner = [pairs.total(pairs.product(scalar, v), across) for v, across in zip(body, cross(vector, body), strict=True)]
     twice = [pairs.total(part, part) for part in cross(vector, inner)]
-    return [pairs.total(v, part) for v, part in zip(body, twice, strict=True)]
+    # The offsets second, as constants must be.
+    return [pairs.total(part, v) for v, part in zip(body, twice, strict=True)]
 
 
 def arm_change(reference: Placed, motion: Motion) -> Vector:

@@ -102,11 +102,22 @@ def take_nearest(run: Run, time: float, until: float) -> Picture | None:
 
 def take(run: Run, index: int) -> Picture:
     """Frame `index` as a picture."""
-    particles, speed = _project(run.particles(index) or {}, run.dimension), _speed(run.fluid(index), run.dimension)
+    particles, speed = _project(_drawn(run, index), run.dimension), _speed(run.fluid(index), run.dimension)
     box = domain_size(run)
     time = float(run.times[index])
     borders = (solid(run.scene, box, time, run.history, run.path), openings(run.scene, box)) if box else ()
     return Picture(time, *particles, speed, *borders)
+
+
+def _drawn(run: Run, index: int) -> Mapping[str, Array]:
+    """The particles of a frame; of clumps their members, each with the values of its body."""
+    particles, spheres = run.particles(index), run.spheres(index)
+    if len(spheres) == 0 or spheres.keys() == particles.keys():
+        return particles
+    names = {quantity.array for quantity in QUANTITIES.values()} & particles.keys()
+    return {name: spheres[name] for name in ("position", "radius", "active") if name in spheres} | {
+        name: particles[name][spheres["id"]] for name in names
+    }
 
 
 def _project(particles: Mapping[str, Array], dimension: int) -> tuple[Array, Array, dict[str, Array]]:

@@ -15,6 +15,7 @@ MODULES = (
     "bonds",
     "energy",
     "lubrication",
+    "clumps",
     "conservation",
     "granular",
     "moving_walls",

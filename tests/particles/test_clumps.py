@@ -11,6 +11,9 @@ import pytest
 
 import jaxdem
 from jaxdem.particles.clump_forces import as_members
+from jaxdem.particles.clump_shape import Clumps
+from jaxdem.particles.clumps import arm_change, member_places, placed, turned
+from jaxdem.particles.integrate import Motion
 from jaxdem.particles.union import shadows, union_of_spheres
 from tests.cases.clumps import BENT, ROD, built, free_top, impulse_on_floor, momenta, two_bodies
 
@@ -226,6 +229,53 @@ def test_rod_in_the_plane(rod):
     impulse = 2.0 / (1.0 + lever**2 / inertia)
     assert float(after.velocity[0, 1]) == pytest.approx(impulse - 1.0, abs=1e-2)
     assert float(after.angular_velocity[0, 0]) == pytest.approx(-impulse * lever / inertia, rel=1e-2)
+
+
+def pair(rows, dtype):
+    """Rows of float64 as leading and trailing parts."""
+    high = tuple(jnp.asarray(row, dtype) for row in rows)
+    if dtype == np.float64:
+        return high, (None,) * len(rows)
+    return high, tuple(jnp.asarray(row - np.asarray(h, float), dtype) for row, h in zip(rows, high, strict=True))
+
+
+def whole(high, low):
+    """The inverse, as one array."""
+    parts = zip(high, low, strict=True)
+    return np.stack([np.asarray(h, float) + (0.0 if t is None else np.asarray(t, float)) for h, t in parts])
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_float32_keeps_the_digits_of_small_turns(dimension):
+    """Members before and after a turn of 1e-5 rad, in pairs of floats, against float64."""
+    rng = np.random.default_rng(5)
+    place = rng.uniform(size=(dimension, 4))
+    offset = (0.01 * rng.normal(size=(dimension, 2, 4))).astype(np.float32).astype(float)
+    start = rng.normal(size=(4, 4)) if dimension == 3 else rng.uniform(-3.0, 3.0, (1, 4))
+    start = start / np.linalg.norm(start, axis=0) if dimension == 3 else start
+    spin = rng.normal(size=(1 if dimension == 2 else 3, 4))
+
+    def moved(dtype):
+        arms, still, one = pair(offset, dtype)[0], (jnp.zeros(4, dtype),) * dimension, jnp.ones((), dtype)
+        turning, turning_low = pair(start, dtype)
+        motion = Motion(
+            *pair(place, dtype), still, pair(spin, dtype)[0], (), (), orientation=turning, orientation_low=turning_low
+        )
+        clumps = Clumps(arms, one, (one,) * len(spin), arms[0], one, one, ())
+
+        @jax.jit
+        def both(motion):
+            reference = placed(motion.position, motion.low, motion.orientation, motion.orientation_low, arms, None)
+            later = turned(motion, clumps, jnp.asarray(1e-5, dtype), True)
+            still = tuple(jnp.zeros_like(x) for x in reference.arm)
+            return [member_places(reference, m, c) for m, c in ((motion, still), (later, arm_change(reference, later)))]
+
+        return [whole(*found) for found in both(motion)]
+
+    (before, after), (exact_before, exact) = moved(np.float32), moved(np.float64)
+    way = exact - exact_before
+    assert np.abs(before - exact_before).max() < 1e-13
+    assert np.abs(after - before - way).max() < 1e-6 * np.abs(way).max()
 
 
 def test_slope_by_speed(rod):
