@@ -22,6 +22,7 @@ from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
+from jaxdem.particles.stages import stage
 
 
 def clump_forces(
@@ -39,24 +40,33 @@ def clump_forces(
     A member at the arm a has the velocity v + w x a; a force F on it is the force F and the torque a x F on the body.
     """
     clumps, reference, count = properties.rigid, _placed(neighbors), motion.velocity[0].shape[0]
-    change = arm_change(reference, motion)
-    arm = vectors.add(reference.arm, change)
-    spin = tuple(w[None] for w in motion.angular_velocity)
-    around = vectors.rotate(spin, arm)
 
-    def of_members(velocity: Vector) -> Vector:
-        return tuple((v[None] + w).reshape(-1) for v, w in zip(velocity, around, strict=True))
+    def moved() -> tuple[Vector, Motion, Vector]:
+        change = arm_change(reference, motion)
+        arm = vectors.add(reference.arm, change)
+        around = vectors.rotate(tuple(w[None] for w in motion.angular_velocity), arm)
 
-    position, low = member_places(reference, motion, change)
-    members = motion._replace(
-        position=position,
-        low=low,
-        velocity=of_members(motion.velocity),
-        angular_velocity=tuple(clumps.rows(w, count) for w in motion.angular_velocity),
+        def of_members(velocity: Vector) -> Vector:
+            return tuple((v[None] + w).reshape(-1) for v, w in zip(velocity, around, strict=True))
+
+        position, low = member_places(reference, motion, change)
+        members = Motion(
+            position, low, of_members(motion.velocity),
+            tuple(clumps.rows(w, count) for w in motion.angular_velocity), (), (),
+        )  # fmt: skip
+        return arm, members, of_members(mid_velocity or motion.velocity)
+
+    # A stage: every gather of the contact kernel would compute the members anew.
+    arm, members, middle = stage(time_step > 0, moved)
+    members = members._replace(
+        contact_spring=motion.contact_spring,
+        wall_spring=motion.wall_spring,
+        liquid=motion.liquid,
+        mesh_memory=motion.mesh_memory,
     )
     sums, members = contact_forces(
         model, surroundings, properties.spheres(count), members, neighbors, time_step,
-        None if mid_velocity is None else of_members(mid_velocity), reference.active_rows(active),
+        middle, reference.active_rows(active),
     )  # fmt: skip
     force = tuple(x.reshape(clumps.members, count) for x in sums.force)
     torque = tuple(x.reshape(clumps.members, count) for x in sums.torque)

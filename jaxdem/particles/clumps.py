@@ -22,6 +22,7 @@ from jaxdem.numerics.compensated import Low, Pair
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_shape import Clumps, Placed
 from jaxdem.particles.integrate import Motion, ParticleProperties
+from jaxdem.particles.stages import stage
 
 FURTHEST = 0.25
 """Part of the skin of the list by which a body may turn in a step; no sound run comes near it."""
@@ -202,8 +203,11 @@ def arm_change(reference: Placed, motion: Motion) -> Vector:
         )
     )
     if len(apart) == 1:
-        sine = jnp.sin(apart[0])[None]
-        less = -2.0 * jnp.sin(0.5 * apart[0])[None] ** 2
+        angle = apart[0]
+        # A stage: they would be computed anew for every member.
+        sine, less = stage(
+            jnp.any(angle == angle), lambda: (jnp.sin(angle)[None], -2.0 * jnp.sin(0.5 * angle)[None] ** 2)
+        )
         x, y = reference.arm
         return less * x - sine * y, less * y + sine * x
     start = reference.orientation
