@@ -16,7 +16,7 @@ from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, sc
 from jaxdem.check.heat_numbers import heat_numbers
 from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
 from jaxdem.check.over_devices import WORKING_COPIES, DeviceReport, check_devices
-from jaxdem.check.packs import pack_rows
+from jaxdem.check.packs import bond_rows, pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.check.run_cost import RunCost, run_cost
@@ -73,7 +73,7 @@ class CheckReport:
         memory: estimates by name.
         population: what is known beforehand of particles that come and go, as (name, text).
         probes: of each probe its name, and what it costs and writes.
-        packs: of the start, and the columns of its file that are not read, as (name, text).
+        packs: of the start, columns of its file that are not read, and bonds, as (name, text).
         meshes: walls that are meshes, as (key, text).
         start: what the scene begins from, see `Case.start_figures`; {} where it begins at t = 0.
         devices: what it will be on several devices; None where none are asked for.
@@ -191,7 +191,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         memory=memory,
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
-        packs=(*clump_rows(case.particles), *pack_rows(case.particles)),
+        packs=(*clump_rows(case.particles), *pack_rows(case.particles), *bond_rows(case.particles)),
         meshes=mesh_rows(case),
         start=case.start_figures,
         devices=over,

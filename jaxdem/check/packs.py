@@ -1,6 +1,8 @@
-"""Where the particles of the start come from, as the check tells of it: packs, or a file."""
+"""Where the particles of the start come from, as the check tells of it: packs, or a file; and who is bonded."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from jaxdem.setup.particles import ParticleSetup
 
@@ -19,3 +21,13 @@ def pack_rows(particles: ParticleSetup | None) -> tuple[tuple[str, str], ...]:
     if file is not None and file.columns.unused:
         rows.append(("columns of the file not read", ", ".join(repr(name) for name in file.columns.unused)))
     return tuple(rows)
+
+
+def bond_rows(particles: ParticleSetup | None) -> tuple[tuple[str, str], ...]:
+    """Number of bonds, of bonded particles, and the most of one particle, as (name, text)."""
+    bonds = None if particles is None else particles.bonds
+    if bonds is None or len(bonds.first) == 0:
+        return ()
+    each = np.bincount(np.concatenate([bonds.first, bonds.second]))
+    text = f"{len(bonds.first)} between {np.count_nonzero(each)} particles, up to {each.max()} of one"
+    return (("bonds", f"{text}; {np.mean(bonds.length):.4g} m long in the mean"),)

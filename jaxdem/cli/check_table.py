@@ -26,6 +26,7 @@ LIMIT_NAMES = {
     "contact_stability": "contact stability 2/omega_max",
     "contact_attraction": "growth of the attraction before touch",
     "contact_lubrication": "the liquid in the narrowest gap",
+    "bond_stability": "stability of the bonds alone",
     "contact_automatic": "automatic contact step",
     "courant": "Courant limit",
     "viscous": "viscous limit",

@@ -284,6 +284,7 @@ def test_check_knows_the_bonds_and_their_step():
     """The limit of a pair is its own closed form; of a lattice that stretches by pairs it is a bound."""
     report = check_scene(jaxdem.load_scene(tables_of()))
     assert "bonds between particles" in report.compiled_in
+    assert dict(report.packs)["bonds"].startswith("12 between 9 particles, up to 4 of one")
     assert report.time_steps["contact"] <= 0.5 * report.limits["bond_stability"]
     bond = {"gap": 0.05 * RADIUS, "normal_stiffness": 1e9, "shear_stiffness": 1e7}
     pair = particle_setup(jaxdem.load_scene(tables_of(particles={"position": square(2, 1)}, bonds=[bond])))
