@@ -8,15 +8,18 @@ heap. Contenders, each in processes of its own, one after the other:
 - one: one device, the plain program, on one core; also on two cores;
 - machinery: one device with the program of several, on one core: what one device loses by it;
 - devices: host devices of one process on all cores;
-- processes: two processes joined by `jax.distributed` over loopback, one core each.
+- processes: two processes joined by `jax.distributed` over loopback, as `jaxdem run --processes 2` starts them.
 
 Strong scaling: the same grains on more devices. Weak scaling: `--weak` grains a device. The share of messages is the
 time that sending the ghosts of a contact step takes by itself, over that of the step. Where cards are at hand the same
 contenders run on them, without processes. `--quick` does the smallest size with short windows; about two minutes.
 
-The model: a contact step takes launch + work N (1 + ghosts) + latency + bytes / bandwidth. Launch and work are fitted
-to one device, latency and bandwidth to messages between the two processes. What it says for cards is a prediction with
-assumed numbers, which the table names.
+The model: a contact step takes (launch + work N) machinery (1 + waiting) + latency + bytes / bandwidth, with N the
+particles and ghosts of the fullest device. Launch and work are fitted to one device, machinery to one with the program
+of several, latency and bandwidth to messages between the two processes, and waiting to what then is left of their
+steps: cores that they share with the threads that carry messages, and the slower of two in every step. Devices of one
+process share its cores and are not modelled, nor is one device on more cores than one. What it says for cards is a
+prediction with assumed numbers, which the table names, and with the machinery of this machine.
 """
 
 from __future__ import annotations
@@ -38,12 +41,14 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from benchmarks import contact, harness
+from jaxdem.cli.launch import THREADS, threads_each
 
 # jax is imported by the processes that measure: flags and cores are theirs.
 
 SLIDE = 2.0  # of the column [m/s]
-PARTICLE_STEPS = 2e6  # in a window
-QUICK_STEPS = 4e5
+INTERVAL = 100  # contact steps
+PARTICLE_STEPS = 1e7  # in a window
+QUICK_STEPS = 2e6
 MESSAGES = (100, 1000, 10_000)  # rows of the messages that are timed
 WIDTH = 8  # numbers of a ghost in them
 CARD = {"launch": 37e-6, "work": 1.0e-9, "latency": 20e-6, "bandwidth": 50e9}
@@ -69,9 +74,9 @@ def measure(given: dict[str, Any]) -> dict[str, Any] | None:
     from jaxdem import devices as over
     from jaxdem.devices.mesh import SAME, put
 
-    steps = max(20, round(given["particle_steps"] / given["count"]))
+    intervals = max(1, round(given["particle_steps"] / (given["count"] * INTERVAL)))
     with tempfile.TemporaryDirectory() as folder:
-        scene = jaxdem.load_scene(write_scene(Path(folder), given["count"], steps))
+        scene = jaxdem.load_scene(write_scene(Path(folder), given["count"], INTERVAL))
         divided = given["devices"] if given["devices"] > 1 or given["machinery"] else None
         simulation, parameters = jaxdem.build(scene, devices=divided)
         state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
@@ -83,7 +88,10 @@ def measure(given: dict[str, Any]) -> dict[str, Any] | None:
     advance, seconds, builds = compiled(), [], []
     while len(seconds) < given["windows"] + 1:
         begin = time.perf_counter()
-        found = jax.block_until_ready(advance(same, state, neighbors))
+        found = state, neighbors
+        for _ in range(intervals):
+            found = advance(same, *found)
+        jax.block_until_ready(found)
         duration = time.perf_counter() - begin
         if bool(np.any(over.mesh.on_host(found[1].overflow))):
             if divided is None:
@@ -97,7 +105,7 @@ def measure(given: dict[str, Any]) -> dict[str, Any] | None:
         state, neighbors = found
         seconds.append(duration)
         builds.append(int(np.max(over.mesh.on_host(neighbors.builds))) - before)
-    steps = simulation.steps.contacts_per_interval
+    steps = intervals * simulation.steps.contacts_per_interval
     result: dict[str, Any] = {"steps": steps, "seconds": seconds[1:], "builds": builds[1:]}
     if divided is not None:
         told = over.counts(neighbors)
@@ -186,19 +194,20 @@ def run(arguments: argparse.Namespace, count: int, devices: int, **more: Any) ->
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         given["port"] = probe.getsockname()[1]
-    cores = sorted(os.sched_getaffinity(0))
+    cores = sorted(os.sched_getaffinity(0))[: given["cores"]]
+    environment = os.environ | ({THREADS: str(threads_each(given["processes"]))} if given["processes"] > 1 else {})
     children = []
     for rank in range(given["processes"]):
-        own = [cores[rank % len(cores)]] if given["processes"] > 1 else cores[: given["cores"]]
         command = [sys.executable, __file__, "--measure", json.dumps(given | {"rank": rank})]
-        # Each process sees its own cores from the start: XLA makes as many threads.
+        # A process sees its cores from the start: XLA makes as many threads.
         children.append(
             subprocess.Popen(
                 command,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
-                preexec_fn=lambda own=own: os.sched_setaffinity(0, own),
+                env=environment,
+                preexec_fn=lambda: os.sched_setaffinity(0, cores),
             )
         )
     said = [child.communicate(timeout=900) for child in children]
@@ -207,7 +216,7 @@ def run(arguments: argparse.Namespace, count: int, devices: int, **more: Any) ->
         return {"failed": reason.strip().splitlines()[-1][:300]} | given
     result: dict[str, Any] = json.loads(said[0][0].splitlines()[-1])
     rate = [count * result["steps"] / seconds for seconds in result["seconds"]]
-    step = min(result["seconds"]) / result["steps"]
+    step = float(np.median(result["seconds"])) / result["steps"]
     result |= {"million_particle_steps_per_second": harness.spread([value / 1e6 for value in rate]), "step": step}
     if "message_seconds" in result:
         result["share_of_messages"] = result["message_seconds"] / step
@@ -243,35 +252,59 @@ def contenders(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 
 def fitted(found: dict[str, dict[str, Any]]) -> dict[str, float]:
-    """Launch and work from one device, latency and bandwidth from messages between processes."""
-    one = [row for name, row in found.items() if name.endswith(": one") and "step" in row]
-    counts, steps = [row["count"] for row in one], [row["step"] for row in one]
-    work, launch = np.polyfit(counts, steps, 1) if len(one) > 1 else (steps[0] / counts[0], 0.0)
-    messages = next((row["sizes"] for row in found.values() if "sizes" in row), None)
-    model = {"launch": max(float(launch), 0.0), "work": float(work)}
-    if messages is not None:
-        sizes = [4 * WIDTH * int(rows) for rows in messages]
-        slope, latency = np.polyfit(sizes, list(messages.values()), 1)
-        model |= {"latency": max(float(latency), 0.0), "bandwidth": 1.0 / float(slope) if slope > 0 else math.inf}
+    """The numbers of the model, each from the rows that show it."""
+    rows = {name: row for name, row in found.items() if "step" in row}
+    one = [row for name, row in rows.items() if name.endswith(": one")]
+    counts, steps = (np.array([row[key] for row in one], float) for key in ("count", "step"))
+    # Relative deviations count: a small pile as much as a large one.
+    launch, work = np.linalg.lstsq(np.stack((1.0 / steps, counts / steps), axis=1), np.ones(len(one)), rcond=None)[0]
+    if len(one) == 1 or launch < 0.0:
+        launch, work = 0.0, np.mean(steps / counts)
+    model = {"launch": float(launch), "work": float(work), "machinery": 1.0, "waiting": 0.0}
+    ratios = [row["step"] / modelled(model, row) for row in rows.values() if row["machinery"]]
+    model["machinery"] = float(np.mean(ratios)) if ratios else 1.0
+    sizes = next((row["sizes"] for row in rows.values() if "sizes" in row), None)
+    if sizes is None:
+        return model
+    sent, took = [4 * WIDTH * int(number) for number in sizes], list(sizes.values())
+    slope = max((took[-1] - took[0]) / (sent[-1] - sent[0]), 1e-15)
+    model |= {"latency": took[0], "bandwidth": 1.0 / slope}
+    left = []
+    for row in rows.values():
+        if row["processes"] > 1:
+            message = model["latency"] + 4 * WIDTH * row["room_of_ghosts"] * slope
+            left.append((row["step"] - message) / (modelled(model, row) - message) - 1.0)
+    model["waiting"] = max(float(np.mean(left)), 0.0) if left else 0.0
     return model
 
 
 def modelled(model: dict[str, float], row: dict[str, Any]) -> float:
-    """A contact step of a contender by the model [s]."""
+    """A contact step of a contender by the model [s]; NaN for several devices of one process, and for one that has more
+    cores than one."""
+    if row["cores"] > row["devices"]:
+        return math.nan
     if row["devices"] == 1:
-        return model["launch"] + model["work"] * row["count"]
+        alone = model["launch"] + model["work"] * row["count"]
+        return alone * (model["machinery"] if row["machinery"] else 1.0)
+    if row["processes"] == 1 or "latency" not in model:
+        return math.nan
     rows = max(row["particles"]) + max(row["ghosts"])
-    sent = 4 * WIDTH * row["room_of_ghosts"]
-    return model["launch"] + model["work"] * rows + model["latency"] + sent / model["bandwidth"]
+    computing = (model["launch"] + model["work"] * rows) * model["machinery"] * (1.0 + model["waiting"])
+    return computing + model["latency"] + 4 * WIDTH * row["room_of_ghosts"] / model["bandwidth"]
 
 
-def predicted(count: float, cards: int) -> dict[str, float]:
-    """A contact step on cards with so many grains each, by the model with `CARD`; 3-D, slabs as wide as high."""
+def predicted(model: dict[str, float], count: float, cards: int) -> dict[str, float]:
+    """A contact step on cards with so many grains each, by the model with `CARD`; 3-D, slabs as wide as high.
+
+    Cards have no threads that take their cores away: without the waiting of processes, which stands beside it.
+    """
     ghosts = GHOST_LAYERS * count ** (2.0 / 3.0)
     alone = CARD["launch"] + CARD["work"] * count
-    sent = 4 * GHOST_NUMBERS * ghosts
-    step = CARD["launch"] + CARD["work"] * (count + 2 * ghosts) + CARD["latency"] + sent / CARD["bandwidth"]
-    return {"cards": cards, "grains": count, "step": step, "efficiency": alone / step, "rate": cards * count / step}
+    computing = (CARD["launch"] + CARD["work"] * (count + 2 * ghosts)) * model["machinery"]
+    step = computing + CARD["latency"] + 4 * GHOST_NUMBERS * ghosts / CARD["bandwidth"]
+    waiting = alone / (step + model["waiting"] * computing)
+    named = {"cards": cards, "grains": count, "step": step, "efficiency": alone / step, "with_waiting": waiting}
+    return named | {"rate": cards * count / step}
 
 
 def table(found: dict[str, dict[str, Any]], model: dict[str, float], predictions: list[dict[str, float]]) -> str:
@@ -296,27 +329,30 @@ def table(found: dict[str, dict[str, Any]], model: dict[str, float], predictions
             for key in ("particles", "ghosts")
         )
         cuts = f"{row['cuts'] / max(sum(row['builds']), 1):.2f}" if "cuts" in row else ""
-        by_model = ""
-        if row["devices"] == 1 or "latency" in model:
-            by_model = f"{row['count'] / modelled(model, row) / 1e6:.3g}"
+        step = modelled(model, row)
+        by_model = "" if math.isnan(step) else f"{row['count'] / step / 1e6:.3g}"
         values = f"{rate['median']:.3g} ({rate['lowest']:.3g}-{rate['highest']:.3g})"
         lines.append((name, values, f"{gain:.2f}", share, spread, ghosts, cuts, by_model))
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     numbers = [f"launch {1e6 * model['launch']:.0f} us", f"work {1e9 * model['work']:.0f} ns a grain"]
+    numbers += [f"machinery {model['machinery']:.2f}", f"waiting {100 * model['waiting']:.0f} %"]
     if "latency" in model:
         numbers += [f"latency {1e6 * model['latency']:.0f} us", f"bandwidth {model['bandwidth'] / 1e9:.2g} GB/s"]
-    text += f"\n\nModel, fitted to one device and to messages between two processes: {', '.join(numbers)}.\n"
+    off = [abs(modelled(model, row) / row["step"] - 1.0) for row in found.values() if "step" in row]
+    text += (
+        f"\n\nModel: {', '.join(numbers)}. It is off by {100 * np.nanmax(off):.0f} % at most in the rows that it has.\n"
+    )
     text += (
         "\n**Prediction, not measured.** Cards, with these numbers assumed: "
         f"launch {1e6 * CARD['launch']:.0f} us, work {1e9 * CARD['work']:.2g} ns a grain and contact step, "
         f"latency {1e6 * CARD['latency']:.0f} us, bandwidth {CARD['bandwidth'] / 1e9:.0f} GB/s.\n\n"
-        "| cards | grains a card | ms a contact step | efficiency | billion particle-steps/s |\n"
-        "| --- | --- | --- | --- | --- |\n"
+        "| cards | grains a card | ms a contact step | efficiency | with the waiting of processes here "
+        "| billion particle-steps/s |\n| --- | --- | --- | --- | --- | --- |\n"
     )
     for row in predictions:
         text += (
             f"| {row['cards']} | {row['grains']:.0e} | {1e3 * row['step']:.3g} | {100 * row['efficiency']:.0f} % "
-            f"| {row['rate'] / 1e9:.3g} |\n"
+            f"| {100 * row['with_waiting']:.0f} % | {row['rate'] / 1e9:.3g} |\n"
         )
     return text.rstrip()
 
@@ -339,7 +375,7 @@ def main() -> None:
     arguments.particle_steps = arguments.particle_steps or (QUICK_STEPS if arguments.quick else PARTICLE_STEPS)
     found = contenders(arguments)
     model = fitted(found)
-    predictions = [predicted(count, cards) for cards in (8, 64) for count in (1e6, 1e7)]
+    predictions = [predicted(model, count, cards) for cards in (8, 64) for count in (1e6, 1e7)]
     result = {"rows": found, "model": model, "card": CARD, "predictions": predictions, "quick": arguments.quick}
     harness.write("devices", result, table(found, model, predictions))
 
