@@ -50,19 +50,10 @@ class Blocks:
     def from_both(self, lowest: Tree, highest: Tree) -> tuple[Tree, Tree]:
         """What the neighbour below sends of its `highest`, and the one above of its `lowest`; zeros where none is.
 
-        Of two slabs with one border both ways are one exchange, in which a device waits for the other once.
+        Two messages also where two slabs could exchange both in one: a run in one process is then no longer that of
+        several bit for bit.
         """
-        if self.number != 2 or self.periodic or not _alike(lowest, highest):
-            return self.from_lower(highest), self.from_upper(lowest)
-        first = self.is_first()
-
-        def chosen(one: Tree, other: Tree) -> Tree:
-            return jax.tree.map(lambda x, y: jnp.where(first, x, y), one, other)
-
-        sent = chosen(highest, lowest)
-        come = jax.tree.map(lambda x: lax.ppermute(x, MESH_AXIS, [(0, 1), (1, 0)]), sent)
-        none = jax.tree.map(jnp.zeros_like, come)
-        return chosen(none, come), chosen(come, none)
+        return self.from_lower(highest), self.from_upper(lowest)
 
     def _shifted(self, tree: Tree, steps: int) -> Tree:
         if self.number == 1:
@@ -98,13 +89,6 @@ class Blocks:
     def any(self, condition: Array) -> Array:
         """Bool of the same shape: whether the condition holds in any slab."""
         return lax.pmax(condition.astype(jnp.int32), MESH_AXIS) > 0
-
-
-def _alike(one: Tree, other: Tree) -> bool:
-    """Whether two trees have arrays of the same shapes and types."""
-    return jax.tree.map(jnp.shape, one) == jax.tree.map(jnp.shape, other) and jax.tree.map(
-        jnp.result_type, one
-    ) == jax.tree.map(jnp.result_type, other)
 
 
 def total(blocks: Blocks | None, tree: Tree) -> Tree:
