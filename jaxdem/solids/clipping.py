@@ -90,8 +90,7 @@ def of_simplex(values: list[Array]) -> PositivePart:
     corner that is not, the whole less such a simplex. A tetrahedron with two of each gives a prism, cut into three.
     """
     xp = namespace(values[0])
-    size, rising = len(values), xp.sort(xp.stack(values), axis=0)
-    ordered = [rising[k] for k in reversed(range(size))]
+    size, ordered = len(values), _falling(values)
     positive = sum((v > 0.0).astype(v.dtype) for v in ordered)
     mean = sum(ordered) / size
     fraction = xp.where(positive == size, xp.ones_like(mean), xp.zeros_like(mean))
@@ -113,6 +112,16 @@ def of_simplex(values: list[Array]) -> PositivePart:
         fraction = xp.where(two, with_both + rest, fraction)
         integral = xp.where(two, 0.25 * ((a + b) * with_both + b * rest), integral)
     return PositivePart(fraction, integral)
+
+
+def _falling(values: list[Array]) -> list[Array]:
+    """The same values, the largest first: a few exchanges, which compile and run faster than a general sort."""
+    xp, found = namespace(values[0]), list(values)
+    for last in range(len(found) - 1, 0, -1):
+        for k in range(last):
+            a, b = found[k], found[k + 1]
+            found[k], found[k + 1] = xp.maximum(a, b), xp.minimum(a, b)
+    return found
 
 
 def _tip(value: Array, others: list[Array], there: Array) -> Array:

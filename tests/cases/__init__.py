@@ -23,6 +23,7 @@ MODULES = (
     "fluid",
     "outlets",
     "walls_in_fluid",
+    "moving_in_fluid",
     "exchange",
     "fluidised",
     "hindered",

@@ -187,7 +187,7 @@ def turning_cylinder(n=64):
     "as given for DFG 2D-1",
     fast={"rows": 41, "end": 3.0, "gates": (0.01, 0.008, 0.006)},
 )
-def cylinder_in_channel(rows=82, end=6.0, gates=(0.01, 0.003, 0.004)):
+def cylinder_in_channel(rows=82, end=6.0, gates=(0.01, 0.003, 0.003)):
     """Drag, lift and pressure difference of a cylinder of diameter 0.1 m in a channel of 0.41 m.
 
     Args:
