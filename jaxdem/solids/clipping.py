@@ -13,7 +13,7 @@ Source of the simplices: H. W. Kuhn, IBM J. Res. Dev. 4 (1960) 518-524.
 from __future__ import annotations
 
 import itertools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jax import Array
@@ -91,7 +91,7 @@ def of_simplex(values: list[Array]) -> PositivePart:
     """
     xp = namespace(values[0])
     size, ordered = len(values), _falling(values)
-    positive = sum((v > 0.0).astype(v.dtype) for v in ordered)
+    positive: Any = sum((v > 0.0).astype(v.dtype) for v in ordered)
     mean = sum(ordered) / size
     fraction = xp.where(positive == size, xp.ones_like(mean), xp.zeros_like(mean))
     integral = xp.where(positive == size, mean, xp.zeros_like(mean))
