@@ -44,9 +44,9 @@ def cut(scene):
     others = marked(particles, draw)._replace(position=particles.position)
     listed = np.asarray(neighbors.pairs.first) != np.asarray(neighbors.pairs.second)
     springs = tuple(jnp.where(listed, x, 0.0) for x in others.contact_spring)
-    # Trailing parts that fit the leading ones.
-    low = 1e-9 * others.position_low
-    others = others._replace(contact_spring=springs, position_low=low)
+    # Trailing parts that fit the leading ones; and films, which grains in such a fluid have not.
+    low, films = 1e-9 * others.position_low, jnp.asarray(draw.random(len(particles.position)), np.float32)
+    others = others._replace(contact_spring=springs, position_low=low, liquid=films)
     state = state._replace(particles=others, fluid=marked(state.fluid, draw))
     return simulation, parameters, state, neighbors, devices.distributed(simulation, parameters, state, neighbors)
 
