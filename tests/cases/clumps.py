@@ -199,7 +199,7 @@ def top(turns=10_000):
     return [
         below(f"change of |L| in {turns} turns", momentum, 1e-6),
         below(f"change of the energy in {turns} turns", energy, 1e-6),
-        at_least("change of |L| without the gyroscopic term", without, 1e-4),
+        at_least("change of |L| without the gyroscopic term", 1e-4, without),
     ]
 
 

@@ -15,7 +15,7 @@ from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.clumps import arm_change, member_places, placed, turned
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.union import shadows, union_of_spheres
-from tests.cases.clumps import BENT, ROD, built, free_top, impulse_on_floor, momenta, two_bodies
+from tests.cases.clumps import BENT, ROD, built, impulse_on_floor, momenta, two_bodies
 
 
 @pytest.fixture(scope="module")
@@ -109,18 +109,6 @@ def test_spheres_in_one_place_are_the_sphere(bodies):
     for name in ("position", "velocity", "angular_velocity", "contact_force"):
         one, other = np.asarray(getattr(clump, name)), np.asarray(getattr(sphere, name))
         assert np.allclose(one, other, rtol=0.0, atol=1e-12 * np.abs(other).max()), name
-
-
-def test_free_top(bodies):
-    """|L| to rounding, the energy to 1e-6, over 20 turns (1e4 in `benchmarks/verification.py`)."""
-    _, parameters, state, _, _ = bodies
-    spinning = state.particles._replace(angular_velocity=jnp.asarray([[3.0, 5.0, -2.0], [0.0, 0.0, 0.0]]))
-    momentum, energy = free_top(parameters.bodies, spinning, 20, 1500)
-    assert momentum < 1e-12
-    assert energy < 1e-6
-    # Without the gyroscopic term the spin stays, and the momentum does not.
-    momentum, _ = free_top(parameters.bodies, spinning, 2, 1500, gyroscopic=False)
-    assert momentum > 1e-4
 
 
 @pytest.mark.parametrize("shape", [0, 1])
