@@ -117,16 +117,25 @@ def _hexagonal(columns: int, rows: int, spacing: float) -> np.ndarray:
     return np.stack((spacing * (column + 0.5 * (row % 2)), spacing * row * math.sqrt(0.75)), axis=1)
 
 
+def _cluster_at_a_large_one(ratio: float) -> dict[str, Any]:
+    """Tables of a hexagon of 37 small particles in closest packing, one of which touches a large one."""
+    r, small = RADIUS, ratio * RADIUS
+    small_gap, mixed_gap = (1.0 - DEPTH) * 2.0 * small, r + small - DEPTH * 2.0 * small
+    corners = [(i, j) for i in range(-3, 4) for j in range(-3, 4) if abs(i + j) <= 3]
+    cluster = 4.0 * r + small_gap * np.array([(i + 0.5 * j, j * math.sqrt(0.75)) for i, j in corners])
+    return {
+        "size": [10.0 * r, 10.0 * r],
+        "radius": [*[small] * len(cluster), r],
+        "position": [*cluster.tolist(), [4.0 * r + 3.0 * small_gap + mixed_gap, 4.0 * r]],
+    }
+
+
 def arrangements() -> dict[str, dict[str, Any]]:
     """Tables [domain], [particles], [boundary] of particles pressed together by `DEPTH` diameters everywhere."""
     r, d = RADIUS, 2.0 * RADIUS
     gap = (1.0 - DEPTH) * d  # distance of two centres
     near = r - DEPTH * d  # of a centre from a wall
     periodic = {"kind": "periodic"}
-    small = 0.1 * r
-    small_gap, mixed_gap = (1.0 - DEPTH) * 2.0 * small, r + small - DEPTH * 2.0 * small
-    corners = [(i, j) for i in range(-3, 4) for j in range(-3, 4) if abs(i + j) <= 3]
-    cluster = 2 * d + small_gap * np.array([(i + 0.5 * j, j * math.sqrt(0.75)) for i, j in corners])
     cube = math.sqrt(2.0) * gap
     fcc = cube * (
         np.stack([a.ravel() for a in np.meshgrid(*[np.arange(3)] * 3, indexing="ij")], 1)[:, None]
@@ -154,12 +163,8 @@ def arrangements() -> dict[str, dict[str, Any]]:
             "position": [[2 * d, near]],
             "boundary": x_periodic,
         },
-        "size ratio 10": {
-            "size": [5 * d, 5 * d],
-            "radius": [*[small] * len(cluster), r],
-            "position": [*cluster.tolist(), [2 * d + 3.0 * small_gap + mixed_gap, 2 * d]],
-            "boundary": plane,
-        },
+        "size ratio 10": _cluster_at_a_large_one(0.1) | {"boundary": plane},
+        "size ratio 50": _cluster_at_a_large_one(0.02) | {"boundary": plane},
         "hexagonal pack": {"size": sheet, "position": layer.tolist(), "boundary": plane},
         "pack between walls": {
             "size": [4.0 * gap, 2.0 * near + 3.0 * math.sqrt(0.75) * gap],
