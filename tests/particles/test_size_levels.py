@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -218,3 +219,9 @@ def test_equal_grains_know_nothing_of_levels(monkeypatch):
         simulation, parameters = jaxdem.build(scene)
         assert simulation.search.levels is None
         assert jaxdem.initial_state(scene, simulation, parameters)[1].pairs.owned is None
+
+
+def test_the_scene_of_segregation_is_searched_by_levels():
+    """One large disc among small ones, 1 : 4."""
+    scene = jaxdem.load_scene(Path(__file__).parents[2] / "scenes" / "brazil_nut.toml")
+    assert jaxdem.build(scene)[0].search.levels.radii == (0.002, 0.0079)
