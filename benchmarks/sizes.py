@@ -1,14 +1,14 @@
-"""What grains of different sizes cost: a contact step of a pressed pack, over that of a pack of grains of one size.
+"""What grains of different sizes cost: a contact step of a collapsing column, over that of grains of one size.
 
-    python benchmarks/sizes.py [--count 20000] [--warm-up 50] [--steps 100] [--rounds 5] [--dimension 2 3]
+    python benchmarks/sizes.py [--count 20000] [--warm-up 0.2] [--steps 200] [--rounds 7] [--dimension 2 3]
 
-Periodic packs of as many grains: of one size; of two, 1 : 1.67; and of a distribution by volume that is uniform in
-radius, 1 : 10 and 1 : 50. Each is grown without overlaps and pressed until its grains have four contacts in the mean,
-six in 3-D. They begin with velocities at random, and after `warm-up` steps all take the same number of steps in turns,
-forwards and backwards, each of its own stable length. A contact is a pair that overlaps then. The figure is the least
-processor time of a step over the number of contacts, and its ratio to that of one size. Lists are kept in date as in a
-run. "one table" is the list that reaches as far as the largest grain for all, from the same state; that of 1 : 50 would
-not fit into memory.
+Columns of as many grains and of the same volume of solids collapse in a box: of one size; of two, 1 : 1.67; and of a
+distribution by volume that is uniform in radius, 1 : 10 and 1 : 50. After `warm-up` seconds of the column all take the
+same number of steps in turns, forwards and backwards, each of its own stable length. A contact is a pair that overlaps.
+The figure is the least processor time of a step over the number of contacts at that time, and its ratio to that of one
+size. Lists are kept in date as in a run. "one table" is the list that reaches as far as the largest grain for all, from
+the same state; that of 1 : 50 would not fit into the memory. "list" is the share of the time that builds of the list
+take, from the time of one build and their number.
 """
 
 from __future__ import annotations
@@ -30,15 +30,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 import jaxdem
 from benchmarks import harness
 from jaxdem.particles.growth import grown_pack
-from jaxdem.particles.packing import near_pairs
 from jaxdem.particles.regions import Interval, Region
 from jaxdem.step import step
 
 RADIUS, CHUNK = 0.01, 50
 RATIOS = (1.0, 1.67, 10.0, 50.0)
 ONE_TABLE = (1.67, 10.0)
-FRACTION, CONTACTS = {2: 0.78, 3: 0.56}, {2: 4.0, 3: 6.0}
-"""By dimension, solid fraction of the pack (of areas in 2-D), and contacts of a grain after it is pressed [-]."""
+FRACTION = {2: 0.80, 3: 0.56}
+"""Solid fraction of the column, of areas in 2-D [-]."""
 
 
 def radii(dimension: int, ratio: float, count: int) -> np.ndarray:
@@ -50,45 +49,28 @@ def radii(dimension: int, ratio: float, count: int) -> np.ndarray:
     return RADIUS * found / np.mean(found**dimension) ** (1.0 / dimension)
 
 
-def pressed(position: np.ndarray, size: np.ndarray, box: np.ndarray, contacts: float) -> np.ndarray:
-    """(N,) radii, all larger by one factor, of which grains have so many contacts in the mean."""
-    one, other = near_pairs(position, 1.2 * size, box).T
-    apart = position[one] - position[other]
-    apart -= box * np.round(apart / box)
-    factor = np.sort(np.linalg.norm(apart, axis=1) / (size[one] + size[other]))
-    return size * factor[round(0.5 * contacts * len(size))]
-
-
 def scene_of(dimension: int, ratio: float, count: int) -> jaxdem.Scene:
-    """The pack in its box."""
+    """The column in its box."""
     size = radii(dimension, ratio, count)
     solids = float(np.sum(np.pi * size**2 if dimension == 2 else 4.0 / 3.0 * np.pi * size**3)) / FRACTION[dimension]
-    side = solids ** (1.0 / dimension)
-    parts = tuple(((k,), Interval(0.0, side, wraps=True)) for k in range(dimension))
-    position, part = grown_pack(Region(parts, ((0.0,) * dimension, (side,) * dimension)), size, 1.0, 0)
-    size = pressed(position, part * size, np.full(dimension, side), CONTACTS[dimension])
-    domain = {"size": [side] * dimension, "gravity": [0.0] * dimension}
-    velocity = np.random.default_rng(2).normal(0.0, 0.2, position.shape)
-    periodic = {name: {"kind": "periodic"} for name in ("left", "bottom", *(("front",) if dimension == 3 else ()))}
+    height = (solids / 2.0) ** (1.0 / dimension)
+    corner = (2.0 * height, *(height,) * (dimension - 1))
+    parts = tuple(((k,), Interval(0.0, length)) for k, length in enumerate(corner))
+    position, part = grown_pack(Region(parts, ((0.0,) * dimension, corner)), size, 1.0, 0)
+    box = [2.0 * corner[0], *corner[1:-1], 1.2 * height]
+    domain = {"size": box} | ({"depth": 4.0 * RADIUS} if dimension == 2 else {})
     tables: dict[str, Any] = {
-        "domain": domain | ({"depth": 4.0 * RADIUS} if dimension == 2 else {}),
-        "particles": {
-            "position": position.tolist(), "velocity": velocity.tolist(), "radius": size.tolist(), "density": 2500.0,
-        },
-        "boundary": periodic,
-        "contact": {
-            "young_modulus": 1e6, "restitution": 0.7, "friction": 0.3, "rolling_friction": 0.1, "speed": 2.0,
-            "maximum_overlap": 0.5,
-        },
-        "time": {"end": 1.0, "output_interval": 0.01},
-    }  # fmt: skip
+        "domain": domain,
+        "particles": {"position": position.tolist(), "radius": (0.9999 * part * size).tolist(), "density": 2500.0},
+        "contact": {"young_modulus": 1e7, "restitution": 0.7, "friction": 0.3, "rolling_friction": 0.1},
+        "time": {"end": 1.0, "output_interval": 0.1},
+    }
     interval = CHUNK * jaxdem.build(jaxdem.load_scene(tables))[0].steps.contact
-    tables["time"] = {"end": 10 * interval, "output_interval": interval}
-    return jaxdem.load_scene(tables)
+    return jaxdem.load_scene(tables | {"time": {"end": 10 * interval, "output_interval": interval}})
 
 
 class Contender:
-    """A pack and its program.
+    """A column and its program.
 
     Attributes:
         name: of its row.
@@ -116,6 +98,13 @@ class Contender:
             return step(self.simulation, self.parameters, state, neighbors)[:2]
 
         self.advance: Callable[..., Any] = jax.jit(advance).lower(*self.now).compile()
+        search = self.simulation.search
+
+        def build(state: Any, neighbors: Any) -> Any:
+            position = tuple(state.particles.position.T)
+            return search.update(position, tuple(state.particles.position_low.T), neighbors)
+
+        self.build: Callable[..., Any] = jax.jit(build).lower(*self.now).compile()
 
     def run(self, steps: int, enlarge: bool = False) -> tuple[Any, Any]:
         """State and list so many steps later; a list without room is enlarged and its steps are repeated."""
@@ -156,7 +145,7 @@ def measured(dimension: int, arguments: argparse.Namespace) -> dict[str, dict[st
     contenders = []
     for ratio in arguments.ratios:
         one = Contender.of_scene(f"{dimension}-D, 1 : {ratio:g}", scene_of(dimension, ratio, arguments.count))
-        one.now = one.run(arguments.warm_up, enlarge=True)
+        one.now = one.run(round(arguments.warm_up / one.step), enlarge=True)
         contenders.append(one)
         if ratio in ONE_TABLE and not arguments.levels_only:
             contenders.append(one.with_one_table())
@@ -164,15 +153,18 @@ def measured(dimension: int, arguments: argparse.Namespace) -> dict[str, dict[st
     for one in contenders:
         one.run(arguments.steps)
     times: dict[str, list[float]] = {one.name: [] for one in contenders}
+    builds: dict[str, list[float]] = {one.name: [] for one in contenders}
     for number in range(arguments.rounds):
         for one in contenders if number % 2 == 0 else contenders[::-1]:
             steps = max(round(arguments.steps / one.chunk), 1) * one.chunk
             times[one.name].append(seconds(lambda one=one: one.run(arguments.steps)) / steps)
+            builds[one.name].append(seconds(lambda one=one: one.build(*one.now)))
     rows = {}
     for one in contenders:
         after, steps = one.run(arguments.steps), max(round(arguments.steps / one.chunk), 1) * one.chunk
         rows[one.name] = {
             "seconds_per_step": times[one.name],
+            "seconds_per_build": builds[one.name],
             "builds_per_step": int(after[1].builds - one.now[1].builds) / steps,
             "contacts": one.contacts(),
             "step": one.step,
@@ -185,21 +177,22 @@ def measured(dimension: int, arguments: argparse.Namespace) -> dict[str, dict[st
 def table(rows: dict[str, dict[str, Any]]) -> str:
     """As Markdown."""
     lines = [
-        "| pack | levels | contact step [ms] | contacts | a contact over one size | range over rounds | pairs listed "
-        "a grain | steps a build |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| column | levels | contact step [ms] | contacts | a contact over one size | range over rounds | pairs listed "
+        "a grain | a build [ms] | steps a build | list |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, row in rows.items():
         base = rows[f"{name[:3]}, 1 : 1"]
         each = [1.0 / base["contacts"], 1.0 / row["contacts"]]
         pairs = zip(row["seconds_per_step"], base["seconds_per_step"], strict=True)
         over = [a * each[1] / (b * each[0]) for a, b in pairs]
-        least = min(row["seconds_per_step"])
+        least, build = min(row["seconds_per_step"]), min(row["seconds_per_build"])
         ratio = least * each[1] / (min(base["seconds_per_step"]) * each[0])
+        share = build * row["builds_per_step"] / least
         often = f"{1.0 / row['builds_per_step']:.0f}" if row["builds_per_step"] else "more than measured"
         lines.append(
             f"| {name} | {row['levels']} | {1e3 * least:.2f} | {row['contacts']} | {ratio:.2f} | {min(over):.2f} to "
-            f"{max(over):.2f} | {row['pairs']:.1f} | {often} |"
+            f"{max(over):.2f} | {row['pairs']:.1f} | {1e3 * build:.0f} | {often} | {100 * share:.0f} % |"
         )
     return "\n".join(lines)
 
@@ -207,8 +200,9 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
 def main() -> None:
     """Measures and writes results/sizes.{json,md}."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    for name, value in (("--count", 20_000), ("--warm-up", 50), ("--steps", 100), ("--rounds", 5)):
+    for name, value in (("--count", 20_000), ("--steps", 200), ("--rounds", 7)):
         parser.add_argument(name, type=int, default=value)
+    parser.add_argument("--warm-up", type=float, default=0.2)
     parser.add_argument("--dimension", type=int, nargs="*", default=[2, 3])
     parser.add_argument("--levels-only", action="store_true", help="leave the lists with one table out")
     parser.add_argument("--ratios", type=float, nargs="*", default=list(RATIOS), help="the first must be 1")
