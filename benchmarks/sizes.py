@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 
 import jaxdem
 from benchmarks import harness
+from jaxdem.observables.contacts import contacts
 from jaxdem.particles.growth import grown_pack
 from jaxdem.particles.regions import Interval, Region
 from jaxdem.step import step
@@ -121,7 +122,7 @@ class Contender:
 
     def contacts(self) -> int:
         """Number of pairs that overlap now."""
-        found = jaxdem.contacts(self.simulation, self.parameters, *self.now)
+        found = contacts(self.simulation, self.parameters, *self.now)
         return int(jnp.sum((found.between.overlap > 0) & (found.first != found.second)))
 
     def with_one_table(self) -> Contender:
