@@ -77,8 +77,8 @@ def scene_scalars(
         for name, diffusivity in _diffusivities(scene):
             number = diffusivity * steps.interval * sum(1.0 / h**2 for h in spacing)
             sides = tuple(_kind(scene.boundary[side], name) for side in scene.sides)
-            limit = FOURIER if particles is None else FOURIER_AMONG_GRAINS
-            fields.append(ScalarField(name, sides, diffusivity > 0.0, max(1, math.ceil(number / limit))))
+            longest = FOURIER if particles is None else FOURIER_AMONG_GRAINS
+            fields.append(ScalarField(name, sides, diffusivity > 0.0, max(1, math.ceil(number / longest))))
     heat = None
     if scene.heat is not None:
         table = scene.heat
