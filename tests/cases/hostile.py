@@ -368,7 +368,7 @@ MESHES: Tables = {
     "walls": [
         {"kind": "mesh", "file": str(Path(__file__).parents[2] / "scenes" / "silo.stl"), "scale": 1.0,
          "rotate": [0.0, 0.0, 10.0], "translate": [0.0, 0.0, 0.0], "touch": "both", "smooth_angle": 2.0,
-         "repair": True, "closed": False},
+         "repair": True, "closed": False, "wear": {"model": "archard", "coefficient": 1e-3, "hardness": 1e9}},
         {"kind": "mesh", "file": str(Path(__file__).parents[1] / "data" / "heights.csv"), "spacing": [0.06, 0.06],
          "touch": "front", "motion": [
              {"kind": "rotation", "center": [0.06, 0.06, 0.0], "axis": [0.0, 0.0, 1.0], "rate": 1.0}]},
@@ -386,6 +386,72 @@ CYLINDER: Tables = {
 }
 """A cylinder in a stream."""
 
+HEAT: Tables = {
+    "domain": {"size": [0.4, 0.2]},
+    "particles": {
+        "radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]],
+        "inlet": [{"start": [0.2, 0.1], "stop": [0.3, 0.18], "rate": 100.0, "velocity": [0.0, 0.0],
+                   "temperature": 300.0}],
+    },
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "fluid": {"cells": [8, 4], "viscosity": 1e-5, "density": 1.2, "velocity": [0.1, 0.0]},
+    "boundary": {
+        "left": {"kind": "inlet", "velocity": 0.1, "temperature": 300.0, "scalars": {"dye": 1.0}},
+        "right": {"kind": "outlet"},
+        "bottom": {"heat_flux": 10.0},
+    },
+    "walls": [{"kind": "plane", "point": [0.0, 0.005], "normal": [0.0, 1.0], "temperature": 310.0}],
+    "heat": {
+        "fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.03, "fluid_temperature": 300.0, "expansion": 3e-3,
+        "reference_temperature": 300.0, "exchange": "gunn", "bed_conductivity": "open",
+        "particle_heat_capacity": 800.0, "particle_temperature": 310.0, "particle_conductivity": 1.0,
+        "wall_conductivity": 2.0, "true_young_modulus": 1e10,
+    },
+    "scalars": [{"name": "dye", "diffusivity": 1e-6, "value": 0.5}],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Temperatures, and a dye."""
+
+BONDED: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.1], [0.07, 0.1], [0.12, 0.1], [0.14, 0.1]]},
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "bonds": [
+        {"gap": 1e-4, "normal_stiffness": 1e9, "shear_stiffness": 1e9, "radius_factor": 1.0, "tensile_strength": 1e6,
+         "shear_strength": 1e6, "moment_factor": 1.0, "damping": 0.1,
+         "region": {"shape": "box", "start": [0.0, 0.0], "stop": [0.1, 0.2]}},
+        {"pairs": [[2, 3]], "normal_stiffness": 1e9, "shear_stiffness": 1e9},
+    ],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Two bonds, by gap in a region and from a list."""
+
+LUBRICATED: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]]},
+    "contact": {"young_modulus": 5e6, "speed": 3.0, "friction": 0.4, "lubrication": {
+        "cutoff": 1e-3, "roughness": 1e-5, "viscosity": 1e-3, "wet_friction": 0.1, "sommerfeld_number": 1e-3}},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Grains in a film of liquid."""
+
+CLUMPED: Tables = {
+    "domain": {"size": [0.2, 0.2]},
+    "particles": {
+        "density": 2650.0,
+        "shapes": [{"name": "rod", "centres": [[-1.0, 0.0], [1.0, 0.0]], "radii": [1.0, 1.0]},
+                   {"name": "bent", "file": str(Path(__file__).parents[1] / "data" / "bent.csv")}],
+        "species": [{"share": 1.0, "radius": 0.01, "shape": "rod"}],
+        "orientation": "aligned",
+        "pack": {"kind": "lattice", "start": [0.0, 0.0], "stop": [0.1, 0.1]},
+        "inlet": [{"start": [0.02, 0.15], "stop": [0.18, 0.2], "rate": 100.0, "velocity": [0.0, -0.5],
+                   "species": [{"share": 1.0, "radius": 0.008, "shape": "rod"}]}],
+    },
+    "contact": {"young_modulus": 5e6, "speed": 3.0},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Rods of two discs."""
+
 BASES = {
     "coupled": COUPLED,
     "grains": GRAINS,
@@ -402,6 +468,10 @@ BASES = {
     "moving": MOVING,
     "meshes": MESHES,
     "cylinder": CYLINDER,
+    "heat": HEAT,
+    "bonded": BONDED,
+    "lubricated": LUBRICATED,
+    "clumped": CLUMPED,
     **COHESIVE,
 }
 
@@ -409,7 +479,9 @@ SAME_TABLES = (
     ("start.add.", "particles."),
     ("start.remove.*.", "particles.pack.region."),
     ("particles.inlet.*.region.", "particles.pack.region."),
+    ("bonds.*.region.", "particles.pack.region."),
     ("particles.pack.*.", "particles.pack."),
+    ("particles.pack.species.", "particles.species."),
 )
 """Tables that are described once and stand in two places: what is tried in one need not be in the other."""
 

@@ -67,6 +67,10 @@ class FakeRun:
             "id": index,
         }
 
+    def spheres(self, i: int) -> dict[str, np.ndarray] | None:
+        """Spheres touch themselves: they are no clumps."""
+        return self.particles(i)
+
     def fluid(self, i: int) -> dict[str, np.ndarray] | None:
         cells = self.scene.get("fluid", {}).get("cells")
         if cells is None:
