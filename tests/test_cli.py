@@ -258,7 +258,7 @@ def test_check_prints_what_a_user_decides_by(grains):
         "float32 resolves overlaps",
         "compiled in particles, contact law HertzMindlin, rolling friction",
         "drag law KochHill",
-        "left out cohesion, bonds between particles, lubrication, friction by the film between particles",
+        "left out cohesion, clumps of spheres, bonds between particles, lubrication",
     ):
         assert words in text, words
 
@@ -311,8 +311,9 @@ def test_check_of_grains_alone_has_no_fluid(grains):
     text = " ".join(invoke("check", grains).stdout.split())
     assert "Courant" not in text
     parts = (
-        "cohesion, bonds between particles, lubrication, friction by the film between particles, balance of energy, "
-        "rolling friction, rolling springs, radius per particle, density per particle, additional walls"
+        "cohesion, clumps of spheres, bonds between particles, lubrication, friction by the film between particles, "
+        "balance of energy, rolling friction, rolling springs, radius per particle, density per particle, "
+        "additional walls, temperatures"
     )
     assert f"left out {parts}, gravity over time, fluid" in text
 

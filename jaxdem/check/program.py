@@ -91,13 +91,16 @@ def _scalar_parts(simulation: Simulation) -> list[tuple[str, bool]]:
     scalars = simulation.scalars
     heat = None if scalars is None else scalars.heat
     others = () if scalars is None else tuple(f.name for f in scalars.fields if f.name != TEMPERATURE)
-    law = "" if heat is None or heat.exchange is None else f" by {_name_of(heat.exchange)}"
+    carried = [(f"scalars {', '.join(others)}" if others else "scalars in the fluid", bool(others))]
+    if heat is None:
+        return [("temperatures", False), *(carried if simulation.fluid is not None else [])]
+    law = "" if heat.exchange is None else f" by {_name_of(heat.exchange)}"
     return [
-        ("temperatures", heat is not None),
-        (f"heat exchange of grains and fluid{law}", heat is not None and heat.exchange is not None),
-        ("conduction through contacts", heat is not None and heat.conduction is not None),
-        ("buoyancy of warm fluid", heat is not None and heat.expands),
-        (f"scalars {', '.join(others)}" if others else "scalars in the fluid", bool(others)),
+        ("temperatures", True),
+        (f"heat exchange of grains and fluid{law}", heat.exchange is not None),
+        ("conduction through contacts", heat.conduction is not None),
+        ("buoyancy of warm fluid", heat.expands),
+        *carried,
     ]
 
 
