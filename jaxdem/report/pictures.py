@@ -111,8 +111,8 @@ def take(run: Run, index: int) -> Picture:
 
 def _drawn(run: Run, index: int) -> Mapping[str, Array]:
     """The particles of a frame; of clumps their members, each with the values of its body."""
-    particles, spheres = run.particles(index), run.spheres(index)
-    if len(spheres) == 0 or spheres.keys() == particles.keys():
+    particles, spheres = run.particles(index) or {}, run.spheres(index) or {}
+    if not spheres or spheres.keys() == particles.keys():
         return particles
     names = {quantity.array for quantity in QUANTITIES.values()} & particles.keys()
     return {name: spheres[name] for name in ("position", "radius", "active") if name in spheres} | {
