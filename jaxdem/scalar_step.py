@@ -14,7 +14,7 @@ from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.materials import ContactParameters
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.scalars.conduction import Conductances, conductances
+from jaxdem.scalars.conduction import Conductances, Touching, conductances
 from jaxdem.scalars.scalars import FluidFlow, GrainsInFluid, ScalarState
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
@@ -96,11 +96,12 @@ def contact_conductances(
     particles, materials = required(state.particles, "state.particles"), parameters.materials
     if not isinstance(materials, ContactParameters):  # refused by the scene
         raise TypeError("contacts of several materials have no conductance")
-    return conductances(
-        conduction, of_contacts, required(simulation.contact, "particles").model, materials, particles,
+    touching = Touching(
+        required(simulation.contact, "particles").model, materials, particles,
         required(parameters.bodies, "parameters.bodies").radius, neighbors,
         simulation.surfaces_present(parameters, state.step), simulation.placed(parameters, particles, state.step),
     )  # fmt: skip
+    return conductances(conduction, of_contacts, touching)
 
 
 def with_buoyancy(simulation: Structure, parameters: Parameters, state: State) -> Parameters:

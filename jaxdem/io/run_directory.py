@@ -3,7 +3,7 @@
 Order within one output time: the frames of fluid and particles, each a whole file, then the line of
 `history.csv`. The line commits the frame: what a kill leaves beyond it does not count. A checkpoint
 names the numbers of frames, samples and lines of probes it follows, and is written after them; `cut_back` returns to
-it.
+it. The module is long because every method of the class has a part in that order; formats have modules of their own.
 """
 
 from __future__ import annotations

@@ -22,9 +22,11 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.powers import power
 from jaxdem.numerics.static import static
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import row, sum_slots
 from jaxdem.particles.integrate import ParticleState, split_low
@@ -78,21 +80,10 @@ class Conductances(NamedTuple):
     walls: Array | None
 
 
-def conductances(
-    conduction: Conduction,
-    numbers: ConductionNumbers,
-    model: ContactModel,
-    materials: ContactParameters,
-    particles: ParticleState,
-    radius: Array,
-    neighbors: Neighbors,
-    present: Array | None,
-    placed: tuple[Placement | None, ...],
-) -> Conductances:
-    """Of the contacts of a state.
+class Touching(NamedTuple):
+    """Grains at one moment, and what they may touch.
 
-    Args:
-        conduction, numbers: of the scene.
+    Attributes:
         model: of the contacts; static.
         materials: of the contacts.
         particles: where they are.
@@ -101,33 +92,55 @@ def conductances(
         present: (W,) bool, surfaces beside the box that are there; None for all.
         placed: of every surface that moves.
     """
-    position, low = (
-        vectors.components(particles.position),
-        split_low(particles.position_low, particles.position.shape[1]),
-    )
+
+    model: ContactModel
+    materials: ContactParameters
+    particles: ParticleState
+    radius: Array
+    neighbors: Neighbors
+    present: Array | None
+    placed: tuple[Placement | None, ...]
+
+
+def conductances(conduction: Conduction, numbers: ConductionNumbers, touching: Touching) -> Conductances:
+    """Of the contacts of a state [W/K]; see the equation at the top."""
     pairs = walls = None
-    if neighbors.index.shape[0]:
-        listed = with_radius(neighbors, radius)
-        displacement = displacement_since_build(position, low, listed)
-        first, second = listed.pairs.first, listed.pairs.second
-        change = vectors.subtract(at(displacement, first), at(displacement, second))
-        one, other = (radius, radius) if radius.ndim == 0 else (at((radius,), first)[0], at((radius,), second)[0])
-        overlap = pair_geometry(listed, change, one + other)[0]
-        touched = _radius_of_contact(conduction, numbers, materials, one * other / (one + other), overlap)
-        pairs = 2.0 * numbers.conductivity * touched
-    chosen = tuple(k for k, conducts in enumerate(conduction.walls) if conducts)
-    if chosen:
-        overlap = wall_geometry(model, position, low, radius, placed)[0]
-        overlap = jnp.stack([overlap[k] for k in chosen])
-        if present is not None:
-            sides = len(model.sides)
-            there = jnp.stack([jnp.asarray(True) if k < sides else present[k - sides] for k in chosen])
-            overlap = jnp.where(there[:, None], overlap, -1.0)
-        if particles.active is not None:
-            overlap = jnp.where(particles.active[None], overlap, -1.0)
-        touched = _radius_of_contact(conduction, numbers, materials, row(radius), overlap)
+    if touching.neighbors.index.shape[0]:
+        pairs = 2.0 * numbers.conductivity * _radius_of_contact(conduction, numbers, touching, *_pairs(touching))
+    if any(conduction.walls):
+        touched = _radius_of_contact(conduction, numbers, touching, *_walls(conduction, touching))
         walls = 4.0 * touched / (1.0 / numbers.conductivity + 1.0 / numbers.wall_conductivity)
     return Conductances(pairs, walls)
+
+
+def _places(particles: ParticleState) -> tuple[Vector, tuple[Low, ...]]:
+    """Leading and trailing parts of the centres by component [m]."""
+    return vectors.components(particles.position), split_low(particles.position_low, particles.position.shape[1])
+
+
+def _pairs(touching: Touching) -> tuple[Array, Array]:
+    """Effective radius () or (P,) and overlap (P,) of the pairs [m]."""
+    radius, listed = touching.radius, with_radius(touching.neighbors, touching.radius)
+    displacement = displacement_since_build(*_places(touching.particles), listed)
+    first, second = listed.pairs.first, listed.pairs.second
+    change = vectors.subtract(at(displacement, first), at(displacement, second))
+    one, other = (radius, radius) if radius.ndim == 0 else (at((radius,), first)[0], at((radius,), second)[0])
+    return one * other / (one + other), pair_geometry(listed, change, one + other)[0]
+
+
+def _walls(conduction: Conduction, touching: Touching) -> tuple[Array, Array]:
+    """Effective radius () or (1, N) and overlap (S, N) at the walls that conduct [m]."""
+    model, radius, particles = touching.model, touching.radius, touching.particles
+    chosen = tuple(k for k, conducts in enumerate(conduction.walls) if conducts)
+    overlap = wall_geometry(model, *_places(particles), radius, touching.placed)[0]
+    overlap = jnp.stack([overlap[k] for k in chosen])
+    if touching.present is not None:
+        sides = len(model.sides)
+        there = jnp.stack([jnp.asarray(True) if k < sides else touching.present[k - sides] for k in chosen])
+        overlap = jnp.where(there[:, None], overlap, -1.0)
+    if particles.active is not None:
+        overlap = jnp.where(particles.active[None], overlap, -1.0)
+    return row(radius), overlap
 
 
 def conducted(
@@ -169,9 +182,10 @@ def conducted(
 
 
 def _radius_of_contact(
-    conduction: Conduction, numbers: ConductionNumbers, materials: ContactParameters, radius: Array, overlap: Array
+    conduction: Conduction, numbers: ConductionNumbers, touching: Touching, radius: Array, overlap: Array
 ) -> Array:
     """Radius of the circle that true grains would touch over [m]; zero where they do not."""
+    materials = touching.materials
     if conduction.linear:
         modulus = 0.5 * numbers.young_modulus / (1.0 - materials.poisson_ratio**2)
         return power(0.75 * materials.normal_stiffness * overlap * radius / modulus, 1.0 / 3.0)
