@@ -130,8 +130,10 @@ def draw(results: dict[str, Any], shown: dict[float, list[np.ndarray]], end: flo
             xlim=(0, 1e3 * WIDTH),
             ylim=(0, 1e3 * HEIGHT),
             aspect="equal",
+            xlabel="x [mm]",
             title=f"Bond number {bond:g}, {1e3 * end * (2 / 3, 1)[k]:.0f} ms",
         )
+    axes[1].set(ylabel="z [mm]")
     figure.savefig(FIGURE, dpi=110)
 
 

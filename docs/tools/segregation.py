@@ -51,6 +51,7 @@ def main() -> None:
             title=f"{times[k]:.2f} s",
             xlabel="x [mm]",
         )
+    panels[0].set(ylabel="z [mm]")
     panels[-1].plot(times, heights, color="#cc6677")
     panels[-1].set(xlabel="time [s]", ylabel="height of the large disc [mm]")
     figure.savefig(ROOT / "docs" / "pictures" / "brazil_nut.png", dpi=110)
