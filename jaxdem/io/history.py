@@ -1,15 +1,14 @@
-"""`history.csv`: one line of metrics an output time; see `lines`."""
+"""`history.csv`: one line of metrics an output time; see `lines`, and `part_columns` for further columns."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from jaxdem.io.lines import LineFile, read_columns
-from jaxdem.numerics.axes import AXES
+from jaxdem.io.part_columns import is_of_a_part
 
 COLUMNS = (
     "time",
@@ -23,24 +22,7 @@ COLUMNS = (
     "fluid_velocity_mean",
     "fluid_velocity_median",
 )
-POPULATION_COLUMNS = ("present", "removed")
-"""Numbers of particles, in runs in which they change."""
-DRIVE_COLUMNS = ("pressure_gradient", "bulk_velocity")
-"""Of the fluid along each periodic axis, `pressure_gradient_x` and so on, in runs in which something drives it."""
-
-BOND_COLUMNS = ("bonds_intact", "bonds_broken", "bonds_left")
-"""Numbers of bonds that hold, that broke, and that went with a grain, in runs with bonds."""
-WALL_COLUMN = re.compile(r"wall_\d+_(displacement|wear)")
-"""How far a wall that a force holds has moved [m], and what has been worn off a mesh [m3]; with the wall's number."""
-
-TEMPERATURE_COLUMNS = ("fluid_temperature_mean", "particle_temperature_mean")
-"""Mean temperatures of the fluid, by volume, and of the particles, by heat capacity, in runs that have them [K]."""
-SCALAR_COLUMN = re.compile(r"scalar_\w+_mean")
-"""Mean of a scalar over the volume of the fluid, by its name."""
-
 _HEADER = ",".join(COLUMNS)
-_OF_PARTS = (*POPULATION_COLUMNS, *BOND_COLUMNS, *TEMPERATURE_COLUMNS)
-_EXTRA = {*_OF_PARTS, *(f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in AXES[3])}
 
 
 class History(LineFile):
@@ -88,6 +70,4 @@ def read_history(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _of_a_history(names: tuple[str, ...]) -> bool:
-    named = (WALL_COLUMN, SCALAR_COLUMN)
-    others = [name for name in names[len(COLUMNS) :] if not any(column.fullmatch(name) for column in named)]
-    return names[: len(COLUMNS)] == COLUMNS and _EXTRA.issuperset(others)
+    return names[: len(COLUMNS)] == COLUMNS and all(map(is_of_a_part, names[len(COLUMNS) :]))

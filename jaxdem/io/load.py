@@ -10,16 +10,14 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.io import scene_text
-from jaxdem.io.bond_file import BondFormat
 from jaxdem.io.chain import stage_names
 from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import read_history
-from jaxdem.io.pieces import series_of
 from jaxdem.io.probes import Probes
 from jaxdem.io.run_directory import HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat, Samples
+from jaxdem.io.series import read_series
 from jaxdem.io.summary import read_summary
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, SphereFormat
 
 _REMEDY = "Give a folder that `jaxdem run` wrote."
 
@@ -52,13 +50,9 @@ class Run:
         self.scene: dict[str, Any] = scene_text.parse(self.scene_toml, str(self.path / SCENE))
         self.summary = read_summary(self.path)
         self.probes = Probes(self.path, scene_text.probe_names(self.scene))
-        self._particles = series_of(self.path, ParticleFormat())
-        self._fluid = series_of(self.path, FluidFormat())
-        self._bonds = FrameSeries(self.path, BondFormat())
-        self._spheres = series_of(self.path, SphereFormat())
+        self._series = read_series(self.path)
         history = read_history(self.path / HISTORY)
-        counts = [len(history["time"])]
-        counts += [series.count() for series in (self._particles, self._fluid, self._bonds) if series.exists()]
+        counts = [len(history["time"]), *(series.count() for series in self._series.values() if series.exists())]
         self.number_of_frames = min(counts)
         self.history = {name: column[: self.number_of_frames] for name, column in history.items()}
 
@@ -69,11 +63,11 @@ class Run:
 
     @cached_property
     def has_particles(self) -> bool:
-        return self._particles.exists()
+        return self._series["particles"].exists()
 
     @cached_property
     def has_fluid(self) -> bool:
-        return self._fluid.exists()
+        return self._series["fluid"].exists()
 
     def particles(self, index: int) -> dict[str, np.ndarray]:
         """Particles at output `index` (negative from the end), {} in a scene without.
@@ -87,8 +81,7 @@ class Run:
         Raises:
             IndexError: there is no such frame.
         """
-        index = self._checked(index)
-        return self._particles.read(index).arrays if self.has_particles else {}
+        return self._arrays("particles", self._checked(index))
 
     def spheres(self, index: int) -> dict[str, np.ndarray]:
         """What touches at output `index`: the particles, or the members of clumps.
@@ -100,8 +93,8 @@ class Run:
         Raises:
             IndexError: there is no such frame.
         """
-        index = self._checked(index)
-        return self._spheres.read(index).arrays if self._spheres.exists() else self.particles(index)
+        name = "spheres" if self._series["spheres"].exists() else "particles"
+        return self._arrays(name, self._checked(index))
 
     def fluid(self, index: int) -> dict[str, np.ndarray] | None:
         """Fluid at output `index` (negative from the end), None in a scene without.
@@ -113,8 +106,7 @@ class Run:
         Raises:
             IndexError: there is no such frame.
         """
-        index = self._checked(index)
-        return self._fluid.read(index).arrays if self.has_fluid else None
+        return self._arrays("fluid", self._checked(index)) or None
 
     def bonds(self, index: int) -> dict[str, np.ndarray]:
         """Bonds at output `index` (negative from the end), {} in a scene without.
@@ -128,13 +120,12 @@ class Run:
         Raises:
             IndexError: there is no such frame.
         """
-        index = self._checked(index)
-        return self._bonds.read(index).arrays if self._bonds.exists() else {}
+        return self._arrays("bonds", self._checked(index))
 
     @cached_property
     def dimension(self) -> int:
         """2 or 3."""
-        for series in (self._particles, self._fluid):
+        for series in self._series.values():
             if self.number_of_frames and series.exists():
                 return int(series.read(0).attributes["dimension"])
         size = self.scene.get("domain", {}).get("size")
@@ -167,7 +158,12 @@ class Run:
 
     @cached_property
     def _first_fluid(self) -> Frame | None:
-        return self._fluid.read(0) if self.number_of_frames and self.has_fluid else None
+        return self._series["fluid"].read(0) if self.number_of_frames and self.has_fluid else None
+
+    def _arrays(self, name: str, index: int) -> dict[str, np.ndarray]:
+        """Of frame `index` of a series; {} in a scene without it."""
+        series = self._series[name]
+        return series.read(index).arrays if series.exists() else {}
 
     def _checked(self, index: int) -> int:
         if not -self.number_of_frames <= index < self.number_of_frames:

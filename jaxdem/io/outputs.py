@@ -8,18 +8,17 @@ from pathlib import Path
 
 from jaxdem.errors import InputError
 from jaxdem.io.access import LOCK
-from jaxdem.io.bond_file import BondFormat
 from jaxdem.io.checkpoint import PARTS
 from jaxdem.io.frames import PARTS_FOLDER
 from jaxdem.io.pieces import PIECE
 from jaxdem.io.probes import PROBES_FILE, PROBES_FOLDER
 from jaxdem.io.run_directory import CHECKPOINT, HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat
+from jaxdem.io.series import KINDS
 from jaxdem.io.summary import SUMMARY
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, SphereFormat
 
-SERIES = (ParticleFormat, FluidFormat, BondFormat, SphereFormat, SampleFormat)
-OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK, PROBES_FILE} | {f"{kind.stem}{kind.suffix}" for kind in SERIES}
+FORMATS = (*(kind.format for kind in KINDS.values()), SampleFormat())
+OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK, PROBES_FILE} | {f"{one.stem}{one.suffix}" for one in FORMATS}
 """Names in a run directory that are the run's."""
 
 

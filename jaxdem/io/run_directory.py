@@ -22,14 +22,14 @@ from jaxdem.files.durable import aside_names, remove_leftovers, sync_directory, 
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
-from jaxdem.io.bond_file import BondFormat, bond_frame
 from jaxdem.io.frames import PARTS_FOLDER, Arrays, FrameSeries
 from jaxdem.io.history import CountedHistory, History
-from jaxdem.io.pieces import Share, SharedSeries, regroup
+from jaxdem.io.part_columns import columns_of_parts
+from jaxdem.io.pieces import Share, regroup
 from jaxdem.io.probes import PROBES_FOLDER, Columns, ProbeFiles
 from jaxdem.io.samples import SampleFormat, sample_frame
+from jaxdem.io.series import Written
 from jaxdem.io.summary import SUMMARY, read_summary, write_summary
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, SphereFormat, fluid_frame, particle_frame
 from jaxdem.io.wall_file import WALLS
 
 SCENE, HISTORY, CHECKPOINT = "scene.toml", "history.csv", "checkpoint.h5"
@@ -65,14 +65,9 @@ class RunDirectory:
         self._scene = scene_text.parse(scene_toml, str(path / SCENE))
         self._lock = lock
         self._time = 0.0
-        kinds = (ParticleFormat(), FluidFormat())
-        self._particles, self._fluid = (
-            FrameSeries(path, kind) if share is None else SharedSeries(path, kind, share) for kind in kinds
-        )
-        self._bonds = FrameSeries(path, BondFormat())
-        self._spheres = FrameSeries(path, SphereFormat())
+        self._series = Written(path, self._scene, share)
         self._samples = FrameSeries(path, SampleFormat())
-        columns = scene_text.history_columns(self._scene)
+        columns = columns_of_parts(self._scene)
         self._history = (History if self._first else CountedHistory)(path / HISTORY, columns)
         self._probes = ProbeFiles(path, probes or {}, self._first)
         self.samples = self._samples.count()
@@ -243,47 +238,23 @@ class RunDirectory:
             write_bytes(self.path / SCENE, scene_toml.encode())
 
     def write_frame(
-        self,
-        index: int,
-        time: float,
-        particles: Arrays | None,
-        fluid: Arrays | None,
-        samples: Arrays | None,
-        history_row: Mapping[str, float | None],
-        bonds: Arrays | None = None,
-        spheres: Arrays | None = None,
+        self, index: int, time: float, frame: Mapping[str, Arrays | None], history_row: Mapping[str, float | None]
     ) -> None:
         """Write output `index` at `time` [s] and commit it.
 
         Args:
             index: must be `frames`, the next one.
             time: simulated time [s]; put into the history.
-            particles: arrays as in `particle_frame`, or None for a scene without.
-            fluid: arrays as in `fluid_frame`, or None for a scene without.
-            samples: arrays of a sample taken now, written as sample number `samples`, or None.
+            frame: arrays by series, see `jaxdem.io.series.KINDS`; None or left out if not of the scene.
             history_row: metrics by column name; what is lacking or None stays empty.
-            bonds: arrays as in `bond_frame`, or None for a scene without.
-            spheres: members of clumps, arrays as in `particle_frame`; None for a scene without.
 
         Raises:
             RunError: the disk refused; earlier frames are kept.
         """
         if index != self.frames:
             raise ValueError(f"frame {index} given, {self.frames} are written")
-        if samples is not None:
-            self.write_sample(self.samples, time, samples)
         with self._run_errors(time):
-            if fluid is not None:
-                cells = np.asarray(fluid["pressure"]).shape
-                spacing = scene_text.spacing(self._scene, cells)
-                depth = scene_text.depth(self._scene, spacing)
-                self._fluid.write(index, fluid_frame(time, fluid, spacing, depth))
-            if particles is not None:
-                self._particles.write(index, particle_frame(time, particles))
-            if bonds is not None:
-                self._bonds.write(index, bond_frame(time, bonds))
-            if spheres is not None:
-                self._spheres.write(index, particle_frame(time, spheres))
+            self._series.write(index, time, frame)
             self._meet()
             self._history.append({**history_row, "time": float(time)})
 
@@ -369,10 +340,8 @@ class RunDirectory:
         wanted = {"frames": frames, "samples": samples} | {f"{LINES}{name}": lines[name] for name in lines}
         held = {"frames": self.frames, "samples": self.samples}
         held |= {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
-        for series in (self._particles, self._fluid, self._bonds, self._spheres):
-            # A kind that has no frame at all is one the scene does not have.
-            if series.exists():
-                held["frames"] = min(held["frames"], series.count())
+        # A series that has no frame at all is one the scene does not have.
+        held["frames"] = min([held["frames"], *(series.count() for series in self._series.there)])
         for name, number in wanted.items():
             if held[name] < number:
                 limit = f"the checkpoint follows {number} {name}, only {held[name]} can be read"
@@ -382,11 +351,10 @@ class RunDirectory:
                 (self.path / SUMMARY).unlink(missing_ok=True)
             # The history first: its lines commit frames, so it never counts one that is gone.
             self._history.cut(frames)
-            for series in (self._particles, self._fluid, self._spheres):
+            for series in self._series.every.values():
                 series.cut(frames)
             if self._first:
                 self._samples.cut(samples)
-                self._bonds.cut(frames)
             self._probes.cut(lines)
             self.samples = samples
             for folder in (self.path, self.path / PARTS_FOLDER):
@@ -424,16 +392,16 @@ class RunDirectory:
         self.close()
 
     def _close_run(self, summary: dict[str, object]) -> None:
-        kinds = [(series, self.frames) for series in (self._particles, self._fluid, self._spheres)]
+        every = [(series, self.frames) for series in self._series.every.values()]
         if self._first:
-            kinds += [(self._samples, self.samples), (self._bonds, self.frames)]
+            every.append((self._samples, self.samples))
         with self._run_errors(self._time):
-            for series, number in kinds:
+            for series, number in every:
                 if series.exists():
                     series.join(number)
                     self._require_own_folder()
             # Parts go only when all joined files are there.
-            for series, _ in kinds:
+            for series, _ in every:
                 series.drop_parts()
             self._meet()
             if self._first:

@@ -10,7 +10,6 @@ from typing import Any
 
 from jaxdem.errors import InputError
 from jaxdem.files.reading import parse_toml, read_text
-from jaxdem.io.history import BOND_COLUMNS, DRIVE_COLUMNS, POPULATION_COLUMNS, TEMPERATURE_COLUMNS
 from jaxdem.numerics.axes import AXES
 
 LOWER_SIDES = {2: ("left", "bottom"), 3: ("left", "front", "bottom")}
@@ -113,7 +112,7 @@ def first_difference(
     return None
 
 
-def spacing(scene: dict[str, Any], cells: tuple[int, ...]) -> tuple[float, ...]:
+def spacing(scene: Mapping[str, Any], cells: tuple[int, ...]) -> tuple[float, ...]:
     """Size (D,) [m] of a cell: `domain.size` over `cells`.
 
     Raises:
@@ -126,32 +125,9 @@ def spacing(scene: dict[str, Any], cells: tuple[int, ...]) -> tuple[float, ...]:
     return tuple(float(length) / number for length, number in zip(size, cells, strict=True))
 
 
-def depth(scene: dict[str, Any], cell: tuple[float, ...]) -> float:
+def depth(scene: Mapping[str, Any], cell: tuple[float, ...]) -> float:
     """Thickness [m] of the layer of a 2-D scene: `domain.depth`, else the smallest side of a cell."""
     return float(scene.get("domain", {}).get("depth") or min(cell))
-
-
-def history_columns(scene: dict[str, Any]) -> tuple[str, ...]:
-    """Columns of the history beside the metrics; see `io.history`."""
-    population = POPULATION_COLUMNS if comes_and_goes(scene) else ()
-    drive = (f"{name}_{axis}" for name in DRIVE_COLUMNS for axis in driven_axes(scene))
-    bonds = BOND_COLUMNS if scene.get("bonds") else ()
-    return (*population, *bonds, *drive, *wall_columns(scene), *scalar_columns(scene))
-
-
-def wall_columns(scene: dict[str, Any]) -> tuple[str, ...]:
-    """How far each piston has moved, and what has been worn off each mesh, by the number of the wall."""
-    walls = scene.get("walls", []) if "particles" in scene else []
-    moved = (f"wall_{k}_displacement" for k, wall in enumerate(walls) if wall.get("piston") is not None)
-    return (*moved, *(f"wall_{k}_wear" for k, wall in enumerate(walls) if wall.get("wear") is not None))
-
-
-def scalar_columns(scene: dict[str, Any]) -> tuple[str, ...]:
-    """Mean temperatures of fluid and particles, and means of the other scalars."""
-    parts = [part in scene for part in ("fluid", "particles")] if "heat" in scene else [False, False]
-    names = [str(table["name"]) for table in scene.get("scalars", [])]
-    means = (column for column, there in zip(TEMPERATURE_COLUMNS, parts, strict=True) if there)
-    return (*means, *(f"scalar_{name}_mean" for name in names))
 
 
 def probe_names(scene: dict[str, Any]) -> list[str]:
@@ -161,7 +137,7 @@ def probe_names(scene: dict[str, Any]) -> list[str]:
     return [str(table["name"]) for table in tables if isinstance(table, dict) and "name" in table]
 
 
-def driven_axes(scene: dict[str, Any]) -> str:
+def driven_axes(scene: Mapping[str, Any]) -> str:
     """Names of the periodic axes of a fluid that something drives along one of them."""
     fluid, given = scene.get("fluid"), scene.get("domain", {}).get("gravity", [])
     rows = given if given and isinstance(given[0], list) else [given]  # one for each time, or one

@@ -29,8 +29,8 @@ from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import Probe
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program, SlabProgram
+from jaxdem.run.instant import Instant
 from jaxdem.run.probing import Rows, Watch, of_all_slabs
-from jaxdem.run.records import Instant
 from jaxdem.run.restart import from_arrays, to_arrays
 from jaxdem.setup.builder import Case
 from jaxdem.setup.stored import REMEDY, ROWS, SLAB_AXIS, SLAB_COUNT, stored

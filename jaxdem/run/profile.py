@@ -18,7 +18,7 @@ from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_forces import updated
 from jaxdem.particles.integrate import Motion, ParticleState
 from jaxdem.particles.neighbors import Neighbors, carry_history
-from jaxdem.run.records import Instant
+from jaxdem.run.instant import Instant
 from jaxdem.run.totals import Totals
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation

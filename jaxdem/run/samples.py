@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxdem.coupling.exchange import FluidForces
 from jaxdem.errors import InputError, required
-from jaxdem.run.records import wrapped_position
+from jaxdem.run.instant import wrapped_position
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation

@@ -16,6 +16,7 @@ from jaxdem.io import Run, RunDirectory, load_run
 from jaxdem.io.probes import Columns
 from jaxdem.io.run_directory import CHECKPOINT, START
 from jaxdem.run.observer import columns_of
+from jaxdem.run.parts.wear import keep_wear
 from jaxdem.run.peers import here
 from jaxdem.run.placement import OneDevice, Placement, Slabs
 from jaxdem.run.restart import origin, require_same_parameters
@@ -23,7 +24,6 @@ from jaxdem.run.samples import sample_attributes, samples_every
 from jaxdem.run.signals import noted_signals
 from jaxdem.run.time_loop import Progress, TimeLoop
 from jaxdem.run.wall_surfaces import keep_walls
-from jaxdem.run.wear import keep_wear
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.extensions import Extensions

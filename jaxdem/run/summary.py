@@ -13,17 +13,14 @@ import numpy as np
 from jaxdem import metrics
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import FixedClosure
-from jaxdem.run.bonds import bond_figures
-from jaxdem.run.energy import energy_figures
+from jaxdem.run.instant import Instant
+from jaxdem.run.parts import PARTS
+from jaxdem.run.parts.population import particle_counts
 from jaxdem.run.profile import WORTH_SPLITTING, estimate_stages
-from jaxdem.run.records import Instant, particle_counts
-from jaxdem.run.scalar_figures import heat_summary
 from jaxdem.run.totals import Totals
-from jaxdem.run.wear import wear_summary
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case
-from jaxdem.simulation import Simulation
-from jaxdem.state import Parameters, State
+from jaxdem.state import Parameters
 from jaxdem.version import __version__
 
 
@@ -82,15 +79,7 @@ def run_summary(
             "solver_iterations_max": totals.iterations,
         }
         | particle_counts(simulation, state),
-        **_pack_figures(case),
-        **_inlet_figures(simulation, state, totals),
-        **_liquid_figures(case, state),
-        **bond_figures(case, state.particles),
-        **heat_summary(state, case, totals.heat_start),
-        **({"start": case.start_figures} if case.start is not None else {}),
-        **_walls_in_fluid(case, totals),
-        **wear_summary(case, state),
-        **energy_figures(case, instant, totals),
+        **{name: value for part in PARTS for name, value in part.summary(case, instant, totals).items()},
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
@@ -105,20 +94,6 @@ def run_summary(
     }
 
 
-def _walls_in_fluid(case: Case, totals: Totals) -> dict[str, Any]:
-    """Mean force of the fluid on every wall that it sees, over the run [N]; {} without such walls."""
-    owners = case.fluid_walls.walls
-    if not owners or not totals.intervals:
-        return {}
-    forces = np.reshape(totals.surface_force, (len(owners), -1)) / totals.intervals
-    found = []
-    for number in dict.fromkeys(owners):
-        own = forces[[k for k, owner in enumerate(owners) if owner == number]].sum(axis=0)
-        name = case.scene.walls[number].name
-        found.append({"wall": number, "name": name, "fluid_force_mean": own.tolist()})
-    return {"walls_in_fluid": found}
-
-
 def _law_name(scene: Scene, parameters: Parameters) -> str | None:
     """The scene's name of the drag law, or the class of one that was given in its place."""
     if scene.coupling is None or scene.fluid is None:
@@ -128,53 +103,6 @@ def _law_name(scene: Scene, parameters: Parameters) -> str | None:
     if isinstance(law, FixedClosure):
         return getattr(law.function, "__name__", type(law.function).__name__)
     return name if of_scene else type(law).__name__
-
-
-def _pack_figures(case: Case) -> dict[str, Any]:
-    """Number and solid fraction of every pack, before it settled; {} without."""
-    packs = () if case.particles is None else case.particles.packs
-    found = [{"kind": pack.pack.kind, "particles": pack.count, "solid_fraction": pack.solid_fraction} for pack in packs]
-    return {"packs": found} if found else {}
-
-
-def _inlet_figures(simulation: Simulation, state: State, totals: Totals) -> dict[str, Any]:
-    """What waited for room; {} without inlets."""
-    if simulation.population is None or not simulation.population.inlets or state.particles is None:
-        return {}
-    inserted = np.asarray(state.particles.inserted)
-    return {
-        "inlets": {
-            "inserted": inserted.tolist(),
-            "waiting": totals.waiting,
-            "waiting_most": totals.waiting_most,
-            # Every interval that a particle waits delays it by one; those that still wait count too.
-            "delay_mean_s": totals.waited * simulation.interval / max(int(inserted.sum()) + totals.waiting, 1),
-        }
-    }
-
-
-def _liquid_figures(case: Case, state: State) -> dict[str, Any]:
-    """Where the liquid of capillary bridges is, and what is missing of it; {} without [m3, -]."""
-    particles, scene = state.particles, case.scene
-    if particles is None or particles.liquid is None or scene.contact is None or scene.contact.cohesion is None:
-        return {}
-    held = particles.contact_spring[-1:], particles.wall_spring[-1:]
-    films = float(np.sum(np.asarray(particles.liquid), dtype=np.float64))
-    between, walls = (float(np.sum(np.asarray(volumes), dtype=np.float64)) for volumes in held)
-    radius = np.broadcast_to(np.asarray(case.bodies.radius, float), particles.liquid.shape)
-    start = (scene.contact.cohesion.liquid_content or 0.0) * float(np.sum(4.0 / 3.0 * np.pi * radius**3))
-    missing = start - films - between - walls
-    bridges = sum(int(np.count_nonzero(np.asarray(volumes))) for volumes in held)
-    return {
-        "liquid": {
-            "start": start,
-            "films": films,
-            "bridges_between_particles": between,
-            "bridges_to_walls": walls,
-            "bridges": bridges,
-            "missing_relative": missing / start if start else 0.0,
-        }
-    }
 
 
 def versions() -> dict[str, str]:

@@ -22,15 +22,15 @@ from jaxdem.io import RunDirectory
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import CHUNK, Program
 from jaxdem.run.diagnosis import diagnosis
-from jaxdem.run.energy import energy_now
+from jaxdem.run.instant import Instant
 from jaxdem.run.observer import PROBES, Observer, probe_marks
+from jaxdem.run.parts import PARTS
 from jaxdem.run.peers import Peers, here
 from jaxdem.run.placement import OneDevice, Placement
 from jaxdem.run.probing import Probed
-from jaxdem.run.records import Instant, ensemble_spread, frame_of, history_of
+from jaxdem.run.records import ensemble_spread, frame_of, history_of
 from jaxdem.run.restart import about, origin, require_same_origin, require_same_rows
 from jaxdem.run.samples import sample_of
-from jaxdem.run.scalar_figures import heat_content
 from jaxdem.run.signals import Caught, Stopped
 from jaxdem.run.summary import run_summary
 from jaxdem.run.totals import Totals
@@ -170,8 +170,9 @@ class TimeLoop:
         self._compile()
         if self.done == 0:
             with self.totals.timed("output"):
-                self.totals.energy_start = energy_now(self.case, self.instant)
-            self.totals.heat_start = heat_content(self.state, self.case)
+                instant = self.instant
+                given = {part.name: part.start(self.case, instant) for part in PARTS}
+            self.totals.at_start = {name: value for name, value in given.items() if value is not None}
             if self.directory.frames == 0:
                 self._write_frame()
 
@@ -343,13 +344,11 @@ class TimeLoop:
         with self.totals.timed("output"):
             instant = self.instant
             frame = frame_of(self.case, instant)
-            means = self.totals.collision_mean(), self.totals.gradient_mean()
-            row = history_of(self.case, instant, frame, *means)
+            row = history_of(self.case, instant, frame, self.totals.means())
             if instant.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
                 spread, force = ensemble_spread(self.parameters.closure, instant.forces)
                 self.totals.add_spread(float(spread), float(force))
-            given = frame.particles, frame.fluid, None, row, frame.bonds, frame.spheres
-            self.directory.write_frame(self.directory.frames, self.time, *given)
+            self.directory.write_frame(self.directory.frames, self.time, frame, row)
 
     def _write_checkpoint(self) -> None:
         with self.totals.timed("output"):

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import time as clock
 from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from jaxdem.run.chunk import Records
 from jaxdem.run.compile_time import compile_clock
 from jaxdem.setup.stored import stored
 
-NOT_KEPT = ("stages", "start", "compiled")
+NOT_KEPT = ("stages", "start", "compiled", "at_start")
 """Fields of `Totals` that a checkpoint has under other names or not at all."""
 
+AT_START = "_start"
+"""A checkpoint has what a part gave at the start under the name of the part with this behind it."""
 
 STAGES = ("step", "fluid_part", "particle_part", "output", "compile")
 """What a run measures; the parts of a step only where they are timed one by one."""
@@ -30,9 +33,26 @@ LARGEST = {
 """Fields of `Totals` that are the largest value of a record."""
 
 
+class Means(NamedTuple):
+    """Means since the last output.
+
+    Attributes:
+        collision_force: see `ParticleDiagnostics`; zero before the first interval [N].
+        pressure_gradient: (D,) along periodic axes [Pa/m]; None before the first interval, and where nothing drives the
+            fluid.
+    """
+
+    collision_force: float
+    pressure_gradient: np.ndarray | None
+
+
 @dataclasses.dataclass
 class Totals:
-    """Sums and extremes over a run; they belong to a checkpoint."""
+    """Sums and extremes over a run; they belong to a checkpoint.
+
+    Attributes:
+        at_start: by its name what each part of the scene compares the end with, see `jaxdem.run.parts.part`.
+    """
 
     start: float = 0.0
     compiled: float = 0.0
@@ -45,7 +65,6 @@ class Totals:
     gradient_intervals: int = 0
     surface_force: tuple[float, ...] = ()
     energy: tuple[float, ...] = ()
-    energy_start: tuple[float, ...] = ()
     out_of_range: float = 0.0
     spread: float = 0.0
     ensemble_force: float = 0.0
@@ -59,8 +78,8 @@ class Totals:
     waiting: int = 0
     waiting_most: int = 0
     waited: int = 0
-    heat_start: float = 0.0
     wall: float = 0.0
+    at_start: dict[str, float | tuple[float, ...]] = dataclasses.field(default_factory=dict)
     stages: dict[str, float] = dataclasses.field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
     def begin(self) -> None:
@@ -124,20 +143,13 @@ class Totals:
         self.spread += spread
         self.ensemble_force += force
 
-    def collision_mean(self) -> float:
-        """Mean collision force since the last call [N]; zero before the first interval."""
-        mean = self.collision / self.collision_intervals if self.collision_intervals else 0.0
+    def means(self) -> Means:
+        """Means since the last call."""
+        collision = self.collision / self.collision_intervals if self.collision_intervals else 0.0
+        gradient = np.asarray(self.gradient) / self.gradient_intervals if self.gradient_intervals else None
         self.collision, self.collision_intervals = 0.0, 0
-        return mean
-
-    def gradient_mean(self) -> np.ndarray | None:
-        """Mean gradient of the pressure along periodic axes since the last call [Pa/m]; None before the first interval,
-        and where nothing drives the fluid."""
-        if not self.gradient_intervals:
-            return None
-        mean = np.asarray(self.gradient) / self.gradient_intervals
         self.gradient, self.gradient_intervals = (), 0
-        return mean
+        return Means(collision, gradient)
 
     def elapsed(self) -> float:
         """Wall time of the run, that of the runs before a restart included [s]."""
@@ -150,10 +162,11 @@ class Totals:
         """
         return self.stages["compile"] + compile_clock().total - self.compiled
 
-    def save(self) -> dict[str, float]:
+    def save(self) -> dict[str, Any]:
         """Names and values for a checkpoint."""
         fields = [f.name for f in dataclasses.fields(self) if f.name not in NOT_KEPT]
         values = {name: getattr(self, name) for name in fields} | {"wall": self.elapsed()}
+        values |= {f"{part}{AT_START}": value for part, value in self.at_start.items()}
         stages = self.stages | {"compile": self.compile_seconds()}
         return values | {f"stage_{name}": value for name, value in stages.items()}
 
@@ -168,9 +181,11 @@ class Totals:
         Raises:
             InputError: one is missing.
         """
-        missing = ("energy", "energy_start") if walls_in_fluid else ("energy", "energy_start", "surface_force")
+        missing = ("energy",) if walls_in_fluid else ("energy", "surface_force")
         values = {name: np.zeros(0) for name in missing} | dict(values)
         for field in dataclasses.fields(self):
             if field.name not in NOT_KEPT:
                 setattr(self, field.name, type(getattr(self, field.name))(stored(values, field.name)))
+        of_parts = {name.removesuffix(AT_START): value for name, value in values.items() if name.endswith(AT_START)}
+        self.at_start = {part: tuple(v.tolist()) if np.ndim(v) else float(v) for part, v in of_parts.items()}
         self.stages = {name: float(stored(values, f"stage_{name}")) for name in self.stages}

@@ -94,7 +94,8 @@ def _run(name: str) -> Callable[[Path], Made]:
             fluid = {"velocity": np.ones((4, 3, 2), np.float32), "pressure": cells, "void_fraction": cells}
             for index in range(4):
                 row = {"runoff": 0.1 * index}
-                run.write_frame(index, 0.1 * index, particles, fluid, {"slip_velocity": vectors}, row)
+                run.write_sample(index, 0.1 * index, {"slip_velocity": vectors})
+                run.write_frame(index, 0.1 * index, {"particles": particles, "fluid": fluid}, row)
             run.finish({"valid": True})
 
         def read() -> object:

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 
 import jaxdem
-from jaxdem.run.energy import balance
+from jaxdem.run.parts.energy import balance
 from tests.cases.cohesion import work_lost
 from tests.cases.registry import Figure, below, case, relative
 
@@ -54,7 +54,7 @@ def in_space(base: dict[str, Any]) -> dict[str, Any]:
 
 
 def balance_of(tables: dict[str, Any], **extensions: Any) -> dict[str, Any]:
-    """The balance of a scene, see `jaxdem.run.energy.balance`, with the energies at the start and end."""
+    """The balance of a scene, see `jaxdem.run.parts.energy.balance`, with the energies at the start and end."""
     scene = jaxdem.load_scene(tables)
     simulation, parameters = jaxdem.build(scene, **extensions)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)

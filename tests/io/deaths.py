@@ -190,7 +190,7 @@ def full_disk(path: Path, where: str) -> None:
         if where == "frame":
             write_frames(run, 5, 6)
         elif where == "history":
-            run.write_frame(5, 4.0, None, None, None, {})
+            run.write_frame(5, 4.0, {}, {})
         elif where == "checkpoint":
             run.write_checkpoint({"x": np.zeros(5000)}, {"frames": 5, "samples": 5})
         else:

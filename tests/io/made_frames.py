@@ -78,11 +78,8 @@ def time_of(index: int) -> float:
 def write_frames(run, first: int, last: int, dimension: int = 2, fluid: bool = True) -> None:
     """Write the frames first .. last-1, each with one sample."""
     for index in range(first, last):
-        run.write_frame(
-            index,
-            time_of(index),
-            particle_arrays(index, dimension),
-            fluid_arrays(index, dimension) if fluid else None,
-            sample_arrays(index),
-            row(index),
-        )
+        frame = {"particles": particle_arrays(index, dimension)}
+        if fluid:
+            frame["fluid"] = fluid_arrays(index, dimension)
+        run.write_sample(run.samples, time_of(index), sample_arrays(index))
+        run.write_frame(index, time_of(index), frame, row(index))

@@ -123,7 +123,7 @@ def test_without_fluid_or_particles_there_are_no_such_files(tmp_path):
     check_frames(tmp_path / "dry", 2, fluid=False)
     assert load_run(tmp_path / "dry").fluid(0) is None
     with RunDirectory.create(tmp_path / "wet", SCENE_2D) as run:
-        run.write_frame(0, 0.0, None, fluid_arrays(0, 2), None, {"fluid_velocity_mean": 1.0})
+        run.write_frame(0, 0.0, {"fluid": fluid_arrays(0, 2)}, {"fluid_velocity_mean": 1.0})
         run.finish({})
     run = load_run(tmp_path / "wet")
     assert run.particles(0) == {} and run.samples is None and run.number_of_frames == 1
@@ -231,7 +231,7 @@ def test_a_run_writes_to_the_folder_that_it_locked_only(tmp_path):
             before, old = names(path), names(moved)
             for write in (
                 lambda: run.write_checkpoint({}, {"frames": 0, "samples": 0}),
-                lambda: run.write_frame(0, 0.0, None, None, None, {}),
+                lambda: run.write_frame(0, 0.0, {}, {}),
                 lambda: run.cut_back(0, 0),
                 lambda: run.interrupt({}),
             ):
@@ -313,7 +313,7 @@ def test_frames_come_in_order(tmp_path):
     with RunDirectory.create(tmp_path / "run", SCENE_2D) as run:
         write_frames(run, 0, 2)
         with pytest.raises(ValueError, match="2 are written"):
-            run.write_frame(3, 0.3, particle_arrays(3, 2), None, None, {})
+            run.write_frame(3, 0.3, {"particles": particle_arrays(3, 2)}, {})
         with pytest.raises(ValueError, match="2 are written"):
             run.write_sample(1, 0.3, sample_arrays(3))
         with pytest.raises(ValueError, match="checkpoint after 3 frames"):
@@ -323,7 +323,7 @@ def test_frames_come_in_order(tmp_path):
 def test_fluid_needs_the_size_of_the_domain(tmp_path):
     expected = pytest.raises(InputError, match=r"domain\.size")
     with RunDirectory.create(tmp_path / "run", "seed = 1") as run, expected:
-        run.write_frame(0, 0.0, None, fluid_arrays(0, 2), None, {})
+        run.write_frame(0, 0.0, {"fluid": fluid_arrays(0, 2)}, {})
 
 
 def test_load_refuses_other_folders(tmp_path):

@@ -123,9 +123,8 @@ def test_names_components_and_units_are_the_contracts(finished):
 def test_a_scene_without_the_other_part_has_one_file(tmp_path, present):
     with RunDirectory.create(tmp_path / "run", scene_of(2)) as run:
         for index in range(2):
-            particles = particle_arrays(index, 2) if present == "particles" else None
-            fluid = fluid_arrays(index, 2) if present == "fluid" else None
-            run.write_frame(index, time_of(index), particles, fluid, None, {})
+            arrays = particle_arrays if present == "particles" else fluid_arrays
+            run.write_frame(index, time_of(index), {present: arrays(index, 2)}, {})
         run.finish({})
     assert [path.stem for path in (tmp_path / "run").glob("*.vtkhdf")] == [present]
     times, data = read_with_vtk(tmp_path / "run" / f"{present}.vtkhdf", time_of(1))

@@ -16,7 +16,7 @@ import jaxdem
 from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.errors import InputError
-from jaxdem.run.records import particle_counts
+from jaxdem.run.parts.population import particle_counts
 from jaxdem.run.time_loop import Interrupted
 from jaxdem.scene.particles import largest_radius
 

@@ -434,7 +434,7 @@ def reference(tmp_path_factory):
                 "void_fraction": np.ones((12, 8)),
             }
             row = metrics.history_row(0.01 * index, metrics.Quantities(position=particles["position"]))
-            directory.write_frame(index, 0.01 * index, particles, fluid, None, row)
+            directory.write_frame(index, 0.01 * index, {"particles": particles, "fluid": fluid}, row)
         directory.finish({"valid": True})
     return path
 

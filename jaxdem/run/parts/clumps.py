@@ -5,32 +5,38 @@ from __future__ import annotations
 import numpy as np
 
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.run.instant import Instant, wrapped_position
+from jaxdem.run.parts.part import Arrays, Part
 from jaxdem.setup.builder import Case
 from jaxdem.setup.shapes import ShapeTable, as_given, turned
 
 
-def orientation_of(case: Case, state: ParticleState) -> dict[str, np.ndarray]:
-    """`orientation` of the axes in which the shapes are given: (N, 4) quaternion (w, x, y, z), in 2-D (N,) angle [rad];
-    {} of spheres."""
-    table = None if case.particles is None else case.particles.shapes
-    if table is None or state.orientation is None:
-        return {}
-    shape = np.broadcast_to(case.bodies.shape, len(state.position))
-    found = as_given(table, shape, _axes(state)).astype(state.position.dtype)
-    return {"orientation": found[:, 0] if table.dimension == 2 else found}
+class ClumpBodies(Part):
+    """Clumps of spheres."""
+
+    def arrays(self, case: Case, instant: Instant) -> dict[str, Arrays]:
+        """`orientation` of the axes in which the shapes are given: (N, 4) quaternion (w, x, y, z), in 2-D (N,) angle
+        [rad]; and the members as particles of a series of their own."""
+        table = None if case.particles is None else case.particles.shapes
+        state = instant.state.particles
+        if table is None or state is None or state.orientation is None:
+            return {}
+        shape = np.broadcast_to(case.bodies.shape, len(state.position))
+        found = as_given(table, shape, _axes(state)).astype(state.position.dtype)
+        orientation = found[:, 0] if table.dimension == 2 else found
+        members = _spheres(table, case, state, wrapped_position(case.simulation, state))
+        return {"particles": {"orientation": orientation}, "spheres": members}
 
 
-def spheres_of(case: Case, state: ParticleState, centres: np.ndarray) -> dict[str, np.ndarray] | None:
-    """The members as particles of a frame, `id` is that of their body; None of spheres.
+def _spheres(table: ShapeTable, case: Case, state: ParticleState, centres: np.ndarray) -> Arrays:
+    """The members as particles of a frame, `id` is that of their body.
 
     Args:
+        table: the shapes.
         case: that runs.
         state: now.
         centres: (N, D) of the bodies, in the box along periodic axes; members may stand outside [m].
     """
-    table = None if case.particles is None else case.particles.shapes
-    if table is None or state.orientation is None:
-        return None
     count = len(centres)
     bodies = type(case.bodies)(*(np.broadcast_to(column, count) for column in case.bodies))
     position, radius, body = table.placed(bodies, np.asarray(centres, float), _axes(state))

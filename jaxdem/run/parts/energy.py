@@ -11,7 +11,8 @@ import numpy as np
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.energy import EnergyFlow, StoredEnergy
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.run.records import Instant
+from jaxdem.run.instant import Instant
+from jaxdem.run.parts.part import Part
 from jaxdem.run.totals import Totals
 from jaxdem.setup.builder import Case
 
@@ -20,6 +21,37 @@ TOLD = 0.01
 
 MOTION = ("translation", "rotation", "potential")
 """What a summary has of every run."""
+
+
+class Energy(Part):
+    """The energy of the particles, with a balance where the scene asks for it."""
+
+    name = "energy"
+
+    def start(self, case: Case, instant: Instant) -> tuple[float, ...]:
+        """What is stored in the particles [J]."""
+        return energy_now(case, instant)
+
+    def summary(self, case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
+        """Entry `energy` [J]; {} in a scene without particles.
+
+        `gained` is what no force and no source explains: `time_step`, the error of the contact step in the springs, and
+        `missing`, which is zero but for rounding. Positive where there is more energy than there should be.
+        """
+        end = energy_now(case, instant)
+        if not end:
+            return {}
+        names = StoredEnergy._fields if len(end) > len(MOTION) else MOTION
+        at_end = dict(zip(names, end, strict=True))
+        kept = totals.at_start.get(self.name)
+        start = kept if isinstance(kept, tuple) and len(kept) == len(end) else ()
+        at_start = dict(zip(names, start, strict=True)) if start else None
+        figures: dict[str, Any] = {"start": at_start, "end": at_end}
+        if at_start is not None and len(end) > len(MOTION):
+            flow = totals.energy or (0.0,) * len(EnergyFlow._fields)
+            changes = case.simulation.gravity_times is not None
+            figures |= balance(at_start, at_end, dict(zip(EnergyFlow._fields, flow, strict=True)), changes)
+        return {"energy": figures}
 
 
 def energy_now(case: Case, instant: Instant) -> tuple[float, ...]:
@@ -63,27 +95,6 @@ def _gravity(case: Case, instant: Instant) -> np.ndarray:
         return gravity
     step = max(int(instant.state.step) - 1, 0)
     return np.asarray(case.simulation.during(case.parameters, on_device(step, np.int32)).gravity, float)
-
-
-def energy_figures(case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
-    """Entry `energy` of the summary; {} in a scene without particles [J].
-
-    `gained` is what no force and no source explains: `time_step`, the error of the contact step in the springs, and
-    `missing`, which is zero but for rounding. Positive where there is more energy than there should be.
-    """
-    end = energy_now(case, instant)
-    if not end:
-        return {}
-    names = StoredEnergy._fields if len(end) > len(MOTION) else MOTION
-    at_end = dict(zip(names, end, strict=True))
-    start = totals.energy_start if len(totals.energy_start) == len(end) else ()
-    at_start = dict(zip(names, start, strict=True)) if start else None
-    figures: dict[str, Any] = {"start": at_start, "end": at_end}
-    if at_start is not None and len(end) > len(MOTION):
-        flow = totals.energy or (0.0,) * len(EnergyFlow._fields)
-        changes = case.simulation.gravity_times is not None
-        figures |= balance(at_start, at_end, dict(zip(EnergyFlow._fields, flow, strict=True)), changes)
-    return {"energy": figures}
 
 
 def balance(

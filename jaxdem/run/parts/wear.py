@@ -8,8 +8,30 @@ from typing import Any
 import numpy as np
 
 from jaxdem.io.wall_file import add_cell_data
+from jaxdem.run.instant import Instant
+from jaxdem.run.parts.part import Part
+from jaxdem.run.totals import Means, Totals
 from jaxdem.setup.builder import Case
 from jaxdem.state import State
+
+
+class Wear(Part):
+    """Volume that is worn off the meshes."""
+
+    def columns(self, case: Case, instant: Instant, means: Means) -> dict[str, float]:
+        """Volume taken from every mesh that wears [m3]."""
+        return {f"wall_{number}_wear": float(own.sum()) for number, own in worn_volumes(case, instant.state).items()}
+
+    def summary(self, case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
+        """Volume of wear of every mesh, and where it is deepest."""
+        found = []
+        for number, volume in worn_volumes(case, instant.state).items():
+            depth = _depth(case, number, volume) if case.scene.dimension == 3 else None  # lines have no area
+            worst = int(np.argmax(volume if depth is None else depth))
+            deepest = None if depth is None else float(depth[worst])
+            name = case.scene.walls[number].name
+            found.append({"wall": number, "name": name, "volume": float(volume.sum()), "depth": deepest, "cell": worst})
+        return {"wear": found} if found else {}
 
 
 def worn_volumes(case: Case, state: State) -> dict[int, np.ndarray]:
@@ -22,23 +44,6 @@ def worn_volumes(case: Case, state: State) -> dict[int, np.ndarray]:
             low = 0.0 if own.volume_low is None else np.asarray(own.volume_low, float)
             found[int(mesh.key.rpartition(".")[2])] = np.asarray(own.volume, float) + low
     return found
-
-
-def wear_figures(case: Case, state: State) -> dict[str, float]:
-    """Volume taken from every mesh that wears, for history.csv [m3]; {} without."""
-    return {f"wall_{number}_wear": float(own.sum()) for number, own in worn_volumes(case, state).items()}
-
-
-def wear_summary(case: Case, state: State) -> dict[str, Any]:
-    """Volume of wear of every mesh, and where it is deepest; {} where no mesh wears."""
-    found = []
-    for number, volume in worn_volumes(case, state).items():
-        depth = _depth(case, number, volume) if case.scene.dimension == 3 else None  # lines have no area
-        worst = int(np.argmax(volume if depth is None else depth))
-        deepest = None if depth is None else float(depth[worst])
-        name = case.scene.walls[number].name
-        found.append({"wall": number, "name": name, "volume": float(volume.sum()), "depth": deepest, "cell": worst})
-    return {"wear": found} if found else {}
 
 
 def keep_wear(case: Case, state: State, folder: Path) -> None:

@@ -1,0 +1,94 @@
+"""Columns of `history.csv` beside the metrics: those of a part of a scene, in runs that have it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+from jaxdem.io.scene_text import comes_and_goes, driven_axes
+
+Tables = Mapping[str, Any]
+"""A scene as nested dicts."""
+
+
+class PartColumns(NamedTuple):
+    """The columns of a part.
+
+    Attributes:
+        pattern: that their names match.
+        names: those of a scene; none where it has not the part.
+        meaning: what they hold, with unit.
+    """
+
+    pattern: str
+    names: Callable[[Tables], Iterable[str]]
+    meaning: str
+
+
+def _walls(scene: Tables, key: str, column: str) -> list[str]:
+    """A column of every wall that has a key, by the number of the wall."""
+    walls = scene.get("walls", []) if "particles" in scene else []
+    return [f"wall_{number}_{column}" for number, wall in enumerate(walls) if wall.get(key) is not None]
+
+
+def _temperatures(scene: Tables) -> list[str]:
+    parts = {"fluid": "fluid_temperature_mean", "particles": "particle_temperature_mean"}
+    return [column for part, column in parts.items() if "heat" in scene and part in scene]
+
+
+def _along(scene: Tables) -> list[str]:
+    names = ("pressure_gradient", "bulk_velocity")
+    return [f"{name}_{axis}" for name in names for axis in driven_axes(scene)]
+
+
+PARTS: tuple[PartColumns, ...] = (
+    PartColumns(
+        r"present|removed",
+        lambda scene: ("present", "removed") if comes_and_goes(scene) else (),
+        "numbers of particles that are there and that have left [-]",
+    ),
+    PartColumns(
+        r"bonds_(intact|broken|left)",
+        lambda scene: ("bonds_intact", "bonds_broken", "bonds_left") if scene.get("bonds") else (),
+        "numbers of bonds that hold, that broke, and that went with a grain [-]",
+    ),
+    PartColumns(
+        r"(pressure_gradient|bulk_velocity)_[xyz]",
+        _along,
+        "mean gradient of the pressure [Pa/m] and bulk velocity [m/s] along every periodic axis of a driven fluid",
+    ),
+    PartColumns(
+        r"wall_\d+_displacement",
+        lambda scene: _walls(scene, "piston", "displacement"),
+        "how far a wall that a force holds has moved [m]",
+    ),
+    PartColumns(
+        r"wall_\d+_wear",
+        lambda scene: _walls(scene, "wear", "wear"),
+        "what has been worn off a mesh [m3]",
+    ),
+    PartColumns(
+        r"(fluid|particle)_temperature_mean",
+        _temperatures,
+        "mean temperatures of the fluid, by volume, and of the particles, by heat capacity [K]",
+    ),
+    PartColumns(
+        r"scalar_\w+_mean",
+        lambda scene: [f"scalar_{table['name']}_mean" for table in scene.get("scalars", [])],
+        "mean of a scalar over the volume of the fluid, in its unit",
+    ),
+)
+"""In the order of their columns."""
+
+_KNOWN = re.compile("|".join(f"(?:{part.pattern})" for part in PARTS))
+
+
+def columns_of_parts(scene: Tables) -> tuple[str, ...]:
+    """Columns of the history of a scene, beside the metrics."""
+    return tuple(name for part in PARTS for name in part.names(scene))
+
+
+def is_of_a_part(name: str) -> bool:
+    """Whether a column may be that of a part."""
+    return _KNOWN.fullmatch(name) is not None

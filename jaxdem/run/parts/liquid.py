@@ -1,0 +1,39 @@
+"""The liquid of capillary bridges, in the summary of a run. Host side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jaxdem.run.instant import Instant
+from jaxdem.run.parts.part import Part
+from jaxdem.run.totals import Totals
+from jaxdem.setup.builder import Case
+
+
+class Liquid(Part):
+    """Liquid films and bridges."""
+
+    def summary(self, case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
+        """Where the liquid is [m3], and what is missing of it [-]."""
+        particles, scene = instant.state.particles, case.scene
+        if particles is None or particles.liquid is None or scene.contact is None or scene.contact.cohesion is None:
+            return {}
+        held = particles.contact_spring[-1:], particles.wall_spring[-1:]
+        films = float(np.sum(np.asarray(particles.liquid), dtype=np.float64))
+        between, walls = (float(np.sum(np.asarray(volumes), dtype=np.float64)) for volumes in held)
+        radius = np.broadcast_to(np.asarray(case.bodies.radius, float), particles.liquid.shape)
+        start = (scene.contact.cohesion.liquid_content or 0.0) * float(np.sum(4.0 / 3.0 * np.pi * radius**3))
+        missing = start - films - between - walls
+        bridges = sum(int(np.count_nonzero(np.asarray(volumes))) for volumes in held)
+        return {
+            "liquid": {
+                "start": start,
+                "films": films,
+                "bridges_between_particles": between,
+                "bridges_to_walls": walls,
+                "bridges": bridges,
+                "missing_relative": missing / start if start else 0.0,
+            }
+        }
