@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 
 from jaxdem.check.engineering import Number
+from jaxdem.setup.builder import Case
 from jaxdem.setup.cohesion import pair_of
 from jaxdem.setup.contact_bodies import contact_bodies, effective
-from jaxdem.setup.particles import ParticleSetup
 
 
-def bond_numbers(particles: ParticleSetup | None) -> tuple[Number, ...]:
+def bond_numbers(case: Case) -> tuple[Number, ...]:
     """Pull-off force F of two equal grains and the Bond number F / (m g), over the sizes and densities of the scene.
 
     All pairs have the strongest cohesion between grains. None without cohesion, and with "sjkr", which has no pull-off
     force of its own. The Bond number is left out without gravity.
     """
+    particles = case.particles
     if particles is None:
         return ()
     grains = [body for body in contact_bodies(particles) if not body.is_wall]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import jax
@@ -13,7 +14,7 @@ from jaxdem.check.bond_numbers import bond_numbers
 from jaxdem.check.cautions import cautions
 from jaxdem.check.clump_rows import clump_rows
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
-from jaxdem.check.heat_numbers import heat_numbers
+from jaxdem.check.heat import heat_numbers
 from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
 from jaxdem.check.over_devices import WORKING_COPIES, DeviceReport, check_devices
 from jaxdem.check.packs import bond_rows, pack_rows
@@ -29,6 +30,7 @@ from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.boundaries import boundary_speed
 from jaxdem.setup.builder import Case, build_case
+from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.start_point import StartPoint
 from jaxdem.simulation import Simulation
 from jaxdem.state import State
@@ -118,6 +120,20 @@ class CheckReport:
     left_out: tuple[str, ...]
 
 
+NUMBERS: tuple[Callable[[Case], Iterable[Number]], ...] = (engineering_numbers, bond_numbers, heat_numbers)
+"""What an engineer knows the parts of a scene by, in the order of the report."""
+
+ROWS: tuple[Callable[[ParticleSetup | None], Iterable[tuple[str, str]]], ...] = (clump_rows, pack_rows, bond_rows)
+"""What is told of the particles at the start, in the order of the report."""
+
+CAUTIONS: tuple[Callable[[Case], Iterable[str]], ...] = (
+    lambda case: unit_warnings(case.scene),
+    probe_cautions,
+    mesh_cautions,
+)
+"""What is said of what seldom does what was meant, in the order of the report."""
+
+
 def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | None = None) -> CheckReport:
     """Look a scene over without running it; programs are compiled only for walls beside the box.
 
@@ -130,68 +146,50 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         InputError: whatever `simulate` would refuse before its first step.
     """
     case = build_case(scene, start=start)
-    simulation, parameters, bodies = case.simulation, case.parameters, case.bodies
+    simulation, parameters, steps = case.simulation, case.parameters, case.simulation.steps
     samples_every(scene, simulation)
     state, room = case.first_state()
     neighbors = None
     if room is not None and state.particles is not None:
         neighbors = simulation.list_shapes(parameters, state.particles, room)
-    steps, fluid = simulation.steps, simulation.fluid
-    time_steps: dict[str, float] = {
-        "interval": steps.interval,
-        "intervals": steps.outputs * steps.intervals_per_output,
-        "outputs": steps.outputs,
-    }
-    if steps.contact is not None:
-        time_steps |= {"contact": steps.contact, "contacts_per_interval": steps.contacts_per_interval}
-    if fluid is not None:
-        time_steps |= {"fluid": steps.interval / steps.fluid_substeps, "fluid_substeps": steps.fluid_substeps}
-    spacing = fluid.solver.grid.spacing if fluid is not None else None
-    diameter = bodies.largest_diameter if scene.particles else None
-    count = 0 if state.particles is None else len(state.particles.position)
+    spacing = None if simulation.fluid is None else simulation.fluid.solver.grid.spacing
+    diameter = case.bodies.largest_diameter if scene.particles else None
     grains = 1.0 if scene.particles is None else scene.particles.coarse_grain**scene.dimension
-    load = screen_load(scene, simulation, parameters, case.grains, count * grains)
-    cost = run_cost(simulation, neighbors)
-    void = None
-    if state.fluid is not None and state.fluid.void_fraction is not None:
-        void = np.asarray(state.fluid.void_fraction)
-    memory = _memory(simulation, state, neighbors)
+    count = None if state.particles is None else len(state.particles.position)
+    load = screen_load(scene, simulation, parameters, case.grains, (count or 0) * grains)
+    cost, memory = run_cost(simulation, neighbors), _memory(simulation, state, neighbors)
+    void = _void_fraction(state)
     over = None
     if devices is not None and devices > 1:
         over = check_devices(case, devices, state, neighbors, memory)
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
-    warned = *unit_warnings(scene), *probe_cautions(case), *mesh_cautions(case)
+    warned = [sentence for of_part in CAUTIONS for sentence in of_part(case)]
     return CheckReport(
         precision=scene.precision,
         size=scene.domain.size,
         periodic=scene.periodic,
-        particles=None if state.particles is None else state.particles.position.shape[0],
+        particles=count,
         grains_per_parcel=grains if grains > 1.0 else None,
         cells=None if scene.fluid is None else scene.fluid.cells,
         spacing=spacing,
         cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter) if spacing and diameter else None,
         kernel_half_width=simulation.half_width,
-        void_fraction=None if void is None else (float(void.min()), float(void.mean())),
+        void_fraction=void,
         closed_pockets=case.fluid_walls.closed_pockets,
-        time_steps=time_steps,
-        limits=dict(steps.limits)
-        | _model_viscous_limit(scene, simulation, None if void is None else float(void.min())),
+        time_steps=_time_steps(simulation),
+        limits=dict(steps.limits) | _model_viscous_limit(scene, simulation, None if void is None else void[0]),
         expected_speed=steps.expected_speed,
         speed_limit=steps.speed_limit,
         expected_overlap=steps.expected_overlap,
         maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
-        numbers=(
-            *engineering_numbers(scene, parameters, case.grains),
-            *bond_numbers(case.particles),
-            *heat_numbers(scene, case.grains),
-        ),
+        numbers=tuple(number for of_part in NUMBERS for number in of_part(case)),
         screen_load=load,
         cost=cost,
-        warnings=(*warned, *cautions(scene, bodies, spacing, load, cost)),
+        warnings=(*warned, *cautions(scene, case.bodies, spacing, load, cost)),
         memory=memory,
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
-        packs=(*clump_rows(case.particles), *pack_rows(case.particles), *bond_rows(case.particles)),
+        packs=tuple(row for of_part in ROWS for row in of_part(case.particles)),
         meshes=mesh_rows(case),
         start=case.start_figures,
         devices=over,
@@ -199,6 +197,29 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         left_out=left_out,
         **_particle_figures(case),
     )
+
+
+def _time_steps(simulation: Simulation) -> dict[str, float]:
+    """Steps [s] and their numbers, of the parts that there are."""
+    steps = simulation.steps
+    found: dict[str, float] = {
+        "interval": steps.interval,
+        "intervals": steps.outputs * steps.intervals_per_output,
+        "outputs": steps.outputs,
+    }
+    if steps.contact is not None:
+        found |= {"contact": steps.contact, "contacts_per_interval": steps.contacts_per_interval}
+    if simulation.fluid is not None:
+        found |= {"fluid": steps.interval / steps.fluid_substeps, "fluid_substeps": steps.fluid_substeps}
+    return found
+
+
+def _void_fraction(state: State) -> tuple[float, float] | None:
+    """Minimum and mean [-]; None without fluid or particles."""
+    if state.fluid is None or state.fluid.void_fraction is None:
+        return None
+    void = np.asarray(state.fluid.void_fraction)
+    return float(void.min()), float(void.mean())
 
 
 def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | None) -> dict[str, float]:

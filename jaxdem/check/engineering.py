@@ -17,6 +17,7 @@ from jaxdem.scene import Scene
 from jaxdem.setup import stability
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.boundaries import boundary_speed
+from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters
 
@@ -132,8 +133,9 @@ def packed_solid_fraction(scene: Scene, diameter: float) -> float:
     return min(fraction, 1.0 - VOID_FRACTION_FLOOR)
 
 
-def engineering_numbers(scene: Scene, parameters: Parameters, bodies: Bodies) -> tuple[Number, ...]:
+def engineering_numbers(case: Case) -> tuple[Number, ...]:
     """The numbers of a scene with grains and fluid; none without either."""
+    scene, bodies = case.scene, case.grains
     fluid, coupling = scene.fluid, scene.coupling
     if fluid is None or coupling is None or bodies.radius.size == 0 or coupling.drag not in DRAG_LAWS:
         return ()  # with a closure in its place the name of the law is not looked at
@@ -141,7 +143,7 @@ def engineering_numbers(scene: Scene, parameters: Parameters, bodies: Bodies) ->
     diameter, density = _extremes(bodies, fluid.density)
     drag = DragInFluid.of(DRAG_LAWS[coupling.drag](), fluid.density, fluid.viscosity)
     named = f"by {coupling.drag}"
-    if scene.closure.file is not None or jax.tree.leaves(parameters.closure):
+    if scene.closure.file is not None or jax.tree.leaves(case.parameters.closure):
         named += ", not by the closure"
     excess = np.abs(density / fluid.density - 1.0)
     found = [

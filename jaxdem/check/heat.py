@@ -1,4 +1,4 @@
-"""Numbers of heat transfer that a scene is known by. Host side."""
+"""What `jaxdem check` says of temperatures and other scalars. Host side."""
 
 from __future__ import annotations
 
@@ -8,22 +8,21 @@ import numpy as np
 
 from jaxdem.check.engineering import Number
 from jaxdem.scalars.nusselt import NUSSELT_LAWS
+from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.scene import Scene
-from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.boundaries import boundary_speed
+from jaxdem.setup.builder import Case
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters
 
 UNEVEN = 0.1
 """Biot number from which a grain has no longer one temperature [-]."""
 
 
-def heat_numbers(scene: Scene, grains: Bodies) -> tuple[Number, ...]:
+def heat_numbers(case: Case) -> tuple[Number, ...]:
     """Prandtl number of the fluid; Nusselt number, time of warming and Biot number of a grain alone at the largest
-    speed that a boundary imposes. None without temperatures.
-
-    Args:
-        scene: the scene.
-        grains: of it; no entries without.
-    """
+    speed that a boundary imposes. None without temperatures."""
+    scene, grains = case.scene, case.grains
     heat, fluid = scene.heat, scene.fluid
     if heat is None or fluid is None or heat.fluid_heat_capacity is None or heat.fluid_conductivity is None:
         return ()
@@ -48,3 +47,25 @@ def heat_numbers(scene: Scene, grains: Bodies) -> tuple[Number, ...]:
             note = f"above {UNEVEN:g}: a grain is warmer outside than inside, which is not computed"
         found.append(Number("  Biot number", biot[0], biot[1], "-", note))
     return tuple(found)
+
+
+def scalar_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> list[tuple[str, bool]]:
+    """Temperatures, what they do, and what else the fluid carries."""
+    scalars = simulation.scalars
+    heat = None if scalars is None else scalars.heat
+    others = () if scalars is None else tuple(f.name for f in scalars.fields if f.name != TEMPERATURE)
+    carried = [(f"scalars {', '.join(others)}" if others else "scalars in the fluid", bool(others))]
+    if heat is None:
+        return [("temperatures", False), *(carried if simulation.fluid is not None else [])]
+    law = "" if heat.exchange is None else f" by {_name_of(heat.exchange)}"
+    return [
+        ("temperatures", True),
+        (f"heat exchange of grains and fluid{law}", heat.exchange is not None),
+        ("conduction through contacts", heat.conduction is not None),
+        ("buoyancy of warm fluid", heat.expands),
+        *carried,
+    ]
+
+
+def _name_of(law: object) -> str:
+    return getattr(law, "__name__", type(law).__name__)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from jaxdem.coupling.coupled import Coupling
+from jaxdem.check.heat import scalar_parts
 from jaxdem.coupling.forces import FORCES
-from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.scene import Scene
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.walls import Wall
@@ -18,66 +17,88 @@ UNITS = {"rate": "1/s", "mass_flow": "kg/s"}
 """Of the keys of an inlet that say how much comes."""
 
 
+Parts = list[tuple[str, bool]]
+"""Names of parts of the model, and whether the program has them."""
+
+
 def compiled_parts(
     scene: Scene, simulation: Simulation, parameters: Parameters
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parts of the model that the compiled program has, and those that it has not."""
-    parts: list[tuple[str, bool]] = [("particles", simulation.contact is not None)]
-    if simulation.contact is not None:
-        model = simulation.contact.model
-        parts += [
-            (f"contact law {type(model.law).__name__}", True),
-            (_cohesion(scene), model.cohesion is not None),
-            ("clumps of spheres", parameters.bodies is not None and parameters.bodies.clumps is not None),
-            ("bonds between particles", model.bonds is not None),
-            ("lubrication", model.lubrication is not None),
-            ("friction by the film between particles", model.wet_friction),
-            ("balance of energy", model.energy),
-            ("rolling friction", model.rolling is not None),
-            ("rolling springs", model.rolling is not None and model.rolling.has_spring),
-            ("radius per particle", parameters.bodies is not None and parameters.bodies.radius.ndim > 0),
-            ("density per particle", parameters.bodies is not None and parameters.bodies.density.ndim > 0),
-            (f"contact with {len(model.sides)} walls", bool(model.sides)),
-            (_walls_beside_the_box(scene), bool(model.surfaces or model.meshes)),
-            ("positions in pairs of floats", scene.precision == "float32"),
-        ]
-    parts += _scalar_parts(simulation)
-    parts.append(("gravity over time", simulation.gravity_times is not None))
-    parts.append(("fluid", simulation.fluid is not None))
-    if simulation.fluid is not None and parameters.fluid is not None:
-        solver = simulation.fluid.solver
-        parts += [
-            (f"advection {type(solver.advection).__name__}", True),
-            ("viscous stress", solver.viscous),
-            ("drive along periodic axes", solver.drive is not None),
-            ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
-            ("mixing length over a bed", parameters.fluid.bed_mixing is not None),
-            ("learned subgrid stress", parameters.fluid.subgrid is not None),
-            (f"mesh cut by {solver.surfaces or 'the'} surfaces", solver.surfaces > 0),
-            ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
-            ("velocity of a side over time", any(side.times is not None for side in solver.boundary.sides)),
-            ("coupling of particles and fluid", simulation.coupling is not None),
-            ("factor on the drag over time", simulation.drag_times is not None),
-            ("model B", simulation.coupling is not None and solver.model == "B"),
-        ]
-    if simulation.coupling is not None:
-        closure, learned = parameters.closure, bool(jax.tree.leaves(parameters.closure))
-        parts += _coupling_parts(simulation.coupling)
-        law = f"{'learned drag' if learned else 'drag law'} {type(closure).__name__}"
-        parts += [(law, True)] if learned else [(law, True), ("learned drag", False)]
+    parts = [part for of_kind in KINDS for part in of_kind(scene, simulation, parameters)]
+    return tuple(name for name, there in parts if there), tuple(name for name, there in parts if not there)
+
+
+def _contact_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> Parts:
+    """What acts on particles but the fluid."""
+    if simulation.contact is None:
+        return [("particles", False)]
+    model, bodies = simulation.contact.model, parameters.bodies
+    return [
+        ("particles", True),
+        (f"contact law {type(model.law).__name__}", True),
+        (_cohesion(scene), model.cohesion is not None),
+        ("clumps of spheres", bodies is not None and bodies.clumps is not None),
+        ("bonds between particles", model.bonds is not None),
+        ("lubrication", model.lubrication is not None),
+        ("friction by the film between particles", model.wet_friction),
+        ("balance of energy", model.energy),
+        ("rolling friction", model.rolling is not None),
+        ("rolling springs", model.rolling is not None and model.rolling.has_spring),
+        ("radius per particle", bodies is not None and bodies.radius.ndim > 0),
+        ("density per particle", bodies is not None and bodies.density.ndim > 0),
+        (f"contact with {len(model.sides)} walls", bool(model.sides)),
+        (_walls_beside_the_box(scene), bool(model.surfaces or model.meshes)),
+        ("positions in pairs of floats", scene.precision == "float32"),
+    ]
+
+
+def _gravity_part(scene: Scene, simulation: Simulation, parameters: Parameters) -> Parts:
+    return [("gravity over time", simulation.gravity_times is not None)]
+
+
+def _fluid_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> Parts:
+    """The solver and what it solves for."""
+    if simulation.fluid is None or parameters.fluid is None:
+        return [("fluid", simulation.fluid is not None)]
+    solver = simulation.fluid.solver
+    return [
+        ("fluid", True),
+        (f"advection {type(solver.advection).__name__}", True),
+        ("viscous stress", solver.viscous),
+        ("drive along periodic axes", solver.drive is not None),
+        ("Smagorinsky subgrid viscosity", parameters.fluid.smagorinsky is not None),
+        ("mixing length over a bed", parameters.fluid.bed_mixing is not None),
+        ("learned subgrid stress", parameters.fluid.subgrid is not None),
+        (f"mesh cut by {solver.surfaces or 'the'} surfaces", solver.surfaces > 0),
+        ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
+        ("velocity of a side over time", any(side.times is not None for side in solver.boundary.sides)),
+        ("coupling of particles and fluid", simulation.coupling is not None),
+        ("factor on the drag over time", simulation.drag_times is not None),
+        ("model B", simulation.coupling is not None and solver.model == "B"),
+    ]
+
+
+def _side_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> Parts:
+    """The sides of the box, axis by axis."""
+    parts = []
     for axis, wraps in enumerate(scene.periodic):
         pair = scene.sides[2 * axis : 2 * axis + 2]
         kinds = sorted({scene.boundary[name].kind for name in pair})
-        between = f"{pair[0]}-{pair[1]}"
-        parts.append((f"{between}: {'periodic' if wraps else ', '.join(kinds)}", True))
-    if simulation.contact is not None:
-        population = simulation.population
-        parts += [
-            (_materials(scene), simulation.contact.model.materials is not None),
-            ("removal of particles", population is not None and bool(population.exits)),
-            ("particle inlets", population is not None and bool(population.inlets)),
-        ]
-    return tuple(name for name, there in parts if there), tuple(name for name, there in parts if not there)
+        parts.append((f"{pair[0]}-{pair[1]}: {'periodic' if wraps else ', '.join(kinds)}", True))
+    return parts
+
+
+def _population_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> Parts:
+    """Materials, and particles that come and go."""
+    if simulation.contact is None:
+        return []
+    population = simulation.population
+    return [
+        (_materials(scene), simulation.contact.model.materials is not None),
+        ("removal of particles", population is not None and bool(population.exits)),
+        ("particle inlets", population is not None and bool(population.inlets)),
+    ]
 
 
 def _cohesion(scene: Scene) -> str:
@@ -86,30 +107,11 @@ def _cohesion(scene: Scene) -> str:
     return "cohesion" if table is None else f"cohesion {table.kind}"
 
 
-def _scalar_parts(simulation: Simulation) -> list[tuple[str, bool]]:
-    """Temperatures, what they do, and what else the fluid carries."""
-    scalars = simulation.scalars
-    heat = None if scalars is None else scalars.heat
-    others = () if scalars is None else tuple(f.name for f in scalars.fields if f.name != TEMPERATURE)
-    carried = [(f"scalars {', '.join(others)}" if others else "scalars in the fluid", bool(others))]
-    if heat is None:
-        return [("temperatures", False), *(carried if simulation.fluid is not None else [])]
-    law = "" if heat.exchange is None else f" by {_name_of(heat.exchange)}"
-    return [
-        ("temperatures", True),
-        (f"heat exchange of grains and fluid{law}", heat.exchange is not None),
-        ("conduction through contacts", heat.conduction is not None),
-        ("buoyancy of warm fluid", heat.expands),
-        *carried,
-    ]
-
-
-def _name_of(law: object) -> str:
-    return getattr(law, "__name__", type(law).__name__)
-
-
-def _coupling_parts(coupling: Coupling) -> list[tuple[str, bool]]:
+def _coupling_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -> Parts:
     """How fluid and particles act on each other: what there is and what there is not."""
+    coupling, closure = simulation.coupling, parameters.closure
+    if coupling is None:
+        return []
     drag, there = coupling.drag, {type(force): force for force in coupling.forces}
     wake, correction = "self-disturbance correction", drag.self_disturbance
     if correction is not None:
@@ -120,14 +122,29 @@ def _coupling_parts(coupling: Coupling) -> list[tuple[str, bool]]:
     sharper = "deconvolved velocity"
     if drag.deconvolution > 0.0:
         sharper = f"{sharper} (a = {drag.deconvolution:g})"
-    forces = [(str(there[kind]) if kind in there else kind.label, kind in there) for kind in FORCES]
+    learned = bool(jax.tree.leaves(closure))
+    law = f"{'learned drag' if learned else 'drag law'} {type(closure).__name__}"
     return [
         (f"void fraction {type(coupling.deposition).__name__}", True),
-        *forces,
+        *((str(there[kind]) if kind in there else kind.label, kind in there) for kind in FORCES),
         (sharper, drag.deconvolution > 0.0),
         (wake, correction is not None),
         (averaged, view is not None),
+        (law, True),
+        *(() if learned else (("learned drag", False),)),
     ]
+
+
+KINDS = (
+    _contact_parts,
+    scalar_parts,
+    _gravity_part,
+    _fluid_parts,
+    _coupling_parts,
+    _side_parts,
+    _population_parts,
+)
+"""Each gives the parts of its kind; the report has them in this order."""
 
 
 def population_rows(scene: Scene, simulation: Simulation, state: State) -> tuple[tuple[str, str], ...]:
