@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,14 @@ from jax import Array
 
 from jaxdem.errors import InputError, required
 from jaxdem.numerics.placement import Placement
-from jaxdem.particles.moving_walls import Piston, PistonNumbers, SurfaceMotion
+from jaxdem.particles.moving_walls import Numbers, Piston, PistonNumbers, SurfaceMotion
 from jaxdem.scene import Scene
 from jaxdem.scene.walls import Wall
+from jaxdem.setup.as_arrays import Values
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.solids.motion import RigidMotion, Table
 from jaxdem.solids.motion_tables import motion_of, number, numbers_of, placement_of, unit
-
-Values = float | str | np.ndarray | Sequence[float | Sequence[float]] | None
-"""What a key of a scene may hold."""
 
 SAMPLES = 800
 """Times at which the speed of a wall is looked at; at phases spread by the golden ratio, so that no frequency of a
@@ -45,6 +43,13 @@ def rigid_motion(wall: Wall) -> RigidMotion | None:
 def motion_numbers(wall: Wall, number: Callable[[Values], Array]) -> tuple[dict[str, Array], ...]:
     """The numbers of its parts, each made by `number`."""
     return tuple({name: number(value) for name, value in part.items()} for part in numbers_of(tables_of(wall)))
+
+
+def all_motion_numbers(scene: Scene, number: Callable[[Values], Array]) -> tuple[Numbers, ...]:
+    """Numbers of the motion of every wall; () where none moves."""
+    if not any(wall.moves for wall in scene.walls):
+        return ()
+    return tuple(motion_numbers(wall, number) for wall in scene.walls)
 
 
 def piston_numbers(scene: Scene, number: Callable[[Values], Array]) -> tuple[PistonNumbers, ...]:
