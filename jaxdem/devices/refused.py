@@ -2,10 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 from jaxdem.errors import InputError
+from jaxdem.particles.contact_model import ContactModel
 from jaxdem.simulation import Simulation
+
+
+class Refused(NamedTuple):
+    """What does not work on several devices.
+
+    Attributes:
+        key, value: of the scene.
+        what: in words.
+        there: whether a simulation has it.
+    """
+
+    key: str
+    value: str
+    what: str
+    there: Callable[[Simulation], bool]
+
+
+def _of_contacts(there: Callable[[ContactModel], bool]) -> Callable[[Simulation], bool]:
+    return lambda simulation: simulation.contact is not None and there(simulation.contact.model)
+
+
+def _has_clumps(simulation: Simulation) -> bool:
+    contact = simulation.contact
+    return contact is not None and contact.search is not None and contact.search.members > 1
+
+
+def _looks_at_neighbours(simulation: Simulation) -> bool:
+    # They are farther away than the neighbouring slab's particles that a slab knows.
+    return simulation.coupling is not None and simulation.coupling.drag.surroundings is not None
+
+
+REFUSED = (
+    Refused(
+        "particles.shape", "a clump", "clumps, whose members a slab would have to know with their bodies", _has_clumps
+    ),
+    Refused("output.energy", "true", "a balance of energy", _of_contacts(lambda model: model.energy)),
+    Refused("bonds", "...", "bonds between particles", _of_contacts(lambda model: model.bonds is not None)),
+    Refused(
+        "walls",
+        "fluid",
+        "walls that the fluid sees",
+        lambda simulation: simulation.fluid is not None and simulation.fluid.solver.surfaces > 0,
+    ),
+    Refused(
+        "heat",
+        "[heat] or [[scalars]]",
+        "temperatures and other scalars",
+        lambda simulation: simulation.scalars is not None,
+    ),
+    Refused(
+        "closure.file",
+        "a closure of neighbours",
+        "a drag law that looks at the neighbours of a particle",
+        _looks_at_neighbours,
+    ),
+)
+"""The first one that a scene has is named."""
 
 
 def require_divisible(simulation: Simulation) -> None:
@@ -14,24 +73,10 @@ def require_divisible(simulation: Simulation) -> None:
     Raises:
         InputError: naming it.
     """
-    found = None
-    coupling, contact = simulation.coupling, simulation.contact
-    if contact is not None and contact.search is not None and contact.search.members > 1:
-        found = "particles.shape", "a clump", "with clumps, whose members a slab would have to know with their bodies"
-    elif contact is not None and contact.model.energy:
-        found = "output.energy", "true", "with a balance of energy"
-    elif contact is not None and contact.model.bonds is not None:
-        found = "bonds", "...", "with bonds between particles"
-    elif simulation.fluid is not None and simulation.fluid.solver.surfaces:
-        found = "walls", "fluid", "with walls that the fluid sees"
-    elif simulation.scalars is not None:
-        found = "heat", "[heat] or [[scalars]]", "with temperatures and other scalars"
-    elif coupling is not None and coupling.drag.surroundings is not None:
-        # They are farther away than the neighbouring slab's particles that a slab knows.
-        found = "closure.file", "a closure of neighbours", "with a drag law that looks at the neighbours of a particle"
-    if found is not None:
-        key, value, what = found
-        raise InputError(key, value, f"several devices do not work {what}", "run it on one device")
+    for one in REFUSED:
+        if one.there(simulation):
+            limit = f"several devices do not work with {one.what}"
+            raise InputError(one.key, one.value, limit, "run it on one device")
 
 
 def require_plain_run(asked: Mapping[str, tuple[bool, object, str]]) -> None:
