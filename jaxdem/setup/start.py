@@ -23,12 +23,11 @@ from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_room import MeshRoom
-from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
-from jaxdem.setup.bonds import bond_state
+from jaxdem.setup.first_parts import Begun, with_parts
 from jaxdem.setup.fluid import fluid_velocity
 from jaxdem.setup.inlet_regions import inlet_space
 from jaxdem.setup.overlaps import (
@@ -40,7 +39,6 @@ from jaxdem.setup.overlaps import (
 )
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.scalars import first_scalars
-from jaxdem.setup.wear import not_worn
 from jaxdem.simulation import Simulation, contact_spheres
 from jaxdem.state import Parameters, State
 
@@ -63,8 +61,6 @@ def first_state(
         allowed = allowed_overlap(particles)
         check_initial_positions(particles)
         state = _particles(particles, simulation.population, dtype)
-        if simulation.contact.model.pistons:
-            state = state._replace(pistons=_pistons(len(simulation.contact.model.pistons), dtype))
         model = simulation.contact.model
         times = model.wall_times
         middle = 0.5 * simulation.interval
@@ -77,7 +73,6 @@ def first_state(
         room = simulation.room(parameters, state)
         state = _with_memory(scene, simulation, parameters.bodies.radius, state, room)
         state = with_mesh_memory(state, simulation.contact, room)
-        state = state._replace(mesh_wear=not_worn(particles.meshes, dtype))
     fluid = None
     if simulation.fluid is not None:
         void_fraction = None
@@ -142,7 +137,7 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
             values[:present] = given
         return on_device(values, dtype)
 
-    return ParticleState(
+    state = ParticleState(
         position=on_device(leading, dtype),
         position_low=on_device(position - leading, dtype) if single else None,
         velocity=rows("velocity", particles.given_velocity, dimension),
@@ -153,16 +148,10 @@ def _particles(particles: ParticleSetup, population: Population | None, dtype: n
         fluid_force=None if particles.scene.fluid is None else _full((count, dimension), 0.0, dtype),
         active=None if population is None else on_device(np.arange(count) < present, bool),
         inserted=_full((len(inlets),), 0, np.int32) if inlets else None,
-        bonds=None if particles.bonds is None else bond_state(particles.bonds, count, dtype),
         orientation=None if turned is None else on_device(turned, dtype),
         orientation_low=None if low is None or not single else on_device(low, dtype),
     )
-
-
-def _pistons(number: int, dtype: np.dtype[np.floating]) -> PistonState:
-    """All where the scene has them, at rest."""
-    zero = _full((number,), 0.0, dtype)
-    return PistonState(zero, None if dtype == np.float64 else zero, zero)
+    return with_parts(state, Begun(particles.scene, particles, count, dtype))
 
 
 def _with_memory(

@@ -17,22 +17,20 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.numerics.placement import Placement
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.moving_walls import PistonState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
-from jaxdem.setup.bonds import bond_state
+from jaxdem.setup.first_parts import Begun, with_parts
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.scalars import first_scalars
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
-from jaxdem.setup.start_point import StartPoint, wall_text, walls_of
+from jaxdem.setup.start_point import StartPoint, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
 from jaxdem.setup.started_list import carried_springs, widened_list
-from jaxdem.setup.started_meshes import kept_of_meshes, wear_of_meshes
+from jaxdem.setup.started_meshes import kept_of_meshes
 from jaxdem.setup.started_particles import StartedParticles
 from jaxdem.setup.stored import stored_room
-from jaxdem.setup.wear import not_worn
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -191,7 +189,7 @@ class Beginning:
             values[own.removed] = 0.0
             return on_device(values, self._dtype)
 
-        return ParticleState(
+        found = ParticleState(
             position=on_device(leading, self._dtype),
             position_low=None if low is None else on_device(low, self._dtype),
             velocity=rows("velocity", dimension),
@@ -202,39 +200,8 @@ class Beginning:
             fluid_force=None if scene.fluid is None else rows("fluid_force", dimension),
             active=None if population is None else on_device(active, bool),
             inserted=on_device([queue.inserted for queue in own.queues], np.int32) if own.queues else None,
-            pistons=self._pistons,
-            bonds=None if own.bonds is None else bond_state(own.bonds, count, self._dtype),
-            mesh_wear=wear_of_meshes(self.start, self.scene, not_worn(own.meshes, self._dtype)),
         )
-
-    @property
-    def _pistons(self) -> PistonState | None:
-        """Where the pistons are: those of the run go on, others begin at rest where the scene has them.
-
-        Raises:
-            InputError: a wall was a piston, has moved, and is none any more.
-        """
-        arrays, before = self.start.arrays, self.start.pistons
-        now = [wall_text(wall) for wall in self.scene.walls if wall.piston is not None]
-        for number, text in enumerate(before):
-            moved = float(arrays["state.particles.pistons.displacement"][number])
-            if moved != 0.0 and text not in now:
-                there = [wall_text(wall) for wall in self.scene.walls]
-                key = f"walls.{there.index(text)}.piston" if text in there else "walls"
-                limit = f"was a piston in the run before and has moved by {moved:.6g} m: the wall would jump back"
-                raise InputError(key, None, limit, "give the wall its piston again, or begin without [start]")
-        if not now:
-            return None
-        values: dict[str, Any] = {}
-        for name in PistonState._fields:
-            column, given = np.zeros(len(now)), arrays.get(f"state.particles.pistons.{name}")
-            for number, text in enumerate(now):
-                if given is not None and text in before:
-                    column[number] = given[before.index(text)]
-            values[name] = on_device(column, self._dtype)
-        if self._dtype == np.float64:
-            values["displacement_low"] = None
-        return PistonState(**values)
+        return with_parts(found, Begun(scene, own, count, self._dtype, self.start))
 
     def _wall_springs(self, own: StartedParticles, count: int) -> tuple[Array, ...]:
         """Springs at the walls: those of a wall that was there already go on."""

@@ -1,0 +1,42 @@
+"""Where walls that a force holds are at the start of a scene. Host side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jaxdem.errors import InputError
+from jaxdem.numerics.host import on_device
+from jaxdem.particles.moving_walls import PistonState
+from jaxdem.scene import Scene
+from jaxdem.setup.start_point import StartPoint, wall_text
+
+
+def first_pistons(scene: Scene, dtype: np.dtype[np.floating], start: StartPoint | None) -> PistonState | None:
+    """Those of the run before go on, others begin at rest where the scene has them; None without.
+
+    Raises:
+        InputError: a wall was a piston, has moved, and is none any more.
+    """
+    now = [wall_text(wall) for wall in scene.walls if wall.piston is not None]
+    arrays, before = ({}, []) if start is None else (start.arrays, start.pistons)
+    for number, text in enumerate(before):
+        moved = float(arrays["state.particles.pistons.displacement"][number])
+        if moved != 0.0 and text not in now:
+            there = [wall_text(wall) for wall in scene.walls]
+            key = f"walls.{there.index(text)}.piston" if text in there else "walls"
+            limit = f"was a piston in the run before and has moved by {moved:.6g} m: the wall would jump back"
+            raise InputError(key, None, limit, "give the wall its piston again, or begin without [start]")
+    if not now:
+        return None
+    values: dict[str, Any] = {}
+    for name in PistonState._fields:
+        column, given = np.zeros(len(now)), arrays.get(f"state.particles.pistons.{name}")
+        for number, text in enumerate(now):
+            if given is not None and text in before:
+                column[number] = given[before.index(text)]
+        values[name] = on_device(column, dtype)
+    if dtype == np.float64:
+        values["displacement_low"] = None
+    return PistonState(**values)
