@@ -8,7 +8,8 @@ heap. Contenders, each in processes of its own, one after the other:
 - one: one device, the plain program, on one core; also on two cores;
 - machinery: one device with the program of several, on one core: what one device loses by it;
 - devices: host devices of one process on all cores;
-- processes: two processes joined by `jax.distributed` over loopback, as `jaxdem run --processes 2` starts them.
+- processes: two processes joined by `jax.distributed` over loopback, as `jaxdem run --processes 2` starts them, each on
+  its share of the cores.
 
 Strong scaling: the same grains on more devices. Weak scaling: `--weak` grains a device. The share of messages is the
 time that sending the ghosts of a contact step takes by itself, over that of the step. Where cards are at hand the same
@@ -41,7 +42,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from benchmarks import contact, harness
-from jaxdem.cli.launch import THREADS, threads_each
+from jaxdem.cli.launch import cores_of
 
 # jax is imported by the processes that measure: flags and cores are theirs.
 
@@ -195,21 +196,13 @@ def run(arguments: argparse.Namespace, count: int, devices: int, **more: Any) ->
         probe.bind(("127.0.0.1", 0))
         given["port"] = probe.getsockname()[1]
     cores = sorted(os.sched_getaffinity(0))[: given["cores"]]
-    environment = os.environ | ({THREADS: str(threads_each(given["processes"]))} if given["processes"] > 1 else {})
     children = []
     for rank in range(given["processes"]):
         command = [sys.executable, __file__, "--measure", json.dumps(given | {"rank": rank})]
+        children.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
         # A process sees its cores from the start: XLA makes as many threads.
-        children.append(
-            subprocess.Popen(
-                command,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                env=environment,
-                preexec_fn=lambda: os.sched_setaffinity(0, cores),
-            )
-        )
+        own = cores_of(rank, given["processes"]) if given["processes"] > 1 else cores
+        os.sched_setaffinity(children[-1].pid, own)
     said = [child.communicate(timeout=900) for child in children]
     if any(child.returncode for child in children):
         reason = next(err for child, (_, err) in zip(children, said, strict=True) if child.returncode)

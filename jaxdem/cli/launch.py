@@ -6,6 +6,7 @@ talk to each other through `jax.distributed` over loopback; the launcher does no
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
@@ -30,9 +31,6 @@ GRACE = 15.0
 
 POLL = 0.05
 """How often the processes are looked after [s]."""
-
-THREADS = "NPROC"
-"""Variable by which XLA is told for how many cores it makes threads; else each process makes them for all."""
 
 LAST_LINES = 12
 """Of what a process wrote that ended without a word of jaxdem."""
@@ -78,11 +76,14 @@ class _Process:
         names = {PROCESS: index, PROCESSES: number, COORDINATOR: f"127.0.0.1:{port}", LAUNCHED: self.log}
         self._process = subprocess.Popen(
             [sys.executable, "-m", "jaxdem", *arguments],
-            env={THREADS: str(threads_each(number))} | os.environ | {name: str(one) for name, one in names.items()},
+            env=os.environ | {name: str(one) for name, one in names.items()},
             stdin=subprocess.PIPE,
             stdout=None if index == 0 else subprocess.DEVNULL,
             start_new_session=True,  # the terminal's Ctrl-C comes to the launcher alone, which hands it on
         )
+        # Before it has any thread: XLA then makes as many as it has cores.
+        with contextlib.suppress(AttributeError, ProcessLookupError):
+            os.sched_setaffinity(self._process.pid, cores_of(index, number))
 
     @property
     def pipe(self) -> IO[bytes]:
@@ -184,9 +185,15 @@ class _Group:
         return f"The {number} processes of the run lost each other."
 
 
-def threads_each(number: int) -> int:
-    """Threads that each of so many processes may compute with: its share of the cores that this one may use."""
-    return max(1, len(os.sched_getaffinity(0)) // number)
+def cores_of(index: int, number: int) -> list[int]:
+    """The share that one of so many processes has of the cores that this one may use; one at least.
+
+    Not bound, two processes that wait for each other in every contact step are often put on one core by the system, and
+    the other core is idle.
+    """
+    cores = sorted(os.sched_getaffinity(0))
+    first, end = (k * len(cores) // number for k in (index, index + 1))
+    return cores[first : max(end, first + 1)]
 
 
 def _free_port() -> int:
