@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from jaxdem.errors import InputError
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.simulation import Simulation
 
@@ -50,6 +51,12 @@ REFUSED = (
         "fluid",
         "walls that the fluid sees",
         lambda simulation: simulation.fluid is not None and simulation.fluid.solver.surfaces > 0,
+    ),
+    Refused(
+        "surface",
+        "...",
+        "two fluids",
+        lambda simulation: simulation.fluid is not None and isinstance(simulation.fluid.solver, TwoFluidSolver),
     ),
     Refused(
         "heat",

@@ -149,11 +149,20 @@ class CentralFourth:
         return behind / 3.0 + ahead / 6.0, ahead / 3.0 + behind / 6.0
 
 
-class ClosedFaces(Protocol):
-    """Surfaces within the mesh, see `cut_cells`."""
+class SurfaceValues(Protocol):
+    """What has a say in what is carried: surfaces within the mesh, see `cut_cells`, or the mean over a step, see
+    `carried_momentum`."""
 
     def surface_value(self, grid: Grid, value: Array, around: Array, which: int, axis: int) -> Array:
-        """What is carried between control volumes of which one may be closed."""
+        """What is carried between control volumes, of which one may be closed.
+
+        Args:
+            grid: the grid.
+            value: by the scheme, on the surfaces.
+            around: velocity of component `which`, two ghost layers included.
+            which: of the velocity.
+            axis: normal to the surfaces.
+        """
         ...
 
 
@@ -163,7 +172,7 @@ def advection(
     scheme: AdvectionScheme,
     flux: FaceField,
     velocity: FaceField,
-    cut: ClosedFaces | None = None,
+    cut: SurfaceValues | None = None,
 ) -> FaceField:
     """-div(F u) on every face [m/s2 times void fraction]; of the values on boundary faces those on outlets are used.
 
@@ -176,16 +185,16 @@ def advection(
         grid: the grid.
         sides: of the box.
         scheme: reconstruction.
-        flux: F = g u on the faces, the flux of the fluid volume [m/s].
+        flux: F = g u on the faces, the flux of the fluid volume [m/s], or that of its mass.
         velocity: u on the faces [m/s].
-        cut: surfaces within the mesh; None without.
+        cut: what changes the values of the scheme; None for these as they are.
     """
     result = []
     for which, component in enumerate(velocity):
         terms = []
         for axis in range(grid.dimension):
             padded = with_ghosts(grid, sides, component, which, axis)
-            carrier = _flux_through_control_surfaces(grid, flux, which, axis)
+            carrier = flux_through_control_surfaces(grid, flux, which, axis)
             value = surface_value(scheme, padded, carrier, axis)
             if cut is not None:
                 value = cut.surface_value(grid, value, padded, which, axis)
@@ -256,7 +265,7 @@ def _drawn_in_by_half(grid: Grid, boundary: Boundary, transported: Array, carrie
     return transported
 
 
-def _flux_through_control_surfaces(grid: Grid, flux: FaceField, which: int, axis: int) -> Array:
+def flux_through_control_surfaces(grid: Grid, flux: FaceField, which: int, axis: int) -> Array:
     """F_axis on the surfaces, normal to `axis`, of the control volumes of the faces of axis `which`."""
     f = flux[axis]
     if which == axis:

@@ -11,6 +11,7 @@ from jaxdem.fluid.drive import DriveParameters
 from jaxdem.fluid.grid import FaceField
 from jaxdem.fluid.mixing_length import BedMixing
 from jaxdem.fluid.pressure import SolverReport
+from jaxdem.fluid.second_fluid import SecondFluid
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 
 
@@ -26,6 +27,10 @@ class FluidState(NamedTuple):
             None where nothing drives the fluid, see `drive` [Pa/m].
         pressure_slope: gradient of the reduced pressure, of a fluid that another program solves: it stands for that of
             `pressure`; None in a fluid of our own [Pa/m].
+        liquid_fraction: part of the fluid in every cell that is the first one, the liquid; None where there is one
+            fluid alone, see `second_fluid` [-].
+        liquid_supplied: (1 + 2 D,) liquid of the start, and what has come in through every side since, lower before
+            upper; None where there is one fluid alone [m3].
     """
 
     face_velocity: FaceField
@@ -33,6 +38,8 @@ class FluidState(NamedTuple):
     void_fraction: Array | None
     mean_gradient: Array | None = None
     pressure_slope: FaceField | None = None
+    liquid_fraction: Array | None = None
+    liquid_supplied: Array | None = None
 
 
 class StillDistances(NamedTuple):
@@ -66,6 +73,7 @@ class FluidProperties(NamedTuple):
         buoyancy: acceleration on the faces beside that of gravity on the fluid's mean density; None compiles none
             [m/s2].
         still: what `coupling.walls_in_fluid` makes `cut` of in every interval; None where no surface moves.
+        second: the other one of two fluids with a sharp surface; None where there is one fluid alone.
     """
 
     density: Array
@@ -79,6 +87,7 @@ class FluidProperties(NamedTuple):
     cut: CutCells | None = None
     buoyancy: FaceField | None = None
     still: StillDistances | None = None
+    second: SecondFluid | None = None
 
 
 class FaceExchange(NamedTuple):

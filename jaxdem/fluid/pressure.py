@@ -9,6 +9,7 @@ that is cut are made whole for their transform, and another axis is cut meanwhil
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -95,10 +96,38 @@ def solve_pressure(
     Returns:
         p on the cells, of mean zero where there is no outlet, zero in cells without fluid; and the report.
     """
-    singular = not boundary.has_outlet
     inverse = fast_inverse(grid, boundary)
     if fluid_cells is not None:
         inverse = with_cut_cells(grid, boundary, inverse, coefficient)
+    problem = PressureProblem(grid, boundary, coefficient, fluid_cells)
+    return solve_preconditioned(problem, source, tolerance, inverse)
+
+
+class PressureProblem(NamedTuple):
+    """What is inverted, see `solve_pressure`.
+
+    Attributes:
+        grid, boundary, coefficient, fluid_cells: as there.
+    """
+
+    grid: Grid
+    boundary: Boundary
+    coefficient: tuple[Array | float, ...]
+    fluid_cells: Array | None = None
+
+
+def solve_preconditioned(
+    problem: PressureProblem, source: Array, tolerance: Array, inverse: Callable[[Array], Array]
+) -> tuple[Array, SolverReport]:
+    """`solve_pressure` with a preconditioner of one's own.
+
+    Args:
+        problem: to be solved.
+        source, tolerance: as there.
+        inverse: of minus the operator, roughly; symmetric and positive.
+    """
+    grid, boundary, coefficient, fluid_cells = problem
+    singular = not boundary.has_outlet
     dtype = source.dtype
 
     def operator(p: Array) -> Array:

@@ -12,7 +12,15 @@ from jaxdem.fluid.boundary import Boundary, with_outflow
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, agreed, along, box_largest, box_mean, divergence, sum_of
-from jaxdem.fluid.pressure import SolverReport, fast_inverse, pressure_gradient, solve_pressure
+from jaxdem.fluid.multigrid import multigrid
+from jaxdem.fluid.pressure import (
+    PressureProblem,
+    SolverReport,
+    fast_inverse,
+    pressure_gradient,
+    solve_preconditioned,
+    solve_pressure,
+)
 
 FLUX_TOLERANCE = 1e-3
 """Largest divergence of the flux that carries momentum between surfaces within a step, in units of U/h."""
@@ -26,12 +34,14 @@ class Continuity(NamedTuple):
         boundary: its sides; static.
         growth: d(g)/dt, rate of change of the void fraction [1/s].
         cut: surfaces within the mesh; void fraction and growth are then of the open parts. None without.
+        jumps: whether what a pressure gradient changes jumps between cells, as the density of two fluids does.
     """
 
     grid: Grid
     boundary: Boundary
     growth: Array | float
     cut: CutCells | None = None
+    jumps: bool = False
 
     def corrected(self, flux: FaceField) -> FaceField:
         """The flux g u [m/s] changed so that it keeps the volume: on outlets by the speed that balances the box, within
@@ -69,6 +79,7 @@ class Continuity(NamedTuple):
         predicted: FaceField,
         void_fraction: tuple[CellOrOne, ...],
         push: tuple[Array | float, ...],
+        least: Array | None = None,
     ) -> tuple[FaceField, Array, SolverReport, Array]:
         """Velocity made to satisfy continuity, the pressure that did it, and how well the solver has done.
 
@@ -77,25 +88,33 @@ class Continuity(NamedTuple):
             predicted: velocity before the projection [m/s].
             void_fraction: on the faces [-].
             push: change of the velocity by a pressure gradient, on the faces [m3 s/kg].
+            least: () what U/h is at least, where large forces balance each other in a flow that is slow; None for
+                what the flow makes of it [1/s].
 
         Returns:
             velocity [m/s], pressure [Pa], the report, and the largest divergence that is left in units of U/h.
         """
-        grid, boundary, growth, cut = self
+        grid, boundary, growth, cut, jumps = self
         fluid_cells = None if cut is None else cut.open_cells > 0.0
         flux = product(void_fraction, predicted)
         # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
         scale = sum(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
         scale = scale + box_largest(grid, jnp.abs(jnp.asarray(growth, flux[0].dtype))) + jnp.finfo(flux[0].dtype).tiny
+        if least is not None:
+            scale = scale + least
         velocity, iterations = predicted, jnp.zeros((), jnp.int32)
         # A pressure of many cells' worth of head hides its own differences in float32. The second pass
         # solves for the divergence that the first has left, whose pressure is small and well resolved.
         passes = (1e-4, 2e-6) if flux[0].dtype == jnp.float32 else (2e-12,)
+        inverse = multigrid(grid, boundary, product(void_fraction, push)) if jumps else None
         for tolerance in passes:
             source = divergence(grid, product(void_fraction, velocity)) + growth
-            correction, report = solve_pressure(
-                grid, boundary, product(void_fraction, push), source, tolerance * scale, fluid_cells
-            )
+            coefficient = product(void_fraction, push)
+            if inverse is None:
+                correction, report = solve_pressure(grid, boundary, coefficient, source, tolerance * scale, fluid_cells)
+            else:
+                problem = PressureProblem(grid, boundary, coefficient)
+                correction, report = solve_preconditioned(problem, source, tolerance * scale, inverse)
             slope = pressure_gradient(grid, boundary, correction)
             velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(velocity, push, slope, strict=True)))
             pressure = pressure + correction

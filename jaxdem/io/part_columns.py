@@ -78,6 +78,11 @@ PARTS: tuple[PartColumns, ...] = (
         lambda scene: [f"scalar_{table['name']}_mean" for table in scene.get("scalars", [])],
         "mean of a scalar over the volume of the fluid, in its unit",
     ),
+    PartColumns(
+        r"liquid_(volume|centre_height)",
+        lambda scene: ("liquid_volume", "liquid_centre_height") if "surface" in scene else (),
+        "volume of the liquid [m3] and height of its centre [m], of two fluids",
+    ),
 )
 """In the order of their columns."""
 

@@ -32,6 +32,7 @@ UNITS = {
     "active": "1",
     "pressure": "Pa",
     "void_fraction": "1",
+    "liquid_fraction": "1",
     "temperature": "K",
     "time": "s",
     "bending_moment": "N m",

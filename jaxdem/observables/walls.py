@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import InputError, required
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics import vectors
 from jaxdem.state import Diagnostics
 from jaxdem.structure import Structure
@@ -53,6 +54,9 @@ def measuring_walls(
         contact = dataclasses.replace(contact, model=dataclasses.replace(contact.model, measured=measured))
     if fluid is not None:
         chosen = tuple(range(2 * len(simulation.box))) if sides is None else tuple(sorted(set(sides)))
+        if chosen and isinstance(fluid.solver, TwoFluidSolver):
+            limit = "the force of two fluids on a side of the box is not measured"
+            raise InputError("probes", "a side of the box", limit, "remove the probe, or [surface]")
         if chosen and fluid.solver.surfaces > 0:
             limit = "the force of the fluid on a side of the box is not measured beside walls that the fluid sees"
             raise InputError("probes", "a side of the box", limit, "measure the walls, or set their fluid to none")

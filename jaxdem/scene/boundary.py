@@ -62,6 +62,9 @@ class BoundarySide(Section):
         temperature: temperature of the side: of the fluid that comes in, and of a wall, for the fluid and for particles
             that touch it. Default: no heat passes a wall, and needed by an inlet [K].
         heat_flux: heat flux into the fluid through a wall, in place of a temperature [W/m2].
+        level: with `[surface]`, height along the last axis below which there is liquid beyond an inlet or outlet. An
+            outlet then holds this level: the pressure beyond it is that of both fluids at rest. Default: 0 for an
+            outlet, the second fluid alone; needed by an inlet [m].
         scalars: values of `[[scalars]]` by name: of the fluid that comes in, and at a wall. Default: nothing passes a
             wall, and needed by an inlet.
     """
@@ -79,6 +82,7 @@ class BoundarySide(Section):
     particles: Literal["screen", "remove"] = "screen"
     temperature: Finite | None = None
     heat_flux: Finite | None = None
+    level: Finite | None = None
     scalars: dict[str, Finite] | None = None
 
     @model_validator(mode="after")

@@ -29,6 +29,7 @@ from jaxdem.scene.population import check_exits, completed_inlets
 from jaxdem.scene.probe_places import ProbePlace, completed_probes
 from jaxdem.scene.probes import Probe
 from jaxdem.scene.start import Start
+from jaxdem.scene.surface import Surface, check_surface
 from jaxdem.scene.walls import Wall, check_walls
 
 
@@ -47,6 +48,7 @@ class Scene(Section):
         bonds: bonds between particles, made when the scene begins.
         walls: walls other than the sides of the box.
         fluid: the fluid and its mesh.
+        surface: a second fluid, with a sharp surface to that of `[fluid]`.
         boundary: the sides of the box by name: left, right, bottom, top; in 3-D also front and back. Default: no-slip
             walls.
         coupling: exchange of forces between particles and fluid.
@@ -69,6 +71,7 @@ class Scene(Section):
     bonds: Tables[Bond] = ()
     walls: Tables[Wall] = ()
     fluid: Fluid | None = None
+    surface: Surface | None = None
     boundary: dict[str, BoundarySide] = {}
     coupling: Coupling | None = None
     closure: Closure = Closure()
@@ -189,6 +192,7 @@ def completed(scene: Scene) -> Scene:
     has_fluid, several = found.fluid is not None, bool(found.materials)
     check_heat(found.heat, found.scalars, found.boundary, found.walls, found.particles, has_fluid, several)
     has = found.particles is not None, found.fluid is not None
+    _check_surface(found)
     time = found.time
     place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary)
     found = found.model_copy(update={"probes": completed_probes(found.probes, place)})
@@ -197,6 +201,19 @@ def completed(scene: Scene) -> Scene:
         remedy = "set it to 0, or use a scene in which no particle enters or leaves"
         raise InputError("coupling.basset", found.coupling.basset, limit, remedy)
     return found
+
+
+def _check_surface(scene: Scene) -> None:
+    """Refuses a second fluid that does not fit the rest of the scene."""
+    walls = [f"walls.{k}" for k, wall in enumerate(scene.walls) if wall.seen_by_fluid]
+    others = {
+        "particles": (scene.particles is not None, "...", "grains do not feel the surface yet"),
+        "heat": (scene.heat is not None, "...", "temperatures do not see the surface"),
+        "scalars": (bool(scene.scalars), f"{len(scene.scalars)} tables", "they do not see the surface"),
+        f"{walls[0]}.fluid" if walls else "walls": (bool(walls), "...", "walls within the mesh of the fluid do not"),
+    }
+    goes_on = scene.start is not None and scene.start.fluid == "keep"
+    check_surface(scene.surface, scene.fluid, scene.domain, scene.boundary, others, goes_on)
 
 
 def _check_gaps(scene: Scene) -> None:

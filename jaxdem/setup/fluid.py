@@ -10,6 +10,8 @@ from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.two_fluids import TwoFluidSolver
+from jaxdem.fluid.volume_of_fluid import SURFACE_COURANT
 from jaxdem.scene import Scene
 from jaxdem.scene.fluid import Fluid
 from jaxdem.setup.boundaries import check_flow
@@ -64,8 +66,17 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surf
     check_flow(fluid.scene, fluid.grid, boundary)
     viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0 or table.bed_mixing is not None
     drive = drive_of(fluid.scene, table)
+    parts = fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive
+    if fluid.scene.surface is not None:
+        two = TwoFluidSolver(*parts, has_tension=fluid.scene.surface.tension > 0.0)
+        return FluidInterval(two, steps.interval, steps.fluid_substeps, courant_limit(fluid.scene))
     solver = FluidSolver(
-        fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive, surfaces=surfaces,
-        keeps_flux=fluid.scene.heat is not None or bool(fluid.scene.scalars),
-    )  # fmt: skip
+        *parts, surfaces=surfaces, keeps_flux=fluid.scene.heat is not None or bool(fluid.scene.scalars)
+    )
     return FluidInterval(solver, steps.interval, steps.fluid_substeps, table.courant_limit)
+
+
+def courant_limit(scene: Scene) -> float:
+    """Largest Courant number of a fluid step; with two fluids also that of the transport of their surface [-]."""
+    given = 1.0 if scene.fluid is None else scene.fluid.courant_limit
+    return given if scene.surface is None else min(given, SURFACE_COURANT)

@@ -8,7 +8,8 @@ from jaxdem.errors import InputError
 from jaxdem.fluid.interval import SUBSTEPS, VISCOUS_LIMIT
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
-from jaxdem.setup.fluid import FluidSetup, fluid_velocity
+from jaxdem.setup.fluid import FluidSetup, courant_limit, fluid_velocity
+from jaxdem.setup.surface import fall_speed, surface_limits
 
 LONGEST_INTERVAL = 0.01
 """Longest automatic fluid step, and interval without a fluid [s]."""
@@ -43,22 +44,27 @@ def fluid_steps(fluid: FluidSetup, boundary_speed: float) -> tuple[float, int, d
         InputError: a given step or interval is too long.
     """
     table, spacing, output = fluid.table, fluid.grid.spacing, fluid.scene.time.output_interval
+    courant, viscosity = courant_limit(fluid.scene), table.viscosity
+    if fluid.scene.surface is not None:
+        viscosity = max(viscosity, fluid.scene.surface.viscosity)
     limits = {
-        "courant": stability.courant_time(boundary_speed, spacing, table.courant_limit),
-        "viscous": stability.viscous_time(table.viscosity, spacing, VISCOUS_LIMIT),
-    }
+        "courant": stability.courant_time(boundary_speed, spacing, courant),
+        "viscous": stability.viscous_time(viscosity, spacing, VISCOUS_LIMIT),
+    } | surface_limits(fluid.scene, spacing)
+    stable, what = min((limit, name.replace("_", " ")) for name, limit in limits.items() if name != "courant")
     if table.time_step != "auto":
         step = table.time_step
     else:
-        automatic = stability.courant_time(boundary_speed, spacing, AUTO_COURANT)
-        step = min(automatic, limits["viscous"], output, LONGEST_INTERVAL)
+        speed = max(boundary_speed, fall_speed(fluid.scene))
+        automatic = stability.courant_time(speed, spacing, min(AUTO_COURANT, courant))
+        step = min(automatic, stable, output, LONGEST_INTERVAL)
     interval = given_interval(fluid.scene)
     if interval is None:
         if step > output * (1.0 + 1e-9):
             limit = f"must not exceed time.output_interval = {output} s"
             raise InputError("fluid.time_step", step, limit, "lower the fluid step")
         interval = output / whole(output / step)
-    substeps = _substeps_for(interval, step, limits["viscous"])
+    substeps = _substeps_for(interval, step, stable, what)
     _check_courant(fluid, interval)
     return interval, substeps, limits
 
@@ -68,18 +74,21 @@ def whole(ratio: float) -> int:
     return max(1, math.ceil(ratio - 1e-9 * max(ratio, 1.0)))
 
 
-def _substeps_for(interval: float, fluid_step: float, viscous_limit: float) -> int:
-    """Smallest number of fluid steps in an interval; refuses what 8 of them cannot do."""
-    longest = min(fluid_step, viscous_limit)
+def _substeps_for(interval: float, fluid_step: float, stable: float, what: str) -> int:
+    """Smallest number of fluid steps in an interval; refuses what 8 of them cannot do.
+
+    `stable` is the longest step by what limits it, the viscosity or the waves of a surface [s].
+    """
+    longest = min(fluid_step, stable)
     for count in SUBSTEPS:
         if count >= interval / longest - 1e-6:
             return count
     allowed = SUBSTEPS[-1] * longest
     raise InputError(
-        "fluid.time_step" if viscous_limit < fluid_step else "coupling.interval",
+        "fluid.time_step" if stable < fluid_step else "coupling.interval",
         interval,
         f"a coupling interval has at most {SUBSTEPS[-1]} fluid steps, so it is at most {allowed:.4g} s here "
-        f"(viscous limit {viscous_limit:.4g} s)",
+        f"({what} limit {stable:.4g} s)",
         f"set coupling.interval or fluid.time_step to {allowed:.3g} or less, or use larger cells",
     )
 
@@ -100,13 +109,14 @@ def _check_courant(fluid: FluidSetup, interval: float) -> None:
         even = side.kind == "inlet" and side.profile == "uniform" and scene.time.end >= (side.ramp_time or 0.0)
         if holds_face and even and isinstance(velocity, tuple):
             rates.append(abs(velocity[axis]) / spacing[axis])
-    limit = SUBSTEPS[-1] * fluid.table.courant_limit
+    courant = courant_limit(scene)
+    limit = SUBSTEPS[-1] * courant
     allowed = limit / max(*rates, 1e-300)
     if interval > allowed * (1.0 + 5e-4):
         raise InputError(
             "coupling.interval" if given_interval(scene) is not None else "fluid.time_step",
             interval,
             f"the fluid crosses {interval * max(rates):.3g} cells in this time; {SUBSTEPS[-1]} fluid steps with a "
-            f"Courant number of {fluid.table.courant_limit} allow {limit:.3g}",
+            f"Courant number of {courant} allow {limit:.3g}",
             f"set it to {allowed:.3g} or less, or use larger cells",
         )

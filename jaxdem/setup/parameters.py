@@ -19,6 +19,7 @@ from jaxdem.setup.contact_numbers import contact_numbers
 from jaxdem.setup.drive import drive_parameters
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.scalars import scalar_parameters
+from jaxdem.setup.surface import second_fluid
 from jaxdem.setup.wall_motion import all_motion_numbers, piston_numbers
 from jaxdem.state import Parameters
 
@@ -83,6 +84,7 @@ def _fluid(scene: Scene, subgrid: SubgridLaw | None, number: AsArrays) -> FluidP
         subgrid_closure(table, subgrid),
         mixing,
         drive_parameters(scene, table, number),
+        second=second_fluid(scene, number),
     )
 
 

@@ -17,6 +17,7 @@ from jaxdem.failures import MINIMUM_VOID_FRACTION
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleState
@@ -39,6 +40,7 @@ from jaxdem.setup.overlaps import (
 )
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.scalars import first_scalars
+from jaxdem.setup.surface import first_fraction, with_liquid
 from jaxdem.simulation import Simulation, contact_spheres
 from jaxdem.state import Parameters, State
 
@@ -91,7 +93,11 @@ def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, voi
     if parameters.fluid is not None and parameters.fluid.cut is not None:
         faces = _beside_walls(parameters.fluid.cut, velocity, dtype)
     gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
-    return FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
+    fluid = FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
+    if isinstance(solver, TwoFluidSolver):
+        fluid = with_liquid(fluid, solver.grid, first_fraction(scene, solver.grid), dtype)
+        fluid = fluid._replace(pressure=jax.jit(solver.resting_pressure)(parameters.flow, fluid))
+    return fluid
 
 
 def _beside_walls(cut: CutCells, velocity: tuple[float, ...], dtype: DTypeLike) -> tuple[Array, ...]:

@@ -27,7 +27,7 @@ from jaxdem.setup.walls import surfaces_of
 from jaxdem.simulation import Simulation
 from jaxdem.structure import Clock
 
-ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "coupling", "heat", "scalars")
+ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "surface", "coupling", "heat", "scalars")
 """Tables of its scene that a checkpoint knows."""
 
 

@@ -17,8 +17,10 @@ from jaxdem.fluid.grid import Grid, face_average
 from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.projection import Continuity
 from jaxdem.fluid.remap import remap_cells, remap_flux
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics.host import on_device
 from jaxdem.setup.start_point import StartPoint
+from jaxdem.setup.surface import with_liquid
 
 REMEDY = 'keep the box, or start the fluid anew: start.fluid = "new"'
 
@@ -60,7 +62,18 @@ class StartedFluid:
         else:
             velocity = self._solenoidal(self._flux(cells, from_faces))
             pressure = remap_cells(dataclasses.replace(grid, cells=cells), grid, pressure)
-        return FluidState(velocity, on_device(pressure, self.dtype), self.void_fraction, self._mean_gradient())
+        fluid = FluidState(velocity, on_device(pressure, self.dtype), self.void_fraction, self._mean_gradient())
+        name = "state.fluid.liquid_fraction" if from_faces else "cells/liquid_fraction"
+        if (name in arrays) != isinstance(self.solver, TwoFluidSolver):
+            here, there = ("two fluids", "one") if name in arrays else ("one fluid", "two")
+            limit = f"the run {self.start.source} has {here}, and this scene {there}"
+            raise InputError("start.fluid", "keep", limit, 'start the fluid anew: start.fluid = "new"')
+        if name not in arrays:
+            return fluid
+        fraction = np.asarray(arrays[name], float)
+        if cells != grid.cells:
+            fraction = remap_cells(dataclasses.replace(grid, cells=cells), grid, fraction)
+        return with_liquid(fluid, grid, fraction, self.dtype)
 
     def _doubled(self, face: np.ndarray, axis: int) -> np.ndarray:
         """Face velocities whose first and last layer are one where the axis is periodic now."""

@@ -452,6 +452,22 @@ CLUMPED: Tables = {
 }  # fmt: skip
 """Rods of two discs."""
 
+SURFACE: Tables = {
+    "domain": {"size": [0.4, 0.2], "gravity": [0.0, -9.81]},
+    "fluid": {"cells": [8, 4], "viscosity": 1e-6, "density": 1000.0, "time_step": 0.001},
+    "surface": {
+        "density": 1.2, "viscosity": 1.5e-5, "tension": 0.0, "level": 0.1,
+        "regions": [{"shape": "sphere", "center": [0.2, 0.15], "radius": 0.03}],
+    },
+    "boundary": {
+        "left": {"kind": "inlet", "velocity": 0.05, "level": 0.1},
+        "right": {"kind": "outlet", "level": 0.1},
+        "top": {"kind": "free_slip"},
+    },
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Water below air, and a drop."""
+
 BASES = {
     "coupled": COUPLED,
     "grains": GRAINS,
@@ -472,6 +488,7 @@ BASES = {
     "bonded": BONDED,
     "lubricated": LUBRICATED,
     "clumped": CLUMPED,
+    "surface": SURFACE,
     **COHESIVE,
 }
 
@@ -480,6 +497,7 @@ SAME_TABLES = (
     ("start.remove.*.", "particles.pack.region."),
     ("particles.inlet.*.region.", "particles.pack.region."),
     ("bonds.*.region.", "particles.pack.region."),
+    ("surface.regions.*.", "particles.pack.region."),
     ("particles.pack.*.", "particles.pack."),
     ("particles.pack.species.", "particles.species."),
 )

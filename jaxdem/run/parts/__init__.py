@@ -10,6 +10,7 @@ from jaxdem.run.parts.liquid import Liquid
 from jaxdem.run.parts.part import Part
 from jaxdem.run.parts.population import Population
 from jaxdem.run.parts.scalars import Temperatures
+from jaxdem.run.parts.two_fluids import TwoFluids
 from jaxdem.run.parts.walls import Pistons, WallsInFluid
 from jaxdem.run.parts.wear import Wear
 
@@ -21,6 +22,7 @@ PARTS: tuple[Part, ...] = (
     Liquid(),
     Bonds(),
     Temperatures(),
+    TwoFluids(),
     RunBefore(),
     Drive(),
     Pistons(),

@@ -1,0 +1,124 @@
+"""A second, lighter fluid beside the one of a scene: its numbers, what a cell holds of both, what is beyond the sides.
+
+A cell of the liquid fraction c holds c of the first fluid, the liquid, and 1 - c of the second one:
+
+    rho = rho_2 + c (rho_1 - rho_2),   1/mu = c/mu_1 + (1 - c)/mu_2.
+
+The density keeps the mass. The viscosity is the harmonic mean, with which the shear stress is continuous across layers
+along a surface, and with which mu/rho is nowhere much larger than in the pure fluids.
+
+The pressure p of the solver is reduced by the weight of the liquid, p = P - rho_1 g.x. So in liquid at rest it is
+constant, in the other fluid above it rises by (rho_1 - rho_2) |g| z.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxdem.fluid.boundary import Boundary, Side, open_fraction
+from jaxdem.fluid.grid import FaceField, Grid, along
+from jaxdem.fluid.mesh import of_slab
+
+
+class SecondFluid(NamedTuple):
+    """Numbers of the second fluid; traced.
+
+    Attributes:
+        density: () [kg/m3].
+        viscosity: () kinematic [m2/s].
+        tension: () of the surface between both fluids [N/m].
+        side_level: (2 D,) height along the last axis below which there is liquid beyond a side, lower sides before
+            upper, axis by axis; of inlets and outlets [m].
+    """
+
+    density: Array
+    viscosity: Array
+    tension: Array
+    side_level: Array
+
+
+def mixture_density(second: SecondFluid, density: Array, fraction: Array) -> Array:
+    """Density of the content of cells with a liquid fraction [kg/m3]; `density` is that of the liquid."""
+    return second.density + fraction * (density - second.density)
+
+
+def fluidity(second: SecondFluid, density: Array, viscosity: Array, fraction: Array) -> Array:
+    """1/mu of the content of cells [1/(Pa s)]; density and kinematic viscosity are those of the liquid."""
+    heavy, light = 1.0 / (density * viscosity), 1.0 / (second.density * second.viscosity)
+    return light + fraction * (heavy - light)
+
+
+def liquid_beyond(grid: Grid, second: SecondFluid, axis: int, upper: bool) -> Array:
+    """Part of every face of a side beyond which there is liquid; size 1 along the axis of the side [-]."""
+    level, last = second.side_level[2 * axis + upper], grid.dimension - 1
+    if axis == last:
+        here = grid.size[last] if upper else 0.0
+        return jnp.where(level > here, 1.0, 0.0).astype(level.dtype).reshape((1,) * grid.dimension)
+    h = grid.spacing[last]
+    lower_ends = jnp.asarray(h * np.arange(grid.whole_cells[last]), level.dtype)
+    shape = [-1 if a == last else 1 for a in range(grid.dimension)]
+    return jnp.clip((level - lower_ends) / h, 0.0, 1.0).reshape(shape)
+
+
+def inflow_of_sides(grid: Grid, boundary: Boundary, second: SecondFluid) -> tuple[Array | None, ...]:
+    """Liquid's part of what comes in through every side, lower before upper, for `advance_fraction`; None where nothing
+    passes [-]."""
+    return tuple(
+        liquid_beyond(grid, second, side.axis, side.upper) if side.kind in ("inlet", "outlet") else None
+        for side in boundary.sides
+    )
+
+
+def outside_pressure(grid: Grid, second: SecondFluid, density: Array, gravity: Array, side: Side) -> Array:
+    """Reduced pressure beyond every face of a side that sets it [Pa].
+
+    (rho_1 - rho_2) |g| max(z, L): that of the second fluid at rest, and of liquid at rest below the level L, in one
+    atmosphere of the second fluid for all sides.
+
+    Args:
+        grid: the grid.
+        second: the second fluid.
+        density: of the liquid [kg/m3].
+        gravity: (D,), its last entry counts [m/s2].
+        side: of the box.
+    """
+    last, dtype = grid.dimension - 1, density.dtype
+    if side.axis == last:
+        height = jnp.full((1,) * grid.dimension, grid.size[last] if side.upper else 0.0, dtype)
+    else:
+        middles = grid.spacing[last] * (np.arange(grid.whole_cells[last]) + 0.5)
+        height = jnp.asarray(middles, dtype).reshape([-1 if a == last else 1 for a in range(grid.dimension)])
+    level = second.side_level[2 * side.axis + side.upper]
+    return (second.density - density) * gravity[last] * jnp.maximum(height, level)
+
+
+def with_outside_pressure(
+    grid: Grid, boundary: Boundary, second: SecondFluid, density: Array, gravity: Array, slope: FaceField
+) -> FaceField:
+    """A pressure gradient on the faces that was taken with zero beyond the sides, with the pressure that is there
+    [Pa/m]."""
+    result = list(slope)
+    for side in boundary.sides:
+        if not side.condition.sets_pressure:
+            continue
+        there = outside_pressure(grid, second, density, gravity, side)
+        is_open = of_slab(grid, open_fraction(grid, side), density.dtype)
+        more = is_open * there * ((2.0 if side.upper else -2.0) / grid.spacing[side.axis])
+        place = (slice(None),) * side.axis + (slice(-1, None) if side.upper else slice(0, 1),)
+        result[side.axis] = result[side.axis].at[place].add(jnp.broadcast_to(more, result[side.axis][place].shape))
+    return tuple(result)
+
+
+def through_sides(grid: Grid, flux: FaceField) -> Array:
+    """(2 D,) volume per time that comes in through every side, lower before upper; zero along periodic axes [m3/s]."""
+    found = []
+    for axis, faces in enumerate(flux):
+        area = grid.cell_volume / grid.spacing[axis]
+        for sign, ends in ((area, (0, 1)), (-area, (-1, None))):
+            total = jnp.sum(along(faces, axis, *ends))
+            found.append(0.0 * total if grid.periodic[axis] else sign * total)
+    return jnp.stack(found)

@@ -1,0 +1,232 @@
+"""One step of two immiscible fluids with a sharp surface between them, among particles or alone.
+
+    d(g c)/dt + div(c g u) = 0,   d(g)/dt + div(g u) = 0
+    d(g rho u)/dt + div(g rho u u) = g rho g_0 + g (sigma kappa grad c + div(tau) - grad P) - f
+
+c is the liquid fraction, rho = rho_2 + c (rho_1 - rho_2), P the pressure, g_0 gravity and f the force on the
+particles. A step is
+
+1. the fraction is carried by the velocity at its start, in closed form in every cell (`volume_of_fluid`);
+2. momentum is carried by the flux of mass that this makes (`carried_momentum`); stress, weight and tension are those
+   of the new place of the surface;
+3. the projection, with the new density on the faces.
+
+So the place of the surface and the velocity are half a step apart, as in the leapfrog method: waves keep their
+energy, and their period has an error of second order in the time step. The pressure is the whole one of the new
+state, since an old one would push at the old place of the surface; the last one is where the solver starts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.errors import required
+from jaxdem.fluid.boundary import Sides, set_normal_velocity
+from jaxdem.fluid.carried_momentum import carried_momentum
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
+from jaxdem.fluid.grid import CellOrOne, FaceField, face_average, face_control_volume
+from jaxdem.fluid.local_stress import largest_diffusivity, local_stress
+from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.projection import Continuity, product
+from jaxdem.fluid.second_fluid import (
+    SecondFluid,
+    fluidity,
+    inflow_of_sides,
+    mixture_density,
+    through_sides,
+    with_outside_pressure,
+)
+from jaxdem.fluid.volume_of_fluid import advance_fraction
+from jaxdem.numerics.static import static
+
+
+class _Faces(NamedTuple):
+    """What a step needs on the faces, at its end.
+
+    Attributes:
+        void_fraction: g [-].
+        mass: g rho, of the fluid by the volume of the box [kg/m3].
+        weight: part of pressure gradient, stress and tension that acts on the fluid [-].
+        mobility: 1 / (g rho + B), B the resistance of the particles by volume and step [m3/kg].
+        shift: what particles give by volume [kg/(m2 s)].
+    """
+
+    void_fraction: tuple[CellOrOne, ...]
+    mass: FaceField
+    weight: tuple[CellOrOne, ...]
+    mobility: FaceField
+    shift: tuple[Array | float, ...]
+
+
+@static
+class TwoFluidSolver(FluidSolver):
+    """The static description of two fluids, and their step; attributes as those of `FluidSolver`.
+
+    Attributes:
+        has_tension: whether the surface between them has a tension.
+    """
+
+    has_tension: bool = False
+
+    def step(
+        self,
+        properties: FluidProperties,
+        state: FluidState,
+        time: Array,
+        time_step: Array,
+        particles: ParticleFields | None = None,
+    ) -> FluidStep:
+        """See `FluidSolver.step`."""
+        grid, second = self.grid, required(properties.second, "second of the fluid")
+        void_fraction = None if particles is None else particles.void_fraction
+        continuity = Continuity(grid, self.boundary, self._growth(state, void_fraction, time_step), jumps=True)
+        flux = product(face_average(grid, _or_one(state.void_fraction)), state.face_velocity)
+        if void_fraction is not None:
+            flux = continuity.corrected(flux)
+        fraction, liquid_flux = self._carried_fraction(second, state, flux, (time, time_step), void_fraction)
+        faces = self._faces(properties, fraction, particles)
+        mass_flux = tuple(
+            second.density * f + (properties.density - second.density) * c
+            for f, c in zip(flux, liquid_flux, strict=True)
+        )
+        sides = self.sides(properties, time)
+        carried = carried_momentum(grid, sides, self.advection, mass_flux, state.face_velocity, time_step)
+        old = self._mass(properties, required(state.liquid_fraction, "liquid_fraction"), state.void_fraction)
+        stress = self._stress(properties, fraction, state.face_velocity, time)
+        force = self._force(properties, faces, fraction, stress)
+        gradient = self._mean_gradient(properties, state, time + 0.5 * time_step)
+        force = self._pushed(properties, faces, force, state.pressure, gradient)
+        predicted = tuple(
+            (m * u + time_step * (c + f) + s) * k
+            for m, u, c, f, s, k in zip(
+                old, state.face_velocity, carried, force, faces.shift, faces.mobility, strict=True
+            )
+        )
+        end = self.sides(properties, time + time_step)
+        predicted = set_normal_velocity(grid, end, predicted, faces.void_fraction)
+        push = tuple(time_step * w * k for w, k in zip(faces.weight, faces.mobility, strict=True))
+        velocity, pressure, report, remaining = continuity.projected(
+            state.pressure, predicted, faces.void_fraction, push, self._least(properties, time_step)
+        )
+        came = time_step * through_sides(grid, liquid_flux)
+        supplied = required(state.liquid_supplied, "liquid_supplied").at[1:].add(came)
+        fluid = FluidState(
+            velocity, pressure, void_fraction, gradient, liquid_fraction=fraction, liquid_supplied=supplied
+        )
+        # Particles take it times the density of the liquid.
+        seen = tuple(s / properties.density for s in stress)
+        return FluidStep(fluid, seen, report, remaining, flux=flux if self.keeps_flux else None)
+
+    def resting_pressure(self, properties: FluidProperties, state: FluidState) -> Array:
+        """Reduced pressure that balances weight and tension where a state is at rest [Pa]."""
+        grid = self.grid
+        fraction = required(state.liquid_fraction, "liquid_fraction")
+        none = jnp.zeros((), fraction.dtype)
+        fields = None if state.void_fraction is None else ParticleFields(state.void_fraction)
+        faces = self._faces(properties, fraction, fields)
+        force = self._force(properties, faces, fraction, tuple(jnp.zeros_like(u) for u in state.face_velocity))
+        force = self._pushed(properties, faces, force, jnp.zeros_like(fraction), state.mean_gradient)
+        still = Sides(self.boundary, tuple(jnp.zeros_like(v) for v in properties.side_velocity), none)
+        predicted = set_normal_velocity(grid, still, product(force, faces.mobility), faces.void_fraction)
+        push = product(faces.weight, faces.mobility)
+        least = self._least(properties, 1.0 + none)
+        return Continuity(grid, self.boundary, 0.0, jumps=True).projected(
+            jnp.zeros_like(fraction), predicted, faces.void_fraction, push, least
+        )[1]
+
+    def largest_viscosity(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
+        """() largest viscosity over density, with those of a cell and of the faces around it [m2/s]."""
+        second, fraction = required(properties.second, "second"), required(state.liquid_fraction, "liquid_fraction")
+        density = face_average(self.grid, mixture_density(second, properties.density, fraction))
+        there = fluidity(second, properties.density, properties.viscosity, fraction)
+        return largest_diffusivity(self.grid, there, density)
+
+    def _growth(self, state: FluidState, void_fraction: Array | None, time_step: Array) -> Array | float:
+        """d(g)/dt, whose mean in a closed box is rounding [1/s]."""
+        if void_fraction is None:
+            return 0.0
+        growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
+        return growth if self.boundary.has_outlet else growth - jnp.mean(growth)
+
+    def _carried_fraction(
+        self,
+        second: SecondFluid,
+        state: FluidState,
+        flux: FaceField,
+        times: tuple[Array, Array],
+        void_fraction: Array | None,
+    ) -> tuple[Array, FaceField]:
+        """The liquid fraction at the end of a step of (start, length), and the flux of the liquid on the faces."""
+        time, time_step = times
+        # The steps have one length within an interval at least: each begins with another axis than the one before.
+        number = jnp.round(time / time_step).astype(jnp.int32)
+        fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
+        inflow = inflow_of_sides(self.grid, self.boundary, second)
+        return advance_fraction(
+            self.grid, fraction, flux, time_step, number, state.void_fraction, void_fraction, inflow
+        )
+
+    def _mass(self, properties: FluidProperties, fraction: Array, void_fraction: Array | None) -> FaceField:
+        """g rho on the faces: the mean of the two cells [kg/m3]."""
+        second = required(properties.second, "second of the fluid")
+        mass = _or_one(void_fraction) * mixture_density(second, properties.density, fraction)
+        return face_average(self.grid, mass)  # type: ignore[return-value]
+
+    def _faces(self, properties: FluidProperties, fraction: Array, particles: ParticleFields | None) -> _Faces:
+        """See `_Faces`."""
+        grid = self.grid
+        void_fraction = None if particles is None else particles.void_fraction
+        exchange = None if particles is None else particles.exchange
+        gaps = face_average(grid, _or_one(void_fraction))
+        mass = self._mass(properties, fraction, void_fraction)
+        weight = self._weight(gaps, None if particles is None else particles.weighting)
+        if exchange is None:
+            return _Faces(gaps, mass, weight, tuple(1.0 / m for m in mass), (0.0,) * grid.dimension)
+        mobility, shift = [], []
+        for axis, m in enumerate(mass):
+            volume = face_control_volume(grid, axis).astype(m.dtype)
+            mobility.append(1.0 / (m + exchange.resistance[axis] / volume))
+            shift.append(exchange.forcing[axis] / volume)
+        return _Faces(gaps, mass, weight, tuple(mobility), tuple(shift))
+
+    def _stress(self, properties: FluidProperties, fraction: Array, velocity: FaceField, time: Array) -> FaceField:
+        """div(tau) on the faces [N/m3]."""
+        if not self.viscous:
+            return tuple(jnp.zeros_like(u) for u in velocity)
+        second = required(properties.second, "second of the fluid")
+        there = fluidity(second, properties.density, properties.viscosity, fraction)
+        return local_stress(self.grid, self.sides(properties, time), velocity, there)
+
+    def _force(self, properties: FluidProperties, faces: _Faces, fraction: Array, stress: FaceField) -> FaceField:
+        """Stress, tension, and weight less what the reduced pressure leaves out of it, on the faces [N/m3]."""
+        gravity = required(properties.gravity, "gravity of the fluid")
+        return tuple(
+            weight * own + (mass - weight * properties.density) * gravity[axis]
+            for axis, (mass, weight, own) in enumerate(zip(faces.mass, faces.weight, stress, strict=True))
+        )
+
+    def _pushed(
+        self, properties: FluidProperties, faces: _Faces, force: FaceField, pressure: Array, gradient: Array | None
+    ) -> FaceField:
+        """A force less the gradient of a reduced pressure, on the faces [N/m3]."""
+        second = required(properties.second, "second of the fluid")
+        gravity = required(properties.gravity, "gravity of the fluid")
+        slope = pressure_gradient(self.grid, self.boundary, pressure)
+        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope)
+        if gradient is not None:
+            slope = tuple(s + gradient[axis] for axis, s in enumerate(slope))
+        return tuple(f - w * s for f, w, s in zip(force, faces.weight, slope, strict=True))
+
+    def _least(self, properties: FluidProperties, time_step: Array) -> Array:
+        """What weight gives to a velocity in a step, over the size of a cell [1/s]: forces so large balance each
+        other in a fluid at rest, and their rounding is no flow."""
+        gravity = required(properties.gravity, "gravity of the fluid")
+        return time_step * jnp.max(jnp.abs(gravity)) / min(self.grid.spacing)
+
+
+def _or_one(void_fraction: Array | None) -> CellOrOne:
+    return 1.0 if void_fraction is None else void_fraction

@@ -1,0 +1,125 @@
+"""The table `[surface]`: a second, lighter fluid, and where the surface between both is at the start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from jaxdem.errors import InputError
+from jaxdem.scene.base import Finite, NonNegative, Positive, Section, Tables
+from jaxdem.scene.boundary import BoundarySide
+from jaxdem.scene.domain import Domain
+from jaxdem.scene.fluid import Fluid
+from jaxdem.scene.regions import Region
+
+ADVECTION = ("limited", "superbee", "upwind")
+"""Schemes that keep the momentum of both fluids apart."""
+
+
+class Surface(Section):
+    """A second fluid with a sharp surface to that of `[fluid]`, which is the liquid. The liquid is below `level` and in
+    `regions`; the second fluid has the rest of the box.
+
+    Attributes:
+        density: density of the second fluid [kg/m3].
+        viscosity: kinematic viscosity of the second fluid [m2/s].
+        tension: surface tension between both fluids [N/m].
+        level: height of the liquid at the start, along the last axis. Default: there is none but in `regions` [m].
+        regions: parts of the box with liquid at the start. With neither `level` nor regions the liquid is that of the
+            run of `[start]`.
+    """
+
+    density: Positive = 1.2
+    viscosity: NonNegative = 1.5e-5
+    tension: NonNegative = 0.0
+    level: Finite | None = None
+    regions: Tables[Region] = ()
+
+
+def check_surface(
+    surface: Surface | None,
+    fluid: Fluid | None,
+    domain: Domain,
+    boundary: Mapping[str, BoundarySide],
+    others: Mapping[str, tuple[bool, object, str]],
+    goes_on: bool,
+) -> None:
+    """Refuses a second fluid that does not fit the rest of a scene.
+
+    Args:
+        surface: the table; None without.
+        fluid: the table `[fluid]`.
+        domain: the box, with its gravity.
+        boundary: its sides.
+        others: by key, whether the scene has what does not go together with two fluids, its value, and why.
+        goes_on: whether the fluid is that of another run, with its liquid.
+
+    Raises:
+        InputError: naming the key.
+    """
+    if surface is None:
+        for name, side in boundary.items():
+            if side.level is not None:
+                limit = "is of two fluids, and the scene has one"
+                raise InputError(f"boundary.{name}.level", side.level, limit, "add [surface], or remove this key")
+        return
+    if fluid is None:
+        raise InputError("surface", "...", "needs [fluid], the liquid", "add [fluid], or remove [surface]")
+    for key, (there, value, reason) in others.items():
+        if there:
+            raise InputError(key, value, f"does not go together with [surface]: {reason}", "remove it, or [surface]")
+    _check_fluid(surface, fluid)
+    _check_place(surface, domain, goes_on)
+    _check_sides(domain, boundary)
+
+
+def _check_fluid(surface: Surface, fluid: Fluid) -> None:
+    if (surface.viscosity > 0.0) != (fluid.viscosity > 0.0):
+        limit = f"both fluids have a viscosity or none has, and fluid.viscosity is {fluid.viscosity:g}"
+        raise InputError("surface.viscosity", surface.viscosity, limit, "set both above 0, or both to 0")
+    if surface.tension > 0.0:
+        raise InputError("surface.tension", surface.tension, "is not computed yet", "set it to 0")
+    if fluid.advection not in ADVECTION:
+        limit = "has waves beside a surface at which the density jumps"
+        raise InputError("fluid.advection", fluid.advection, limit, f"use one of {', '.join(ADVECTION)}")
+    if fluid.model != "A":
+        limit = "has no rule for two fluids"
+        raise InputError("fluid.model", fluid.model, limit, 'set fluid.model = "A"')
+    closures = {"smagorinsky": fluid.smagorinsky > 0.0, "bed_mixing": fluid.bed_mixing, "subgrid": fluid.subgrid}
+    for name, value in closures.items():
+        if value:
+            limit = "models eddies in one fluid and has no rule for two"
+            raise InputError(f"fluid.{name}", getattr(fluid, name), limit, "remove it, or [surface]")
+    if fluid.bulk_velocity is not None:
+        limit = "is not held where there are two fluids"
+        raise InputError("fluid.bulk_velocity", fluid.bulk_velocity, limit, "give fluid.pressure_gradient, or gravity")
+
+
+def _check_place(surface: Surface, domain: Domain, goes_on: bool) -> None:
+    height = domain.size[-1]
+    if surface.level is None and not surface.regions and not goes_on:
+        limit = "is needed where there are no regions: without liquid there is one fluid"
+        raise InputError("surface.level", None, limit, "set surface.level, or add [[surface.regions]]")
+    if surface.level is not None and not 0.0 <= surface.level <= height:
+        limit = f"must lie in the box, 0 ... {height:g} m"
+        raise InputError("surface.level", surface.level, limit, "set a height within the box")
+
+
+def _check_sides(domain: Domain, boundary: Mapping[str, BoundarySide]) -> None:
+    gravity = domain.gravity or (0.0,)
+    rows = gravity if isinstance(gravity[0], tuple) else (gravity,)
+    oblique = any(any(part != 0.0 for part in row[:-1]) or row[-1] > 0.0 for row in rows)  # type: ignore[index]
+    for name, side in boundary.items():
+        key = f"boundary.{name}.level"
+        if side.kind not in ("inlet", "outlet"):
+            if side.level is not None:
+                raise InputError(key, side.level, f"is not used with kind = {side.kind}", "remove this key")
+            continue
+        if side.kind == "inlet" and side.level is None:
+            limit = "is needed by an inlet: below this height liquid comes in, above it the second fluid"
+            raise InputError(key, None, limit, "set it; 0 for the second fluid alone")
+        if side.level is not None and not math.isfinite(side.level):
+            raise InputError(key, side.level, "must be finite", "set a height [m]")
+        if side.kind == "outlet" and oblique:
+            limit = "the pressure beyond an outlet is that of fluids at rest, of which gravity is along the last axis"
+            raise InputError("domain.gravity", domain.gravity, limit, f"change it, or boundary.{name}.kind")
