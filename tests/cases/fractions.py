@@ -4,34 +4,32 @@ import numpy as np
 
 
 def disc(cells, size, centre, radius):
-    """Part of every cell within a disc, by the closed form of circular segments; a negative radius is an empty one."""
+    """Part of every cell within a disc, by the closed form of circular segments."""
     x, y = (np.linspace(0.0, length, n + 1) - c for length, n, c in zip(size, cells, centre, strict=True))
-    return _disc(x, y, radius) / (np.diff(x)[:, None] * np.diff(y)[None])
+    return _discs(x, y, np.array([radius]))[0] / (np.diff(x)[:, None] * np.diff(y)[None])
 
 
 def sphere(cells, size, centre, radius, points=12):
-    """Part of every cell within a sphere: discs, by Gauss's formula over the second axis."""
+    """Part of every cell within a sphere: discs, by Gauss's formula of so many points over a cell's second axis."""
     x, y, z = (np.linspace(0.0, length, n + 1) - c for length, n, c in zip(size, cells, centre, strict=True))
     nodes, weights = np.polynomial.legendre.leggauss(points)
-    result = np.zeros(cells)
-    for j in range(cells[1]):
-        for node, weight in zip(nodes, weights, strict=True):
-            there = 0.5 * (y[j] + y[j + 1]) + 0.5 * (y[j + 1] - y[j]) * node
-            if abs(there) < radius:
-                result[:, j] += 0.5 * weight * _disc(x, z, np.sqrt(radius**2 - there**2))
-    return result / (np.diff(x)[:, None, None] * np.diff(z)[None, None])
+    places = 0.5 * (y[1:] + y[:-1])[:, None] + 0.5 * np.diff(y)[:, None] * nodes[None]
+    slices = _discs(x, z, np.sqrt(np.maximum(radius**2 - places**2, 0.0)).ravel())
+    mean = np.einsum("jkxz,k->xjz", slices.reshape(*places.shape, *slices.shape[1:]), 0.5 * weights)
+    return mean / (np.diff(x)[:, None, None] * np.diff(z)[None, None])
 
 
-def _disc(x, y, radius):
-    """Areas of a disc about the origin within the cells between the edges x and y."""
+def _discs(x, y, radii):
+    """(K, ., .) areas of K discs about the origin within the cells between the edges x and y."""
 
     def under(s):
-        """Area between the upper arc and the line y = s >= 0 in every column."""
-        half = np.sqrt(max(radius**2 - s**2, 0.0))
-        edges = np.clip(x, -half, half)
-        arc = 0.5 * (edges * np.sqrt(radius**2 - edges**2) + radius**2 * np.arcsin(edges / radius))
+        """(K, .) areas between the upper arcs and the line y = s >= 0 in every column."""
+        half = np.sqrt(np.maximum(radii**2 - s**2, 0.0))[:, None]
+        edges = np.clip(x[None], -half, half)
+        chord = np.sqrt(np.maximum(radii[:, None] ** 2 - edges**2, 0.0))
+        arc = 0.5 * (edges * chord + radii[:, None] ** 2 * np.arctan2(edges, chord))
         return np.diff(arc) - s * np.diff(edges)
 
     whole = 2.0 * under(0.0)
-    below = np.stack([whole - under(t) if t >= 0.0 else under(-t) for t in y], axis=1)
-    return np.maximum(np.diff(below, axis=1), 0.0)  # of a rounding error of 1e-9 where an arc touches an edge
+    below = np.stack([whole - under(t) if t >= 0.0 else under(-t) for t in y], axis=-1)
+    return np.maximum(np.diff(below, axis=-1), 0.0)  # of a rounding error of 1e-9 where an arc touches an edge
