@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,6 +30,11 @@ WALL = LinearSegmentedColormap.from_list("wall", ["#A9AFB700", "#A9AFB7C8"])
 """Not quite opaque: the fluid need not see these walls, and its speed behind them is part of the result then."""
 WALL_EDGE = "#2E3338"
 OPENINGS = {INLET: "#009E73", OUTLET: "#CC79A7"}
+
+SURFACE = "#08306B"
+"""Line of the surface between two fluids."""
+PALE = 0.12
+"""Part of the top of the scale that liquid at rest is shown as."""
 
 LONG_BOX = 2.0
 """Runs side by side stand in fewer columns from this ratio of length to height on."""
@@ -68,6 +74,7 @@ class Picture:
         walls: beside the box's sides; None without.
         openings: where fluid or grains come in or leave.
         forces: in contacts, drawn as lines; None for none.
+        liquid: liquid fraction (nx, nz), in 3-D averaged over the depth; None where there is one fluid [-].
     """
 
     time: float
@@ -78,6 +85,17 @@ class Picture:
     walls: Solid | None = None
     openings: Sequence[Opening] = ()
     forces: ForceLines | None = None
+    liquid: Array | None = None
+
+    def shown_speed(self, top: float) -> Array | None:
+        """Speed (nx, nz) as a picture has it, with this top of its scale [m/s]; None without fluid.
+
+        Of two fluids that of the liquid, whose speed is shown as a part of `PALE` of the top at least: so it stands out
+        from the other fluid, which has none.
+        """
+        if self.speed is None or self.liquid is None:
+            return self.speed
+        return np.where(self.liquid >= 0.5, np.maximum(self.speed, PALE * top), 0.0)
 
 
 def nearest(run: Run, time: float, until: float) -> int | None:
@@ -102,11 +120,17 @@ def take_nearest(run: Run, time: float, until: float) -> Picture | None:
 
 def take(run: Run, index: int) -> Picture:
     """Frame `index` as a picture."""
-    particles, speed = _project(_drawn(run, index), run.dimension), _speed(run.fluid(index), run.dimension)
+    flow = run.fluid(index)
+    particles, speed = _project(_drawn(run, index), run.dimension), _speed(flow, run.dimension)
     box = domain_size(run)
     time = float(run.times[index])
     borders = (solid(run.scene, box, time, run.history, run.path), openings(run.scene, box)) if box else ()
-    return Picture(time, *particles, speed, *borders)
+    picture = Picture(time, *particles, speed, *borders)
+    if flow is not None and "liquid_fraction" in flow:
+        liquid = np.asarray(flow["liquid_fraction"], dtype=np.float64)
+        plane = liquid.mean(axis=1) if run.dimension == 3 else liquid.reshape(liquid.shape[0], -1)
+        picture = dataclasses.replace(picture, liquid=plane)
+    return picture
 
 
 def _drawn(run: Run, index: int) -> Mapping[str, Array]:
@@ -174,7 +198,10 @@ def scale_tops(pictures: Sequence[Picture]) -> Tops:
     """The largest of the pictures' `TOP_PERCENTILE` of the finite values."""
     found: Tops = {}
     for picture in pictures:
-        fluid = {} if picture.speed is None else {"fluid": picture.speed}
+        speed = picture.speed
+        if speed is not None and picture.liquid is not None:
+            speed = speed[picture.liquid >= 0.5]  # the other fluid is faster, and is not shown
+        fluid = {} if speed is None else {"fluid": speed}
         for name, values in (fluid | picture.values).items():
             finite = values[np.isfinite(values)]
             top = float(np.percentile(finite, TOP_PERCENTILE)) if finite.size else 0.0
@@ -221,11 +248,15 @@ def draw(
         axis.set_facecolor("#F4F4F4")
         return
     extent = (0.0, box[0], 0.0, box[1])
-    if picture.speed is not None:
+    speed = picture.shown_speed(_scale(tops, "fluid").vmax or 1.0)
+    if speed is not None:
         axis.imshow(
-            picture.speed.T, origin="lower", extent=extent, cmap=WATER, norm=_scale(tops, "fluid"),
+            speed.T, origin="lower", extent=extent, cmap=WATER, norm=_scale(tops, "fluid"),
             interpolation="nearest", aspect="equal",
         )  # fmt: skip
+    if picture.liquid is not None and picture.liquid.min() < 0.5 < picture.liquid.max():
+        x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(picture.liquid.shape, box, strict=True))
+        axis.contour(x, z, picture.liquid.T, levels=[0.5], colors=SURFACE, linewidths=1.0, zorder=0.4)
     if picture.walls is not None:
         _draw_walls(axis, picture.walls, box)
     outlines = [_outline(opening) for opening in picture.openings]

@@ -107,10 +107,11 @@ def _planes(shot: Picture, box: tuple[float, float], radius: float, tops: Tops) 
     planes = [part.astype(np.uint8) for column in places.T for part in (column & 255, column >> 8)]
     planes.append(_bytes(shot.radius, radius))
     planes += [_bytes(shot.values.get(name, np.zeros(count)), tops.get(name, 1.0)) for name in QUANTITIES]
-    if shot.speed is not None:
-        every = max(1, math.ceil(max(shot.speed.shape) / MAX_CELLS))
-        cells = shot.speed[::every, ::every].shape
-        planes.append(_bytes(shot.speed[::every, ::every].T.ravel(), tops.get("fluid", 1.0)))
+    speed = shot.shown_speed(tops.get("fluid", 1.0))
+    if speed is not None:
+        every = max(1, math.ceil(max(speed.shape) / MAX_CELLS))
+        cells = speed[::every, ::every].shape
+        planes.append(_bytes(speed[::every, ::every].T.ravel(), tops.get("fluid", 1.0)))
     return b"".join([np.array([count, *cells], "<u4").tobytes(), *(plane.tobytes() for plane in planes)])
 
 
@@ -188,6 +189,8 @@ def _caption(clips: Sequence[_Clip], shown: int, outputs: int) -> str:
         parts.append(
             "3-D runs are seen from the front. The speed of the fluid and the walls are averaged over the depth."
         )
+    if any(clip.first and clip.first.liquid is not None for clip in clips):
+        parts.append("Of two fluids the liquid is shown, pale where it is at rest.")
     if any(clip.first and clip.first.openings for clip in clips):
         parts.append("Green lines are inlets, pink lines are outlets.")
     if shown < outputs:

@@ -114,15 +114,13 @@ def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]
     return {"surface_waves": waves, "capillary": capillary}
 
 
-def fall_speed(scene: Scene) -> float:
-    """Speed of liquid that has fallen from its highest place at the start to the bottom [m/s]; 0 in a scene with one
-    fluid: what flow the automatic fluid step has to expect."""
-    table = scene.surface
-    if table is None:
+def fall_speed(scene: Scene, grid: Grid) -> float:
+    """Speed of liquid that has fallen from its highest place at the start to where its surface will be at rest [m/s]:
+    what the automatic fluid step has to expect. 0 in a scene with one fluid."""
+    if scene.surface is None:
         return 0.0
-    tops = [] if table.level is None else [table.level]
-    tops += [region_space(f"surface.regions.{k}", one, scene.box).bounds[1][-1] for k, one in enumerate(table.regions)]
-    top = min(max(tops, default=0.0), scene.domain.size[-1])
+    fraction = first_fraction(scene, grid)
+    wet = np.flatnonzero(fraction.reshape(-1, grid.cells[-1]).max(axis=0) > 0.5)
+    highest = grid.spacing[-1] * (wet[-1] + 1) if len(wet) else 0.0
     gravity = np.abs(np.asarray(scene.domain.gravity or 0.0, float)).max(initial=0.0)
-    # A surface that is level moves little, and what moves it is not known before.
-    return 0.0 if not table.regions else math.sqrt(2.0 * float(gravity) * max(top, 0.0))
+    return math.sqrt(2.0 * float(gravity) * max(highest - float(fraction.mean()) * grid.size[-1], 0.0))
