@@ -26,6 +26,7 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.carried_momentum import carried_momentum
+from jaxdem.fluid.curvature import surface_tension_gradient
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
 from jaxdem.fluid.grid import CellOrOne, FaceField, face_average, face_control_volume
 from jaxdem.fluid.local_stress import largest_diffusivity, local_stress
@@ -204,6 +205,10 @@ class TwoFluidSolver(FluidSolver):
     def _force(self, properties: FluidProperties, faces: _Faces, fraction: Array, stress: FaceField) -> FaceField:
         """Stress, tension, and weight less what the reduced pressure leaves out of it, on the faces [N/m3]."""
         gravity = required(properties.gravity, "gravity of the fluid")
+        if self.has_tension:
+            tension = required(properties.second, "second of the fluid").tension
+            pull = surface_tension_gradient(self.grid, fraction, tension)
+            stress = tuple(s + p for s, p in zip(stress, pull, strict=True))
         return tuple(
             weight * own + (mass - weight * properties.density) * gravity[axis]
             for axis, (mass, weight, own) in enumerate(zip(faces.mass, faces.weight, stress, strict=True))

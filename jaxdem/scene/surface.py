@@ -77,8 +77,6 @@ def _check_fluid(surface: Surface, fluid: Fluid) -> None:
     if (surface.viscosity > 0.0) != (fluid.viscosity > 0.0):
         limit = f"both fluids have a viscosity or none has, and fluid.viscosity is {fluid.viscosity:g}"
         raise InputError("surface.viscosity", surface.viscosity, limit, "set both above 0, or both to 0")
-    if surface.tension > 0.0:
-        raise InputError("surface.tension", surface.tension, "is not computed yet", "set it to 0")
     if fluid.advection not in ADVECTION:
         limit = "has waves beside a surface at which the density jumps"
         raise InputError("fluid.advection", fluid.advection, limit, f"use one of {', '.join(ADVECTION)}")

@@ -456,7 +456,7 @@ SURFACE: Tables = {
     "domain": {"size": [0.4, 0.2], "gravity": [0.0, -9.81]},
     "fluid": {"cells": [8, 4], "viscosity": 1e-6, "density": 1000.0, "time_step": 0.001},
     "surface": {
-        "density": 1.2, "viscosity": 1.5e-5, "tension": 0.0, "level": 0.1,
+        "density": 1.2, "viscosity": 1.5e-5, "tension": 0.07, "level": 0.1,
         "regions": [{"shape": "sphere", "center": [0.2, 0.15], "radius": 0.03}],
     },
     "boundary": {
