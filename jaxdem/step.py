@@ -11,9 +11,10 @@ from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.particles.contact_interval import ContactMeans
 from jaxdem.particles.energy import EnergyFlow, flow_of_interval
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column
-from jaxdem.particles.loop import ContactMeans, contact_interval
+from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors

@@ -22,9 +22,9 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.clump_forces import as_members
+from jaxdem.particles.contact_interval import ContactInterval, ContactMeans
 from jaxdem.particles.energy import StoredEnergy, stored_energy
 from jaxdem.particles.integrate import ParticleProperties, ParticleState
-from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.moving_walls import WallMotions, placements
 from jaxdem.particles.neighbor_search import NeighborSearch

@@ -23,9 +23,9 @@ from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.particles.clump_forces import updated
+from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.inlet_regions import InletRegion
 from jaxdem.particles.integrate import Motion, ParticleState, centres_in_box
-from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors, carry_history, carry_memory
 from jaxdem.particles.surfaces import Surface, surface_contacts

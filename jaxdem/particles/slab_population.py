@@ -16,9 +16,9 @@ from jax import Array, lax
 from jaxdem.errors import required
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.placement import Placement
+from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState, centres_in_box
-from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.population import Insertion, Population, due_after, without_those_outside
 

@@ -23,11 +23,11 @@ from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.placement import Placement
+from jaxdem.particles.contact_interval import ContactInterval, ContactMeans
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_step import Surroundings
 from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.integrate import ParticleState, split_low
-from jaxdem.particles.loop import ContactInterval, ContactMeans
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_depth import depth_in_mesh
 from jaxdem.particles.neighbors import Neighbors

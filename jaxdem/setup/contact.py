@@ -17,8 +17,8 @@ from jaxdem.particles.cohesion import (
     VanDerWaals,
 )
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel, MaterialIndex, MeshWall
-from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.lubrication import Lubrication
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import NeighborGeometry

@@ -20,8 +20,8 @@ from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
+from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.loop import ContactInterval
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_room import MeshRoom
 from jaxdem.particles.neighbors import Room

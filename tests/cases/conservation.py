@@ -11,8 +11,8 @@ import numpy as np
 import scipy.spatial
 
 from jaxdem.particles.contact import HertzMindlin
+from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.loop import ContactInterval
 from tests.cases.registry import Figure, at_least, below, case
 from tests.cases.worlds import World, constants, forces, track, world
 

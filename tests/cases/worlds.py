@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.particles.contact import HertzMindlin
+from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
-from jaxdem.particles.loop import ContactInterval, contact_interval
+from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import CohesionParameters, ContactParameters, surroundings
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors
