@@ -5,6 +5,8 @@ The parts of a step for which bodies touch are here too: a contact begins and en
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -33,50 +35,12 @@ def contact_load(step: ContactStep, material: ContactMaterial, pair: ContactPair
 
 def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring: Vector) -> ContactLoad:
     """The contact law and rolling resistance."""
-    overlap, normal = pair.overlap, pair.normal
-    approach_speed = -vectors.dot(pair.approach, normal)
+    approach_speed = -vectors.dot(pair.approach, pair.normal)
     kept = len(spring) - step.model.memory
     memory, spring = spring[kept:], spring[:kept]
     attraction = attraction_of(step, material, pair, memory)
-    depth = overlap if attraction is None else attraction.depth
-    share = _share_of_step(depth, 0.5 * step.time_step * jnp.abs(approach_speed))
-    touching = depth > 0
-    # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
-    # the same from either side, for a dashpot may act already.
-    overlap = jnp.where(touching, overlap, TOUCHING * pair.effective_radius)
-    spin, relative_spin = vectors.scale(pair.radius - 0.5 * overlap, pair.spin), pair.spin
-    sharing: Array | float = 1.0
-    if pair.other_spin is None:
-        sharing = jnp.maximum(jnp.sum(touching, axis=0, dtype=overlap.dtype), 1.0)[None]
-        if pair.wall_spin is not None:
-            relative_spin = vectors.subtract(relative_spin, pair.wall_spin)
-    else:
-        other = vectors.scale(pair.other_radius - 0.5 * overlap, pair.other_spin)
-        spin, relative_spin = (
-            vectors.add(spin, other),
-            vectors.subtract(relative_spin, pair.other_spin),
-        )
-    turning = tangent.surface_velocity(spin, normal)
-    slip = vectors.subtract(tangent.part_in_plane(pair.velocity, normal), turning)
-    expected_slip = vectors.subtract(tangent.part_in_plane(pair.approach, normal), turning)
-    begun = overlap
-    if attraction is not None and attraction.holds is not None:  # the whole step, whatever the overlap
-        begun = jnp.where(attraction.holds, pair.effective_radius, overlap)
-    growth = _time_of_growth(begun, -vectors.dot(pair.velocity, normal), step.time_step)
-    in_plane = vectors.angular_size(len(normal))
-    spring, rolling_spring = spring[:in_plane], spring[in_plane:]
-    turned = tangent.turned_into_plane(spring, normal)
-    contact = Contact(
-        overlap=overlap if attraction is None else attraction.overlap,
-        approach_speed=share * approach_speed,
-        slip=vectors.scale(share, expected_slip),
-        spring=vectors.add_scaled(turned, growth, slip),
-        effective_radius=pair.effective_radius,
-        effective_mass=pair.effective_mass,
-        rolling_inertia=pair.rolling_inertia,
-        sharing=sharing,
-        adhesion=None if attraction is None else attraction.friction,
-    )
+    meeting = _meeting(step, pair, spring, approach_speed, attraction)
+    contact, touching, share = meeting.contact, meeting.touching, meeting.share
     if step.model.wet_friction:
         material = _wetted(step, contact, material)
     result = step.model.law(contact, material)
@@ -91,8 +55,9 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     resistance: Vector = ()
     rolled: Vector = ()
     if step.model.rolling is not None:
+        rolling_spring = spring[vectors.angular_size(len(pair.normal)) :]
         resistance, rolled = step.model.rolling(
-            contact, result, material, normal, relative_spin, rolling_spring, step.time_step
+            contact, result, material, pair.normal, meeting.relative_spin, rolling_spring, step.time_step
         )
         resistance = vectors.where(touching, resistance, 0.0)
     springs = vectors.where(touching, (*result.spring, *rolled), 0.0)
@@ -102,6 +67,64 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     if not step.model.energy:
         return load
     return load._replace(parts=_parts(step, contact, result, material, load, pair, attraction))
+
+
+class _Meeting(NamedTuple):
+    """How two bodies meet.
+
+    Attributes:
+        contact: what the law is given.
+        touching: bool, whether they touch in the middle of the step.
+        share: part of the step for which they touch [-].
+        relative_spin: of the one body against the other [rad/s].
+    """
+
+    contact: Contact
+    touching: Array
+    share: Array
+    relative_spin: Vector
+
+
+def _meeting(
+    step: ContactStep, pair: ContactPair, spring: Vector, approach_speed: Array, attraction: Attraction | None
+) -> _Meeting:
+    """Overlap, slip and springs as the law is given them; the sliding spring has grown by the slip of the step."""
+    overlap, normal = pair.overlap, pair.normal
+    depth = overlap if attraction is None else attraction.depth
+    share = _share_of_step(depth, 0.5 * step.time_step * jnp.abs(approach_speed))
+    touching = depth > 0
+    # The laws take square roots: elsewhere they see an overlap at which these and their slopes are finite,
+    # the same from either side, for a dashpot may act already.
+    overlap = jnp.where(touching, overlap, TOUCHING * pair.effective_radius)
+    spin, relative_spin = vectors.scale(pair.radius - 0.5 * overlap, pair.spin), pair.spin
+    sharing: Array | float = 1.0
+    if pair.other_spin is None:
+        sharing = jnp.maximum(jnp.sum(touching, axis=0, dtype=overlap.dtype), 1.0)[None]
+        if pair.wall_spin is not None:
+            relative_spin = vectors.subtract(relative_spin, pair.wall_spin)
+    else:
+        other = vectors.scale(pair.other_radius - 0.5 * overlap, pair.other_spin)
+        spin, relative_spin = vectors.add(spin, other), vectors.subtract(relative_spin, pair.other_spin)
+    turning = tangent.surface_velocity(spin, normal)
+    slip = vectors.subtract(tangent.part_in_plane(pair.velocity, normal), turning)
+    expected_slip = vectors.subtract(tangent.part_in_plane(pair.approach, normal), turning)
+    begun = overlap
+    if attraction is not None and attraction.holds is not None:  # the whole step, whatever the overlap
+        begun = jnp.where(attraction.holds, pair.effective_radius, overlap)
+    growth = _time_of_growth(begun, -vectors.dot(pair.velocity, normal), step.time_step)
+    turned = tangent.turned_into_plane(spring[: vectors.angular_size(len(normal))], normal)
+    contact = Contact(
+        overlap=overlap if attraction is None else attraction.overlap,
+        approach_speed=share * approach_speed,
+        slip=vectors.scale(share, expected_slip),
+        spring=vectors.add_scaled(turned, growth, slip),
+        effective_radius=pair.effective_radius,
+        effective_mass=pair.effective_mass,
+        rolling_inertia=pair.rolling_inertia,
+        sharing=sharing,
+        adhesion=None if attraction is None else attraction.friction,
+    )
+    return _Meeting(contact, touching, share, relative_spin)
 
 
 def _parts(

@@ -21,6 +21,7 @@ from jaxdem.run.totals import Totals
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case
 from jaxdem.state import Parameters
+from jaxdem.structure import TimeSteps
 from jaxdem.version import __version__
 
 
@@ -37,15 +38,11 @@ def run_summary(
         reason: why not.
         split_stages: False where nothing may be compiled to tell the stages of a part apart.
     """
-    parcels = None if case.parameters.bodies is None else case.parameters.bodies.parcels
-    grains = 1.0 if parcels is None else float(parcels.grains)
-    scene, simulation, state, neighbors = case.scene, case.simulation, instant.state, instant.neighbors
-    count = 0 if state.particles is None else state.particles.position.shape[0]
-    elapsed, compiled, steps = totals.elapsed(), totals.compile_seconds(), simulation.steps
+    scene, simulation = case.scene, case.simulation
+    elapsed, compiled = totals.elapsed(), totals.compile_seconds()
     worth_splitting = WORTH_SPLITTING if split_stages else math.inf
     stages, estimated = estimate_stages(case, instant, totals, worth_splitting)
     stages["compile"] = compiled
-    used = count * max(totals.intervals, 1)
     return {
         "valid": valid,
         "reason": reason,
@@ -58,39 +55,59 @@ def run_summary(
         "run_time_s": metrics.run_time({"wall_time_s": elapsed, "stages_s": stages}),
         "stages_s": stages,
         "estimated": estimated,
-        "time_steps": {
-            "contact": steps.contact,
-            "fluid": steps.interval * totals.intervals / totals.fluid_steps if totals.fluid_steps else None,
-            "coupling": steps.interval,
-            "limits": steps.limits,
-            "courant_max": totals.courant,
-        },
-        "counts": {
-            "particles": count,
-            "grains_per_particle": grains,
-            "cells": int(np.prod(scene.fluid.cells)) if scene.fluid else 0,
-            "coupling_intervals": totals.intervals,
-            "contact_steps": totals.intervals * steps.contacts_per_interval,
-            "fluid_steps": totals.fluid_steps,
-            "neighbor_builds": totals.builds,
-            "neighbor_slots": 0 if neighbors is None else neighbors.room.slots,
-            "pair_slots": 0 if neighbors is None else neighbors.room.pairs,
-            "neighbor_resizes": totals.resizes,
-            "solver_iterations_max": totals.iterations,
-        }
-        | particle_counts(simulation, state),
+        "time_steps": _time_steps(simulation.steps, totals),
+        "counts": _counts(case, instant, totals),
         **{name: value for part in PARTS for name, value in part.summary(case, instant, totals).items()},
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
         "residuals": {"mass": totals.mass, "momentum": totals.momentum, "volume": totals.volume},
-        "closure": {
-            "file": scene.closure.file,
-            "subgrid_file": None if scene.fluid is None else scene.fluid.subgrid,
-            "law": _law_name(scene, case.parameters),
-            "out_of_range_fraction": totals.out_of_range / used if used else 0.0,
-            # Mean spread over mean force, both over particles and outputs; null without an ensemble.
-            "ensemble_spread": totals.spread / totals.ensemble_force if totals.ensemble_force else None,
-        },
+        "closure": _closure(case, instant, totals),
+    }
+
+
+def _time_steps(steps: TimeSteps, totals: Totals) -> dict[str, Any]:
+    return {
+        "contact": steps.contact,
+        "fluid": steps.interval * totals.intervals / totals.fluid_steps if totals.fluid_steps else None,
+        "coupling": steps.interval,
+        "limits": steps.limits,
+        "courant_max": totals.courant,
+    }
+
+
+def _counts(case: Case, instant: Instant, totals: Totals) -> dict[str, float]:
+    scene, neighbors, bodies = case.scene, instant.neighbors, case.parameters.bodies
+    found = {
+        "particles": _rows(instant),
+        "grains_per_particle": 1.0 if bodies is None or bodies.parcels is None else float(bodies.parcels.grains),
+        "cells": int(np.prod(scene.fluid.cells)) if scene.fluid else 0,
+        "coupling_intervals": totals.intervals,
+        "contact_steps": totals.intervals * case.simulation.steps.contacts_per_interval,
+        "fluid_steps": totals.fluid_steps,
+        "neighbor_builds": totals.builds,
+        "neighbor_slots": 0 if neighbors is None else neighbors.room.slots,
+        "pair_slots": 0 if neighbors is None else neighbors.room.pairs,
+        "neighbor_resizes": totals.resizes,
+        "solver_iterations_max": totals.iterations,
+    }
+    return found | particle_counts(case.simulation, instant.state)
+
+
+def _rows(instant: Instant) -> int:
+    """Number of particles that there ever are."""
+    particles = instant.state.particles
+    return 0 if particles is None else particles.position.shape[0]
+
+
+def _closure(case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
+    scene, used = case.scene, _rows(instant) * max(totals.intervals, 1)
+    return {
+        "file": scene.closure.file,
+        "subgrid_file": None if scene.fluid is None else scene.fluid.subgrid,
+        "law": _law_name(scene, case.parameters),
+        "out_of_range_fraction": totals.out_of_range / used if used else 0.0,
+        # Mean spread over mean force, both over particles and outputs; null without an ensemble.
+        "ensemble_spread": totals.spread / totals.ensemble_force if totals.ensemble_force else None,
     }
 
 

@@ -77,56 +77,66 @@ def contact_interval(
     Raises:
         InputError: the box is too small for the neighbour list, or two walls are one.
     """
-    moving = tuple(mesh.moves for mesh in particles.meshes)
-    geometry = neighbor_geometry(particles)
-    levels = size_levels(geometry, particles.contact, particles.spheres.radius, particles.members)
-    search = NeighborSearch(geometry, _typical_radius(particles), moving, particles.members, levels)
-    sides = _box_walls(particles, population)
-    surfaces = scene_surfaces(particles.scene, extensions.get("walls", ()), dtype)
-    times = wall_times(particles, extensions.get("walls", ()), steps.interval)
-    check_coincident(particles.scene, sides, surfaces, times, 2.0 * particles.spheres.smallest_radius)
-    table, index = particles.materials, None
-    if table is not None:
-        walls = table.of_walls(len(sides), len(surfaces), len(particles.meshes))
-        index = MaterialIndex.of(particles.contact_material, walls, table.pair)
-    law = extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law]()
-    motions, pistons = surface_motions(particles.scene, len(extensions.get("walls", ())), len(sides))
-    measured = tuple(sorted(wall for piston in pistons for wall in piston.walls))
-    cohesion = _cohesion(particles, extensions)
-    meshes = tuple(
-        MeshWall(number, mesh.usual, wear_law(mesh.wall), len(mesh.mesh.cells))
-        for number, mesh in enumerate(particles.meshes)
+    scene, search, sides = particles.scene, _search(particles), _box_walls(particles, population)
+    functions = extensions.get("walls", ())
+    surfaces = scene_surfaces(scene, functions, dtype)
+    times = wall_times(particles, functions, steps.interval)
+    check_coincident(scene, sides, surfaces, times, 2.0 * particles.spheres.smallest_radius)
+    motions, pistons = surface_motions(scene, len(functions), len(sides))
+    cohesion, film = _cohesion(particles, extensions), particles.contact.lubrication
+    if particles.meshes:
+        _check_gaps_at_meshes(particles, cohesion, extensions)
+    model = ContactModel(
+        law=extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law](),
+        rolling=_rolling(particles),
+        sides=sides,
+        surfaces=surfaces,
+        materials=_materials(particles, len(sides), len(surfaces)),
+        wall_times=times,
+        measured=tuple(sorted(wall for piston in pistons for wall in piston.walls)),
+        cohesion=cohesion,
+        motions=motions,
+        pistons=pistons,
+        meshes=tuple(
+            MeshWall(number, mesh.usual, wear_law(mesh.wall), len(mesh.mesh.cells))
+            for number, mesh in enumerate(particles.meshes)
+        ),
+        lists=len(particles.meshes),
+        bonds=None if particles.bonds is None else Bonding(scene.domain.size, scene.periodic),
+        lubrication=None if film is None else Lubrication(),
+        wet_friction=film is not None and film.wet_friction is not None,
+        energy=scene.output.energy,
     )
-    if meshes and cohesion is not None and not isinstance(cohesion, tuple(AT_MESHES.values())):
+    check_energy(scene, model, particles.members > 1)
+    return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
+
+
+def _search(particles: ParticleSetup) -> NeighborSearch:
+    geometry = neighbor_geometry(particles)
+    moving = tuple(mesh.moves for mesh in particles.meshes)
+    levels = size_levels(geometry, particles.contact, particles.spheres.radius, particles.members)
+    return NeighborSearch(geometry, _typical_radius(particles), moving, particles.members, levels)
+
+
+def _materials(particles: ParticleSetup, sides: int, surfaces: int) -> MaterialIndex | None:
+    """Who is of which material, walls included; None where there is one only."""
+    table = particles.materials
+    if table is None:
+        return None
+    walls = table.of_walls(sides, surfaces, len(particles.meshes))
+    return MaterialIndex.of(particles.contact_material, walls, table.pair)
+
+
+def _check_gaps_at_meshes(particles: ParticleSetup, cohesion: Cohesion | None, extensions: Extensions) -> None:
+    """Refuses what acts over a gap in a scene with walls that are meshes."""
+    limit = "over a gap, and lists of walls that are meshes reach as far as contacts only"
+    if cohesion is not None and not isinstance(cohesion, tuple(AT_MESHES.values())):
         key, kind = "contact.cohesion.kind", particles.contact.cohesion_kind
         if extensions.get("cohesion") is not None:
             key, kind = "cohesion", type(cohesion).__name__
-        limit = "may act over a gap, and lists of walls that are meshes reach as far as contacts only"
-        raise InputError(key, kind, limit, f"take {' or '.join(AT_MESHES)}, or planes as walls")
-    film = particles.contact.lubrication
-    if meshes and film is not None:
-        limit = "acts over a gap, and lists of walls that are meshes reach as far as contacts only"
-        raise InputError("contact.lubrication", "...", limit, "take planes as walls")
-    model = ContactModel(
-        law,
-        _rolling(particles),
-        sides,
-        surfaces,
-        index,
-        times,
-        measured,
-        cohesion,
-        motions,
-        pistons,
-        meshes,
-        len(meshes),
-        None if particles.bonds is None else Bonding(particles.scene.domain.size, particles.scene.periodic),
-        lubrication=None if film is None else Lubrication(),
-        wet_friction=film is not None and film.wet_friction is not None,
-        energy=particles.scene.output.energy,
-    )
-    check_energy(particles.scene, model, search.members > 1)
-    return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
+        raise InputError(key, kind, f"may act {limit}", f"take {' or '.join(AT_MESHES)}, or planes as walls")
+    if particles.contact.lubrication is not None:
+        raise InputError("contact.lubrication", "...", f"acts {limit}", "take planes as walls")
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:

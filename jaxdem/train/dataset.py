@@ -82,14 +82,7 @@ def make_dataset(
             raise InputError(key, value, limit, "leave this key out")
     # Closures are trained in single precision, whatever the run had.
     scene, coarse_scene = (load_scene(source.scene, {"precision": "float32"} | changed) for changed in ({}, overrides))
-    if required(scene.particles, "particles").has_clumps:
-        limit = "closures are trained on spheres, and this run has clumps"
-        raise InputError("particles.shape", None, limit, "give a run of spheres")
-    if required(scene.coupling, "coupling").self_disturbance:
-        limit = "its drag law received the slip without the wake of the particle, and samples do not contain this slip"
-        raise InputError("coupling.self_disturbance", True, limit, "Run the scene without it for training data.")
-    if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
-        raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "use, for example, 1,2,4,8")
+    _check(scene, coarsen)
     groups, done, numbers = {}, 0, range(0, len(samples.times), every)
     for factor in coarsen:
         # The run's own mesh is seen as the run saw it: its forces belong to that.
@@ -111,6 +104,18 @@ def make_dataset(
         "scene_toml": load_scene(source.scene, overrides).to_toml() if overrides else source.scene_toml,
     }
     write_dataset(out, attributes, groups)
+
+
+def _check(scene: Scene, coarsen: tuple[int, ...]) -> None:
+    """Refuses what no dataset can be made of."""
+    if required(scene.particles, "particles").has_clumps:
+        limit = "closures are trained on spheres, and this run has clumps"
+        raise InputError("particles.shape", None, limit, "give a run of spheres")
+    if required(scene.coupling, "coupling").self_disturbance:
+        limit = "its drag law received the slip without the wake of the particle, and samples do not contain this slip"
+        raise InputError("coupling.self_disturbance", True, limit, "Run the scene without it for training data.")
+    if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
+        raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "use, for example, 1,2,4,8")
 
 
 class CoarseView:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.check.check import restitution_error, slip_error
+from jaxdem.check.grain_figures import restitution_error, slip_error
 from jaxdem.particles import contact_load
 from jaxdem.particles.contact import LinearSpringDashpot
 from jaxdem.particles.rolling import ConstantDirectionalTorque
