@@ -29,7 +29,7 @@ from jaxdem.particles.materials import surroundings
 from jaxdem.particles.moving_walls import WallMotions, placements
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, with_radius
-from jaxdem.particles.population import Population, renewed
+from jaxdem.particles.population import Entry, Population, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
 from jaxdem.particles.walls_present import Buried, buried
 from jaxdem.scalars.scalars import Scalars
@@ -242,12 +242,13 @@ class Structure:
         present = None
         if times is not None:
             present = times.present(self.middle(parameters, step))[: len(contact.model.surfaces)]
-        given = (parameters.inlet_velocity, particles, neighbors, step, present, placed)
         bodies = required(parameters.bodies, "parameters.bodies")
         if contact.division is None:
             radius = neighbors.radius if bodies.clumps is None else bodies.outer_radius
-            return renewed(population, contact, radius, *given)
-        return renewed_in_slab(population, contact, bodies.radius, *given)
+            entry = Entry(radius, parameters.inlet_velocity, present, placed)
+            return renewed(population, contact, entry, particles, neighbors, step)
+        entry = Entry(bodies.radius, parameters.inlet_velocity, present, placed)
+        return renewed_in_slab(population, contact, entry, particles, neighbors, step)
 
     def particle_report(
         self,

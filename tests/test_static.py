@@ -28,7 +28,17 @@ ROOMS = (
     "external",
 )
 
-OF_ONE_TRACE = {"Exchange", "IntervalStart", "IntervalEnd", "Insertion", "_Coming", "ContactStep", "_Step", "StepLoads"}
+OF_ONE_TRACE = {
+    "Exchange",
+    "IntervalStart",
+    "IntervalEnd",
+    "Insertion",
+    "_Coming",
+    "ContactStep",
+    "StepLoads",
+    "_Step",
+    "Verlet",
+}
 """Objects that are made and used up inside of one trace: they hold both."""
 
 

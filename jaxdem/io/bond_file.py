@@ -9,9 +9,8 @@ from __future__ import annotations
 import h5py
 import numpy as np
 
-from jaxdem.files.hdf5 import store
 from jaxdem.io.frames import Arrays, Entries, Frame, extend
-from jaxdem.io.vtkhdf import NUMBERS, ROOT, TOPOLOGIES, StepFormat, dimension_of, name_unit
+from jaxdem.io.vtkhdf import NUMBERS, ROOT, StepFormat, append_points, dimension_of, name_unit, write_topology
 
 UNCHANGING = ("first", "second", "table")
 """Cell data that are stored once."""
@@ -44,22 +43,18 @@ class BondFormat(StepFormat):
 
     def append(self, file: h5py.File, frame: Frame, growing: bool) -> Entries:
         """See `frames.Format`."""
-        points, names = frame.arrays["position"], sorted(set(frame.arrays) - {"position"})
+        names = sorted(set(frame.arrays) - {"position"})
         if ROOT not in file:
             self.head(file, "PolyData", frame, growing)
-            _write_lines(file[ROOT], len(points) // 2)
+            write_topology(file[ROOT], "Lines", 2, len(frame.arrays["position"]) // 2)
         root = file[ROOT]
-        chunk = min(max(len(points), 256), 65536)
-        entries: Entries = {"Values": frame.time, "PartOffsets": 0, "NumberOfParts": 1}
-        entries |= {"CellOffsets": [0] * len(TOPOLOGIES), "ConnectivityIdOffsets": [0] * len(TOPOLOGIES)}
-        entries["PointOffsets"] = extend(root, "Points", points, growing, chunk)
+        entries, chunk = append_points(root, frame, growing)
         data = root.require_group("CellData")
         for name in names:
             known = name in UNCHANGING and name in data
             start = 0 if known else extend(data, name, frame.arrays[name], growing, chunk)
             entries[f"CellDataOffsets/{name}"] = start
             name_unit(data[name], name)
-        name_unit(root["Points"], "position")
         return entries
 
     def read(self, file: h5py.File, index: int) -> Frame:
@@ -74,15 +69,3 @@ class BondFormat(StepFormat):
             if len(arrays[name]) != number // 2 or dataset.dtype.kind not in NUMBERS:
                 raise ValueError(f"{name} holds {dataset.dtype} of shape {dataset.shape} for {number // 2} bonds")
         return Frame(float(self.times(file)[index]), arrays, {"dimension": dimension_of(file)})
-
-
-def _write_lines(root: h5py.Group, number: int) -> None:
-    """Line k from point 2 k to the next, and no other cells."""
-    store(root, "NumberOfPoints", np.array([2 * number], np.int64))
-    for name in TOPOLOGIES:
-        cells = number if name == "Lines" else 0
-        group = root.create_group(name)
-        store(group, "NumberOfCells", np.array([cells], np.int64))
-        store(group, "NumberOfConnectivityIds", np.array([2 * cells], np.int64))
-        store(group, "Connectivity", np.arange(2 * cells, dtype=np.int64))
-        store(group, "Offsets", 2 * np.arange(cells + 1, dtype=np.int64))

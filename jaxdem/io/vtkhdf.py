@@ -192,16 +192,13 @@ class ParticleFormat(StepFormat):
         names = set(frame.arrays) - {"position"}
         if ROOT not in file:
             self.head(file, "PolyData", frame, growing)
-            _write_topology(file[ROOT], len(position))
+            write_topology(file[ROOT], "Vertices", 1, len(position))
         root = file[ROOT]
         if root["NumberOfPoints"][0] != len(position):
             raise ValueError(f"{len(position)} particles after frames of {root['NumberOfPoints'][0]}")
         if "PointData" in root and set(root["PointData"]) != names:
             raise ValueError(f"particle arrays {sorted(names)} after frames of {sorted(root['PointData'])}")
-        chunk = min(max(len(position), 256), 65536)
-        entries: Entries = {"Values": frame.time, "PartOffsets": 0, "NumberOfParts": 1}
-        entries |= {"CellOffsets": [0] * len(TOPOLOGIES), "ConnectivityIdOffsets": [0] * len(TOPOLOGIES)}
-        entries["PointOffsets"] = extend(root, "Points", position, growing, chunk)
+        entries, chunk = append_points(root, frame, growing)
         point_data = root.require_group("PointData")
         for name in sorted(names):
             start = _same_rows(point_data, name, frame.arrays[name])
@@ -209,7 +206,6 @@ class ParticleFormat(StepFormat):
                 start = extend(point_data, name, frame.arrays[name], growing, chunk)
             entries[f"PointDataOffsets/{name}"] = start
             name_unit(point_data[name], name)
-        name_unit(root["Points"], "position")
         return entries
 
     def read(self, file: h5py.File, index: int) -> Frame:
@@ -292,16 +288,28 @@ def name_unit(dataset: h5py.Dataset, name: str) -> None:
         dataset.attrs["units"] = unit
 
 
-def _write_topology(root: h5py.Group, number: int) -> None:
-    """One part of `number` points, point i being vertex i, and no other cells."""
-    store(root, "NumberOfPoints", np.array([number], np.int64))
+def write_topology(root: h5py.Group, kind: str, points: int, number: int) -> None:
+    """One part of `number` cells of a kind with so many points of their own each, in their order, and no others."""
+    store(root, "NumberOfPoints", np.array([points * number], np.int64))
     for name in TOPOLOGIES:
-        cells = number if name == "Vertices" else 0
+        cells = number if name == kind else 0
         group = root.create_group(name)
         store(group, "NumberOfCells", np.array([cells], np.int64))
-        store(group, "NumberOfConnectivityIds", np.array([cells], np.int64))
-        store(group, "Connectivity", np.arange(cells, dtype=np.int64))
-        store(group, "Offsets", np.arange(cells + 1, dtype=np.int64))
+        store(group, "NumberOfConnectivityIds", np.array([points * cells], np.int64))
+        store(group, "Connectivity", np.arange(points * cells, dtype=np.int64))
+        store(group, "Offsets", points * np.arange(cells + 1, dtype=np.int64))
+
+
+def append_points(root: h5py.Group, frame: Frame, growing: bool) -> tuple[Entries, int]:
+    """The points of a frame of PolyData whose cells are the same in all frames: its entries so far, and the number of
+    rows in a chunk."""
+    points = frame.arrays["position"]
+    chunk = min(max(len(points), 256), 65536)
+    entries: Entries = {"Values": frame.time, "PartOffsets": 0, "NumberOfParts": 1}
+    entries |= {"CellOffsets": [0] * len(TOPOLOGIES), "ConnectivityIdOffsets": [0] * len(TOPOLOGIES)}
+    entries["PointOffsets"] = extend(root, "Points", points, growing, chunk)
+    name_unit(root["Points"], "position")
+    return entries, chunk
 
 
 def _same_rows(point_data: h5py.Group, name: str, array: np.ndarray) -> int | None:

@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import Touching
 from jaxdem.particles.forces import contacts_now
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
@@ -87,7 +88,9 @@ def contacts_of(
     materials = materials._replace(placements=structure.placed(parameters, particles, state.step))
     neighbors = with_radius(neighbors, bodies.radius)
     present = _present(model, structure.middle(parameters, state.step))
-    between, walls = contacts_now(model, materials, bodies, Motion.of(particles), neighbors, particles.active, present)
+    motion, still = Motion.of(particles), jnp.zeros((), particles.position.dtype)
+    step = ContactStep(model, materials, bodies, motion, motion.velocity, still, particles.active, present)
+    between, walls = contacts_now(step, neighbors)
     first, second, ghosts = neighbors.pairs.first, neighbors.pairs.second, neighbors.ghosts
     return Contacts(first, second, between, walls, None if ghosts is None else first < ghosts.rows)
 

@@ -14,32 +14,23 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_shape import Clumps, Placed
 from jaxdem.particles.clumps import arm_change, member_places, placed, way_ahead
-from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import sum_slots
-from jaxdem.particles.contact_step import Surroundings
+from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import Sums
 from jaxdem.particles.forces import contact_forces
-from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift
+from jaxdem.particles.integrate import Motion, ParticleState, drift
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.stages import stage
 
 
-def clump_forces(
-    model: ContactModel,
-    surroundings: Surroundings,
-    properties: ParticleProperties,
-    motion: Motion,
-    neighbors: Neighbors,
-    time_step: Array,
-    mid_velocity: Vector | None = None,
-    active: Array | None = None,
-) -> tuple[Sums, Motion]:
+def clump_forces(step: ContactStep, neighbors: Neighbors) -> tuple[Sums, Motion]:
     """Force and torque about the centre of mass of all contacts on every body; see `forces.contact_forces`.
 
     A member at the arm a has the velocity v + w x a; a force F on it is the force F and the torque a x F on the body.
     """
-    clumps, reference, count = properties.rigid, _placed(neighbors), motion.velocity[0].shape[0]
+    motion, clumps, reference = step.motion, step.properties.rigid, _placed(neighbors)
+    count = motion.velocity[0].shape[0]
 
     def moved() -> tuple[Vector, Motion, Vector]:
         change = arm_change(reference, motion)
@@ -54,20 +45,24 @@ def clump_forces(
             position, low, of_members(motion.velocity),
             tuple(clumps.rows(w, count) for w in motion.angular_velocity), (), (),
         )  # fmt: skip
-        return arm, members, of_members(mid_velocity or motion.velocity)
+        return arm, members, of_members(step.mid_velocity)
 
     # A stage: every gather of the contact kernel would compute the members anew.
-    arm, members, middle = stage(time_step > 0, moved)
+    arm, members, middle = stage(step.time_step > 0, moved)
     members = members._replace(
         contact_spring=motion.contact_spring,
         wall_spring=motion.wall_spring,
         liquid=motion.liquid,
         mesh_memory=motion.mesh_memory,
     )
-    sums, members = contact_forces(
-        model, surroundings, properties.spheres(count), members, neighbors, time_step,
-        middle, reference.active_rows(active),
-    )  # fmt: skip
+    seen = dataclasses.replace(
+        step,
+        properties=step.properties.spheres(count),
+        motion=members,
+        mid_velocity=middle,
+        active=reference.active_rows(step.active),
+    )
+    sums, members = contact_forces(seen, neighbors)
     force = tuple(x.reshape(clumps.members, count) for x in sums.force)
     torque = tuple(x.reshape(clumps.members, count) for x in sums.torque)
     torque = vectors.add(torque, vectors.moment(arm, force))

@@ -19,6 +19,7 @@ from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, Sto
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, LoadParts
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.lubrication import wet_friction
+from jaxdem.particles.rolling import Rotation
 from jaxdem.particles.stages import stage
 
 
@@ -56,9 +57,8 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     rolled: Vector = ()
     if step.model.rolling is not None:
         rolling_spring = spring[vectors.angular_size(len(pair.normal)) :]
-        resistance, rolled = step.model.rolling(
-            contact, result, material, pair.normal, meeting.relative_spin, rolling_spring, step.time_step
-        )
+        rotation = Rotation(pair.normal, meeting.relative_spin, rolling_spring)
+        resistance, rolled = step.model.rolling(contact, result, material, rotation, step.time_step)
         resistance = vectors.where(touching, resistance, 0.0)
     springs = vectors.where(touching, (*result.spring, *rolled), 0.0)
     if attraction is not None:

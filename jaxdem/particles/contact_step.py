@@ -56,7 +56,15 @@ class ContactStep:
     """What all contacts of a step share. All P pairs are one array each, and so are all S walls of N particles.
 
     Attributes:
-        model, surroundings, properties, motion, mid_velocity, time_step, active: see `forces.contact_forces`.
+        model: laws and walls; static.
+        surroundings: material numbers.
+        properties: size and density.
+        motion: of the particles at this moment.
+        mid_velocity: D arrays (N,), velocity expected in the middle of the step, where `motion` has the positions: the
+            dashpots act on it, the tangential ones with the spin at the step's start. The springs grow by the velocity
+            of `motion`, at the step's start, which is in the middle between two forces [m/s].
+        time_step: over which the springs grow [s].
+        active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
         present: (S,) bool, which walls are there, all if None; the others are out of reach.
     """
 

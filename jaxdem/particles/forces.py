@@ -5,48 +5,27 @@ from __future__ import annotations
 import dataclasses
 
 import jax.numpy as jnp
-from jax import Array
 
-from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.bonds import add_bonds
 from jaxdem.particles.contact import ContactMaterial
-from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies
-from jaxdem.particles.contact_step import ContactStep, Surroundings
+from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import Sums, Touching
-from jaxdem.particles.integrate import Motion, ParticleProperties
+from jaxdem.particles.integrate import Motion
 from jaxdem.particles.mesh_forces import add_meshes
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.pair_forces import add_pairs, pair_contacts, pair_material
 from jaxdem.particles.wall_forces import add_walls, wall_contacts, wall_material
 
 
-def contact_forces(
-    model: ContactModel,
-    surroundings: Surroundings,
-    properties: ParticleProperties,
-    motion: Motion,
-    neighbors: Neighbors,
-    time_step: Array,
-    mid_velocity: Vector | None = None,
-    active: Array | None = None,
-) -> tuple[Sums, Motion]:
+def contact_forces(step: ContactStep, neighbors: Neighbors) -> tuple[Sums, Motion]:
     """Force and torque of all contacts on every particle, and the motion with its new contact history.
 
     Args:
-        model: laws and walls; static.
-        surroundings: material numbers.
-        properties: size and density.
-        motion: of the particles at this moment.
+        step: particles, walls and laws.
         neighbors: list in date.
-        time_step: over which the springs grow [s].
-        mid_velocity: D arrays (N,), velocity expected in the middle of the step, where `motion` has the
-            positions: the dashpots act on it, the tangential ones with the spin at the step's start. The velocity in
-            `motion`, at the step's start, if not given; the springs grow by that one, which is in the middle between
-            two forces [m/s].
-        active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
     """
-    step = ContactStep(model, surroundings, properties, motion, mid_velocity or motion.velocity, time_step, active)
+    model, motion = step.model, step.motion
     zero = jnp.zeros_like(motion.position[0])
     sums = Sums((zero,) * len(motion.velocity), (zero,) * len(motion.angular_velocity), liquid=motion.liquid)
     spring, wall_spring = motion.contact_spring, motion.wall_spring
@@ -61,32 +40,22 @@ def contact_forces(
     return sums, motion._replace(contact_spring=spring, wall_spring=wall_spring, liquid=sums.liquid)
 
 
-def contacts_now(
-    model: ContactModel,
-    surroundings: Surroundings,
-    properties: ParticleProperties,
-    motion: Motion,
-    neighbors: Neighbors,
-    active: Array | None = None,
-    present: Array | None = None,
-) -> tuple[Touching | None, Touching | None]:
-    """Contacts between the pairs of a list, and with the walls, as they are: no spring grows.
+def contacts_now(step: ContactStep, neighbors: Neighbors) -> tuple[Touching | None, Touching | None]:
+    """Contacts between the pairs of a list, and with the walls, as they are.
 
     Args:
-        model, surroundings, properties, motion, neighbors, active: see `contact_forces`.
-        present: (S,) bool, which walls are there, all if None; the others are out of reach.
+        step: of no time, so that no spring grows.
+        neighbors: list in date.
 
     Returns:
         None for the first where the list has no slots, and for the second without walls.
     """
-    still = jnp.zeros((), motion.position[0].dtype)
     # Rolling resistance is a torque, and one of its models divides by the time step.
-    alone = dataclasses.replace(model, rolling=None)
-    step = ContactStep(alone, surroundings, properties, motion, motion.velocity, still, active, present)
+    step = dataclasses.replace(step, model=dataclasses.replace(step.model, rolling=None))
     between = walls = None
     if neighbors.room.slots:
         between = _touching(*pair_contacts(step, neighbors), pair_material(step, neighbors))
-    if model.analytic_walls:
+    if step.model.analytic_walls:
         walls = _touching(*wall_contacts(step), wall_material(step))
     return between, walls
 

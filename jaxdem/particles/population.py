@@ -12,6 +12,7 @@ population. Where it has changed the list is rebuilt there, and the springs of t
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -112,35 +113,45 @@ class Population:
         return waiting
 
 
+class Entry(NamedTuple):
+    """What particles that come in are like, and the walls that they must not overlap.
+
+    Attributes:
+        radius: () or (N,) of all particles, of clumps that which holds them [m].
+        velocity: (D,) of each inlet [m/s].
+        present: (W,) bool, which of the walls beside the box there are from now on; None for all.
+        placed: where each of them, and then each mesh, is now; empty where all are at rest.
+    """
+
+    radius: Array
+    velocity: tuple[Array, ...]
+    present: Array | None = None
+    placed: tuple[Placement | None, ...] = ()
+
+
 def renewed(
     population: Population,
     contact: ContactInterval,
-    radius: Array,
-    inlet_velocity: tuple[Array, ...],
+    entry: Entry,
     particles: ParticleState,
     neighbors: Neighbors,
     step: Array,
-    present: Array | None = None,
-    placed: tuple[Placement | None, ...] = (),
 ) -> tuple[ParticleState, Neighbors]:
     """Particles and list at the end of an interval, after those who leave and those who come.
 
     Args:
         population: static description.
         contact: walls beside the box, which no particle may overlap when it comes in, and the search of the list.
-        radius: () or (N,) of the particles, of clumps that which holds them [m].
-        inlet_velocity: (D,) of each inlet [m/s].
+        entry: how particles come in.
         particles: after the contact steps.
         neighbors: their list.
         step: () int32, number of intervals done with this one.
-        present: (W,) bool, which of these walls there are from now on; None for all.
-        placed: where each of these walls is now; empty where all are at rest.
     """
     before = particles.active
     particles = without_those_outside(population, particles)
     for number in range(len(population.inlets)):
-        insertion = Insertion(population, number, contact.model.surfaces, radius, present, placed)
-        particles = insertion.with_those_due(inlet_velocity[number], particles, step)
+        insertion = Insertion(population, number, contact.model.surfaces, entry)
+        particles = insertion.with_those_due(particles, step)
     search = contact.search
     if neighbors.lists_nothing or search is None:
         return particles, neighbors
@@ -148,7 +159,7 @@ def renewed(
 
     def rebuild(kept: _Kept) -> _Kept:
         springs, memory, neighbors = kept
-        new = updated(search, motion, neighbors, particles.active, placed[len(contact.model.surfaces) :])
+        new = updated(search, motion, neighbors, particles.active, entry.placed[len(contact.model.surfaces) :])
         return carry_history(springs, neighbors, new), carry_memory(memory, neighbors, new), new
 
     changed = jnp.any(particles.active != before)
@@ -195,24 +206,20 @@ class Insertion:
         population: static.
         number: of the inlet.
         surfaces: walls beside the box; static.
-        radius: () or (N,) of all particles [m].
-        present: (W,) bool, which of these walls are there; None for all.
-        placed: where each of them is; empty where all are at rest.
+        entry: what they are like.
     """
 
     population: Population
     number: int
     surfaces: tuple[Surface, ...]
-    radius: Array
-    present: Array | None = None
-    placed: tuple[Placement | None, ...] = ()
+    entry: Entry
 
     @property
     def inlet(self) -> Inlet:
         """The inlet."""
         return self.population.inlets[self.number]
 
-    def with_those_due(self, velocity: Array, particles: ParticleState, step: Array) -> ParticleState:
+    def with_those_due(self, particles: ParticleState, step: Array) -> ParticleState:
         """Those that are due put where there is room, and the others left to wait."""
         before = required(particles.active, "active of the particles")
         inserted = required(particles.inserted, "inserted of the particles")
@@ -228,7 +235,7 @@ class Insertion:
         return particles._replace(
             position=jnp.where(new, position, particles.position),
             position_low=None if low is None else jnp.where(new, 0.0, low),
-            velocity=jnp.where(new, velocity[None], particles.velocity),
+            velocity=jnp.where(new, self.entry.velocity[self.number][None], particles.velocity),
             active=active,
             inserted=inserted.at[self.number].set(count),
         )
@@ -237,7 +244,7 @@ class Insertion:
         self, position: Array, active: Array, inserted: Array, due: Array, step: Array
     ) -> tuple[Array, Array, Array]:
         """Positions, who is present and how many of the inlet have come, after up to `batch` more."""
-        inlet, radius = self.inlet, self.radius
+        inlet, radius = self.inlet, self.entry.radius
         drawn, corners = self.drawn(position, step)
 
         def one(carry: tuple[Array, Array, Array], u: Array) -> tuple[tuple[Array, Array, Array], None]:
@@ -283,13 +290,13 @@ class Insertion:
             if wraps:
                 apart = apart - length * jnp.round(apart / length)
             squared = squared + apart * apart
-        reach = (1.0 + MARGIN) * jnp.broadcast_to(own + self.radius, active.shape)
+        reach = (1.0 + MARGIN) * jnp.broadcast_to(own + self.entry.radius, active.shape)
         free = jnp.all((squared >= reach[None] ** 2) | ~active[None], axis=1)
         if self.surfaces:
             x = vectors.components(places)
-            overlap, _ = surface_contacts(self.surfaces, x, (None,) * len(x), own, self.placed)
+            overlap, _ = surface_contacts(self.surfaces, x, (None,) * len(x), own, self.entry.placed)
             clear = overlap <= -MARGIN * own
-            free = free & jnp.all(clear if self.present is None else clear | ~self.present[:, None], axis=0)
+            free = free & jnp.all(clear if self.entry.present is None else clear | ~self.entry.present[:, None], axis=0)
         return free
 
 

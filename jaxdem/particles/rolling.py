@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import jax.numpy as jnp
 from jax import Array
@@ -12,6 +12,20 @@ from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial
+
+
+class Rotation(NamedTuple):
+    """How two bodies in contact turn against each other.
+
+    Attributes:
+        normal: unit vector towards the particle.
+        spin: angular velocity relative to the other body [rad/s].
+        spring: torque kept from the step before; () without a spring [N m].
+    """
+
+    normal: Vector
+    spin: Vector
+    spring: Vector
 
 
 class RollingFriction(Protocol):
@@ -37,9 +51,7 @@ class RollingFriction(Protocol):
         contact: Contact,
         force: ContactForce,
         material: ContactMaterial,
-        normal: Vector,
-        spin: Vector,
-        spring: Vector,
+        rotation: Rotation,
         time_step: Array,
     ) -> tuple[Vector, Vector]:
         """Torque on the particle [N m], and the torque that the contact keeps.
@@ -48,9 +60,7 @@ class RollingFriction(Protocol):
             contact: geometry and history.
             force: of the contact law.
             material: numbers.
-            normal: unit vector towards the particle.
-            spin: angular velocity relative to the other body [rad/s].
-            spring: torque kept from the step before; () without a spring [N m].
+            rotation: of the two bodies against each other.
             time_step: [s].
         """
         ...
@@ -82,13 +92,11 @@ class ConstantDirectionalTorque:
         contact: Contact,
         force: ContactForce,
         material: ContactMaterial,
-        normal: Vector,
-        spin: Vector,
-        spring: Vector,
+        rotation: Rotation,
         time_step: Array,
     ) -> tuple[Vector, Vector]:
         """See `RollingFriction`."""
-        rolling = tangent.rolling_part(spin, normal)
+        rolling = tangent.rolling_part(rotation.spin, rotation.normal)
         rate = vectors.length(rolling)
         stopping = 0.4 * contact.effective_mass * contact.effective_radius**2 / (contact.sharing * time_step)
         full = material.rolling_friction * force.elastic * contact.effective_radius
@@ -123,16 +131,14 @@ class ElasticPlasticSpringDashpot:
         contact: Contact,
         force: ContactForce,
         material: ContactMaterial,
-        normal: Vector,
-        spin: Vector,
-        spring: Vector,
+        rotation: Rotation,
         time_step: Array,
     ) -> tuple[Vector, Vector]:
         """See `RollingFriction`."""
-        rolling = tangent.rolling_part(spin, normal)
+        rolling = tangent.rolling_part(rotation.spin, rotation.normal)
         arm = material.rolling_friction * contact.effective_radius
         stiffness = self.stiffness(arm, force.elastic, contact.overlap)
-        turned = tangent.turned_into_plane(spring, normal)
+        turned = tangent.turned_into_plane(rotation.spring, rotation.normal)
         trial = vectors.add_scaled(turned, -stiffness * time_step, rolling)
         size, limit = vectors.length(trial), arm * force.elastic
         yields = size > limit

@@ -15,12 +15,11 @@ from jax import Array, lax
 
 from jaxdem.errors import required
 from jaxdem.numerics.batches import cond_in_batch
-from jaxdem.numerics.placement import Placement
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState, centres_in_box
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.particles.population import Insertion, Population, due_after, without_those_outside
+from jaxdem.particles.population import Entry, Insertion, Population, due_after, without_those_outside
 
 
 class _Rows(NamedTuple):
@@ -44,30 +43,26 @@ class _Rows(NamedTuple):
 def renewed_in_slab(
     population: Population,
     contact: ContactInterval,
-    radius: Array,
-    inlet_velocity: tuple[Array, ...],
+    entry: Entry,
     particles: ParticleState,
     neighbors: Neighbors,
     step: Array,
-    present: Array | None = None,
-    placed: tuple[Placement | None, ...] = (),
 ) -> tuple[ParticleState, Neighbors]:
     """Particles of a slab after those who leave and those who come, within `shard_map`; the list is still the old one.
 
     Args:
         population: static description.
         contact: with the division of the box.
-        radius: () or (N,) of all particles that there ever are [m].
-        inlet_velocity, particles, neighbors, step, present, placed: see `renewed`.
+        entry, particles, neighbors, step: see `renewed`.
     """
     division, ghosts = required(contact.division, "division"), required(neighbors.ghosts, "ghosts of a list")
     particles = without_those_outside(population, particles)
     number = jnp.where(required(particles.active, "active"), required(particles.identity, "identity"), -1)
     particles, lacking = particles._replace(identity=number), jnp.zeros((), jnp.int32)
     for inlet in range(len(population.inlets)):
-        insertion = Insertion(population, inlet, contact.model.surfaces, radius, present, placed)
+        insertion = Insertion(population, inlet, contact.model.surfaces, entry)
         coming = _Coming(insertion, division, ghosts.planes)
-        particles, more = coming.with_those_due(inlet_velocity[inlet], particles, step)
+        particles, more = coming.with_those_due(particles, step)
         lacking = lacking + more
     needed = jnp.where(lacking > 0, ghosts.rows + lacking, 0)
     ghosts = dataclasses.replace(ghosts, needed=ghosts.needed.at[0].max(needed))
@@ -89,7 +84,7 @@ class _Coming:
     division: Division
     planes: Array
 
-    def with_those_due(self, velocity: Array, particles: ParticleState, step: Array) -> tuple[ParticleState, Array]:
+    def with_those_due(self, particles: ParticleState, step: Array) -> tuple[ParticleState, Array]:
         """Those that are due put where there is room; and how many had a place in this slab and no row."""
         insertion, population = self.insertion, self.insertion.population
         before = required(particles.active, "active of the particles")
@@ -106,7 +101,7 @@ class _Coming:
         particles = particles._replace(
             position=jnp.where(new, rows.position, particles.position),
             position_low=None if low is None else jnp.where(new, 0.0, low),
-            velocity=jnp.where(new, velocity[None], particles.velocity),
+            velocity=jnp.where(new, insertion.entry.velocity[insertion.number][None], particles.velocity),
             active=rows.active,
             identity=rows.identity,
             inserted=inserted.at[insertion.number].set(rows.come),
@@ -115,14 +110,14 @@ class _Coming:
 
     def _placed(self, rows: _Rows, due: Array, step: Array) -> _Rows:
         """The rows after up to `batch` more have come, in whichever slab."""
-        insertion, blocks, radius = self.insertion, self.division.blocks, self.insertion.radius
+        insertion, blocks, radius = self.insertion, self.division.blocks, self.insertion.entry.radius
         drawn, corners = insertion.drawn(rows.position, step)
 
         def one(rows: _Rows, u: Array) -> tuple[_Rows, None]:
             coming = insertion.inlet.row(rows.come)
             own = radius if radius.ndim == 0 else radius[coming]
             of_rows = radius if radius.ndim == 0 else radius[jnp.maximum(rows.identity, 0)]
-            here = dataclasses.replace(insertion, radius=of_rows)
+            here = dataclasses.replace(insertion, entry=insertion.entry._replace(radius=of_rows))
             places, free = here.tried(u, corners, own, (rows.position, rows.active))
             free = ~blocks.any(~free) & (rows.come < due)
             place, comes = places[jnp.argmax(free)], jnp.any(free)

@@ -19,7 +19,7 @@ from jaxdem.particles.clump_forces import clump_forces
 from jaxdem.particles.clumps import kicked, normalised, turned
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.contact_step import Surroundings
+from jaxdem.particles.contact_step import ContactStep, Surroundings
 from jaxdem.particles.contact_sums import Sums, WallLoads
 from jaxdem.particles.energy import EnergyFlow, flow_of_step, no_flow, work_on_bodies
 from jaxdem.particles.forces import contact_forces
@@ -118,7 +118,8 @@ class Verlet:
         elapsed = (carry.step + 0.5) * time_step if model.motions else carry.step
         around = self.surroundings.after(model, elapsed, pistons)
         forces_of = contact_forces if clumps is None else clump_forces
-        sums, before = forces_of(model, around, bodies, motion, neighbors, time_step, expected, self.active)
+        now = ContactStep(model, around, bodies, motion, expected, time_step, self.active)
+        sums, before = forces_of(now, neighbors)
         motion = self._kicked(sums, before, bodies)
         energy = self._with_work(carry.energy, sums, before, motion)
         impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Iterable, Sequence
-from typing import Annotated, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -92,6 +92,24 @@ def at_all_times(value: Sequence[object] | None) -> tuple[tuple[float | str, ...
     if value is None:
         return ()
     return tuple(value) if isinstance(value[0], tuple) else (tuple(value),)  # type: ignore[arg-type, return-value]
+
+
+def named_once(reserved: str, what: str) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """A validator of a list of tables: no two have one `name`, and none that which is `reserved`.
+
+    Args:
+        reserved: a name.
+        what: why it is, in words.
+    """
+
+    def check(tables: tuple[Any, ...]) -> tuple[Any, ...]:
+        names = [table.name for table in tables]
+        for k, name in enumerate(names):
+            if name == reserved or name in names[:k]:
+                raise wrong(f"{k}.name", name, what if name == reserved else "is used twice", "give another name")
+        return tables
+
+    return check
 
 
 def _list_of_tables(value: object) -> object:

@@ -17,6 +17,7 @@ from jaxdem.scene.base import (
     Section,
     Tables,
     WallMaterialName,
+    named_once,
     wrong,
 )
 from jaxdem.scene.cohesion import Hamaker
@@ -105,15 +106,6 @@ class Species(Section):
     shape: Name | None = None
 
 
-def _named_once(materials: tuple[Material, ...]) -> tuple[Material, ...]:
-    names = [material.name for material in materials]
-    for k, name in enumerate(names):
-        if name == WALL or name in names[:k]:
-            limit = "is reserved for walls without a material" if name == WALL else "is used twice"
-            raise wrong(f"{k}.name", name, limit, "give another name")
-    return materials
-
-
 def _paired_once(pairs: tuple[MaterialPair, ...]) -> tuple[MaterialPair, ...]:
     sets = [frozenset(pair.materials) for pair in pairs]
     for k, pair in enumerate(sets):
@@ -130,5 +122,5 @@ def _whole(species: tuple[Species, ...]) -> tuple[Species, ...]:
 
 
 Mixture = Annotated[Tables[Species], AfterValidator(_whole)]
-Materials = Annotated[Tables[Material], AfterValidator(_named_once)]
+Materials = Annotated[Tables[Material], AfterValidator(named_once(WALL, "is reserved for walls without a material"))]
 MaterialPairs = Annotated[Tables[MaterialPair], AfterValidator(_paired_once)]

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from jaxdem.errors import InputError
 from jaxdem.files.reading import TABLE_BYTES, read_text
 from jaxdem.files.text_table import fields_of, lines_of, number_of
-from jaxdem.scene.base import Name, Positive, Rows, Section, Tables, wrong
+from jaxdem.scene.base import Name, Positive, Rows, Section, Tables, named_once, wrong
 
 if TYPE_CHECKING:
     from jaxdem.particles.union import Union
@@ -121,13 +121,6 @@ def _rows(key: str, name: str, dimension: int) -> list[tuple[float, ...]]:
     return found
 
 
-def _named_once(shapes: tuple[Shape, ...]) -> tuple[Shape, ...]:
-    names = [shape.name for shape in shapes]
-    for k, name in enumerate(names):
-        if name == SPHERE or name in names[:k]:
-            limit = "is the name of a single sphere" if name == SPHERE else "is used twice"
-            raise wrong(f"{k}.name", name, limit, "give another name")
-    return shapes
-
-
-Shapes = Annotated[Tables[Shape], AfterValidator(_named_once), Field(max_length=100)]
+Shapes = Annotated[
+    Tables[Shape], AfterValidator(named_once(SPHERE, "is the name of a single sphere")), Field(max_length=100)
+]

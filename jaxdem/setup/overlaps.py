@@ -78,15 +78,12 @@ def check_initial_positions(particles: ParticleSetup) -> None:
     rows = np.flatnonzero(np.broadcast_to(particles.active, particles.count))
     scene, position = particles.scene, particles.position[rows]
     radius = np.broadcast_to(particles.present.radius, particles.count)[rows]
-    depth = np.maximum(radius[:, None] - position, position + radius[:, None] - np.asarray(scene.domain.size))
-    depth = np.where(scene.periodic, -np.inf, depth) / (2.0 * radius[:, None])
-    if len(position) and depth.max() > allowed.part:
-        index, axis = np.unravel_index(np.argmax(depth), depth.shape)
+    index, part, sides = _deepest_in_sides(scene, position, radius)
+    if part > allowed.part:
         raise InputError(
             allowed.key,
             f"particle {rows[index]} at {_point(position[index])} m",
-            f"it reaches {_percent(depth[index, axis])} of its diameter into the "
-            f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, {allowed}",
+            f"it reaches {_percent(part)} of its diameter into the {sides} wall, {allowed}",
             allowed.move,
         )
     if not particles.is_started:
@@ -95,6 +92,18 @@ def check_initial_positions(particles: ParticleSetup) -> None:
     _check_pairs(particles, rows[~added], allowed, None)
     packed = PACKED._replace(key="start.add", move="add the particles elsewhere, or remove those that are there")
     return _check_pairs(particles, rows, packed, added)
+
+
+def _deepest_in_sides(scene: Scene, position: np.ndarray, radius: np.ndarray) -> tuple[int, float, str]:
+    """Of the sphere that is deepest in a side of the box: its row, the depth over its diameter, and the sides of the
+    axis; no depth without spheres."""
+    if not len(position):
+        return 0, -np.inf, ""
+    depth = np.maximum(radius[:, None] - position, position + radius[:, None] - np.asarray(scene.domain.size))
+    depth = np.where(scene.periodic, -np.inf, depth) / (2.0 * radius[:, None])
+    index, axis = np.unravel_index(np.argmax(depth), depth.shape)
+    sides = f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]}"
+    return int(index), float(depth[index, axis]), sides
 
 
 def _check_pairs(particles: ParticleSetup, rows: np.ndarray, allowed: Overlap, some: np.ndarray | None) -> None:
@@ -130,15 +139,12 @@ def _check_clumps(particles: ParticleSetup) -> None:
     orientation = required(particles.orientation, "orientation")[:count]
     present = Bodies(*(np.broadcast_to(column, count) for column in particles.present))
     position, radius, body = table.placed(present, particles.position, orientation)
-    depth = np.maximum(radius[:, None] - position, position + radius[:, None] - np.asarray(scene.domain.size))
-    depth = np.where(scene.periodic, -np.inf, depth) / (2.0 * radius[:, None])
-    if len(position) and depth.max() > allowed.part:
-        index, axis = np.unravel_index(np.argmax(depth), depth.shape)
+    index, part, sides = _deepest_in_sides(scene, position, radius)
+    if part > allowed.part:
         raise InputError(
             allowed.key,
             f"clump {body[index]} at {_point(particles.position[body[index]])} m",
-            f"one of its spheres reaches {_percent(depth[index, axis])} of its diameter into the "
-            f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]} wall, {allowed}",
+            f"one of its spheres reaches {_percent(part)} of its diameter into the {sides} wall, {allowed}",
             allowed.move,
         )
     worst, *pair = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic, body=body)

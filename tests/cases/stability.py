@@ -19,6 +19,7 @@ from jax import Array
 
 import jaxdem
 from jaxdem.fluid.interval import VISCOUS_LIMIT, VISCOUS_STABLE
+from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, kinetic_energy
 from jaxdem.particles.loop import contact_interval
@@ -214,18 +215,13 @@ def _growth(key: str, simulation: Simulation) -> Callable[..., Array]:
         particles = state.particles
         around = surroundings(parameters.contact, simulation.wall_velocity(parameters, jnp.zeros(())))
         args = (around, parameters.bodies)
-        sums, _ = contact_forces(
-            interval.model,
-            *args,
-            Motion.of(
-                particles._replace(
-                    velocity=jnp.zeros_like(particles.velocity),
-                    angular_velocity=jnp.zeros_like(particles.angular_velocity),
-                )
-            ),
-            neighbors,
-            jnp.zeros(()),
+        rest = Motion.of(
+            particles._replace(
+                velocity=jnp.zeros_like(particles.velocity),
+                angular_velocity=jnp.zeros_like(particles.angular_velocity),
+            )
         )
+        sums, _ = contact_forces(ContactStep(interval.model, *args, rest, rest.velocity, jnp.zeros(())), neighbors)
         # A constant force on every particle holds the arrangement: what is tried is whether it rests stably.
         holding = -jnp.stack(sums.force, axis=1)
         start = particles._replace(contact_force=-holding)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxdem.particles.contact import HertzMindlin
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.loop import contact_interval
@@ -169,10 +170,12 @@ def advance(scene: World, time_step, steps: int, reversible: bool = False) -> Wo
 def forces(scene: World, time_step=0.0):
     """Contact force (N, D) and torque (N, A) where the particles stand, by the list of the scene."""
     motion = Motion.of(scene.state)
-    sums, _ = contact_forces(
-        scene.interval.model, surroundings(scene.constants, scene.wall_velocity), scene.properties,
-        motion, scene.neighbors, jnp.asarray(time_step, motion.position[0].dtype),
-    )  # fmt: skip
+    around, duration = (
+        surroundings(scene.constants, scene.wall_velocity),
+        jnp.asarray(time_step, motion.position[0].dtype),
+    )
+    step = ContactStep(scene.interval.model, around, scene.properties, motion, motion.velocity, duration)
+    sums, _ = contact_forces(step, scene.neighbors)
     return jnp.stack(sums.force, axis=1), jnp.stack(sums.torque, axis=1)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.jax_md_list import listed_by_jax_md
@@ -82,8 +83,10 @@ def kernel(interval):
 
     def sums(constants_, wall_velocity, properties, state, neighbors):
         around = surroundings(constants_, wall_velocity)
-        step = jnp.asarray(1e-5, state.position.dtype)
-        return contact_forces(interval.model, around, properties, Motion.of(state), neighbors, step)[0]
+        motion, step = Motion.of(state), jnp.asarray(1e-5, state.position.dtype)
+        return contact_forces(
+            ContactStep(interval.model, around, properties, motion, motion.velocity, step), neighbors
+        )[0]
 
     return jax.jit(sums)
 

@@ -12,6 +12,7 @@ import jaxdem
 from jaxdem.errors import InputError
 from jaxdem.observables.walls import measuring_walls
 from jaxdem.particles import mesh_forces
+from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion
 from jaxdem.particles.materials import surroundings
@@ -144,7 +145,8 @@ def held(path, places, **given):
             motion.position, motion.low, case.parameters.bodies.radius, room, jnp.zeros((), bool), None,
             case.parameters.meshes,
         )  # fmt: skip
-        sums, _ = contact_forces(model, around, case.parameters.bodies, motion, listed, jnp.asarray(1e-5))
+        step = ContactStep(model, around, case.parameters.bodies, motion, motion.velocity, jnp.asarray(1e-5))
+        sums, _ = contact_forces(step, listed)
         return jnp.stack(sums.force, axis=1)[0], listed.overflow
 
     room = case.simulation.room(case.parameters, state.particles)
