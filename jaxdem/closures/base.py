@@ -24,8 +24,8 @@ class DragInputs(NamedTuple):
         pressure_gradient: (N, D) gradient of the reduced pressure at the particle [Pa/m].
         diameter: () or (N,) [m].
         filter_size: () width of the averaging that made the fluid fields, the cell size [m].
-        fluid_density: () [kg/m3].
-        dynamic_viscosity: () [Pa s].
+        fluid_density: () or, of two fluids, (N,) [kg/m3].
+        dynamic_viscosity: () or, of two fluids, (N,) [Pa s].
     """
 
     particle_velocity: Array

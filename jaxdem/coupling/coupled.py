@@ -22,7 +22,6 @@ from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval, diagnostics
-from jaxdem.fluid.projection import pressure_slope
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
 from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column, centres_in_box
@@ -156,8 +155,8 @@ class Coupling:
         grid, cut = solver.grid, properties.cut
         weights = self.weights(mixture, particles)
         solids = solid_fraction(grid, weights, bodies.volume, cut)
-        slope = seen_slope(pressure_slope(grid, solver.boundary, fluid, continued=True), cut)
-        fields = MeshFields(fluid.face_velocity, slope, solids)
+        slope = seen_slope(solver.slope_at_particles(properties, fluid), cut)
+        fields = MeshFields(fluid.face_velocity, slope, solids, fluid.liquid_fraction)
         inputs = drag_inputs(grid, weights, fields, particles.velocity, bodies, properties)
         sampled = SampledFluid(weights, solids, inputs, inputs)
         start = self.start(mixture, fluid, particles, sampled)

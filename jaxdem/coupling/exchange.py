@@ -38,7 +38,6 @@ from jaxdem.fluid.interval import (
     Substeps,
     solver_record,
 )
-from jaxdem.fluid.projection import pressure_slope
 from jaxdem.numerics.blocks import total as total_of
 from jaxdem.particles.integrate import as_column
 
@@ -382,8 +381,8 @@ class Exchange:
 
     def _pressure_impulse(self, fluid: FluidState) -> Array:
         """(N, D) -t V grad p [kg m/s]."""
-        slope = pressure_slope(self.start.grid, self.interval.solver.boundary, fluid, continued=True)
-        slope = seen_slope(slope, self.start.properties.cut)
+        properties = self.start.properties
+        slope = seen_slope(self.interval.solver.slope_at_particles(properties, fluid), properties.cut)
         volume = as_column(self.start.bodies.volume)
         return -self.substeps.step * volume * interpolate_faces(self.start.weights, slope)
 

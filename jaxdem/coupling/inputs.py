@@ -12,6 +12,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights, interpolate
 from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, gradient, second_differences
+from jaxdem.fluid.second_fluid import fluidity, mixture_density
 from jaxdem.particles.integrate import ParticleProperties
 
 
@@ -22,11 +23,13 @@ class MeshFields(NamedTuple):
         face_velocity: interstitial, on the faces [m/s].
         pressure_gradient: of the reduced pressure, on the faces [Pa/m].
         solid_fraction: on the cells [-].
+        liquid_fraction: on the cells, of two fluids; None of one [-].
     """
 
     face_velocity: FaceField
     pressure_gradient: FaceField
     solid_fraction: Array
+    liquid_fraction: Array | None = None
 
 
 def drag_inputs(
@@ -39,6 +42,9 @@ def drag_inputs(
 ) -> DragInputs:
     """Fluid fields at the particles, interpolated all at once.
 
+    Of two fluids a particle feels the density and the viscosity of the content of cells that has the liquid fraction at
+    the particle, see `second_fluid`.
+
     Args:
         grid: the grid.
         weights: of the N particles.
@@ -47,10 +53,17 @@ def drag_inputs(
         bodies: size of the particles.
         properties: of the fluid.
     """
-    velocity, slope, solids = fields
-    in_cells = (cell_average(velocity), cell_average(gradient(grid, -solids)), cell_average(slope), (solids,))
+    velocity, slope, solids, liquid = fields
+    of_liquid = () if liquid is None else (liquid,)
+    gaps = cell_average(gradient(grid, -solids))
+    in_cells = (cell_average(velocity), gaps, cell_average(slope), (solids, *of_liquid))
     sampled = interpolate(weights, tuple(itertools.chain(*in_cells)))
     d = grid.dimension
+    density, viscosity = properties.density, properties.density * properties.viscosity
+    if properties.second is not None and liquid is not None:
+        there = jnp.clip(sampled[:, 3 * d + 1], 0.0, 1.0)
+        viscosity = 1.0 / fluidity(properties.second, density, properties.viscosity, there)
+        density = mixture_density(properties.second, density, there)
     return DragInputs(
         particle_velocity=particle_velocity,
         fluid_velocity=sampled[:, :d],
@@ -59,8 +72,8 @@ def drag_inputs(
         pressure_gradient=sampled[:, 2 * d : 3 * d],
         diameter=2.0 * bodies.grain_radius,
         filter_size=jnp.asarray(grid.filter_size, sampled.dtype),
-        fluid_density=properties.density,
-        dynamic_viscosity=properties.density * properties.viscosity,
+        fluid_density=density,
+        dynamic_viscosity=viscosity,
     )
 
 

@@ -13,9 +13,10 @@ from jax import Array, lax
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
-from jaxdem.fluid.grid import FaceField, Grid, along
+from jaxdem.fluid.grid import FaceField, Grid, along, face_average
 from jaxdem.fluid.mesh import at_side, of_slab
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.volume_of_fluid import surface_courant
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks, any_of, largest
 from jaxdem.numerics.static import static
@@ -218,7 +219,13 @@ class FluidInterval:
                 beside = jnp.where(of_slab(grid, coverage(grid, side) > 0.0), beside, 1.0)
                 inflow = inflow / jnp.min(at_side(grid, side.axis, side.upper, beside, 1.0))
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
-        return jnp.sum(largest(grid.blocks, jnp.stack(speeds)))
+        rate = jnp.sum(largest(grid.blocks, jnp.stack(speeds)))
+        if state.liquid_fraction is None or state.void_fraction is None:
+            return rate
+        # The surface moves by the volumes that pass a cell, over what its grains leave of it.
+        gaps = face_average(grid, state.void_fraction)
+        flux = tuple(g * u for g, u in zip(gaps, state.face_velocity, strict=True))
+        return jnp.maximum(rate, surface_courant(grid, flux, jnp.ones_like(rate), state.void_fraction))
 
     def _viscous_rate(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
         """Viscosity number of the whole interval [-]."""

@@ -269,6 +269,11 @@ class FluidSolver:
             largest = largest + box_largest(self.grid, subgrid_diffusivity(self.grid, flow)) / lowest
         return largest
 
+    def slope_at_particles(self, properties: FluidProperties, state: FluidState) -> FaceField:
+        """Gradient of the reduced pressure as particles see it, on the faces: beside closed sides that of the nearest
+        inner face [Pa/m]."""
+        return pressure_slope(self.grid, self.boundary, state, continued=True)
+
     def _mixing_length(self, properties: FluidProperties, void_fraction: Array | None) -> Array | None:
         """Of the eddy viscosity, () or in the cells [m]; None without one."""
         if properties.bed_mixing is not None:

@@ -146,6 +146,13 @@ class TwoFluidSolver(FluidSolver):
         there = fluidity(second, properties.density, properties.viscosity, fraction)
         return largest_diffusivity(self.grid, there, density)
 
+    def slope_at_particles(self, properties: FluidProperties, state: FluidState) -> FaceField:
+        """See `FluidSolver.slope_at_particles`; at an outlet with the pressure of the fluids beyond it."""
+        second = required(properties.second, "second of the fluid")
+        gravity = required(properties.gravity, "gravity of the fluid")
+        slope = super().slope_at_particles(properties, state)
+        return with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope)
+
     def _growth(self, state: FluidState, void_fraction: Array | None, time_step: Array) -> Array | float:
         """d(g)/dt, whose mean in a closed box is rounding [1/s]."""
         if void_fraction is None:

@@ -29,7 +29,7 @@ from jaxdem.scene.population import check_exits, completed_inlets
 from jaxdem.scene.probe_places import ProbePlace, completed_probes
 from jaxdem.scene.probes import Probe
 from jaxdem.scene.start import Start
-from jaxdem.scene.surface import Surface, check_surface
+from jaxdem.scene.surface import Surface, check_surface, of_one_fluid
 from jaxdem.scene.walls import Wall, check_walls
 
 
@@ -206,12 +206,13 @@ def completed(scene: Scene) -> Scene:
 def _check_surface(scene: Scene) -> None:
     """Refuses a second fluid that does not fit the rest of the scene."""
     walls = [f"walls.{k}" for k, wall in enumerate(scene.walls) if wall.seen_by_fluid]
-    others = {
-        "particles": (scene.particles is not None, "...", "grains do not feel the surface yet"),
+    others: dict[str, tuple[bool, object, str]] = {
         "heat": (scene.heat is not None, "...", "temperatures do not see the surface"),
         "scalars": (bool(scene.scalars), f"{len(scene.scalars)} tables", "they do not see the surface"),
         f"{walls[0]}.fluid" if walls else "walls": (bool(walls), "...", "walls within the mesh of the fluid do not"),
     }
+    if scene.particles is not None:
+        others |= of_one_fluid(scene.coupling or Coupling(), scene.contact, scene.output.samples)
     goes_on = scene.start is not None and scene.start.fluid == "keep"
     check_surface(scene.surface, scene.fluid, scene.domain, scene.boundary, others, goes_on)
 
@@ -247,7 +248,7 @@ def _check_bonds(scene: Scene) -> None:
     settled = scene.start is None and any(pack.kind == "settled" for pack in particles.packs)
     before = "bonds are made before it has settled; settle it in a stage of its own, and bond in the next"
     parcels = "there is no rule for the strength of a parcel"
-    others = {
+    others: dict[str, tuple[bool, object, str]] = {
         "particles.coarse_grain": (particles.coarse_grain != 1.0, particles.coarse_grain, parcels),
         "particles.pack.kind": (settled, "settled", before),
     }

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from jaxdem.errors import InputError
 from jaxdem.scene.base import Finite, NonNegative, Positive, Section, Tables
 from jaxdem.scene.boundary import BoundarySide
+from jaxdem.scene.contact import Contact
+from jaxdem.scene.coupling import Coupling
 from jaxdem.scene.domain import Domain
 from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.regions import Region
@@ -71,6 +73,27 @@ def check_surface(
     _check_fluid(surface, fluid)
     _check_place(surface, domain, goes_on)
     _check_sides(domain, boundary)
+
+
+def of_one_fluid(coupling: Coupling, contact: Contact | None, samples: float) -> dict[str, tuple[bool, object, str]]:
+    """Models of grains that know one density and one viscosity of the fluid: by key, whether there is one, its value,
+    and why; for `check_surface`."""
+    lubrication = None if contact is None else contact.lubrication
+    reason = "it knows the density and viscosity of one fluid alone"
+    without: dict[str, tuple[bool, object, str]] = {
+        f"coupling.{name}": (bool(getattr(coupling, name)), getattr(coupling, name), reason)
+        for name in ("lift", "rotational_drag", "virtual_mass", "basset")
+    }
+    coarse = coupling.drag_inputs_coarsened
+    return without | {
+        "coupling.drag_inputs_coarsened": (coarse > 1, coarse, "the coarser mesh has no surface"),
+        "contact.lubrication.viscosity": (
+            lubrication is not None and lubrication.viscosity is None,
+            None,
+            "the gaps would be full of liquid above the surface too; give the viscosity of what is in them",
+        ),
+        "output.samples": (samples > 0.0, samples, "a sample of the drag law is of one fluid"),
+    }
 
 
 def _check_fluid(surface: Surface, fluid: Fluid) -> None:

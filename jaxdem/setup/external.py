@@ -45,6 +45,9 @@ def external_fluid(
     ):
         if value not in known:
             raise InputError(name, value, f"is none of {' and '.join(known)}", "use one of them")
+    if scene.surface is not None:
+        limit = "is of a fluid that jaxdem solves, and this one is not"
+        raise InputError("surface", "...", limit, "remove [surface]")
     if scene.heat is not None or scene.scalars:
         key = "heat" if scene.heat is not None else "scalars"
         raise InputError(key, "...", "needs the fluid of jaxdem, which carries it", f"remove [{key}]")

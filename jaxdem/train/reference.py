@@ -199,6 +199,8 @@ def _check_scene(scene: Scene, closures: Closures) -> None:
     coupling = scene.coupling
     if scene.particles is None or scene.fluid is None or coupling is None:
         raise InputError("SCENE", "", "needs both [particles] and [fluid]", "Give the coarse scene of a coupled run.")
+    if scene.surface is not None:
+        raise InputError("surface", "...", "a training does not follow two fluids", "Remove [surface].")
     if scene.heat is not None or scene.scalars:
         key = "heat" if scene.heat is not None else "scalars"
         raise InputError(key, "...", "a training does not follow temperatures and scalars", f"Remove [{key}].")
