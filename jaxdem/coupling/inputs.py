@@ -55,26 +55,32 @@ def drag_inputs(
     """
     velocity, slope, solids, liquid = fields
     of_liquid = () if liquid is None else (liquid,)
-    gaps = cell_average(gradient(grid, -solids))
-    in_cells = (cell_average(velocity), gaps, cell_average(slope), (solids, *of_liquid))
+    of_gaps = (solids, *of_liquid)
+    in_cells = (cell_average(velocity), cell_average(gradient(grid, -solids)), cell_average(slope), of_gaps)
     sampled = interpolate(weights, tuple(itertools.chain(*in_cells)))
     d = grid.dimension
-    density, viscosity = properties.density, properties.density * properties.viscosity
-    if properties.second is not None and liquid is not None:
-        there = jnp.clip(sampled[:, 3 * d + 1], 0.0, 1.0)
-        viscosity = 1.0 / fluidity(properties.second, density, properties.viscosity, there)
-        density = mixture_density(properties.second, density, there)
+    at_particles = None if liquid is None else sampled[:, 3 * d + 1]
     return DragInputs(
-        particle_velocity=particle_velocity,
-        fluid_velocity=sampled[:, :d],
-        solid_fraction=sampled[:, 3 * d],
-        void_fraction_gradient=sampled[:, d : 2 * d],
-        pressure_gradient=sampled[:, 2 * d : 3 * d],
-        diameter=2.0 * bodies.grain_radius,
-        filter_size=jnp.asarray(grid.filter_size, sampled.dtype),
-        fluid_density=density,
-        dynamic_viscosity=viscosity,
+        particle_velocity,
+        sampled[:, :d],
+        sampled[:, 3 * d],
+        sampled[:, d : 2 * d],
+        sampled[:, 2 * d : 3 * d],
+        2.0 * bodies.grain_radius,
+        jnp.asarray(grid.filter_size, sampled.dtype),
+        *_density_and_viscosity(properties, at_particles),
     )
+
+
+def _density_and_viscosity(properties: FluidProperties, liquid: Array | None) -> tuple[Array, Array]:
+    """Density [kg/m3] and dynamic viscosity [Pa s] of the fluid; (N,) of two fluids, by the liquid fraction at the
+    particles."""
+    second = properties.second
+    if second is None or liquid is None:
+        return properties.density, properties.density * properties.viscosity
+    there = jnp.clip(liquid, 0.0, 1.0)
+    density = mixture_density(second, properties.density, there)
+    return density, 1.0 / fluidity(second, properties.density, properties.viscosity, there)
 
 
 def deconvolved(

@@ -1,4 +1,4 @@
-"""Grains in two fluids: speeds and buoyancy on either side of the surface, rest, momentum and volume of three phases."""
+"""Grains in two fluids: speeds and buoyancy beside the surface, rest, momentum and volume of three phases."""
 
 import functools
 
