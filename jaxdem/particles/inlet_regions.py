@@ -1,12 +1,14 @@
 """Where the particles of an inlet may come in: parts of space from which points are drawn evenly.
 
 Points in a disc, a ball and a cylinder are drawn by the inverse of their distribution, so that every one is inside.
-Those of a polygon are drawn in the rectangle round it, and the ones outside do not count.
+Those of a polygon are drawn in the rectangle round it, and the ones outside do not count. Other parts of space, such as
+the inside of a mesh, are cubes.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Protocol
 
 import jax.numpy as jnp
@@ -115,3 +117,56 @@ class Prism:
             gap = (x - ax - part * (bx - ax)) ** 2 + (z - az - part * (bz - az)) ** 2
             clear &= gap >= own**2
         return points, inside & clear
+
+
+@static
+class Cubes:
+    """Cubes of a lattice, in which a centre may lie.
+
+    Attributes:
+        origin: corner of the lattice [m].
+        edge: of a cube [m].
+        counts: cubes of the lattice along each axis.
+        chosen: numbers of the cubes in the lattice, the last axis first; int32 as bytes, which compare at once.
+    """
+
+    origin: tuple[float, ...]
+    edge: float
+    counts: tuple[int, ...]
+    chosen: bytes
+
+    @property
+    def number(self) -> np.ndarray:
+        """(K,) int32."""
+        return np.frombuffer(self.chosen, np.int32)
+
+    def places(self, u: Array, own: Array) -> tuple[Array, Array]:
+        """See `InletRegion`. What the first random number leaves within its cube is the place in it along the axis."""
+        dimension, count = len(self.origin), len(self.number)
+        drawn = u[:, 0] * count
+        row = jnp.minimum(drawn.astype(jnp.int32), count - 1)
+        cell = jnp.stack(jnp.unravel_index(jnp.asarray(self.number)[row], self.counts), axis=1)
+        within = jnp.concatenate([(drawn - row)[:, None], u[:, 1:dimension]], axis=1)
+        points = jnp.asarray(self.origin, u.dtype)[None] + self.edge * (cell.astype(u.dtype) + within)
+        return points, jnp.ones(len(u), bool)
+
+
+def cubes_in(
+    inside: Callable[[np.ndarray, float], np.ndarray], bounds: tuple[np.ndarray, np.ndarray], edge: float, own: float
+) -> Cubes | None:
+    """The cubes of a lattice whose every point is so far inside as a particle is large; None without. Host.
+
+    Args:
+        inside: which of points (N, D) lie so far inside [m].
+        bounds: corners of the box around the part of space [m].
+        edge: of a cube [m].
+        own: radius of the particle [m].
+    """
+    low, high = bounds
+    counts = np.maximum(np.ceil((high - low) / edge).astype(int), 1)
+    middles = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in counts), indexing="ij"), axis=-1).reshape(-1, len(low))
+    fits = inside(low + edge * middles, own + 0.5 * edge * math.sqrt(len(low)))
+    chosen = np.flatnonzero(fits).astype(np.int32)
+    if not len(chosen):
+        return None
+    return Cubes(tuple(low.tolist()), edge, tuple(counts.tolist()), chosen.tobytes())

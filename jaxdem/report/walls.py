@@ -22,7 +22,8 @@ from jaxdem.io.wall_file import read_walls
 from jaxdem.report.runs import Array, lookup
 from jaxdem.solids.defects import defects_of
 from jaxdem.solids.inside import inside
-from jaxdem.solids.surface_mesh import SurfaceMesh
+from jaxdem.solids.mesh_files import triangles_of
+from jaxdem.solids.surface_mesh import SurfaceMesh, rotation_of
 
 RESOLUTION = {2: 400, 3: 200}
 """Points along the longer side of a picture, by dimension."""
@@ -227,16 +228,27 @@ def openings(scene: Mapping[str, Any], box: Sequence[float]) -> list[Opening]:
         kind = side.get("kind")
         if kind in (INLET, OUTLET) or side.get("particles") == "remove":
             found.append(_patch(INLET if kind == INLET else OUTLET, name, side, (box[0], box[-1])))
-    regions = lookup(scene, "particles.inlet", ())
-    found += [Opening(INLET, *((corner[0], corner[-1]) for corner in _ends(inlet))) for inlet in regions]
+    for inlet in lookup(scene, "particles.inlet", ()):
+        ends = _ends(inlet)
+        if ends is not None:
+            found.append(Opening(INLET, *((corner[0], corner[-1]) for corner in ends)))
     return found
 
 
-def _ends(inlet: Mapping[str, Any]) -> tuple[Sequence[float], Sequence[float]]:
-    """Lower and upper corner of the box round an inlet of particles [m]."""
+def _ends(inlet: Mapping[str, Any]) -> tuple[Sequence[float], Sequence[float]] | None:
+    """Lower and upper corner of the box round an inlet of particles [m]; None where the file of its mesh has gone."""
     region = inlet.get("region")
     if region is None:
         return inlet["start"], inlet["stop"]
+    if region["shape"] == "mesh":
+        try:
+            mesh = triangles_of(region["file"])
+        except (OSError, ValueError):
+            return None
+        turn, shift = rotation_of(region.get("rotate"), 3), region.get("translate", (0.0, 0.0, 0.0))
+        low, high = mesh.placed(region.get("scale", 1.0), turn, shift).bounds
+        cut = np.maximum(low, region.get("start", low)), np.minimum(high, region.get("stop", high))
+        return cut[0].tolist(), cut[1].tolist()
     if region["shape"] == "polygon":
         corners = np.asarray(region["vertices"])
         return corners.min(axis=0).tolist(), corners.max(axis=0).tolist()

@@ -107,6 +107,7 @@ def _file_keys(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, st
     for number, bond in enumerate(bonds if isinstance(bonds, list) else ()):
         if isinstance(bond, dict):
             yield bond, "pairs", f"bonds.{number}.pairs"
+    yield from _files_of_regions(tables)
     particles = tables.get("particles")
     shapes = particles.get("shapes") if isinstance(particles, dict) else None
     for number, shape in enumerate(shapes if isinstance(shapes, list) else ()):
@@ -116,6 +117,29 @@ def _file_keys(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, st
     added = start.get("add") if isinstance(start, dict) else None
     if isinstance(added, dict):
         yield from ((holder, key, f"start.add{dotted[9:]}") for holder, key, dotted in _file_keys({"particles": added}))
+
+
+def _files_of_regions(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str]]:
+    """As `_file_keys`, of the regions that are meshes."""
+    held: list[tuple[str, Any]] = []
+    for table, names in (("particles", ("pack", "inlet")), ("bonds", ())):
+        holder = tables.get(table)
+        if isinstance(holder, list):
+            held.append((table, holder))
+        elif isinstance(holder, dict):
+            held += [(f"{table}.{name}", holder.get(name)) for name in names]
+    for key, values in held:
+        several = values if isinstance(values, list) else [values]
+        for number, one in enumerate(several):
+            region = one.get("region") if isinstance(one, dict) else None
+            if isinstance(region, dict):
+                where = f"{key}.{number}" if isinstance(values, list) else key
+                yield region, "file", f"{where}.region.file"
+    start = tables.get("start")
+    removed = start.get("remove") if isinstance(start, dict) else None
+    for number, region in enumerate(removed if isinstance(removed, list) else ()):
+        if isinstance(region, dict):
+            yield region, "file", f"start.remove.{number}.file"
 
 
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:

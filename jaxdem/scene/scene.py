@@ -115,7 +115,15 @@ class Scene(Section):
     def content(self) -> str:
         """A fingerprint of the files that the first state is read from and that are not in the parameters."""
         own = "" if self.particles is None else self.particles.digest(self.dimension)
-        return "\n".join(text for text in (own, bonds_digest(self.bonds)) if text)
+        return "\n".join(text for text in (own, bonds_digest(self.bonds), self._regions_digest) if text)
+
+    @property
+    def _regions_digest(self) -> str:
+        """A fingerprint of the files of regions; empty without."""
+        inlets, packs = ((), ()) if self.particles is None else (self.particles.inlet, self.particles.packs)
+        held = [one.region for one in packs] + [one.region for one in inlets] + [one.region for one in self.bonds]
+        held += self.start.remove if self.start else ()
+        return " ".join(region.digest for region in held if region is not None and region.file is not None)
 
     @field_validator("boundary", mode="before")
     @classmethod

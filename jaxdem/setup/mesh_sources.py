@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from jaxdem.setup.mesh_tables import hull_of
 from jaxdem.solids.defects import Defects, defects_of, mended
 from jaxdem.solids.mesh_files import DRAWINGS, HEIGHTS, MESHES, drawing, polyline, surface_of_heights, triangles_of
 from jaxdem.solids.motion_tables import placement_of
-from jaxdem.solids.surface_mesh import SurfaceMesh
+from jaxdem.solids.surface_mesh import SurfaceMesh, rotation_of
 
 LARGEST, SMALLEST = 100.0, 0.001
 """Extents over that of the box at which a mesh is taken to have another unit [-]."""
@@ -47,7 +46,7 @@ def _read(key: str, wall: Wall, dimension: int) -> SurfaceMesh:
         mesh = polyline(wall.points, bool(wall.closed))
     else:
         mesh = _from_file(key, str(wall.file), wall, dimension)
-    return mesh.placed(wall.scale or 1.0, _rotation(wall.rotate, dimension), wall.translate or (0.0,) * dimension)
+    return mesh.placed(wall.scale or 1.0, rotation_of(wall.rotate, dimension), wall.translate or (0.0,) * dimension)
 
 
 def _from_file(key: str, file: str, wall: Wall, dimension: int) -> SurfaceMesh:
@@ -68,18 +67,6 @@ def _from_file(key: str, file: str, wall: Wall, dimension: int) -> SurfaceMesh:
     except ValueError as error:
         remedy = "give a sound file, or correct the keys of this wall"
         raise InputError(f"{key}.file", file, str(error), remedy) from None
-
-
-def _rotation(angles: tuple[float, ...] | None, dimension: int) -> np.ndarray:
-    """(D, D) of angles about x, y and z in this order, in 2-D of one angle [degrees]."""
-    found = np.eye(dimension)
-    for axis, angle in enumerate(angles or ()):
-        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-        first, second = (0, 1) if dimension == 2 else [(1, 2), (2, 0), (0, 1)][axis]
-        turn = np.eye(dimension)
-        turn[[first, second, first, second], [first, second, second, first]] = c, c, -s, s
-        found = turn @ found
-    return found
 
 
 def _checked(key: str, wall: Wall, mesh: SurfaceMesh) -> tuple[SurfaceMesh, Defects]:

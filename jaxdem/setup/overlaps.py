@@ -284,7 +284,8 @@ def check_inlets_beside_meshes(particles: ParticleSetup, placed: tuple[Placement
     drawn = np.random.default_rng(0).uniform(size=(4096, particles.scene.dimension))
     for k, inlet in enumerate(particles.table.inlet):
         key, corners = f"particles.inlet.{k}", (inlet.start or (), inlet.stop or ())
-        space = None if inlet.region is None else inlet_space(key, inlet.region, particles.scene.box)
+        largest = float(np.max(particles.bodies.radius, initial=0.0))
+        space = None if inlet.region is None else inlet_space(key, inlet.region, particles.scene.box, largest)
         if space is not None:
             corners = space.bounds
         places = np.asarray(corners[0]) + drawn * np.subtract(corners[1], corners[0])

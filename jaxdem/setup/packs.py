@@ -91,7 +91,8 @@ class PackSetup:
         pack, box = self.pack, self.scene.box
         closed = box if pack.kind == "grown" else Box(box.size, (False,) * len(box.size))
         if pack.region is not None:
-            found = region_space(f"{self.key}.region", pack.region, closed)
+            largest = radius_range(self.table)[1] * outer_factor(self.table, self.scene.dimension)
+            found = region_space(f"{self.key}.region", pack.region, closed, largest)
             require_in_box(f"{self.key}.region", found, box)
             return found
         if pack.kind == "polygon":

@@ -10,12 +10,13 @@ from jaxdem.errors import InputError
 from jaxdem.particles import regions
 from jaxdem.scene.domain import Box
 from jaxdem.scene.regions import Region
+from jaxdem.setup.mesh_regions import inside_of_mesh
 
 WHOLE = 1e-9
 """Of a side of the box, by which a region that spans it may differ from it."""
 
 
-def region_space(key: str, region: Region, box: Box) -> regions.Region:
+def region_space(key: str, region: Region, box: Box, depth: float = 0.0) -> regions.Region:
     """The part of space that a region of a scene is.
 
     One that spans a periodic axis from end to end goes round the box there and has no boundary: a box, a polygon in
@@ -25,14 +26,19 @@ def region_space(key: str, region: Region, box: Box) -> regions.Region:
         key: of the region in the scene, for the messages.
         region: of the scene.
         box: of the scene.
+        depth: up to which distances within the inside of a mesh must be exact: the radius of the largest particle [m].
 
     Raises:
-        InputError: it has no meaning in this box, lies outside of it, or edges of a polygon cross.
+        InputError: it has no meaning in this box, lies outside of it, edges of a polygon cross, or a mesh encloses
+            nothing.
     """
-    if region.shape == "cylinder" and len(box.size) == 2:
-        remedy = 'use a disc (shape = "sphere") or a box'
-        raise InputError(f"{key}.shape", "cylinder", "is for 3-D scenes only", remedy)
-    space = _polygon(key, region, box) if region.vertices is not None else _other(region, box)
+    solid = {"cylinder": 'use a disc (shape = "sphere") or a box', "mesh": 'use shape = "polygon"'}
+    if region.shape in solid and len(box.size) == 2:
+        raise InputError(f"{key}.shape", region.shape, "is for 3-D scenes only", solid[region.shape])
+    if region.file is not None:
+        space = inside_of_mesh(key, region, region.file, box, depth)
+    else:
+        space = _polygon(key, region, box) if region.vertices is not None else _other(region, box)
     low, high = (np.asarray(corner) for corner in space.bounds)
     if (high <= 0.0).any() or (low >= np.asarray(box.size)).any():
         limit = f"lies wholly outside of the box, 0 ... {box.size} m"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -116,3 +117,15 @@ class SurfaceMesh:
             same = np.sort(mesh.cells, axis=1)
             mesh = mesh.only(np.sort(np.unique(same, axis=0, return_index=True)[1]))
         return mesh
+
+
+def rotation_of(angles: Sequence[float] | None, dimension: int) -> np.ndarray:
+    """(D, D) of angles about x, y and z in this order, in 2-D of one angle [degrees]."""
+    found = np.eye(dimension)
+    for axis, angle in enumerate(angles or ()):
+        c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+        first, second = (0, 1) if dimension == 2 else [(1, 2), (2, 0), (0, 1)][axis]
+        turn = np.eye(dimension)
+        turn[[first, second, first, second], [first, second, second, first]] = c, c, -s, s
+        found = turn @ found
+    return found

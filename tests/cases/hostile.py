@@ -363,11 +363,14 @@ MOVING: Tables = {
 
 MESHES: Tables = {
     "domain": {"size": [0.12, 0.12, 0.25]},
-    "particles": {"radius": 0.004, "density": 2650.0, "position": [[0.06, 0.06, 0.1], [0.06, 0.05, 0.12]]},
+    "particles": {"radius": 0.004, "density": 2650.0, "pack": {"kind": "lattice", "spacing": 1.5, "region": {
+        "shape": "mesh", "file": str(Path(__file__).parents[2] / "scenes" / "dosta_ball.stl"), "scale": 1.2,
+        "rotate": [0.0, 10.0, 0.0], "translate": [0.06, 0.06, 0.11], "start": [0.0, 0.0, 0.105],
+        "stop": [0.12, 0.12, 0.13]}}},
     "contact": {"young_modulus": 5e6, "speed": 3.0},
     "walls": [
-        {"kind": "mesh", "file": str(Path(__file__).parents[2] / "scenes" / "silo.stl"), "scale": 1.0,
-         "rotate": [0.0, 0.0, 10.0], "translate": [0.0, 0.0, 0.0], "touch": "both", "smooth_angle": 2.0,
+        {"kind": "mesh", "file": str(Path(__file__).parents[2] / "scenes" / "silo.stl"), "scale": 0.001,
+         "rotate": [0.0, 0.0, 10.0], "translate": [0.06, 0.06, 0.0], "touch": "both", "smooth_angle": 2.0,
          "repair": True, "closed": False, "wear": {"model": "archard", "coefficient": 1e-3, "hardness": 1e9}},
         {"kind": "mesh", "file": str(Path(__file__).parents[1] / "data" / "heights.csv"), "spacing": [0.06, 0.06],
          "touch": "front", "motion": [
@@ -375,7 +378,7 @@ MESHES: Tables = {
     ],
     "time": {"end": 0.02, "output_interval": 0.01},
 }  # fmt: skip
-"""Walls of triangles from a file, and a map of heights that turns."""
+"""Walls of triangles from a file, a map of heights that turns, and a pack inside of a mesh."""
 
 CYLINDER: Tables = {
     "domain": {"size": [0.4, 0.2]},
