@@ -16,24 +16,18 @@ from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.numerics import pair_arithmetic as pairs
-from jaxdem.numerics.blocks import Blocks, all_of, any_of, largest, total
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.compensated import Pair
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
-from jaxdem.particles.clump_forces import as_members
-from jaxdem.particles.contact_interval import ContactInterval, ContactMeans
-from jaxdem.particles.energy import StoredEnergy, stored_energy
-from jaxdem.particles.integrate import ParticleProperties, ParticleState
-from jaxdem.particles.materials import surroundings
+from jaxdem.particles.contact_interval import ContactInterval
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.moving_walls import WallMotions, placements
 from jaxdem.particles.neighbor_search import NeighborSearch
-from jaxdem.particles.neighbors import Neighbors, with_radius
-from jaxdem.particles.population import Entry, Population, renewed
-from jaxdem.particles.slab_population import renewed_in_slab
-from jaxdem.particles.walls_present import Buried, buried
+from jaxdem.particles.population import Population
 from jaxdem.scalars.scalars import Scalars
-from jaxdem.state import Parameters, ParticleDiagnostics, State
+from jaxdem.state import Parameters, State
 
 
 @static
@@ -119,7 +113,7 @@ class Structure:
         the factor on the drag where these change with time."""
         if self.gravity_times is None and self.drag_times is None:
             return parameters
-        begin, duration = self._start(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
+        begin, duration = self.time_after(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
         if self.gravity_times is not None:
             gravity = mean_over(self.gravity_times, parameters.gravity, begin, duration)
             parameters = parameters._replace(gravity=gravity)
@@ -140,11 +134,11 @@ class Structure:
 
     def time(self, parameters: Parameters, state: State) -> Array:
         """() simulated time of a state [s]."""
-        return self._start(parameters, state.step)
+        return self.time_after(parameters, state.step)
 
     def middle(self, parameters: Parameters, step: Array) -> Array:
         """() time in the middle of the interval that begins after `step` intervals [s]."""
-        return self._start(parameters, step) + 0.5 * jnp.asarray(self.interval, parameters.gravity.dtype)
+        return self.time_after(parameters, step) + 0.5 * jnp.asarray(self.interval, parameters.gravity.dtype)
 
     def wall_motions(self, parameters: Parameters, step: Array) -> WallMotions | None:
         """What the walls that move need in the interval that begins after `step` intervals; None where none does."""
@@ -168,7 +162,7 @@ class Structure:
         return placed[len(placed) - len(parameters.meshes) :]
 
     def _start_pair(self, parameters: Parameters, step: Array) -> Pair:
-        """`_start` as a pair, exact for whole numbers of steps up to 2^31."""
+        """`time_after` as a pair, exact for whole numbers of steps up to 2^31."""
         dtype = parameters.gravity.dtype
         done = step if self.clock is None else step - self.clock.step
         interval = pairs.as_pair(jnp.asarray(self.interval, dtype))
@@ -178,7 +172,8 @@ class Structure:
         time = pairs.total(first, second)
         return time if self.clock is None else pairs.total(time, pairs.pair_of(self.clock.start, dtype))
 
-    def _start(self, parameters: Parameters, step: Array) -> Array:
+    def time_after(self, parameters: Parameters, step: Array) -> Array:
+        """() simulated time after `step` intervals [s]."""
         if self.clock is not None:
             dtype = parameters.gravity.dtype
             return self.clock.start + (step - self.clock.step) * jnp.asarray(self.interval, dtype)
@@ -202,97 +197,11 @@ class Structure:
             velocities.append(velocity_at(side, given[number], time) if side.kind == "moving_wall" else still)
         return (*velocities, *(still,) * (len(model.surfaces) + len(model.meshes)))
 
-    def stored(
-        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
-    ) -> StoredEnergy:
-        """What is stored in the particles after `step` intervals."""
-        contact, bodies = required(self.contact, "particles"), required(parameters.bodies, "parameters.bodies")
-        parameters = self.during(parameters, jnp.maximum(step - 1, 0))
-        around = surroundings(parameters.materials, self.wall_velocity(parameters, self._start(parameters, step)))
-        around = around._replace(placements=self.placed(parameters, particles, step))
-        listed = with_radius(neighbors, bodies.radius)
-        return stored_energy(contact.model, around, bodies, parameters.gravity, particles, listed)
-
-    def buried(
-        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
-    ) -> Buried | None:
-        """Particles within walls as these come, after `step` intervals. None where all walls always are."""
-        contact = required(self.contact, "particles")
-        if contact.model.wall_times is None:
-            return None
-        middle, interval = self.middle(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
-        bodies, count = required(parameters.bodies, "parameters.bodies"), particles.position.shape[0]
-        placed = self.placed(parameters, particles, step)
-        spheres = as_members(particles, bodies.clumps)
-        return buried(contact, spheres, neighbors, bodies.spheres(count).radius, (middle, interval), placed)
-
     def surfaces_present(self, parameters: Parameters, step: Array) -> Array | None:
         """(W,) bool, the surfaces and meshes beside the sides of the box that are there in the interval after `step`
         others; None where all always are."""
         times = required(self.contact, "particles").model.wall_times
         return None if times is None else times.present(self.middle(parameters, step))
-
-    def renewed(
-        self, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
-    ) -> tuple[ParticleState, Neighbors]:
-        """Particles and list after those that leave and come at the end of interval number `step`."""
-        population, contact = required(self.population, "population"), required(self.contact, "particles")
-        times = contact.model.wall_times
-        placed = self.placed(parameters, particles, step)
-        present = None
-        if times is not None:
-            present = times.present(self.middle(parameters, step))[: len(contact.model.surfaces)]
-        bodies = required(parameters.bodies, "parameters.bodies")
-        if contact.division is None:
-            radius = neighbors.radius if bodies.clumps is None else bodies.outer_radius
-            entry = Entry(radius, parameters.inlet_velocity, present, placed)
-            return renewed(population, contact, entry, particles, neighbors, step)
-        entry = Entry(bodies.radius, parameters.inlet_velocity, present, placed)
-        return renewed_in_slab(population, contact, entry, particles, neighbors, step)
-
-    def particle_report(
-        self,
-        particles: ParticleState,
-        neighbors: Neighbors,
-        means: ContactMeans,
-        step: Array,
-        buried: Buried | None = None,
-        bodies: ParticleProperties | None = None,
-    ) -> ParticleDiagnostics:
-        """Flags and figures of the particles after `step` intervals; `buried` are those within a wall that came, and
-        `bodies` are needed of clumps, whose surface is faster than their centre."""
-        position, velocity = particles.position, particles.velocity
-        box, blocks = jnp.asarray(self.box, position.dtype), self.cut
-        outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(self.periodic)[None]
-        if particles.active is not None:
-            outside = outside & particles.active[:, None]
-        waiting = None
-        if self.population is not None and self.population.inlets:
-            waiting = self.population.waiting(required(particles.inserted, "inserted of the particles"), step)
-        squared = jnp.sum(velocity**2, axis=1)
-        if bodies is not None and bodies.clumps is not None:
-            turning = bodies.outer_radius * jnp.sqrt(jnp.sum(particles.angular_velocity**2, axis=1))
-            squared = (jnp.sqrt(squared) + turning) ** 2
-        finite = (
-            jnp.all(jnp.isfinite(position))
-            & jnp.all(jnp.isfinite(velocity))
-            & jnp.all(jnp.isfinite(particles.angular_velocity))
-        )
-        overflow = neighbors.overflow
-        if buried is not None and buried.crowded is not None:
-            overflow = overflow | buried.crowded
-        return ParticleDiagnostics(
-            means.collision_force,
-            neighbors.builds,
-            any_of(blocks, overflow),
-            all_of(blocks, finite),
-            total(blocks, jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32))),
-            largest(blocks, jnp.sqrt(jnp.max(squared, initial=0.0))),
-            waiting,
-            None if buried is None else total(blocks, jnp.sum(jnp.any(buried.found, axis=0).astype(jnp.int32))),
-            means.walls,
-            means.energy,
-        )
 
     @property
     def cut(self) -> Blocks | None:

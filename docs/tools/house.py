@@ -34,6 +34,7 @@ HOLDS = {
     "observables": "quantities of a state",
     "failures": "what can go wrong",
     "scalar_step": "scalars after an interval",
+    "particle_step": "particles in an interval",
     "structure": "which parts there are",
     "state": "State, Parameters, Diagnostics",
     "scalars": "temperature and other scalars",

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxdem.errors import required
 from jaxdem.failures import MEANING, Failure, first_flag
+from jaxdem.particle_step import buried_particles
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.walls_present import late_walls
 from jaxdem.simulation import Simulation
@@ -69,7 +70,7 @@ def _buried(simulation: Simulation, parameters: Parameters, before: State) -> tu
     """The first particle within a wall that comes, and which wall it is, in words."""
     contact, particles = required(simulation.contact, "particles"), required(before.particles, "particles")
     neighbors = simulation.allocate(parameters, particles)
-    buried = required(simulation.buried(parameters, particles, neighbors, before.step), "walls")
+    buried = required(buried_particles(simulation, parameters, particles, neighbors, before.step), "walls")
     found = np.asarray(buried.found)
     index = int(np.argmax(found.any(axis=0)))
     number = late_walls(contact.model)[int(np.argmax(found[:, index]))]

@@ -13,6 +13,7 @@ from typing import Any
 import jax
 
 import jaxdem
+from jaxdem.particle_step import stored as stored_in_particles
 from jaxdem.run.parts.energy import balance
 from tests.cases.cohesion import work_lost
 from tests.cases.registry import Figure, below, case, relative
@@ -59,7 +60,9 @@ def balance_of(tables: dict[str, Any], **extensions: Any) -> dict[str, Any]:
     simulation, parameters = jaxdem.build(scene, **extensions)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     steps = simulation.steps.intervals_per_output * simulation.steps.outputs
-    stored = jax.jit(lambda state, listed: simulation.stored(parameters, state.particles, listed, state.step))
+    stored = jax.jit(
+        lambda state, listed: stored_in_particles(simulation, parameters, state.particles, listed, state.step)
+    )
 
     @jax.jit
     def advance(state: Any, neighbors: Any) -> Any:

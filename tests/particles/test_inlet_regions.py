@@ -10,6 +10,7 @@ from scipy import stats
 
 import jaxdem
 from jaxdem.errors import InputError
+from jaxdem.particle_step import renewed_particles
 from jaxdem.particles import regions
 from jaxdem.particles.inlet_regions import Prism, Round, Tube
 from jaxdem.report.walls import openings
@@ -99,7 +100,7 @@ def test_the_rate_is_kept_and_particles_come_in_wholly_inside():
     assert jaxdem.load_scene(scene.tables()) == scene
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    renew = jax.jit(lambda p, n, k: simulation.renewed(parameters, p, n, k))
+    renew = jax.jit(lambda p, n, k: renewed_particles(simulation, parameters, p, n, k))
     particles, rates = state.particles, [400.0, 250.0, 300.0, 10.0]
     spaces = [regions.cylinder((0.3, 0.3, 0.7), (0, 0, 1), 0.1, 0.1), regions.ball((0.7, 0.3, 0.5), 0.1),
               regions.polygon([[0.1, 0.1], [0.4, 0.1], [0.1, 0.4]], (0.6, 0.8)),

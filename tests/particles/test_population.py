@@ -16,6 +16,7 @@ import jaxdem
 from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.errors import InputError
+from jaxdem.particle_step import renewed_particles
 from jaxdem.run.parts.population import particle_counts
 from jaxdem.run.time_loop import Interrupted
 from jaxdem.scene.particles import largest_radius
@@ -87,7 +88,7 @@ def test_check_says_who_comes_and_goes(sheet):
 
 
 def renewal(simulation, parameters):
-    return jax.jit(lambda p, n, k: simulation.renewed(parameters, p, n, k))
+    return jax.jit(lambda p, n, k: renewed_particles(simulation, parameters, p, n, k))
 
 
 def listed(neighbors, row):

@@ -10,6 +10,7 @@ from scipy import integrate, stats
 
 import jaxdem
 from jaxdem.errors import InputError
+from jaxdem.particle_step import renewed_particles
 from jaxdem.scene.distribution import Distribution
 from jaxdem.setup.distribution import radii
 from jaxdem.setup.particles import particle_setup
@@ -183,7 +184,7 @@ def test_a_crowded_inlet_keeps_the_law():
     tables = scene(count=None, pack=None, distribution=None, radius=1e-3, inlet=[inlet])
     simulation, parameters = jaxdem.build(tables)
     state, neighbors = jaxdem.initial_state(tables, simulation, parameters)
-    renew = jax.jit(lambda p, n, k: simulation.renewed(parameters, p, n, k))
+    renew = jax.jit(lambda p, n, k: renewed_particles(simulation, parameters, p, n, k))
     particles = state.particles
     for step in range(1, 3):
         particles, neighbors = renew(particles, neighbors, jnp.int32(step))

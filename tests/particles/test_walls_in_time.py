@@ -25,6 +25,7 @@ from jaxdem.failures import failures
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import Window
 from jaxdem.observables import contacts
+from jaxdem.particle_step import renewed_particles
 from jaxdem.particles.contact import ContactForce
 from jaxdem.particles.wall_times import WallInTime, WallTimes
 from jaxdem.run.time_loop import Interrupted
@@ -221,7 +222,7 @@ def test_an_inlet_finds_room_behind_a_wall_that_is_not_there():
     inlet = {"start": [0.1, 0.22], "stop": [0.3, 0.3], "rate": 200.0, "velocity": [0.0, -0.1], "radius": 0.01}
     particles = BOX["particles"] | {"radius": 0.01, "inlet": [inlet]}
     simulation, parameters, state, neighbors = start_of(tables(lid, particles=particles))
-    renew = jax.jit(lambda k: simulation.renewed(parameters, state.particles, neighbors, k)[0].inserted[0])
+    renew = jax.jit(lambda k: renewed_particles(simulation, parameters, state.particles, neighbors, k)[0].inserted[0])
     assert [int(renew(jnp.int32(k))) for k in (3, 4)] == [0, 4], "the interval after the fourth has no lid"
 
 

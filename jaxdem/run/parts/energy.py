@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from jaxdem.numerics.host import on_device
+from jaxdem.particle_step import stored as stored_in_particles
 from jaxdem.particles.energy import EnergyFlow, StoredEnergy
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.run.instant import Instant
@@ -69,7 +70,7 @@ def energy_now(case: Case, instant: Instant) -> tuple[float, ...]:
 
 
 def _stored(simulation: Any) -> Any:
-    return jax.jit(partial(type(simulation).stored, simulation))
+    return jax.jit(partial(stored_in_particles, simulation))
 
 
 def _of_motion(case: Case, particles: ParticleState, instant: Instant) -> tuple[float, ...]:

@@ -1,0 +1,179 @@
+"""The particles in an interval: their contact steps under gravity and the fluid's forces, and who leaves and comes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.coupling.exchange import FluidForces
+from jaxdem.errors import required
+from jaxdem.numerics.blocks import all_of, any_of, largest, total
+from jaxdem.particles.clump_forces import as_members
+from jaxdem.particles.contact_interval import ContactMeans
+from jaxdem.particles.energy import StoredEnergy, flow_of_interval, stored_energy
+from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column
+from jaxdem.particles.loop import contact_interval
+from jaxdem.particles.materials import surroundings
+from jaxdem.particles.neighbors import Neighbors, with_radius
+from jaxdem.particles.population import Entry, renewed
+from jaxdem.particles.slab_population import renewed_in_slab
+from jaxdem.particles.walls_present import Buried, buried, with_walls_present
+from jaxdem.state import Parameters, ParticleDiagnostics, State
+from jaxdem.structure import Structure
+
+
+class Moved(NamedTuple):
+    """What the contact steps of an interval come to.
+
+    Attributes:
+        before: the particles at the start, with the force of the fluid on them.
+        particles, neighbors, means: at the end.
+        bodies: that have moved, with the fluid that moves along.
+    """
+
+    before: ParticleState
+    particles: ParticleState
+    neighbors: Neighbors
+    means: ContactMeans
+    bodies: ParticleProperties
+
+
+def of_rows(parameters: Parameters, state: State) -> Parameters:
+    """The parameters with the bodies in the rows of the state."""
+    particles, bodies = required(state.particles, "state.particles"), required(parameters.bodies, "parameters.bodies")
+    return parameters._replace(bodies=bodies.of_rows(particles.identity))
+
+
+def moved_particles(
+    simulation: Structure, parameters: Parameters, state: State, neighbors: Neighbors, forces: FluidForces | None
+) -> Moved:
+    """The particles after the contact steps, under gravity and the mean fluid forces."""
+    contact, coupling = required(simulation.contact, "particles"), simulation.coupling
+    parameters, before = of_rows(parameters, state), required(state.particles, "state.particles")
+    alone = bodies = required(parameters.bodies, "parameters.bodies")
+    load = jnp.broadcast_to(as_column(bodies.mass) * parameters.gravity[None], before.velocity.shape)
+    if coupling is not None and forces is not None:
+        force = forces.total + parameters.mixture.buoyancy
+        before, load = before._replace(fluid_force=force), load + force
+        bodies, load = coupling.with_moving_fluid(parameters.mixture, forces, load)
+    step, torque = simulation.contact_time_step(load.dtype), None if forces is None else forces.torque
+    middle = simulation.middle(parameters, state.step)
+    walls = surroundings(parameters.materials, simulation.wall_velocity(parameters, middle))
+    walls = walls._replace(motions=simulation.wall_motions(parameters, state.step), bonds=parameters.bonds)
+    particles, listed, means = with_walls_present(
+        contact, walls, before, middle,
+        lambda contact, walls, start: contact_interval(contact, walls, bodies, start, neighbors, load, step, torque),
+    )  # fmt: skip
+    if means.energy is not None:
+        flow = flow_of_interval(means.energy, alone, bodies, parameters.gravity, before, particles)
+        means = means._replace(energy=flow)
+    if coupling is not None and forces is not None:
+        particles = coupling.remember(parameters.mixture, forces, before, particles)
+    return Moved(before, particles, listed, means, bodies)
+
+
+def after_exits_and_inlets(simulation: Structure, parameters: Parameters, state: State, moved: Moved) -> Moved:
+    """The particles after those that leave and come, and the energy of the interval with what these carry."""
+    particles, neighbors = renewed_particles(simulation, parameters, moved.particles, moved.neighbors, state.step + 1)
+    means = moved.means
+    if means.energy is not None:
+        now = stored(simulation, parameters, particles, neighbors, state.step + 1)
+        without = stored(simulation, parameters, moved.particles, moved.neighbors, state.step + 1)
+        means = means._replace(energy=means.energy._replace(population=now.total - without.total))
+    return moved._replace(particles=particles, neighbors=neighbors, means=means)
+
+
+def renewed_particles(
+    simulation: Structure, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+) -> tuple[ParticleState, Neighbors]:
+    """Particles and list after those that leave and come at the end of interval number `step`."""
+    population, contact = required(simulation.population, "population"), required(simulation.contact, "particles")
+    times = contact.model.wall_times
+    placed = simulation.placed(parameters, particles, step)
+    present = None
+    if times is not None:
+        present = times.present(simulation.middle(parameters, step))[: len(contact.model.surfaces)]
+    bodies = required(parameters.bodies, "parameters.bodies")
+    if contact.division is None:
+        radius = neighbors.radius if bodies.clumps is None else bodies.outer_radius
+        entry = Entry(radius, parameters.inlet_velocity, present, placed)
+        return renewed(population, contact, entry, particles, neighbors, step)
+    entry = Entry(bodies.radius, parameters.inlet_velocity, present, placed)
+    return renewed_in_slab(population, contact, entry, particles, neighbors, step)
+
+
+def stored(
+    simulation: Structure, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+) -> StoredEnergy:
+    """What is stored in the particles after `step` intervals."""
+    contact, bodies = required(simulation.contact, "particles"), required(parameters.bodies, "parameters.bodies")
+    parameters = simulation.during(parameters, jnp.maximum(step - 1, 0))
+    around = surroundings(
+        parameters.materials, simulation.wall_velocity(parameters, simulation.time_after(parameters, step))
+    )
+    around = around._replace(placements=simulation.placed(parameters, particles, step))
+    listed = with_radius(neighbors, bodies.radius)
+    return stored_energy(contact.model, around, bodies, parameters.gravity, particles, listed)
+
+
+def buried_particles(
+    simulation: Structure, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+) -> Buried | None:
+    """Particles within walls as these come, after `step` intervals. None where all walls always are."""
+    contact = required(simulation.contact, "particles")
+    if contact.model.wall_times is None:
+        return None
+    middle = simulation.middle(parameters, step)
+    interval = jnp.asarray(simulation.interval, parameters.gravity.dtype)
+    bodies, count = required(parameters.bodies, "parameters.bodies"), particles.position.shape[0]
+    placed = simulation.placed(parameters, particles, step)
+    spheres = as_members(particles, bodies.clumps)
+    return buried(contact, spheres, neighbors, bodies.spheres(count).radius, (middle, interval), placed)
+
+
+def particle_report(
+    simulation: Structure, moved: Moved, step: Array, within: Buried | None = None
+) -> ParticleDiagnostics:
+    """Flags and figures of the particles after `step` intervals.
+
+    Args:
+        simulation: static.
+        moved: particles and list after those that left and came.
+        step: () int32.
+        within: those within a wall that came.
+    """
+    particles, neighbors, means, bodies = moved.particles, moved.neighbors, moved.means, moved.bodies
+    position, velocity = particles.position, particles.velocity
+    box, blocks = jnp.asarray(simulation.box, position.dtype), simulation.cut
+    outside = ((position < 0.0) | (position > box[None])) & ~jnp.asarray(simulation.periodic)[None]
+    if particles.active is not None:
+        outside = outside & particles.active[:, None]
+    waiting = None
+    if simulation.population is not None and simulation.population.inlets:
+        waiting = simulation.population.waiting(required(particles.inserted, "inserted of the particles"), step)
+    squared = jnp.sum(velocity**2, axis=1)
+    if bodies.clumps is not None:  # their surface is faster than their centre
+        turning = bodies.outer_radius * jnp.sqrt(jnp.sum(particles.angular_velocity**2, axis=1))
+        squared = (jnp.sqrt(squared) + turning) ** 2
+    finite = (
+        jnp.all(jnp.isfinite(position))
+        & jnp.all(jnp.isfinite(velocity))
+        & jnp.all(jnp.isfinite(particles.angular_velocity))
+    )
+    overflow = neighbors.overflow
+    if within is not None and within.crowded is not None:
+        overflow = overflow | within.crowded
+    return ParticleDiagnostics(
+        means.collision_force,
+        neighbors.builds,
+        any_of(blocks, overflow),
+        all_of(blocks, finite),
+        total(blocks, jnp.sum(jnp.any(outside, axis=1).astype(jnp.int32))),
+        largest(blocks, jnp.sqrt(jnp.max(squared, initial=0.0))),
+        waiting,
+        None if within is None else total(blocks, jnp.sum(jnp.any(within.found, axis=0).astype(jnp.int32))),
+        means.walls,
+        means.energy,
+    )
