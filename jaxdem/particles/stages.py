@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import jax
-import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.numerics.batches import in_any
+from jaxdem.numerics.shapes import with_shapes, zeros_of
 
 Result = TypeVar("Result")
 
@@ -26,9 +26,13 @@ def stage(needed: Array, compute: Callable[[], Result]) -> Result:
         needed: () bool; in a batch of scenes all are computed where one needs it.
         compute: a function of no arguments, which gives a pytree of arrays.
     """
+    computed, shapes = with_shapes(compute)
 
-    def nothing() -> Result:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(compute))
+    def on_cpu() -> Result:
+        found: Result = lax.cond(in_any(needed), computed, lambda: zeros_of(shapes()))
+        return found
 
+    if jax.default_backend() == "cpu":  # without the other platforms' branch, which would be traced too
+        return on_cpu()
     # Elsewhere a branch makes the host wait for the device, and fusion is not what limits.
-    return lax.platform_dependent(cpu=lambda: lax.cond(in_any(needed), compute, nothing), default=compute)
+    return lax.platform_dependent(cpu=on_cpu, default=compute)

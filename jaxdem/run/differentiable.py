@@ -12,6 +12,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.failures import failures
+from jaxdem.numerics.shapes import with_shapes, zeros_of
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scene.drive import check_gravity
 from jaxdem.simulation import Simulation
@@ -109,15 +110,17 @@ def measured_rollout(
     length = steps if steps <= KEPT_STEPS else math.isqrt(steps)
     count = -(-steps // max(length, 1))
 
+    done, shapes = with_shapes(one)
+
     def none(carry: Carry) -> tuple[Carry, Any]:
-        return carry, jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(one, carry)[1])
+        return carry, zeros_of(shapes(carry)[1])
 
     @jax.checkpoint
     def checked(carry: Carry, number: Array) -> tuple[Carry, Any]:
         # The last stretch is filled up with steps left out: a loop of its own would compile it all once more.
         if stop is None and count * length == steps:
             return one(carry)
-        return lax.cond(number < (steps if stop is None else stop), one, none, carry)
+        return lax.cond(number < (steps if stop is None else stop), done, none, carry)
 
     def stretch(carry: Carry, numbers: Array) -> tuple[Carry, Any]:
         return lax.scan(checked, carry, numbers)
