@@ -11,8 +11,8 @@ import pytest
 
 from jaxdem import InputError, build, initial_state, load_scene, simulate
 from jaxdem.check.check import check_scene
-from jaxdem.particles import packing
-from jaxdem.particles.packing import REACHABLE
+from jaxdem.particles import random_packing
+from jaxdem.particles.random_packing import REACHABLE
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.particles import particle_setup
@@ -309,8 +309,8 @@ def test_a_random_pack_that_cannot_be_is_refused_naming_the_key(change, key):
 
 def test_a_random_pack_is_laid_out_once(monkeypatch):
     laid_out = []
-    random_pack = packing.random_pack
-    monkeypatch.setattr(packing, "random_pack", lambda *given: laid_out.append(1) or random_pack(*given))
+    random_pack = random_packing.random_pack
+    monkeypatch.setattr(random_packing, "random_pack", lambda *given: laid_out.append(1) or random_pack(*given))
     case = build_case(load_scene(random(20, 2)))
     assert laid_out == []  # the builders need sizes and numbers only
     case.initial_state()

@@ -25,8 +25,9 @@ row, `particles.active` in which rows there is one. Parameters are those of one 
 """
 
 from jaxdem.devices.contacts import Contacts
-from jaxdem.devices.distribution import distributed, enlarged, gathered, gathered_rows, gathered_state, on_one_device
+from jaxdem.devices.distribution import distributed, enlarged
 from jaxdem.devices.figures import Counts, counts
+from jaxdem.devices.gathering import gathered, gathered_rows, gathered_state, on_one_device
 from jaxdem.devices.rooms import SlabRoom
 from jaxdem.devices.simulation import DividedSimulation, divided
 

@@ -1,22 +1,24 @@
-"""From a state on one device to a distributed one, and back. Host, numpy."""
+"""From a state on one device to a distributed one; the way back is `gathering`. Host, numpy."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxdem.devices.contacts import Contacts, contacts_of_list, contacts_of_slabs, history_tables
+from jaxdem.devices.contacts import Contacts, contacts_of_list, history_tables
+from jaxdem.devices.gathering import gathered
 from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
+from jaxdem.devices.particle_fields import KEPT, of_each
 from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
 from jaxdem.devices.simulation import DividedSimulation
 from jaxdem.errors import InputError, required
-from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
+from jaxdem.fluid.slabs import fluid_in_slabs
 from jaxdem.numerics import vectors
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
@@ -25,27 +27,6 @@ from jaxdem.particles.mesh_list import of_grain
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.particles.slab_list import History, Meshes, of_pairs, slab_list
 from jaxdem.state import Parameters, State
-
-Tree = TypeVar("Tree")
-
-AXIS_OF_PARTICLES = {
-    "position": 0,
-    "position_low": 0,
-    "velocity": 0,
-    "angular_velocity": 0,
-    "wall_spring": 1,
-    "contact_force": 0,
-    "fluid_force": 0,
-    "fluid_memory": -2,
-    "liquid": 0,
-}
-"""Fields of `ParticleState` that every particle has an entry of, and along which axis of their arrays."""
-
-KEPT = ("position", "position_low")
-"""Fields of which a row without a particle has the values of another one, not zero."""
-
-REFUSED = ("bonds", "orientation", "orientation_low")
-"""Fields of scenes that `refused` turns away."""
 
 
 def distributed(
@@ -184,7 +165,7 @@ def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
         return np.moveaxis(chosen, 1, axis + 1 if axis >= 0 else axis)
 
     return ParticleState(
-        **_of_each(particles, lambda rows, axis, name: of(rows, axis, keep=name in KEPT)),
+        **of_each(particles, lambda rows, axis, name: of(rows, axis, keep=name in KEPT)),
         contact_spring=(),
         active=active,
         identity=identity,
@@ -192,15 +173,6 @@ def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
         pistons=_in_all(particles.pistons, len(table)),
         mesh_wear=_in_all(particles.mesh_wear, len(table)),
     )
-
-
-def _of_each(particles: ParticleState, of: Callable[[Any, int, str], Any]) -> dict[str, Any]:
-    """Fields that every particle has an entry of, each array changed by `of(array, axis of the particles, field)`."""
-
-    def changed(name: str, axis: int) -> Any:
-        return jax.tree.map(lambda rows: of(rows, axis, name), getattr(particles, name))
-
-    return {name: changed(name, axis) for name, axis in AXIS_OF_PARTICLES.items()}
 
 
 def _in_all(tree: Any, number: int) -> Any:
@@ -248,114 +220,6 @@ def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]
 
     mesh = required(simulation.mesh, "mesh")
     return jax.jit(on_slabs(mesh, listing, (SAME, SAME, *(SLABS,) * 4), (SLABS, SLABS, SLABS)))
-
-
-def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors | None) -> tuple[State, Contacts | None]:
-    """A distributed state as one of arrays on the host, row i of particle i; every process must call it.
-
-    Args:
-        simulation: from `jaxdem.build(scene, devices=...)`.
-        state, neighbors: distributed.
-
-    Returns:
-        the state, without contact springs; rows of particles that are not present are zero. And what the contacts keep.
-    """
-    fluid, particles, contacts = None, None, None
-    if state.fluid is not None:
-        fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
-    if state.particles is not None and neighbors is not None:
-        rows: ParticleState = on_host(state.particles)
-        contacts = contacts_of_slabs(rows, on_host(neighbors.without_surfaces()), simulation.count)
-        particles = _by_identity(simulation, rows)
-    return State(particles, fluid, on_host(state.step)), contacts
-
-
-def gathered_state(simulation: DividedSimulation, state: State) -> State:
-    """As `gathered`, without what contacts keep: for outputs."""
-    fluid, particles = None, None
-    if state.fluid is not None:
-        fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
-    if state.particles is not None:
-        particles = _by_identity(simulation, on_host(state.particles._replace(contact_spring=(), mesh_memory=())))
-    return State(particles, fluid, on_host(state.step))
-
-
-def gathered_rows(simulation: DividedSimulation, tree: Tree, identity: Any) -> Tree:
-    """Arrays (B, R, ...) of the rows of all slabs as arrays (N, ...) on the host, by identity (B, R).
-
-    Of other arrays, which are the same in all slabs, those of the first one.
-    """
-    number = on_host(identity)
-    there = number >= 0
-
-    def of(values: Any) -> np.ndarray:
-        rows = on_host(values)
-        if rows.shape[:2] != number.shape:
-            return rows[0]
-        whole = np.zeros((simulation.count, *rows.shape[2:]), rows.dtype)
-        whole[number[there]] = rows[there]
-        return whole
-
-    return jax.tree.map(of, tree)
-
-
-def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> ParticleState:
-    """(N, ...) of (B, R, ...)."""
-    identity = required(rows.identity, "identity of the particles")
-    there = required(rows.active, "active of the particles") & (identity >= 0)
-    number = np.asarray(identity)[there]
-
-    active: Any = np.zeros(simulation.count, bool)
-    active[number] = True
-    return ParticleState(
-        **_of_each(rows, lambda values, axis, _: rows_by_identity(values, there, number, simulation.count, axis)),
-        contact_spring=(),
-        active=None if simulation.population is None else active,
-        inserted=None if rows.inserted is None else rows.inserted[0],
-        pistons=jax.tree.map(lambda x: x[0], rows.pistons),
-        mesh_wear=jax.tree.map(lambda x: x[0], rows.mesh_wear),
-    )
-
-
-def rows_by_identity(values: Any, there: Any, number: np.ndarray, count: int, axis: int) -> np.ndarray:
-    """Values of all slabs as those of N particles, zero for those that are not there.
-
-    Args:
-        values: (B, ...) with an axis of length R.
-        there: (B, R) bool, rows with a particle.
-        number: identities of these.
-        count: N.
-        axis: that of the R rows, of the values of a slab.
-    """
-    chosen = np.moveaxis(values, axis + 1 if axis >= 0 else axis, 1)[there]
-    whole = np.zeros((count, *chosen.shape[1:]), chosen.dtype)
-    whole[number] = chosen
-    return np.moveaxis(whole, 0, axis)
-
-
-def on_one_device(
-    simulation: DividedSimulation, parameters: Parameters, state: State, contacts: Contacts | None
-) -> tuple[State, Neighbors | None]:
-    """State and list for `simulation.undivided()`, from what `gathered` gives; not jittable."""
-    fluid, step = jax.tree.map(jnp.asarray, state.fluid), jnp.asarray(state.step)
-    if contacts is None:
-        return State(None, fluid, step), None
-    particles = jax.tree.map(jnp.asarray, required(state.particles, "state.particles"))
-    placed = simulation.meshes_placed(parameters, particles, step)
-    neighbors = simulation.undivided().allocate(parameters, particles, placed=placed)
-    first, second = np.asarray(neighbors.pairs.first), np.asarray(neighbors.pairs.second)
-    count = max(len(particles.position), 1)
-    # A pair is one number; the empty ones come after all others.
-    pair = np.where(first == second, count * count, first.astype(np.int64) * count + second)
-    order = np.argsort(pair)
-    low, high = np.minimum(contacts.first, contacts.second), np.maximum(contacts.first, contacts.second)
-    place = order[np.searchsorted(pair[order], low.astype(np.int64) * count + high)]
-    springs = np.zeros((len(contacts.values), len(pair)), particles.position.dtype)
-    springs[:, place] = contacts.values
-    kept = zip(jax.tree.map(jnp.asarray, contacts.meshes), neighbors.meshes, strict=True)
-    memory = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
-    particles = particles._replace(contact_spring=tuple(jnp.asarray(x) for x in springs), mesh_memory=memory)
-    return State(particles, fluid, step), neighbors
 
 
 def enlarged(

@@ -13,7 +13,7 @@ from jaxdem.foreign.box import Box, wall_tables
 from jaxdem.foreign.model import Deck, Insertion, Kind, Model
 from jaxdem.foreign.notes import DIFFERS, LEFT, Unknown
 from jaxdem.foreign.region import plain
-from jaxdem.particles.packing import REACHABLE, random_pack
+from jaxdem.particles.random_packing import REACHABLE, random_pack
 from jaxdem.particles.regions import ball_size
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.particles import growth, packing, regions
+from jaxdem.particles import growth, packing, random_packing, regions
 from jaxdem.scene import Pack, Particles, Scene
 from jaxdem.scene.domain import Box
 from jaxdem.scene.particles import outer_factor, radius_range
@@ -153,7 +153,7 @@ class PackSetup:
     @property
     def solid_fraction(self) -> float:
         """Volume of its particles over that of its region, before it settles; in 2-D area of the discs [-]."""
-        return packing.random_solid_fraction(self.space, np.broadcast_to(self.bodies.radius, self.count), 1.0)
+        return random_packing.random_solid_fraction(self.space, np.broadcast_to(self.bodies.radius, self.count), 1.0)
 
     def _check_box(self, start: np.ndarray, stop: np.ndarray) -> None:
         box = self.scene.domain.size
@@ -175,9 +175,9 @@ class PackSetup:
                 remedy = "lower it to that, enlarge the region, or lower the spacing"
                 raise InputError(self.count_key, self.pack.solid_fraction or self.count, limit, remedy)
             return position
-        position, placed = packing.random_pack(self.space, radius, self.pack.gap, self.seed)
+        position, placed = random_packing.random_pack(self.space, radius, self.pack.gap, self.seed)
         if not placed.all():
-            fraction = packing.random_solid_fraction(self.space, radius, self.pack.gap)
+            fraction = random_packing.random_solid_fraction(self.space, radius, self.pack.gap)
             limit = (
                 f"only {int(placed.sum())} of them have room in the region of the {self.pack.kind} pack, which they "
                 f"would fill to {100 * fraction:.4g} % with their spacing; a narrow region holds less"

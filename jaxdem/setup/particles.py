@@ -15,9 +15,11 @@ from jaxdem.setup.bodies import Bodies, joined, particle_bodies
 from jaxdem.setup.bonds import BondList, bond_list
 from jaxdem.setup.materials import MaterialTable, material_table
 from jaxdem.setup.meshes import WallMesh, wall_meshes
+from jaxdem.setup.orientations import orientations
 from jaxdem.setup.packs import PackSetup, packs_of
 from jaxdem.setup.parcels import check_parcels, parcel_contact
-from jaxdem.setup.shapes import ShapeTable, check_shapes, orientations, shape_table
+from jaxdem.setup.shape_checks import check_shapes
+from jaxdem.setup.shapes import ShapeTable, shape_table
 
 
 @dataclasses.dataclass(frozen=True)

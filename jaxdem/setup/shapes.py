@@ -1,4 +1,4 @@
-"""The shapes of a scene: clumps of spheres in their principal axes, and how particles of each lie. Host, numpy."""
+"""The shapes of a scene: clumps of spheres in their principal axes. Host, numpy."""
 
 from __future__ import annotations
 
@@ -9,18 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxdem.errors import InputError
 from jaxdem.particles.union import covered, shadows, union_of
-from jaxdem.scene import Particles, Scene
-from jaxdem.scene.rows import given_rows
+from jaxdem.scene import Particles
 from jaxdem.scene.shapes import SPHERE, Shape
 from jaxdem.setup.bodies import Bodies
+from jaxdem.setup.turns import turned
 
 ALIKE = 1e-9
 """Moments of inertia that differ by less than this part are equal, and products that are smaller are none."""
-
-SMALLEST = 1e-3
-"""Radius of a member over that of its body, at least: a smaller one would decide the contact step alone."""
 
 
 class Template(NamedTuple):
@@ -214,16 +210,6 @@ class ShapeTable:
         return np.concatenate(centres), np.concatenate(radii), np.concatenate(owner)
 
 
-def turned(orientation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(N, m, D) vectors of N bodies in the axes of the box, of those in the bodies' own."""
-    if vectors.shape[2] == 2:
-        cosine, sine = np.cos(orientation), np.sin(orientation)
-        x, y = vectors[..., 0], vectors[..., 1]
-        return np.stack((cosine * x - sine * y, sine * x + cosine * y), axis=2)
-    scalar, axis = orientation[:, None, :1], orientation[:, None, 1:]
-    return vectors + 2.0 * np.cross(axis, scalar * vectors + np.cross(axis, vectors))
-
-
 def _filled(rows: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([rows, np.repeat(rows[:1], max(size - len(rows), 0), axis=0)])[:size]
 
@@ -235,109 +221,3 @@ def shape_table(particles: Particles, dimension: int) -> ShapeTable | None:
     names = (SPHERE, *(shape.name for shape in particles.shapes))
     templates = (template(None, dimension), *(template(shape, dimension) for shape in particles.shapes))
     return ShapeTable(names, templates, dimension)
-
-
-def check_shapes(scene: Scene, particles: Particles) -> None:
-    """Refuses what does not work, or means nothing, with clumps.
-
-    Raises:
-        InputError: naming it.
-    """
-    if not particles.has_clumps:
-        return
-    coupling, contact = scene.coupling if scene.fluid is not None else None, scene.contact
-    of_sphere = "is a law of a sphere"
-    rule = "has no rule for clumps"
-    found: list[tuple[str, object, bool, str]] = [
-        ("particles.coarse_grain", particles.coarse_grain, particles.coarse_grain != 1.0, "parcels are spheres"),
-        ("start.from", "...", scene.start is not None, "stages go on with spheres alone"),
-        ("bonds", f"{len(scene.bonds)} tables", bool(scene.bonds), "bonds are between spheres"),
-        ("output.samples", scene.output.samples, scene.output.samples > 0.0, "samples are of laws for spheres"),
-    ]
-    if contact is not None and contact.cohesion is not None:
-        kind = contact.cohesion.kind
-        found.append(
-            ("contact.cohesion.kind", kind, kind == "capillary", "the film on a sphere has no rule for a member")
-        )
-    for k, pack in enumerate(particles.packs):
-        key, given = f"{particles.pack_key(k)}.solid_fraction", pack.solid_fraction
-        found.append((key, given, given is not None, "clumps are packed as the spheres that hold them; give a count"))
-    for k, probe in enumerate(scene.probes):
-        found.append((f"probes.{k}.kind", probe.kind, probe.kind in ("contacts", "profile"), rule))
-    if coupling is not None:
-        found += [
-            ("coupling.lift", coupling.lift, bool(coupling.lift), of_sphere),
-            ("coupling.rotational_drag", True, coupling.rotational_drag, of_sphere),
-            ("coupling.virtual_mass", coupling.virtual_mass, coupling.virtual_mass > 0.0, of_sphere),
-            ("coupling.basset", coupling.basset, bool(coupling.basset), of_sphere),
-            ("coupling.self_disturbance", True, coupling.self_disturbance, of_sphere),
-        ]
-    for key, value, given, limit in found:
-        if given:
-            raise InputError(key, value, f"does not go with particles.shape: {limit}", "remove one of the two keys")
-    for shape in particles.shapes:
-        smallest = min(template(shape, scene.dimension).radii)
-        if smallest < SMALLEST:
-            limit = f"its smallest sphere has {smallest:.3g} of the radius of the body; the limit is {SMALLEST:g}"
-            remedy = "leave it out, or make it larger: it would decide the time step alone"
-            raise InputError(f"particles.shapes.{shape.name}", "...", limit, remedy)
-
-
-def orientations(table: ShapeTable, particles: Particles, shape: np.ndarray, present: int, seed: int) -> np.ndarray:
-    """(N, 4) unit quaternions that turn the principal axes into those of the box, in 2-D (N, 1) angles [rad].
-
-    Random ones are even over all orientations (K. Shoemake, in Graphics Gems III, 1992, 124-132).
-
-    Args:
-        table: the shapes.
-        particles: table of the scene.
-        shape: (N,) of all particles that there ever are.
-        present: at the start; those that come in later are turned at random where these are not aligned.
-        seed: of the scene.
-    """
-    count, width = len(shape), 1 if table.dimension == 2 else 4
-    generator = np.random.default_rng([seed, 7])
-    if table.dimension == 2:
-        given = generator.uniform(0.0, 2.0 * math.pi, (count, 1))
-        still = np.zeros(1)
-    else:
-        u, v, w = generator.uniform(size=(3, count))
-        inner, outer = np.sqrt(1.0 - u), np.sqrt(u)
-        first, second = 2.0 * math.pi * v, 2.0 * math.pi * w
-        given = np.stack(
-            (outer * np.cos(second), inner * np.sin(first), inner * np.cos(first), outer * np.sin(second)), axis=1
-        )
-        still = np.asarray([1.0, 0.0, 0.0, 0.0])
-    if particles.orientation == "aligned":
-        given = np.broadcast_to(still, (count, width))
-    elif not isinstance(particles.orientation, str):
-        given = given.copy()
-        rows = given_rows("particles.orientation", particles.orientation, width, present)
-        given[:present] = rows if width == 1 else rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    return _times(given, np.stack([_turn(one.axes, table.dimension) for one in table.templates])[shape])
-
-
-def as_given(table: ShapeTable, shape: np.ndarray, orientation: np.ndarray) -> np.ndarray:
-    """Quaternions, in 2-D angles, of the axes in which shapes are given; the inverse of what `orientations` adds."""
-    turn = np.stack([_turn(one.axes, table.dimension) for one in table.templates])[shape]
-    back = -turn if table.dimension == 2 else turn * np.asarray([1.0, -1.0, -1.0, -1.0])
-    return _times(np.asarray(orientation, float), back)
-
-
-def _turn(axes: np.ndarray, dimension: int) -> np.ndarray:
-    """The quaternion of a rotation matrix, in 2-D its angle in the plane of the first and the last axis."""
-    if dimension == 2:
-        return np.asarray([math.atan2(axes[2, 0], axes[0, 0])])
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(axes).as_quat()
-    return np.asarray([w, x, y, z])
-
-
-def _times(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Products of rows of quaternions, in 2-D sums of angles."""
-    if one.shape[1] == 1:
-        return one + other
-    a, u, b, v = one[:, :1], one[:, 1:], other[:, :1], other[:, 1:]
-    scalar = a * b - np.sum(u * v, axis=1, keepdims=True)
-    return np.concatenate((scalar, a * v + b * u + np.cross(u, v)), axis=1)

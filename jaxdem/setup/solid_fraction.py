@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.particles import growth, packing
+from jaxdem.particles import growth, random_packing
 from jaxdem.particles.regions import Region, ball_size
 from jaxdem.scene import Pack, Particles
 from jaxdem.setup.bodies import Bodies
@@ -93,7 +93,7 @@ def count_for(pack: Fillable) -> int:
 def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
     """Refuses a pack that certainly cannot hold particles of these radii, (N,) [m]."""
     table, space = pack.pack, pack.space
-    fraction = packing.random_solid_fraction(space, radius, table.gap)
+    fraction = random_packing.random_solid_fraction(space, radius, table.gap)
     sides = np.where(space.wraps, np.inf, np.subtract(*space.bounds[::-1]))
     if 2.0 * float(radius.max()) > sides.min():
         limit = f"a particle of radius {radius.max():.4g} m does not fit into the region, {sides.min():.4g} m wide"
@@ -104,7 +104,7 @@ def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
         largest = (growth.DISORDERED if equal else DENSEST)[space.dimension]
         remedy = "enlarge the region"
     else:
-        largest = packing.REACHABLE[space.dimension]
+        largest = random_packing.REACHABLE[space.dimension]
         remedy = f'use a lattice ({pack.key}.kind = "lattice") or kind = "grown", enlarge the box'
     if fraction > largest:
         limit = (

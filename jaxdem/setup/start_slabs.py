@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from jaxdem.devices.contacts import contacts_of_rows, kept_by_identity
-from jaxdem.devices.distribution import AXIS_OF_PARTICLES, rows_by_identity
+from jaxdem.devices.gathering import rows_by_identity
+from jaxdem.devices.particle_fields import AXIS_OF_PARTICLES
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.slabs import fluid_of_slabs
 from jaxdem.numerics.blocks import Blocks

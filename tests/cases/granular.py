@@ -11,7 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from jaxdem.particles.packing import random_pack
+from jaxdem.particles.random_packing import random_pack
 from jaxdem.particles.regions import box
 from tests.cases.march import March
 from tests.cases.registry import Figure, absolute, at_least, case, relative

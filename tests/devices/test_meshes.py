@@ -68,7 +68,7 @@ def test_grains_on_meshes_that_move(intervals=14):
             assert apart(x, y) < 1e-10, name
     own = contacts_of_list(state.particles.contact_spring, jax.device_get(neighbors), state.particles.mesh_memory)
     require_same_memory(own, kept)
-    back, listed = devices.distribution.on_one_device(divided, parameters, whole, kept)
+    back, listed = devices.on_one_device(divided, parameters, whole, kept)
     again = contacts_of_list(back.particles.contact_spring, jax.device_get(listed), back.particles.mesh_memory)
     require_same_memory(own, again)
 

@@ -10,7 +10,7 @@ import pytest
 
 import jaxdem
 from jaxdem import devices
-from jaxdem.devices import distribution
+from jaxdem.devices import particle_fields
 from jaxdem.errors import InputError
 from jaxdem.failures import Failure, failures
 from jaxdem.particles.integrate import ParticleState
@@ -166,7 +166,7 @@ def test_walls_that_move_and_a_wall_held_by_a_force():
 def test_every_field_of_the_particles_has_its_rule():
     """A field that is added must be cut into slabs, be the same in all, or be refused."""
     by_hand = {"contact_spring", "active", "identity", "inserted", "pistons", "mesh_memory", "mesh_wear"}
-    rules = [set(distribution.AXIS_OF_PARTICLES), by_hand, set(distribution.REFUSED)]
+    rules = [set(particle_fields.AXIS_OF_PARTICLES), by_hand, set(particle_fields.REFUSED)]
     assert set().union(*rules) == set(ParticleState._fields)
     assert sum(map(len, rules)) == len(ParticleState._fields)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from jaxdem.particles import packing, regions
+from jaxdem.particles import packing, random_packing, regions
 
 TRIANGLE = np.array([[0.1, 0.1], [0.9, 0.1], [0.5, 0.7]])
 HOLLOW = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.5, 0.3], [0.0, 1.0]])  # not convex
@@ -141,25 +141,25 @@ def test_random_pack_has_no_overlaps(dimension, sizes):
     side = (unit * ((spacing * radius) ** dimension).sum() / (0.45, 0.25)[dimension - 2]) ** (1 / dimension)
     stop = start + side * np.array([1.25, 0.8, 1.0])[:dimension]
     np.testing.assert_allclose(
-        packing.random_solid_fraction(regions.box(start, stop), radius, spacing),
+        random_packing.random_solid_fraction(regions.box(start, stop), radius, spacing),
         (0.45, 0.25)[dimension - 2],
         rtol=1e-12,
     )
-    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 3)
+    position, placed = random_packing.random_pack(regions.box(start, stop), radius, spacing, 3)
     assert position.shape == (count, dimension)
     assert placed.all()
     assert closest(position, radius) >= spacing
     assert (position - radius[:, None] >= start).all() and (position + radius[:, None] <= stop).all()
-    again, _ = packing.random_pack(regions.box(start, stop), radius, spacing, 3)
+    again, _ = random_packing.random_pack(regions.box(start, stop), radius, spacing, 3)
     np.testing.assert_array_equal(again, position)
-    other, _ = packing.random_pack(regions.box(start, stop), radius, spacing, 4)
+    other, _ = random_packing.random_pack(regions.box(start, stop), radius, spacing, 4)
     assert np.abs(other - position).max() > RADIUS
 
 
 def test_random_pack_fills_the_box_evenly():
     """16 equal parts of the box hold the same share of 4,000 discs: within 4 of at most sqrt(250) each."""
     side = np.sqrt(4000 * np.pi * RADIUS**2 / 0.3)
-    position, _ = packing.random_pack(regions.box(np.zeros(2), np.full(2, side)), np.full(4000, RADIUS), 1.0, 7)
+    position, _ = random_packing.random_pack(regions.box(np.zeros(2), np.full(2, side)), np.full(4000, RADIUS), 1.0, 7)
     counts, _, _ = np.histogram2d(*position.T, bins=4, range=[[0, side]] * 2)
     assert np.abs(counts - 250).max() < 4 * np.sqrt(250)
 
@@ -177,24 +177,24 @@ def nearest_by_tree(position):
 
 
 @pytest.mark.parametrize("width", [3, 13, 20])
-@pytest.mark.parametrize("fraction", [0.3, 0.33, packing.REACHABLE[3]])
+@pytest.mark.parametrize("fraction", [0.3, 0.33, random_packing.REACHABLE[3]])
 def test_what_the_limit_promises_fits_into_boxes_of_few_diameters(width, fraction):
     """5,000 spheres 13 and 20 diameters wide, 500 in 3 (up to 0.33): apart by the spacing, inside, the same by seed."""
     count = 5000 if width > 3 else 500
     if width == 3 and fraction > 0.33:
         pytest.skip("narrower than five diameters")
     start, stop, radius, spacing = dense(count, fraction, width, width)
-    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 0)
+    position, placed = random_packing.random_pack(regions.box(start, stop), radius, spacing, 0)
     assert placed.all()
     assert nearest_by_tree(position) >= 2 * RADIUS * spacing * (1 - 1e-12)
     assert (position - RADIUS >= start - 1e-15).all() and (position + RADIUS <= stop + 1e-15).all()
-    np.testing.assert_array_equal(packing.random_pack(regions.box(start, stop), radius, spacing, 0)[0], position)
+    np.testing.assert_array_equal(random_packing.random_pack(regions.box(start, stop), radius, spacing, 0)[0], position)
 
 
 @pytest.mark.parametrize("width", [5, 13])
 def test_discs_reach_their_limit(width):
-    start, stop, radius, spacing = dense(400, packing.REACHABLE[2], width)
-    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 0)
+    start, stop, radius, spacing = dense(400, random_packing.REACHABLE[2], width)
+    position, placed = random_packing.random_pack(regions.box(start, stop), radius, spacing, 0)
     assert placed.all() and nearest_by_tree(position) >= 2 * RADIUS * spacing * (1 - 1e-12)
 
 
@@ -203,7 +203,7 @@ def test_a_pushed_pack_of_two_sizes_is_even_and_has_no_overlaps():
     start, stop, _, spacing = dense(1000, 0.5, 10, 10)
     radius = np.where(np.arange(1000) % 2, RADIUS, RADIUS / 3)
     stop[2] *= (radius**3).sum() / (1000 * RADIUS**3)
-    position, placed = packing.random_pack(regions.box(start, stop), radius, spacing, 5)
+    position, placed = random_packing.random_pack(regions.box(start, stop), radius, spacing, 5)
     assert placed.all() and closest(position, radius) >= spacing * (1 - 1e-12)
     parts, _ = np.histogramdd(position, bins=2, range=np.stack([start, stop], 1), weights=radius**3)
     np.testing.assert_allclose(parts / parts.mean(), 1.0, atol=0.1)
@@ -212,10 +212,10 @@ def test_a_pushed_pack_of_two_sizes_is_even_and_has_no_overlaps():
 def test_random_pack_gives_up_beyond_jamming(monkeypatch):
     """Discs at 1.1 of their box, asked of the function itself: it ends, not all have room, and those that have do not
     overlap."""
-    monkeypatch.setattr(packing, "MOST_PUSHES", 100)
+    monkeypatch.setattr(random_packing, "MOST_PUSHES", 100)
     start, stop, radius, _ = dense(200, 1.1, 12, spacing=1.0)
-    position, placed = packing.random_pack(regions.box(start, stop), radius, 1.0, 1)
+    position, placed = random_packing.random_pack(regions.box(start, stop), radius, 1.0, 1)
     assert placed.sum() < 200
     assert placed.sum() < 2 or closest(position[placed], radius[placed]) >= 1.0
     # A particle larger than the box finds no room either.
-    assert not packing.random_pack(regions.box(np.zeros(2), np.full(2, 0.01)), radius[:1], 1.0, 1)[1].any()
+    assert not random_packing.random_pack(regions.box(np.zeros(2), np.full(2, 0.01)), radius[:1], 1.0, 1)[1].any()

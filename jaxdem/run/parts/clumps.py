@@ -8,7 +8,9 @@ from jaxdem.particles.integrate import ParticleState
 from jaxdem.run.instant import Instant, wrapped_position
 from jaxdem.run.parts.part import Arrays, Part
 from jaxdem.setup.builder import Case
-from jaxdem.setup.shapes import ShapeTable, as_given, turned
+from jaxdem.setup.orientations import as_given
+from jaxdem.setup.shapes import ShapeTable
+from jaxdem.setup.turns import turned
 
 
 class ClumpBodies(Part):
