@@ -12,13 +12,15 @@ from jaxdem.errors import required
 from jaxdem.numerics.blocks import all_of, any_of, largest, total
 from jaxdem.particles.clump_forces import as_members
 from jaxdem.particles.contact_interval import ContactMeans
-from jaxdem.particles.energy import StoredEnergy, flow_of_interval, stored_energy
-from jaxdem.particles.integrate import ParticleProperties, ParticleState, as_column
+from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.energy import carried, flow_of_interval
+from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, as_column
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.neighbors import Neighbors, with_radius
 from jaxdem.particles.population import Entry, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
+from jaxdem.particles.stored_energy import StoredEnergy, stored_energy
 from jaxdem.particles.walls_present import Buried, buried, with_walls_present
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 from jaxdem.structure import Structure
@@ -68,6 +70,8 @@ def moved_particles(
     )  # fmt: skip
     if means.energy is not None:
         flow = flow_of_interval(means.energy, alone, bodies, parameters.gravity, before, particles)
+        if contact.model.wall_times is not None:
+            flow = carried(flow, "wall_changes", *_as_walls_change(simulation, parameters, state, neighbors))
         means = means._replace(energy=flow)
     if coupling is not None and forces is not None:
         particles = coupling.remember(parameters.mixture, forces, before, particles)
@@ -81,7 +85,7 @@ def after_exits_and_inlets(simulation: Structure, parameters: Parameters, state:
     if means.energy is not None:
         now = stored(simulation, parameters, particles, neighbors, state.step + 1)
         without = stored(simulation, parameters, moved.particles, moved.neighbors, state.step + 1)
-        means = means._replace(energy=means.energy._replace(population=now.total - without.total))
+        means = means._replace(energy=carried(means.energy, "population", without, now))
     return moved._replace(particles=particles, neighbors=neighbors, means=means)
 
 
@@ -105,17 +109,38 @@ def renewed_particles(
 
 
 def stored(
-    simulation: Structure, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+    simulation: Structure,
+    parameters: Parameters,
+    particles: ParticleState,
+    neighbors: Neighbors,
+    step: Array,
+    walls_of: Array | None = None,
 ) -> StoredEnergy:
-    """What is stored in the particles after `step` intervals."""
+    """What is stored in the particles after `step` intervals, with the walls that are there in the interval
+    `walls_of`; in the last one that is over if None."""
     contact, bodies = required(simulation.contact, "particles"), required(parameters.bodies, "parameters.bodies")
-    parameters = simulation.during(parameters, jnp.maximum(step - 1, 0))
+    last, model = jnp.maximum(step - 1, 0), contact.model
+    parameters = simulation.during(parameters, last)
     around = surroundings(
         parameters.materials, simulation.wall_velocity(parameters, simulation.time_after(parameters, step))
     )
-    around = around._replace(placements=simulation.placed(parameters, particles, step))
-    listed = with_radius(neighbors, bodies.radius)
-    return stored_energy(contact.model, around, bodies, parameters.gravity, particles, listed)
+    around = around._replace(placements=simulation.placed(parameters, particles, step), bonds=parameters.bonds)
+    members, present = as_members(particles, bodies.clumps), None
+    if model.wall_times is not None:
+        there = model.wall_times.present(simulation.middle(parameters, last if walls_of is None else walls_of))
+        present = jnp.concatenate([jnp.ones(len(model.sides), bool), there])
+    motion, spheres = Motion.of(members), bodies.spheres(particles.velocity.shape[0])
+    still = jnp.zeros((), particles.velocity.dtype)
+    touching = ContactStep(model, around, spheres, motion, motion.velocity, still, members.active, present)
+    return stored_energy(touching, with_radius(neighbors, spheres.radius), bodies, parameters.gravity, particles)
+
+
+def _as_walls_change(
+    simulation: Structure, parameters: Parameters, state: State, neighbors: Neighbors
+) -> tuple[StoredEnergy, StoredEnergy]:
+    """What is stored in a state with the walls of the interval that ends, and with those of the one that begins."""
+    given = simulation, parameters, required(state.particles, "state.particles"), neighbors, state.step
+    return stored(*given), stored(*given, walls_of=state.step)
 
 
 def buried_particles(

@@ -20,7 +20,7 @@ from jaxdem.particles.bond_geometry import (
 )
 from jaxdem.particles.bond_state import INTACT, SHEAR, TENSION, Bonding, BondState
 from jaxdem.particles.contact_step import ContactStep
-from jaxdem.particles.contact_sums import Sums
+from jaxdem.particles.contact_sums import FoundBonds, Sums
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 
@@ -75,9 +75,13 @@ def bond_loads(
 def add_bonds(step: ContactStep, bonding: Bonding, sums: Sums, motion: Motion) -> tuple[Sums, Motion]:
     """Adds the bonds between particles; returns the motion with those that hold."""
     parameters = required(step.surroundings.bonds, "parameters.bonds")
-    force, torque, bonds = bond_forces(bonding, parameters, step.properties, motion, step.mid_velocity)
+    found, bonds = _bonds_of_step(bonding, parameters, step.properties, motion, step.mid_velocity)
+    force, torque = _on_grains(found, len(motion.position))
     both = vectors.add(sums.force, force), vectors.add(sums.torque, torque)
-    return sums._replace(force=both[0], torque=both[1]), motion._replace(bonds=bonds)
+    sums = sums._replace(force=both[0], torque=both[1])
+    if step.model.energy:
+        sums = sums._replace(bonded=found)
+    return sums, motion._replace(bonds=bonds)
 
 
 def bond_forces(
@@ -96,27 +100,44 @@ def bond_forces(
         motion: of the grains at this moment.
         mid_velocity: D arrays (N,), that the dashpots act on [m/s].
     """
-    bonds = required(motion.bonds, "bonds of the particles")
-    geometry = bond_geometry(bonding, parameters, properties, motion, bonds)
+    found, bonds = _bonds_of_step(bonding, parameters, properties, motion, mid_velocity)
+    return *_on_grains(found, len(motion.position)), bonds
+
+
+def _bonds_of_step(
+    bonding: Bonding,
+    parameters: BondParameters,
+    properties: ParticleProperties,
+    motion: Motion,
+    mid_velocity: Vector,
+) -> tuple[FoundBonds, BondState]:
+    """What all bonds do, and the bonds after those broke whose strength was reached; see `bond_forces`."""
+    before = required(motion.bonds, "bonds of the particles")
+    geometry = bond_geometry(bonding, parameters, properties, motion, before)
     tension, shear = geometry.stresses()
     broken = jnp.where(shear >= geometry.numbers.shear_strength, SHEAR, INTACT)
     broken = jnp.where(tension >= geometry.numbers.tensile_strength, TENSION, broken)
-    bonds = bonds._replace(status=jnp.where(bonds.intact, broken.astype(bonds.status.dtype), bonds.status))
-    loads = geometry.elastic()
+    bonds = before._replace(status=jnp.where(before.intact, broken.astype(before.status.dtype), before.status))
+    dashpots = None
     if geometry.numbers.damping is not None:
         dashpots = _damping(geometry, properties, motion, mid_velocity, bonds.pairs)
-        loads = (
-            vectors.add(loads[0], dashpots[0]),
-            vectors.add(loads[1], dashpots[1]),
-            vectors.add(loads[2], dashpots[2]),
-        )
-    force, on_first, on_second = (vectors.where(bonds.intact, load, 0.0) for load in loads)
-    dimension = len(motion.position)
+    breaks = before.intact & ~bonds.intact
+    found = FoundBonds(bonds.pairs, bonds.intact, breaks, geometry.energy(), geometry.elastic(), dashpots)
+    return found, bonds
+
+
+def _on_grains(found: FoundBonds, dimension: int) -> tuple[Vector, Vector]:
+    """Force and torque of the bonds that hold on every grain."""
+    loads = found.elastic
+    if found.dashpots is not None:
+        one, first, second = (vectors.add(*both) for both in zip(loads, found.dashpots, strict=True))
+        loads = one, first, second
+    force, on_first, on_second = (vectors.where(found.holds, load, 0.0) for load in loads)
     back = vectors.scale(-1.0, force)
     torques = zip(on_first, on_second, strict=True)
-    total = tuple(sum_over_pairs(a, b, bonds.pairs) for a, b in zip(force[:dimension], back[:dimension], strict=True))
-    turning = tuple(sum_over_pairs(a, b, bonds.pairs) for a, b in torques)
-    return total, turning if dimension == 3 else turning[2:], bonds
+    total = tuple(sum_over_pairs(a, b, found.pairs) for a, b in zip(force[:dimension], back[:dimension], strict=True))
+    turning = tuple(sum_over_pairs(a, b, found.pairs) for a, b in torques)
+    return total, turning if dimension == 3 else turning[2:]
 
 
 def _damping(

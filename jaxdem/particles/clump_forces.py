@@ -13,7 +13,7 @@ from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_shape import Clumps, Placed
-from jaxdem.particles.clumps import arm_change, member_places, placed, way_ahead
+from jaxdem.particles.clumps import arm_change, farthest_way, member_places, placed, way_ahead
 from jaxdem.particles.contact_pair import sum_slots
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import Sums
@@ -22,6 +22,9 @@ from jaxdem.particles.integrate import Motion, ParticleState, drift
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.stages import stage
+
+SURELY = 0.99
+"""Of the room of a member: below it none has left, whatever the rounding [-]."""
 
 
 def clump_forces(step: ContactStep, neighbors: Neighbors) -> tuple[Sums, Motion]:
@@ -47,8 +50,10 @@ def clump_forces(step: ContactStep, neighbors: Neighbors) -> tuple[Sums, Motion]
         )  # fmt: skip
         return arm, members, of_members(step.mid_velocity)
 
-    # A stage: every gather of the contact kernel would compute the members anew.
-    arm, members, middle = stage(step.time_step > 0, moved)
+    # Stages: every gather of the contact kernel would compute the members anew, and for the torque the forces would be
+    # summed over the pairs once more. The condition holds, and is not known before the program runs.
+    always = neighbors.builds >= 0
+    arm, members, middle = stage(always, moved)
     members = members._replace(
         contact_spring=motion.contact_spring,
         wall_spring=motion.wall_spring,
@@ -63,16 +68,31 @@ def clump_forces(step: ContactStep, neighbors: Neighbors) -> tuple[Sums, Motion]
         active=reference.active_rows(step.active),
     )
     sums, members = contact_forces(seen, neighbors)
-    force = tuple(x.reshape(clumps.members, count) for x in sums.force)
-    torque = tuple(x.reshape(clumps.members, count) for x in sums.torque)
-    torque = vectors.add(torque, vectors.moment(arm, force))
+
+    def summed() -> tuple[Vector, Vector]:
+        force, torque = (tuple(x.reshape(clumps.members, count) for x in v) for v in (sums.force, sums.torque))
+        torque = vectors.add(torque, vectors.moment(arm, force))
+        return tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
+
+    force, torque = stage(always, summed)
     walls = sums.walls
     if walls is not None:  # the mass of a body counts once, however many of its members touch
         mass = jnp.max(walls.mass[0].reshape(-1, clumps.members, count), axis=1)
         walls = walls._replace(mass=(jnp.zeros_like(walls.mass[0]).at[:, :count].set(mass),))
-    on_bodies = sums._replace(walls=walls, force=tuple(map(sum_slots, force)), torque=tuple(map(sum_slots, torque)))
+    on_bodies = sums._replace(walls=walls, force=force, torque=torque)
     return on_bodies, motion._replace(
         contact_spring=members.contact_spring, wall_spring=members.wall_spring, mesh_memory=members.mesh_memory
+    )
+
+
+def touching_motion(clumps: Clumps, neighbors: Neighbors, motion: Motion) -> Motion:
+    """The motion with the velocities (m N,) of all members where the bodies stand."""
+    reference, count = _placed(neighbors), motion.velocity[0].shape[0]
+    arm = vectors.add(reference.arm, arm_change(reference, motion))
+    around = vectors.rotate(tuple(w[None] for w in motion.angular_velocity), arm)
+    return motion._replace(
+        velocity=tuple((v[None] + w).reshape(-1) for v, w in zip(motion.velocity, around, strict=True)),
+        angular_velocity=tuple(clumps.rows(w, count) for w in motion.angular_velocity),
     )
 
 
@@ -80,12 +100,17 @@ def _placed(neighbors: Neighbors) -> Placed:
     return neighbors.bodies if neighbors.bodies is not None else required(neighbors.bodies, "bodies of a list")
 
 
-def displacement_ahead(search: NeighborSearch, motion: Motion, neighbors: Neighbors, time_step: Array) -> Vector:
-    """Motion of all spheres from the list's build to the end of the coming step [m]."""
+def displacement_ahead(
+    search: NeighborSearch, motion: Motion, neighbors: Neighbors, time_step: Array, way: Array | float = 0.0
+) -> Vector:
+    """Motion of all spheres from the list's build to the end of the coming step [m]; of clumps zeros while no member
+    can have left its room, a mesh having moved by `way` [m]."""
     moved = drift(motion, time_step)
     if neighbors.bodies is None:
         return displacement_since_build(moved.position, moved.low, neighbors)
-    return way_ahead(neighbors.bodies, moved, time_step, search.geometry.skin)
+    bodies, skin = neighbors.bodies, search.geometry.skin
+    far = jnp.max(farthest_way(bodies, moved, time_step)) + way > SURELY * 0.5 * skin
+    return stage(far, lambda: way_ahead(bodies, moved, time_step, skin))
 
 
 def updated(

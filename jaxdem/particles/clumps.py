@@ -229,6 +229,24 @@ def member_places(reference: Placed, motion: Motion, change: Vector) -> tuple[Ve
     return tuple(high for high, _ in flat), tuple(low for _, low in flat)
 
 
+def farthest_way(reference: Placed, motion: Motion, time_step: Array) -> Array:
+    """(N,) bound of the lengths of `way_ahead` of the members of each body [m].
+
+    A turn by p moves a member at the arm a by at most 2 |p - 1| |a|, in 2-D one by an angle by at most that angle times
+    |a|: once for each body, where the ways themselves are found for each member.
+    """
+    apart, centre = (
+        vectors.length(tuple(compensated.rounded_difference(*part) for part in zip(*four, strict=True)))
+        for four in (
+            (motion.orientation, motion.orientation_low, reference.orientation, reference.orientation_low),
+            (motion.position, motion.low, reference.position, reference.low),
+        )
+    )
+    angle = apart if len(motion.orientation) == 1 else 2.0 * apart
+    angle = angle + time_step * vectors.length(motion.angular_velocity)
+    return centre + angle * jnp.max(vectors.length(reference.arm), axis=0)
+
+
 def way_ahead(reference: Placed, motion: Motion, time_step: Array, skin: float) -> Vector:
     """D arrays (m N,): motion of the members from the list's build to the end of the coming step [m].
 

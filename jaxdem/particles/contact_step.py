@@ -65,7 +65,7 @@ class ContactStep:
             of `motion`, at the step's start, which is in the middle between two forces [m/s].
         time_step: over which the springs grow [s].
         active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
-        present: (S,) bool, which walls are there, all if None; the others are out of reach.
+        present: (S,) bool, which walls are there, all if None; the others are out of reach. Those of meshes may follow.
     """
 
     model: ContactModel

@@ -12,6 +12,7 @@ from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair
+from jaxdem.particles.pairs import Pairs
 
 
 class WallLoads(NamedTuple):
@@ -47,6 +48,7 @@ class FoundContacts(NamedTuple):
         of_other: the same of the other body; None for a wall.
         memory: what cohesion remembers before and after the step; () for none.
         there: such that it goes with the contacts, which of them are any; None where all are.
+        walls: numbers of the walls, one a row of the contacts or one for all; () between particles.
     """
 
     pair: ContactPair
@@ -56,6 +58,28 @@ class FoundContacts(NamedTuple):
     of_other: Callable[[Vector], Vector] | None
     memory: tuple[tuple[Vector, Vector], ...] = ()
     there: Array | None = None
+    walls: tuple[int, ...] = ()
+
+
+class FoundBonds(NamedTuple):
+    """The bonds of a step. A load is the force on the first grain (minus that on the second) [N], and the torque on the
+    first and on the second [N m], of three components each.
+
+    Attributes:
+        pairs: who is bonded.
+        holds: (B,) bool, which act in the step.
+        broken: (B,) bool, which have broken at its beginning.
+        energy: (B,) elastic, in the middle of the step, of those that held before it [J].
+        elastic: load of those.
+        dashpots: load; None where no bond has any.
+    """
+
+    pairs: Pairs
+    holds: Array
+    broken: Array
+    energy: Array
+    elastic: tuple[Vector, Vector, Vector]
+    dashpots: tuple[Vector, Vector, Vector] | None
 
 
 class Sums(NamedTuple):
@@ -69,6 +93,7 @@ class Sums(NamedTuple):
         crowded: () bool, a particle has more contacts with a mesh than there is room for; None without meshes.
         wear: (F,) volume that they take from the triangles of each mesh, None from one that does not wear [m3].
         found: the contacts one by one, for the balance of energy; none where it is not kept.
+        bonded: the bonds, for the same; None where it is not kept, and without bonds.
     """
 
     force: Vector
@@ -78,6 +103,7 @@ class Sums(NamedTuple):
     crowded: Array | None = None
     wear: tuple[Array | None, ...] = ()
     found: tuple[FoundContacts, ...] = ()
+    bonded: FoundBonds | None = None
 
 
 class Touching(NamedTuple):

@@ -1,4 +1,4 @@
-"""The balance of energy of the particles: what they store at a moment, and what contacts give and take in a step.
+"""The balance of energy of the particles: what contacts, bonds and other forces give and take in a step.
 
 A step changes the velocity by F dt/m at a fixed position, and the position by the mean of the velocities before and
 after. So the work of a force over the step is F dt times that mean velocity, exactly, for every contact and for every
@@ -13,25 +13,21 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
-from jaxdem.particles.cohesion import TOUCHING
-from jaxdem.particles.cohesion_energy import cohesion_energy, energy_lost
-from jaxdem.particles.contact import ContactMaterial, StoringLaw
-from jaxdem.particles.contact_load import attraction_of, gap_of
+from jaxdem.particles.bond_geometry import in_space, spin_in_space
+from jaxdem.particles.cohesion_energy import energy_lost
+from jaxdem.particles.contact_load import gap_of
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.contact_pair import ContactPair
-from jaxdem.particles.contact_step import ContactStep, Surroundings
-from jaxdem.particles.contact_sums import FoundContacts
+from jaxdem.particles.contact_sums import FoundBonds, FoundContacts, Sums
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
-from jaxdem.particles.mesh_forces import mesh_pair
-from jaxdem.particles.neighbors import Neighbors
-from jaxdem.particles.pair_forces import pair_contacts, pair_material
-from jaxdem.particles.wall_forces import wall_contacts, wall_material
+from jaxdem.particles.pairs import at
+from jaxdem.particles.stored_energy import StoredEnergy
 
 
 class EnergyFlow(NamedTuple):
@@ -41,6 +37,7 @@ class EnergyFlow(NamedTuple):
         walls: work of moving walls on the particles.
         fluid: of the forces of the fluid.
         population: energy of the particles that have come less that of those that have left.
+        wall_changes: of the contacts with walls that come less that of those with walls that go, along their normals.
         gravity: work of gravity; the potential energy falls by it where gravity does not change with time.
         damping: taken by the dashpots along the normal.
         liquid: by the liquid of bridges and in gaps.
@@ -48,12 +45,19 @@ class EnergyFlow(NamedTuple):
         tangential: by the tangential forces, what they store included.
         tangential_damping: by the dashpots among these.
         rolling: by the torques against rolling, what they store included.
-        conservative: given by the forces along the normal that have a potential.
+        bond_damping: by the dashpots of bonds.
+        breaking: lost with bonds that break.
+        conservative: given by the forces along the normal, and of bonds, that have a potential.
+        turning: given to clumps by the error of the step in their free rotation.
+        carried_normal: of `population` and `wall_changes`, what goes with springs along the normal, surfaces and bonds.
+        carried_tangential: of `population`, what goes with tangential springs.
+        carried_rolling: the same of rolling springs.
     """
 
     walls: Array
     fluid: Array
     population: Array
+    wall_changes: Array
     gravity: Array
     damping: Array
     liquid: Array
@@ -61,34 +65,13 @@ class EnergyFlow(NamedTuple):
     tangential: Array
     tangential_damping: Array
     rolling: Array
+    bond_damping: Array
+    breaking: Array
     conservative: Array
-
-
-class StoredEnergy(NamedTuple):
-    """What is stored at a moment, each () [J].
-
-    Attributes:
-        translation: sum of m v^2 / 2.
-        rotation: sum of I w^2 / 2.
-        potential: minus sum of m g.x.
-        normal: of the springs along the normal, and what cohesion strains.
-        tangential: of the tangential springs.
-        rolling: of the rolling springs.
-        surface: of cohesion.
-    """
-
-    translation: Array
-    rotation: Array
-    potential: Array
-    normal: Array
-    tangential: Array
-    rolling: Array
-    surface: Array
-
-    @property
-    def total(self) -> Array:
-        """Sum of all [J]."""
-        return sum(self, start=jnp.zeros_like(self.translation))
+    turning: Array
+    carried_normal: Array
+    carried_tangential: Array
+    carried_rolling: Array
 
 
 def no_flow(like: Array) -> EnergyFlow:
@@ -96,39 +79,42 @@ def no_flow(like: Array) -> EnergyFlow:
     return EnergyFlow(*(jnp.zeros((), like.dtype) for _ in EnergyFlow._fields))
 
 
-# --- a step -----------------------------------------------------------------------------------------------
-
-
 def flow_of_step(
-    model: ContactModel, found: tuple[FoundContacts, ...], before: Motion, after: Motion, time_step: Array
+    model: ContactModel, sums: Sums, before: Motion, after: Motion, time_step: Array, pistons: Array | None = None
 ) -> EnergyFlow:
-    """What the contacts of a step give and take.
+    """What the contacts and bonds of a step give and take.
 
     Args:
         model: laws; static.
-        found: its contacts.
-        before, after: the velocities at its start and end.
+        sums: with its contacts and bonds one by one.
+        before, after: the velocities of what touches at its start and end.
         time_step: [s].
+        pistons: (S, D) by which the velocity of each wall that a force holds changes in the step; None without
+            [m/s].
     """
     flow = no_flow(time_step)
-    for contacts in found:
-        own = _of_contacts(model, contacts, before, after, time_step)
+    for contacts in sums.found:
+        wall = None if pistons is None or not contacts.walls else pistons[np.asarray(contacts.walls)]
+        own = _of_contacts(model, contacts, before, after, time_step, wall)
         flow = jax.tree.map(lambda total, parts: total + jnp.sum(parts), flow, own)
-    return flow
+    return flow if sums.bonded is None else _with_bonds(flow, sums.bonded, before, after, time_step)
 
 
 def _of_contacts(
-    model: ContactModel, found: FoundContacts, before: Motion, after: Motion, time_step: Array
+    model: ContactModel, found: FoundContacts, before: Motion, after: Motion, time_step: Array, wall: Array | None
 ) -> EnergyFlow:
-    """The same of every contact, arrays of their shape."""
+    """The same of every contact, arrays of their shape; `wall` as `pistons`, of the rows of the contacts."""
     pair, load, normal = found.pair, found.load, found.pair.normal
     parts = required(load.parts, "parts of the load")
     half, half_spin = (
         vectors.scale(0.5, vectors.subtract(getattr(after, name), getattr(before, name)))
         for name in ("velocity", "angular_velocity")
     )
-    # Of the mean velocities over the step; those of the walls are the same all through it.
-    velocity = vectors.add(pair.velocity, found.of_one(half))
+    # Of the mean velocities over the step; those of most walls are what they are in its middle.
+    velocity, half_of_wall = vectors.add(pair.velocity, found.of_one(half)), None
+    if wall is not None:
+        half_of_wall = tuple(0.5 * wall[:, k, None] for k in range(wall.shape[1]))
+        velocity = vectors.subtract(velocity, half_of_wall)
     spin = vectors.add(pair.spin, found.of_one(half_spin))
     turning = vectors.scale(pair.radius - 0.5 * pair.overlap, spin)
     relative_spin = spin
@@ -144,14 +130,12 @@ def _of_contacts(
     rolling = vectors.dot(load.resistance, relative_spin) if load.resistance else jnp.zeros_like(approach)
     walls = jnp.zeros_like(approach)
     if pair.other_spin is None:
-        walls = _power_of_wall(found, before)
+        walls = _power_of_wall(found, before, half_of_wall)
     conservative = load.along - parts.dashpot - parts.liquid
-    none = jnp.zeros_like(approach)
-    power = EnergyFlow(
-        walls, none, none, none,
+    power = no_flow(approach)._replace(
+        walls=walls,
         damping=parts.dashpot * approach,
         liquid=parts.liquid * approach,
-        adhesion=none,
         tangential=-vectors.dot(load.across, slip),
         tangential_damping=-vectors.dot(parts.across, slip),
         rolling=-rolling,
@@ -168,15 +152,64 @@ def _of_contacts(
     return work if there is None else jax.tree.map(lambda x: jnp.where(there, x, 0.0), work)
 
 
-def _power_of_wall(found: FoundContacts, before: Motion) -> Array:
-    """Power of a wall's forces on the particles, at the wall's velocity [W]."""
+def _power_of_wall(found: FoundContacts, before: Motion, half: Vector | None) -> Array:
+    """Power of a wall's forces on the particles, at the wall's velocity, which changes by twice `half` [W]."""
     pair, load = found.pair, found.load
     wall = vectors.subtract(found.of_one(before.velocity), pair.velocity)
+    if half is not None:
+        wall = vectors.add(wall, half)
     force = vectors.add_scaled(tangent.in_space(load.across, pair.normal), load.along, pair.normal)
     power = vectors.dot(force, wall)
     if load.resistance and pair.wall_spin is not None:
         power = power + vectors.dot(load.resistance, pair.wall_spin)
     return power
+
+
+def _with_bonds(flow: EnergyFlow, found: FoundBonds, before: Motion, after: Motion, time_step: Array) -> EnergyFlow:
+    """The flow with that of the bonds.
+
+    A bond that breaks gives no force in the step, so it takes with it what it stored at the start of the step.
+    """
+    pairs, half = found.pairs, 0.5 * time_step
+
+    def power(load: tuple[Vector, Vector, Vector], velocity: Vector, spin: Vector) -> Array:
+        apart = in_space(vectors.subtract(at(velocity, pairs.first), at(velocity, pairs.second)))
+        one, other = (spin_in_space(at(spin, index)) for index in (pairs.first, pairs.second))
+        return vectors.dot(load[0], apart) + vectors.dot(load[1], one) + vectors.dot(load[2], other)
+
+    start = before.velocity, before.angular_velocity
+    twice = vectors.add(start[0], after.velocity), vectors.add(start[1], after.angular_velocity)
+    given = jnp.where(found.holds, half * power(found.elastic, *twice), 0.0)
+    stored = found.energy + half * power(found.elastic, *start)
+    taken = jnp.zeros_like(given)
+    if found.dashpots is not None:
+        taken = jnp.where(found.holds, -half * power(found.dashpots, *twice), 0.0)
+    return flow._replace(
+        conservative=flow.conservative + jnp.sum(given),
+        bond_damping=flow.bond_damping + jnp.sum(taken),
+        breaking=flow.breaking + jnp.sum(jnp.where(found.broken, stored, 0.0)),
+    )
+
+
+def carried(flow: EnergyFlow, kind: str, before: StoredEnergy, after: StoredEnergy) -> EnergyFlow:
+    """The flow with what has come and gone beside all forces.
+
+    Args:
+        flow: so far.
+        kind: `population` or `wall_changes`.
+        before, after: what is stored before and after; all of it for the population, for walls what is along the
+            normal: what tangential and rolling springs lose with a wall counts as sliding and rolling.
+    """
+    change: StoredEnergy = jax.tree.map(jnp.subtract, after, before)
+    along = change.normal + change.surface + change.bonds
+    flow = flow._replace(carried_normal=flow.carried_normal + along)
+    if kind == "wall_changes":
+        return flow._replace(wall_changes=flow.wall_changes + along)
+    return flow._replace(
+        population=flow.population + change.total,
+        carried_tangential=flow.carried_tangential + change.tangential,
+        carried_rolling=flow.carried_rolling + change.rolling,
+    )
 
 
 def work_on_bodies(force: Vector, torque: Vector | None, before: Motion, after: Motion, time_step: Array) -> Array:
@@ -212,95 +245,3 @@ def flow_of_interval(
     gained = 0.5 * jnp.sum(after.velocity**2 - before.velocity**2, axis=1)
     along = jnp.sum(jnp.where(there, (moved.mass - properties.mass) * gained, 0.0))
     return flow._replace(fluid=flow.fluid - work - along, gravity=work)
-
-
-# --- a moment ---------------------------------------------------------------------------------------------
-
-
-def stored_energy(
-    model: ContactModel,
-    surroundings: Surroundings,
-    properties: ParticleProperties,
-    gravity: Array,
-    state: ParticleState,
-    neighbors: Neighbors,
-) -> StoredEnergy:
-    """What is stored in a state.
-
-    A tangential or rolling spring is that of the middle of the last step.
-
-    Args:
-        model: laws and walls; static.
-        surroundings: materials, and where the walls are.
-        properties: size and density, without fluid that moves along.
-        gravity: (D,) [m/s2].
-        state: particles.
-        neighbors: their list, in date.
-    """
-    motion, dtype = Motion.of(state), state.velocity.dtype
-    there = jnp.ones(state.velocity.shape[0], bool) if state.active is None else state.active
-    mass, inertia = (jnp.where(there, x, 0.0) for x in (properties.mass, properties.inertia))
-    height = vectors.dot(tuple(gravity), motion.position)
-    if motion.low[0] is not None:
-        height = height + vectors.dot(tuple(gravity), motion.low)  # type: ignore[arg-type]
-    springs = tuple(jnp.zeros((), dtype) for _ in range(4))
-    step = ContactStep(model, surroundings, properties, motion, motion.velocity, jnp.zeros((), dtype), state.active)
-    for pair, material, kept, real in _contacts(step, neighbors):
-        own = _of_springs(step, pair, material, kept)
-        springs = tuple(
-            total + jnp.sum(part if real is None else jnp.where(real, part, 0.0))
-            for total, part in zip(springs, own, strict=True)
-        )
-    return StoredEnergy(
-        0.5 * jnp.sum(mass * vectors.dot(motion.velocity, motion.velocity)),
-        0.5 * jnp.sum(inertia * vectors.dot(motion.angular_velocity, motion.angular_velocity)),
-        -jnp.sum(mass * height),
-        *springs,
-    )
-
-
-def _contacts(
-    step: ContactStep, neighbors: Neighbors
-) -> list[tuple[ContactPair, ContactMaterial, Vector, Array | None]]:
-    """All contacts as they are: what they are, their constants, what they keep, and which of them are any."""
-    found: list[tuple[ContactPair, ContactMaterial, Vector, Array | None]] = []
-    if neighbors.room.slots:
-        pair, _ = pair_contacts(step, neighbors)
-        found.append((pair, pair_material(step, neighbors), step.motion.contact_spring, None))
-    if step.model.analytic_walls:
-        pair, _ = wall_contacts(step)
-        found.append((pair, wall_material(step), step.motion.wall_spring, None))
-    for number in range(len(step.model.meshes)):
-        found.append(mesh_pair(step, neighbors, number))
-    return found
-
-
-def _of_springs(
-    step: ContactStep, pair: ContactPair, material: ContactMaterial, kept: Vector
-) -> tuple[Array, Array, Array, Array]:
-    """Energy of every contact: of the normal, tangential and rolling spring, and of the surface [J]."""
-    model, law = step.model, step.model.law
-    if not isinstance(law, StoringLaw):  # refused before
-        raise TypeError("the contact law does not say what its springs store")
-    number = len(kept) - model.memory
-    memory, in_plane = kept[number:], vectors.angular_size(len(pair.normal))
-    attraction = attraction_of(step, material, pair, memory)
-    touching = pair.overlap > 0 if attraction is None else attraction.touching
-    overlap = jnp.where(touching, pair.overlap if attraction is None else attraction.overlap, 0.0)
-    radius = pair.effective_radius
-    normal, surface = law.energy(overlap, radius, material), jnp.zeros_like(overlap)
-    if model.cohesion is not None:
-        constants = required(material.cohesion, "cohesion")
-        beside = cohesion_energy(model.cohesion, gap_of(pair, material), constants, memory)
-        normal, surface = normal + beside.elastic, beside.surface
-    across = kept[:in_plane]
-    tangential = 0.5 * law.tangential_stiffness(overlap, radius, material) * vectors.dot(across, across)
-    rolling = jnp.zeros_like(overlap)
-    if model.rolling is not None and model.rolling.has_spring:
-        torque = kept[in_plane:number]
-        pressed = jnp.where(touching, overlap, TOUCHING * radius)
-        lever, elastic = material.rolling_friction * radius, law.elastic(pressed, radius, material)
-        stiffness = model.rolling.stiffness(lever, elastic, pressed)
-        loaded = touching & (stiffness > 0)
-        rolling = jnp.where(loaded, 0.5 * vectors.dot(torque, torque) / jnp.where(loaded, stiffness, 1.0), 0.0)
-    return normal, jnp.where(touching, tangential, 0.0), rolling, surface

@@ -21,8 +21,8 @@ def stale(verlet: Verlet, carry: Carry, neighbors: Neighbors) -> Array:
         return jnp.zeros((), bool)
     if carry.slab is not None:
         return carry.step >= carry.slab.due
-    displacement = displacement_ahead(search, carry.motion, neighbors, verlet.time_step)
     way = way_of_meshes(neighbors, verlet.meshes_placed(carry))
+    displacement = displacement_ahead(search, carry.motion, neighbors, verlet.time_step, way)
     return out_of_date(displacement, search.geometry, way)
 
 

@@ -37,7 +37,8 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
         load = contact_load(step, material, pair, springs)
         force, torque, _ = on_bodies(load, pair)
         if step.model.energy:
-            sums = sums._replace(found=(*sums.found, _found(step, listed, pair, load, material)))
+            found = _found(step, listed, pair, load, material)._replace(walls=(wall,))
+            sums = sums._replace(found=(*sums.found, found))
         force, torque = tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
         sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
         wear.append(None if mesh.wear is None else _worn(step, mesh, pair, touch, memory[mesh.number], load))

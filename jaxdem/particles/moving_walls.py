@@ -168,6 +168,22 @@ def placements(
     return tuple(found)
 
 
+def change_of_walls(
+    surfaces: Sequence[SurfaceMotion | None], sides: int, before: PistonState, after: PistonState
+) -> Array:
+    """(S, D) by which the velocity of every wall changes that a force holds, the sides of the box first [m/s]."""
+    dimension = max(len(surface.direction) for surface in surfaces if surface is not None)
+    still = jnp.zeros(dimension, before.velocity.dtype)
+    found = [still] * sides
+    for surface in surfaces:
+        if surface is None or surface.piston is None:
+            found.append(still)
+            continue
+        gained = after.velocity[surface.piston] - before.velocity[surface.piston]
+        found.append(gained * jnp.asarray(surface.direction, still.dtype))
+    return jnp.stack(found)
+
+
 def pushed(
     pistons: Sequence[Piston], motions: WallMotions, state: PistonState, elapsed: Array, loads: Array, step: Array
 ) -> PistonState:

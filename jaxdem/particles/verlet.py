@@ -15,7 +15,8 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.blocks import any_of, total
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.clump_forces import clump_forces
+from jaxdem.particles.clump_forces import clump_forces, touching_motion
+from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.clumps import kicked, normalised, turned
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
@@ -25,9 +26,10 @@ from jaxdem.particles.energy import EnergyFlow, flow_of_step, no_flow, work_on_b
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.ghosts import NEVER
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
-from jaxdem.particles.moving_walls import PistonState, pushed
+from jaxdem.particles.moving_walls import PistonState, change_of_walls, pushed
 from jaxdem.particles.neighbors import Neighbors, way_of_meshes
 from jaxdem.particles.slab_steps import SlabCarry, refreshed, with_own_due
+from jaxdem.particles.stored_energy import spin_energies
 from jaxdem.particles.wear import no_wear
 
 
@@ -112,7 +114,7 @@ class Verlet:
     def step(self, carry: Carry, neighbors: Neighbors) -> Carry:
         """Half a drift, the contacts at the places between, the kick, and the other half; see `loop`."""
         model, clumps, time_step = self.interval.model, self.properties.clumps, self.time_step
-        motion, expected, slab = self._half_way(carry, neighbors)
+        (motion, expected, slab), energy = self._half_way(carry, neighbors)
         bodies = self.properties if carry.slab is None else carry.slab.properties
         pistons = None if carry.pistons is None else carry.pistons.drifted(0.5 * time_step)
         elapsed = (carry.step + 0.5) * time_step if model.motions else carry.step
@@ -121,7 +123,11 @@ class Verlet:
         now = ContactStep(model, around, bodies, motion, expected, time_step, self.active)
         sums, before = forces_of(now, neighbors)
         motion = self._kicked(sums, before, bodies)
-        energy = self._with_work(carry.energy, sums, before, motion)
+        pushed_pistons = None if pistons is None else self._pushed(pistons, elapsed, sums.walls)
+        held = None
+        if pistons is not None and pushed_pistons is not None and energy is not None:
+            held = change_of_walls(model.motions, len(model.sides), pistons, pushed_pistons)
+        energy = self._with_work(energy, sums, (before, motion), neighbors, held)
         impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)
         size = vectors.length(sums.force)
         if slab is not None and self.active is not None:
@@ -130,12 +136,12 @@ class Verlet:
         walls = jax.tree.map(jnp.add, carry.walls, sums.walls)
         motion, number = drift(motion, 0.5 * time_step), carry.step + 1
         if clumps is not None:
-            motion = turned(motion, clumps, 0.5 * time_step, forwards=False)
-        if pistons is not None:
-            pistons = self._pushed(pistons, elapsed, sums.walls)
+            motion, energy = self._turned(motion, clumps, False, energy)
         crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
         wear = jax.tree.map(jnp.add, carry.wear, sums.wear)
-        carry = Carry(motion, sums.force, impulse, collision, number, walls, slab, pistons, crowded, wear, energy)
+        carry = Carry(
+            motion, sums.force, impulse, collision, number, walls, slab, pushed_pistons, crowded, wear, energy
+        )
         return self._with_due(carry, neighbors)
 
     def meshes_placed(self, carry: Carry, steps: int = 1) -> tuple[Placement | None, ...]:
@@ -155,17 +161,30 @@ class Verlet:
             found[mesh.number] = one
         return tuple(found)
 
-    def _half_way(self, carry: Carry, neighbors: Neighbors) -> tuple[Motion, Vector, SlabCarry | None]:
-        """Motion in the middle of the step, the velocity to expect there, and the slab with its ghosts there."""
+    def _half_way(
+        self, carry: Carry, neighbors: Neighbors
+    ) -> tuple[tuple[Motion, Vector, SlabCarry | None], EnergyFlow | None]:
+        """Motion in the middle of the step, the velocity to expect there, and the slab with its ghosts there; and the
+        balance of energy."""
         motion, slab, clumps = drift(carry.motion, 0.5 * self.time_step), carry.slab, self.properties.clumps
-        bodies = self.properties if slab is None else slab.properties
+        bodies, energy = self.properties if slab is None else slab.properties, carry.energy
         if clumps is not None:
-            motion = turned(motion, clumps, 0.5 * self.time_step, forwards=True)
+            motion, energy = self._turned(motion, clumps, True, energy)
         acceleration = vectors.scale(1.0 / bodies.mass, vectors.add(carry.contact_force, self.force))
         expected = vectors.add_scaled(motion.velocity, 0.5 * self.time_step, acceleration)
         if self.interval.division is not None and slab is not None:
             motion, expected, slab = refreshed(self.interval.division, neighbors, motion, expected, slab)
-        return motion, expected, slab
+        return (motion, expected, slab), energy
+
+    def _turned(
+        self, motion: Motion, clumps: Clumps, forwards: bool, energy: EnergyFlow | None
+    ) -> tuple[Motion, EnergyFlow | None]:
+        """Clumps turned freely for half a step, and the energy that its error gives them."""
+        after = turned(motion, clumps, 0.5 * self.time_step, forwards)
+        if energy is None:
+            return after, None
+        gained = jnp.sum(spin_energies(after, self.properties) - spin_energies(motion, self.properties))
+        return after, energy._replace(turning=energy.turning + gained)
 
     def _kicked(self, sums: Sums, motion: Motion, bodies: ParticleProperties) -> Motion:
         """The motion after the impulses of a step."""
@@ -174,12 +193,22 @@ class Verlet:
         push = kick if self.properties.clumps is None else kicked
         return push(motion, acting, torque, bodies, self.time_step)
 
-    def _with_work(self, energy: EnergyFlow | None, sums: Sums, before: Motion, after: Motion) -> EnergyFlow | None:
-        """With what contacts and given forces do in a step; None where no balance is kept."""
+    def _with_work(
+        self,
+        energy: EnergyFlow | None,
+        sums: Sums,
+        motions: tuple[Motion, Motion],
+        neighbors: Neighbors,
+        held: Array | None,
+    ) -> EnergyFlow | None:
+        """With what contacts, bonds and given forces do in a step between two motions; None where no balance is kept.
+        `held` is (S, D) by which the velocities of walls change that a force holds."""
         if energy is None:
             return None
-        given = work_on_bodies(self.force, self.torque, before, after, self.time_step)
-        flow = flow_of_step(self.interval.model, sums.found, before, after, self.time_step)
+        given, clumps = work_on_bodies(self.force, self.torque, *motions, self.time_step), self.properties.clumps
+        if clumps is not None:
+            motions = touching_motion(clumps, neighbors, motions[0]), touching_motion(clumps, neighbors, motions[1])
+        flow = flow_of_step(self.interval.model, sums, *motions, self.time_step, held)
         added: EnergyFlow = jax.tree.map(jnp.add, energy, flow._replace(fluid=given))
         return added
 

@@ -27,7 +27,7 @@ def wall_contacts(step: ContactStep) -> tuple[ContactPair, ContactLoad]:
     position, low, placed = motion.position, motion.low, step.surroundings.placements
     overlap, normal = wall_geometry(step.model, position, low, step.properties.radius, placed)
     particles_there = None if step.active is None else step.active[None]
-    walls_there = None if step.present is None else step.present[:, None]
+    walls_there = None if step.present is None else step.present[: step.model.analytic_walls, None]
     for there in (particles_there, walls_there):
         if there is not None:  # the others are out of reach by a radius, whatever the speed
             overlap = jnp.where(there, overlap, -jnp.ones_like(overlap) * radius)
@@ -69,7 +69,8 @@ def add_walls(step: ContactStep, sums: Sums) -> tuple[Sums, Vector]:
     if step.model.energy:
         number, before = len(spring) - step.model.memory, step.motion.wall_spring
         memory = ((before[number:], spring[number:]),) if step.model.memory else ()
-        found = FoundContacts(pair, load, wall_material(step), of_one=rows, of_other=None, memory=memory)
+        numbers = tuple(range(step.model.analytic_walls))
+        found = FoundContacts(pair, load, wall_material(step), rows, of_other=None, memory=memory, walls=numbers)
         summed = summed._replace(found=(*sums.found, found))
     return summed, spring
 

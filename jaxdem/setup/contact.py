@@ -107,7 +107,7 @@ def contact_interval(
         wet_friction=film is not None and film.wet_friction is not None,
         energy=scene.output.energy,
     )
-    check_energy(scene, model, particles.members > 1)
+    check_energy(scene, model)
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)
 
 

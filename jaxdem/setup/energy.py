@@ -9,7 +9,7 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.scene import Scene
 
 
-def check_energy(scene: Scene, model: ContactModel, clumps: bool) -> None:
+def check_energy(scene: Scene, model: ContactModel) -> None:
     """Refuses a balance of energy of a scene with something whose energy is not known.
 
     Raises:
@@ -18,13 +18,7 @@ def check_energy(scene: Scene, model: ContactModel, clumps: bool) -> None:
     found = None
     if not scene.output.energy:
         return
-    if model.wall_times is not None:
-        found = "walls that have begin or end: what their contacts store would be gone with them"
-    elif clumps:
-        found = "clumps yet"
-    elif model.bonds is not None:
-        found = "bonds yet"
-    elif not isinstance(model.law, StoringLaw):
+    if not isinstance(model.law, StoringLaw):
         found = "a contact law that does not say what its springs store (jaxdem.particles.contact.StoringLaw)"
     elif not has_energy(model.cohesion):
         found = "a cohesion of the user's, whose energy is not known"

@@ -14,6 +14,7 @@ MODULES = (
     "cohesion",
     "bonds",
     "energy",
+    "energy_of_bodies",
     "lubrication",
     "clumps",
     "conservation",

@@ -10,8 +10,9 @@ import numpy as np
 
 from jaxdem.numerics.host import on_device
 from jaxdem.particle_step import stored as stored_in_particles
-from jaxdem.particles.energy import EnergyFlow, StoredEnergy
+from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.stored_energy import StoredEnergy
 from jaxdem.run.instant import Instant
 from jaxdem.run.parts.part import Part
 from jaxdem.run.totals import Totals
@@ -19,6 +20,9 @@ from jaxdem.setup.builder import Case
 
 TOLD = 0.01
 """Energy that no force explains, over what was turned over, from which on the summary says so [-]."""
+
+TAKEN = ("damping", "liquid", "adhesion", "tangential_damping", "bond_damping", "breaking")
+"""Fields of `EnergyFlow` that are dissipated as they are."""
 
 MOTION = ("translation", "rotation", "potential")
 """What a summary has of every run."""
@@ -109,16 +113,18 @@ def balance(
         gravity_changes: whether gravity changes with time.
     """
     change = {name: end[name] - start[name] for name in start}
-    work = {name: flow[name] for name in ("walls", "fluid", "population")}
+    work = {name: flow[name] for name in ("walls", "fluid", "population", "wall_changes")}
     # Where gravity changes with time, so does the potential energy of particles at rest.
     work["gravity_change"] = change["potential"] + flow["gravity"] if gravity_changes else 0.0
-    dissipated = {name: flow[name] for name in ("damping", "liquid", "adhesion", "tangential_damping")}
-    dissipated["sliding"] = flow["tangential"] - flow["tangential_damping"] - change["tangential"]
-    dissipated["rolling"] = flow["rolling"] - change["rolling"]
-    time_step = flow["conservative"] + change["normal"] + change["surface"] + flow["adhesion"]
+    dissipated = {name: flow[name] for name in TAKEN}
+    kept = change["tangential"] - flow["carried_tangential"]
+    dissipated["sliding"] = flow["tangential"] - flow["tangential_damping"] - kept
+    dissipated["rolling"] = flow["rolling"] - (change["rolling"] - flow["carried_rolling"])
+    in_springs = change["normal"] + change["surface"] + change["bonds"] - flow["carried_normal"]
+    time_step = flow["conservative"] + in_springs + flow["adhesion"] + flow["breaking"] + flow["turning"]
     gained = sum(change.values()) - sum(work.values()) + sum(dissipated.values())
     kinetic = start["translation"] + start["rotation"], end["translation"] + end["rotation"]
-    springs = sum(abs(moment[name]) for moment in (start, end) for name in ("normal", "surface"))
+    springs = sum(abs(moment[name]) for moment in (start, end) for name in ("normal", "surface", "bonds"))
     turned_over = sum(kinetic) + abs(flow["gravity"]) + springs
     turned_over += sum(map(abs, work.values())) + sum(map(abs, dissipated.values()))
     relative = gained / turned_over if turned_over else 0.0

@@ -1,0 +1,160 @@
+"""What is stored in the particles at a moment: by motion and weight, in springs, surfaces and bonds."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.errors import required
+from jaxdem.numerics import vectors
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.bond_geometry import bond_geometry
+from jaxdem.particles.clumps import spin_energy
+from jaxdem.particles.cohesion import TOUCHING
+from jaxdem.particles.cohesion_energy import cohesion_energy
+from jaxdem.particles.contact import ContactMaterial, StoringLaw
+from jaxdem.particles.contact_load import attraction_of, gap_of
+from jaxdem.particles.contact_pair import ContactPair
+from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
+from jaxdem.particles.mesh_forces import mesh_pair
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.pair_forces import pair_contacts, pair_material
+from jaxdem.particles.wall_forces import wall_contacts, wall_material
+
+
+class StoredEnergy(NamedTuple):
+    """What is stored at a moment, each () [J].
+
+    Attributes:
+        translation: sum of m v^2 / 2.
+        rotation: sum of w.I w / 2.
+        potential: minus sum of m g.x.
+        normal: of the springs along the normal, and what cohesion strains.
+        tangential: of the tangential springs.
+        rolling: of the rolling springs.
+        surface: of cohesion.
+        bonds: elastic, of the bonds that hold.
+    """
+
+    translation: Array
+    rotation: Array
+    potential: Array
+    normal: Array
+    tangential: Array
+    rolling: Array
+    surface: Array
+    bonds: Array
+
+    @property
+    def total(self) -> Array:
+        """Sum of all [J]."""
+        return sum(self, start=jnp.zeros_like(self.translation))
+
+
+def stored_energy(
+    step: ContactStep, neighbors: Neighbors, bodies: ParticleProperties, gravity: Array, state: ParticleState
+) -> StoredEnergy:
+    """What is stored in a state.
+
+    A tangential or rolling spring is that of the middle of the last step.
+
+    Args:
+        step: what touches as it is, the particles or the members of clumps, with a time step of zero.
+        neighbors: their list, in date.
+        bodies: the particles, without fluid that moves along.
+        gravity: (D,) [m/s2].
+        state: of the particles.
+    """
+    motion, dtype = Motion.of(state), state.velocity.dtype
+    there = jnp.ones(state.velocity.shape[0], bool) if state.active is None else state.active
+    mass = jnp.where(there, bodies.mass, 0.0)
+    height = vectors.dot(tuple(gravity), motion.position)
+    if motion.low[0] is not None:
+        height = height + vectors.dot(tuple(gravity), motion.low)  # type: ignore[arg-type]
+    springs = tuple(jnp.zeros((), dtype) for _ in range(4))
+    for pair, material, kept, real in _contacts(step, neighbors):
+        own = _of_springs(step, pair, material, kept)
+        springs = tuple(
+            total + jnp.sum(part if real is None else jnp.where(real, part, 0.0))
+            for total, part in zip(springs, own, strict=True)
+        )
+    normal, tangential, rolling, surface = springs
+    return StoredEnergy(
+        0.5 * jnp.sum(mass * vectors.dot(motion.velocity, motion.velocity)),
+        jnp.sum(jnp.where(there, spin_energies(motion, bodies), 0.0)),
+        -jnp.sum(mass * height),
+        normal,
+        tangential,
+        rolling,
+        surface,
+        _of_bonds(step, bodies, motion),
+    )
+
+
+def spin_energies(motion: Motion, bodies: ParticleProperties) -> Array:
+    """(N,) energy of the rotation of every body [J]."""
+    if bodies.clumps is not None:
+        return spin_energy(motion.angular_velocity, motion.orientation, bodies)
+    return 0.5 * bodies.inertia * vectors.dot(motion.angular_velocity, motion.angular_velocity)
+
+
+def _of_bonds(step: ContactStep, bodies: ParticleProperties, motion: Motion) -> Array:
+    """Elastic energy of the bonds that hold [J]."""
+    if step.model.bonds is None or motion.bonds is None:
+        return jnp.zeros((), motion.velocity[0].dtype)
+    numbers = required(step.surroundings.bonds, "parameters.bonds")
+    geometry = bond_geometry(step.model.bonds, numbers, bodies, motion, motion.bonds)
+    return jnp.sum(jnp.where(motion.bonds.intact, geometry.energy(), 0.0))
+
+
+def _contacts(
+    step: ContactStep, neighbors: Neighbors
+) -> list[tuple[ContactPair, ContactMaterial, Vector, Array | None]]:
+    """All contacts as they are: what they are, their constants, what they keep, and which of them are any."""
+    found: list[tuple[ContactPair, ContactMaterial, Vector, Array | None]] = []
+    if neighbors.room.slots:
+        pair, _ = pair_contacts(step, neighbors)
+        found.append((pair, pair_material(step, neighbors), step.motion.contact_spring, None))
+    if step.model.analytic_walls:
+        pair, _ = wall_contacts(step)
+        found.append((pair, wall_material(step), step.motion.wall_spring, None))
+    for number in range(len(step.model.meshes)):
+        pair, material, kept, real = mesh_pair(step, neighbors, number)
+        if step.present is not None:
+            real = real & step.present[step.model.analytic_walls + number]
+        found.append((pair, material, kept, real))
+    return found
+
+
+def _of_springs(
+    step: ContactStep, pair: ContactPair, material: ContactMaterial, kept: Vector
+) -> tuple[Array, Array, Array, Array]:
+    """Energy of every contact: of the normal, tangential and rolling spring, and of the surface [J]."""
+    model, law = step.model, step.model.law
+    if not isinstance(law, StoringLaw):  # refused before
+        raise TypeError("the contact law does not say what its springs store")
+    number = len(kept) - model.memory
+    memory, in_plane = kept[number:], vectors.angular_size(len(pair.normal))
+    attraction = attraction_of(step, material, pair, memory)
+    touching = pair.overlap > 0 if attraction is None else attraction.touching
+    overlap = jnp.where(touching, pair.overlap if attraction is None else attraction.overlap, 0.0)
+    radius = pair.effective_radius
+    normal, surface = law.energy(overlap, radius, material), jnp.zeros_like(overlap)
+    if model.cohesion is not None:
+        constants = required(material.cohesion, "cohesion")
+        beside = cohesion_energy(model.cohesion, gap_of(pair, material), constants, memory)
+        normal, surface = normal + beside.elastic, beside.surface
+    across = kept[:in_plane]
+    tangential = 0.5 * law.tangential_stiffness(overlap, radius, material) * vectors.dot(across, across)
+    rolling = jnp.zeros_like(overlap)
+    if model.rolling is not None and model.rolling.has_spring:
+        torque = kept[in_plane:number]
+        pressed = jnp.where(touching, overlap, TOUCHING * radius)
+        lever, elastic = material.rolling_friction * radius, law.elastic(pressed, radius, material)
+        stiffness = model.rolling.stiffness(lever, elastic, pressed)
+        loaded = touching & (stiffness > 0)
+        rolling = jnp.where(loaded, 0.5 * vectors.dot(torque, torque) / jnp.where(loaded, stiffness, 1.0), 0.0)
+    return normal, jnp.where(touching, tangential, 0.0), rolling, surface
