@@ -1,6 +1,6 @@
 """Cost of a closure of neighbours: one evaluation per grain, over one contact pass of the same grains.
 
-    python benchmarks/neighbours.py [--grains 2000] [--solid-fraction 0.3] [--closures FILE...]
+    python benchmarks/neighbours.py [--grains 2000] [--solid-fraction 0.3] [--sizes NAME...] [--closures FILE...]
 
 The grains fill a periodic box at random and do not overlap. All programs are of one process, in single precision, with
 the times of the processor and the least of some repetitions, so that other load matters little. A contact pass is a
@@ -12,11 +12,12 @@ scene asks for (10 to 100 as a rule).
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -96,8 +97,22 @@ def contact_pass(described: jaxdem.Scene) -> float:
     return seconds(lambda: particles(parameters, state, neighbors, forces)) / simulation.contact.steps
 
 
-def evaluation(described: jaxdem.Scene, closure: NeighborClosure) -> tuple[float, float]:
-    """Processor time of one evaluation, and of the search in it [s]."""
+class Parts(NamedTuple):
+    """Processor times of an evaluation and of parts of it [s].
+
+    Attributes:
+        whole: all of it.
+        search: for the neighbours.
+        level: search, moments and network of the first level alone.
+    """
+
+    whole: float
+    search: float
+    level: float
+
+
+def evaluation(described: jaxdem.Scene, closure: NeighborClosure) -> Parts:
+    """Processor time of one evaluation, and of parts of it."""
     simulation, parameters = jaxdem.build(described, closure=closure)
     state, _ = jaxdem.initial_state(described, simulation, parameters)
     coupling, mixture = simulation.coupling, parameters.mixture
@@ -114,7 +129,9 @@ def evaluation(described: jaxdem.Scene, closure: NeighborClosure) -> tuple[float
         return coupling.drag.surroundings.neighbors(coupling.start(mixture, state.fluid, particles, sampled))
 
     whole = seconds(lambda: effect(closure, state.particles, inputs))
-    return whole, seconds(lambda: search(state.particles))
+    first = dataclasses.replace(closure, levels=closure.levels[:1], carried=None)
+    level = whole if closure.carried is None else seconds(lambda: effect(first, state.particles, inputs))
+    return Parts(whole, seconds(lambda: search(state.particles)), level)
 
 
 def main() -> None:
@@ -122,19 +139,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--grains", type=int, default=2000)
     parser.add_argument("--solid-fraction", type=float, default=0.3)
+    parser.add_argument("--sizes", nargs="*", default=list(SIZES), choices=list(SIZES))
     parser.add_argument("--closures", nargs="*", default=[], metavar="FILE")
     options = parser.parse_args()
     described = scene(options.grains, options.solid_fraction)
-    closures = {name: NeighborClosure.initial(size.basis, size.carried, size.widths) for name, size in SIZES.items()}
+    chosen = {name: SIZES[name] for name in options.sizes}
+    closures = {
+        name: NeighborClosure.initial(size.basis, size.carried, size.widths, wake=size.wake)
+        for name, size in chosen.items()
+    }
     closures |= {Path(file).name: load_closure(file)[0] for file in options.closures}
     contact = contact_pass(described) / options.grains
     print(f"{options.grains} grains at a solid fraction of {options.solid_fraction:g}")
     print(f"contact pass: {1e6 * contact:.3g} us a grain")
+    print("size: us a grain; of these search, first level, second level; contact passes")
     for name, closure in closures.items():
-        whole, search = (value / options.grains for value in evaluation(described, closure))
-        print(
-            f"{name}: {1e6 * whole:.3g} us a grain, {1e6 * search:.3g} of them the search; {whole / contact:.3g} passes"
-        )
+        whole, search, level = (1e6 * value / options.grains for value in evaluation(described, closure))
+        parts = f"{search:.3g}, {level - search:.3g}, {whole - level:.3g}"
+        print(f"{name}: {whole:.3g}; {parts}; {1e-6 * whole / contact:.3g}", flush=True)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from jaxdem.closures.base import DragClosure
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.export_c import c_header
 from jaxdem.closures.export_neighbors import neighbor_module
+from jaxdem.closures.export_neighbors_c import neighbor_header
 from jaxdem.closures.export_onnx import onnx_model
 from jaxdem.closures.export_stablehlo import stablehlo_module
 from jaxdem.closures.file import AnyClosure, StoredClosure
@@ -32,7 +33,8 @@ def export_closure(
 
     Sizes are fixed but for the number of particles. Vectors have D components: those of the training for the
     paper's network; three for the invariant closure, which gives the same with a third component of zero. A closure of
-    neighbours is a function of arrays of all spheres, in StableHLO alone, see `neighbor_module`.
+    neighbours is a function of arrays of all spheres in StableHLO, see `neighbor_module`, and in C the functions of a
+    pair and of a sphere that it is made of, see `neighbor_header`.
 
     Args:
         closure: from `load_closure`.
@@ -53,11 +55,7 @@ def export_closure(
         raise InputError("--format", form, "is not known", f"Use one of {', '.join(FORMATS)}.")
     target = Path(path)
     if isinstance(closure, NeighborClosure):
-        if form != "stablehlo":
-            limit = "has functions of one particle, and a closure of neighbours is one of all particles"
-            raise InputError("--format", form, limit, "Use stablehlo.")
-        artifact, text = neighbor_module(closure)
-        return _written(dict(zip(files_written(form, target), (artifact, text.encode()), strict=True)))
+        return _written(_neighbors(closure, metadata, form, target, version))
     dimension = getattr(closure, "dimension", 3)
     about = describe(closure, metadata, dimension)
     law: DragClosure = closure.one_by_one() if isinstance(closure, EnsembleClosure) else closure
@@ -70,6 +68,22 @@ def export_closure(
         artifact, text = stablehlo_module(law, dimension)
         contents = dict(zip(files_written(form, target), (artifact, text.encode()), strict=True))
     return _written(contents)
+
+
+def _neighbors(
+    closure: NeighborClosure, metadata: dict[str, Any], form: str, target: Path, version: str
+) -> dict[Path, bytes]:
+    """The files of a closure of neighbours."""
+    if form == "onnx":
+        limit = "has functions of one particle, and a closure of neighbours is one of all particles"
+        raise InputError(
+            "--format", form, limit, "Use stablehlo, or c, which has the parts of one particle and of a pair."
+        )
+    if form == "c":
+        about = f"base law: {drag_law_name(closure.base)}\nrecipe: {metadata.get('recipe', 'unknown')}"
+        return {target: neighbor_header(closure, identifier(target), about, version).encode()}
+    artifact, text = neighbor_module(closure)
+    return dict(zip(files_written(form, target), (artifact, text.encode()), strict=True))
 
 
 def _written(contents: dict[Path, bytes]) -> tuple[Path, ...]:

@@ -57,7 +57,7 @@ def c_header(closure: DragClosure, dimension: int, name: str, about: str, versio
         about: description for the comment at the top.
         version: of jaxdem.
     """
-    writer = _Writer(name)
+    writer = CWriter(name)
     inputs = [
         np.array([f"in->{field}[{i}]" for i in range(dimension)], object)
         if field in VECTORS
@@ -66,7 +66,7 @@ def c_header(closure: DragClosure, dimension: int, name: str, about: str, versio
     ]
     results = ExportedDrag(*walk(trace(closure, dimension), inputs, writer.apply))
     for field, value in results._asdict().items():
-        for index, element in np.ndenumerate(_expressions(value)):
+        for index, element in np.ndenumerate(expressions(value)):
             place = f"out.{field}" + "".join(f"[{i}]" for i in index)
             writer.lines.append((None, f"{place} = {element};"))
     used = writer.used_lines()
@@ -84,7 +84,7 @@ def c_header(closure: DragClosure, dimension: int, name: str, about: str, versio
     )
 
 
-class _Writer:
+class CWriter:
     """Statements of the function; a value is a numpy array of C expressions, one for each element.
 
     Moving elements about (reshape, slice, concatenate, ...) is then done by numpy and needs no statement.
@@ -103,7 +103,7 @@ class _Writer:
         """One operation; see `jaxdem.closures.export_trace.Apply`."""
         if operation == "dot_general":
             return self._product(operands[0], operands[1], result.shape)
-        values = [_expressions(value) for value in operands]
+        values = [expressions(value) for value in operands]
         if operation in OPERATIONS:
             return self._elementwise(OPERATIONS[operation].c, values, result)
         if operation in ("reduce_sum", "reduce_and"):
@@ -141,7 +141,7 @@ class _Writer:
         expression = form.format(*(self._at(value, "i") for value in operands))
         self.lines.append((name, f"{kind} {name}[{result.size}];"))
         self.lines.append((name, f"for (int i = 0; i < {result.size}; ++i) {name}[i] = {expression};"))
-        return _elements(name, result.shape)
+        return elements(name, result.shape)
 
     def _reduced(self, joint: str, value: np.ndarray, settings: dict[str, Any], result: Result) -> np.ndarray:
         axes = settings["axes"]
@@ -149,13 +149,17 @@ class _Writer:
         form = joint.join(f"{{{i}}}" for i in range(rows.shape[-1]))
         return self._elementwise(form, [rows[..., i] for i in range(rows.shape[-1])], result)
 
-    def _product(self, vector: np.ndarray, matrix: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-        """(1, K) times a constant (K, M): a layer of a network."""
-        if vector.shape[0] != 1 or matrix.dtype == object:
-            raise NotImplementedError("no C for a product other than of a row with constant weights")
-        inputs, outputs = matrix.shape
-        name, sums = self._fresh(), self._at(vector, "i")
-        table = self._table(matrix.T)
+    def _product(self, rows: np.ndarray, matrix: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        """(R, K) times a constant (K, M): a layer of a network."""
+        if matrix.dtype != object:
+            table = self._table(matrix.T)
+            return np.concatenate([self._row_product(row, table, matrix.shape) for row in rows]).reshape(shape)
+        raise NotImplementedError("no C for a product other than with constant weights")
+
+    def _row_product(self, row: np.ndarray, table: str, sizes: tuple[int, ...]) -> np.ndarray:
+        """(K,) times the transpose of a table (M, K)."""
+        inputs, outputs = sizes
+        name, sums = self._fresh(), self._at(row, "i")
         self.lines.append((name, f"float {name}[{outputs}];"))
         loop = (
             f"for (int j = 0; j < {outputs}; ++j) {{\n        float sum = 0.0f;\n"
@@ -163,15 +167,15 @@ class _Writer:
             f"        {name}[j] = sum;\n    }}"
         )
         self.lines.append((name, loop))
-        return _elements(name, shape)
+        return elements(name, (outputs,))
 
     def _at(self, value: np.ndarray, index: str) -> str:
         """C expression of element `index` of a value, which is laid down as an array if it is none yet."""
-        flat = _expressions(value).ravel()
+        flat = expressions(value).ravel()
         if all(element == flat[0] for element in flat):
             return flat[0]
         name = flat[0].split("[")[0]
-        if list(flat) == list(_elements(name, flat.shape)) and not name.startswith("in->"):
+        if list(flat) == list(elements(name, flat.shape)) and not name.startswith("in->"):
             return f"{name}[{index}]"
         if not any(re.match(r"[a-z]", element) for element in flat):
             return f"{self._table(flat)}[{index}]"
@@ -182,7 +186,7 @@ class _Writer:
     def _table(self, numbers: np.ndarray) -> str:
         """A static array of constants."""
         name = f"{self.name}_w{len(self.tables) + 1}"
-        rows = _expressions(numbers)
+        rows = expressions(numbers)
         sizes = "".join(f"[{size}]" for size in rows.shape)
         text = _braces(rows)
         self.tables[name] = f"static const float {name}{sizes} = {text};"
@@ -203,12 +207,13 @@ def _members(fields: Sequence[str], dimension: int) -> str:
     return "\n".join(lines)
 
 
-def _elements(name: str, shape: tuple[int, ...]) -> np.ndarray:
+def elements(name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """C expressions of the elements of an array of this shape that lies flat under a name."""
     size = int(np.prod(shape))
     return np.array([f"{name}[{i}]" for i in range(size)], object).reshape(shape)
 
 
-def _expressions(value: np.ndarray) -> np.ndarray:
+def expressions(value: np.ndarray) -> np.ndarray:
     """C expressions of a value; numbers become literals that give the same float32."""
     if value.dtype == object:
         return value

@@ -211,6 +211,8 @@ def moved(
         strides = settings["strides"] or (1,) * len(shape)
         bounds = zip(settings["start_indices"], settings["limit_indices"], strides, strict=True)
         return first[tuple(slice(*bound) for bound in bounds)]
+    if operation == "transpose":
+        return np.transpose(first, settings["permutation"])
     if operation == "concatenate":
         return np.concatenate(operands, axis=settings["dimension"])
     if operation == "stack":

@@ -42,10 +42,11 @@ def save_closure(path: str | os.PathLike[str], closure: AnyClosure | SubgridClos
 
     Layout: attributes format, version, kind ("paper", "invariant", "ensemble", "neighbors" or "subgrid"), base (scene
     name of the base law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features
-    (invariant), members and member_kind (ensemble), scalars, channels, basis and carried (neighbors: reach, number of
-    radial functions and degree); dataset `metadata` (JSON in UTF-8, as bytes); group `arrays` with every data field,
-    the weights below `arrays/weights/<layer>/<kernel or bias>`, those of an ensemble below `arrays/members/` with the
-    members along their first axis, those of a closure of neighbours below `arrays/levels/<number>/`.
+    (invariant), members and member_kind (ensemble), scalars, channels, basis, carried and wake (neighbors: reach,
+    number of radial functions and degree; of a stretched basis also stretch and decay); dataset `metadata` (JSON in
+    UTF-8, as bytes); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`,
+    those of an ensemble below `arrays/members/` with the members along their first axis, those of a closure of
+    neighbours below `arrays/levels/<number>/`.
 
     Args:
         path: file to write; its folder must exist.
@@ -150,7 +151,7 @@ def _structure(closure: AnyClosure | SubgridClosure) -> dict[str, Any]:
             "kind": "neighbors", "base": drag_law_name(closure.base), "activation": level.activation,
             "scalars": [one.width.scalars for one in closure.levels], "channels": level.channels,
             "hidden": np.asarray(level.width.hidden, np.int64),
-            "basis": _numbers(closure.basis), "carried": _numbers(closure.carried),
+            "basis": _numbers(closure.basis), "carried": _numbers(closure.carried), "wake": _numbers(closure.wake),
         }  # fmt: skip
     network = {"hidden": np.asarray(closure.hidden, np.int64), "activation": closure.activation}
     if isinstance(closure, SubgridClosure):
@@ -186,7 +187,8 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure | NeighborC
     if kind == "neighbors":
         basis, carried = (_basis(attributes[name], order, path) for name, order in (("basis", ORDER), ("carried", 2)))
         widths = [Width(int(scalars), int(attributes["channels"]), hidden) for scalars in attributes["scalars"]]
-        return NeighborClosure.initial(basis, carried, widths, 0, base)
+        wake = _basis(attributes.get("wake", []), 1, path)  # files of the first versions have none
+        return NeighborClosure.initial(basis, carried, widths, 0, base, wake)
     if kind == "invariant":
         terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
         # Files of the first versions do not name their features.
@@ -196,8 +198,11 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure | NeighborC
 
 
 def _numbers(basis: MomentBasis | None) -> NDArray[np.float64]:
-    """Reach, number of radial functions and degree; nothing for none."""
-    return np.asarray([] if basis is None else [basis.reach, basis.radial, basis.degree], np.float64)
+    """Reach, number of radial functions, degree; of a stretched basis also stretch and decay; nothing for none."""
+    if basis is None:
+        return np.asarray([], np.float64)
+    stretched = [] if (basis.stretch, basis.decay) == (1.0, 2) else [basis.stretch, basis.decay]
+    return np.asarray([basis.reach, basis.radial, basis.degree, *stretched], np.float64)
 
 
 def _basis(numbers: Any, order: int, path: str) -> Any:
@@ -207,11 +212,14 @@ def _basis(numbers: Any, order: int, path: str) -> Any:
         InputError: the numbers cannot be those of one.
     """
     found = np.ravel(numbers)
-    if order == 2 and not len(found):
+    if order < ORDER and not len(found):
         return None
-    if len(found) != 3 or not (1.5 <= found[0] <= 10.0 and 2 <= found[1] <= 100 and order <= found[2] <= 20):
+    plain = (*found, 1.0, 2.0) if len(found) == 3 else found
+    reach, radial, degree, stretch, decay = plain if len(plain) == 5 else [0.0] * 5
+    possible = 1.5 <= reach <= 10.0 and 2 <= radial <= 100 and order <= degree <= 20
+    if not (possible and 1.0 <= stretch <= 10.0 and decay in (2.0, 4.0, 6.0, 8.0)):
         raise CLOSURE.refusal(path, f"has moments that cannot be ({found.tolist()})")
-    return MomentBasis(float(found[0]), int(found[1]), int(found[2]), order)
+    return MomentBasis(float(reach), int(radial), int(degree), order, float(stretch), int(decay))
 
 
 def _network(attributes: Any) -> tuple[tuple[int, ...], str]:

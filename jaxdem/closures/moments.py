@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 from jax import Array
@@ -26,12 +27,22 @@ class MomentBasis:
         radial: number of functions of the distance.
         degree: largest degree l of the functions of the direction.
         order: largest order m of these.
+        stretch: factor by which lengths along the axis are divided before anything else: neighbours within an ellipsoid
+            count, `reach` wide to each side and `reach * stretch` long, which resolves wakes [-].
+        decay: p, even exponent of the decay towards the reach; a larger one keeps what is far up to near the reach.
     """
 
     reach: float
     radial: int
     degree: int
     order: int
+    stretch: float = 1.0
+    decay: int = 2
+
+    @property
+    def length(self) -> float:
+        """Distance along the axis at which neighbours cease to count [-]."""
+        return self.reach * max(1.0, self.stretch)
 
     def count(self, order: int) -> int:
         """Number of functions of this order m."""
@@ -41,13 +52,13 @@ class MomentBasis:
 def radial_functions(basis: MomentBasis, distance: Array) -> Array:
     """R_n(r), the number of functions first; r in diameters, of any shape.
 
-    R_n(r) = T_n(2 x - 1) (1 - r^2/c^2)^2 with x = (1/r - 1/c) / (1 - 1/c) and T_n the polynomials of Chebyshev: x is 1
+    R_n(r) = T_n(2 x - 1) (1 - (r/c)^p)^2 with x = (1/r - 1/c) / (1 - 1/c) and T_n the polynomials of Chebyshev: x is 1
     at contact and 0 at the reach c, and resolves what is near. Value and slope are zero at c, so that a neighbour that
     crosses it changes nothing at once.
     """
     r = jnp.clip(distance, NEAREST, basis.reach)
     argument = 2.0 * (1.0 / r - 1.0 / basis.reach) / (1.0 - 1.0 / basis.reach) - 1.0
-    envelope = (1.0 - (r / basis.reach) ** 2) ** 2
+    envelope = (1.0 - (r / basis.reach) ** basis.decay) ** 2
     values = [envelope, argument * envelope]
     for _ in range(2, basis.radial):
         values.append(2.0 * argument * values[-1] - values[-2])
@@ -102,14 +113,19 @@ def moments(basis: MomentBasis, offset: Offset, present: Array) -> tuple[Array, 
         n in blocks and l within them.
     """
     radial, harmonics = _of_pairs(basis, offset, present)
-    found = []
+    parts: list[list[list[Array]]] = []
     for order in range(basis.order + 1):
         of_order = harmonics[order]
-        parts = [[real for real, _ in of_order]]
+        parts.append([[real for real, _ in of_order]])
         if order:
-            parts.append([imaginary for _, imaginary in of_order])
-        found.append(_summed(radial, parts))
-    return tuple(found)
+            parts[-1].append([imaginary for _, imaginary in of_order])
+    return _summed(radial, parts)
+
+
+def with_wake(found: Sequence[Array], wake: Sequence[Array]) -> tuple[Array, ...]:
+    """Moments of each order with those of a stretched basis, of the first orders, behind them."""
+    both = [jnp.concatenate(pair, axis=2) for pair in zip(found, wake, strict=False)]
+    return (*both, *found[len(both) :])
 
 
 def carried_moments(basis: MomentBasis, offset: Offset, present: Array, vector: Offset) -> tuple[Array, Array]:
@@ -139,7 +155,8 @@ def carried_moments(basis: MomentBasis, offset: Offset, present: Array, vector: 
     for x, y in harmonics[2]:
         real.append(x * v + y * u)
         imaginary.append(y * v - x * u)
-    return _summed(radial, [scalar]), _summed(radial, [real, imaginary])
+    zero, one = _summed(radial, [[scalar], [real, imaginary]])
+    return zero, one
 
 
 def carried_counts(basis: MomentBasis) -> tuple[int, int]:
@@ -154,6 +171,8 @@ Harmonics = list[list[tuple[Array, Array]]]
 def _of_pairs(basis: MomentBasis, offset: Offset, present: Array) -> tuple[Array, Harmonics]:
     """R_n (n, N, K), zero where there is no neighbour in reach, and Y_lm (N, K) by order and degree."""
     x, y, z = (jnp.where(present, component, 1.0) for component in offset)
+    if basis.stretch != 1.0:
+        x = x / basis.stretch
     distance = jnp.sqrt(jnp.maximum(x * x + y * y + z * z, SMALLEST))
     inverse = 1.0 / distance
     counts = present & (distance < basis.reach)
@@ -161,8 +180,27 @@ def _of_pairs(basis: MomentBasis, offset: Offset, present: Array) -> tuple[Array
     return radial, angular_functions(basis, (x * inverse, y * inverse, z * inverse))
 
 
-def _summed(radial: Array, parts: list[list[Array]]) -> Array:
-    """(N, P, n l) sums over the neighbours of products of the functions."""
-    functions = jnp.stack([jnp.stack(part) for part in parts])
-    sums = jnp.einsum("nik,plik->ipnl", radial, functions, precision=PRECISION)
-    return sums.reshape(*sums.shape[:2], -1)
+def _summed(radial: Array, orders: Sequence[Sequence[Sequence[Array]]]) -> tuple[Array, ...]:
+    """Sums over the neighbours of products of the functions, (N, P, n l) of each order.
+
+    All orders are one product of matrices for each sphere, with the neighbours last in both factors, where they are in
+    the memory: four products of one order each, spheres in the middle, take twice the time.
+
+    Args:
+        radial: (n, N, K).
+        orders: of each its parts, and of each of these the functions (N, K) of the direction.
+    """
+    functions = jnp.stack([one for parts in orders for part in parts for one in part], axis=1)
+    radial = jnp.moveaxis(radial, 0, 1)
+    if radial.shape[2] == 1:  # a product of two vectors, which C code can have
+        sums = radial * functions.reshape(-1, 1, functions.shape[1])
+    else:
+        sums = jnp.einsum("nik,nfk->nif", radial, functions, precision=PRECISION)
+    found, first = [], 0
+    for parts in orders:
+        of_parts = []
+        for part in parts:
+            of_parts.append(sums[:, :, first : first + len(part)].reshape(sums.shape[0], -1))
+            first += len(part)
+        found.append(jnp.stack(of_parts, axis=1))
+    return tuple(found)

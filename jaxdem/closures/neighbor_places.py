@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxdem.closures.moments import Offset, carried_moments, moments
+from jaxdem.closures.moments import Offset, carried_moments
 from jaxdem.closures.neighbors import NeighborClosure, Response, conditions, presence
-from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.vectors import components, row_lengths
 
 Frame = tuple[Array, Array, Array]
 """Three unit vectors (N, 3) at right angles, right-handed, the first along the slip."""
 Tree = Any
 """A pytree of arrays; JAX has no type for it."""
+SLOTS_AT_ONCE = 48
+"""Slots of neighbours that are treated at once: fewer pass through memory, and empty ones can be left out."""
 
 
 class Places(NamedTuple):
@@ -38,27 +39,32 @@ class Places(NamedTuple):
     def offset(self, rows: tuple[Array, ...]) -> tuple[Offset, Array]:
         """Neighbours of some spheres in their frames, in diameters, and which slots hold one."""
         others, own, position, size, axes = rows
-        apart = self.centres[others] - position[:, None]
-        wraps = self.period > 0
-        period, share = jnp.where(wraps, self.period, 0.0), 1.0 / jnp.where(wraps, self.period, 1.0)
-        apart = apart - period[None, None] * jnp.round(apart * share[None, None])
-        return _in_frame(apart / size[:, None, None], axes), others != own[:, None]
+        share = jnp.where(self.period > 0, 1.0 / jnp.where(self.period > 0, self.period, 1.0), 0.0)
+        apart = []
+        for axis in range(3):
+            along = self.centres[:, axis][others] - position[:, axis, None]
+            apart.append((along - self.period[axis] * jnp.round(along * share[axis])) / size[:, None])
+        return _in_frame(apart, axes), others != own[:, None]
 
     def summed(
         self, frame: Frame, at_once: int | None, function: Callable[[Offset, Array, tuple[Array, ...]], Tree]
     ) -> Tree:
-        """A function of offset and presence of the neighbours and of rows, `at_once` spheres after the others."""
+        """Sums over the neighbours: a function of their offset and presence and of rows, `at_once` spheres after the
+        others and `SLOTS_AT_ONCE` of their slots. Slots that are empty for all of these spheres cost nothing.
+
+        The rows are the neighbours of some spheres (N, K), their numbers, centres, diameters and axes.
+        """
         count = self.centres.shape[0]
         own = jnp.arange(count, dtype=self.others.dtype)
         size = jnp.broadcast_to(self.diameter, (count,))
         whole = (self.others, own, self.centres, size, jnp.stack(frame, axis=1))
 
         @jax.checkpoint  # the functions of every pair would fill the memory of a reverse pass
-        def of_some(rows: tuple[Array, ...]) -> Tree:
+        def of_slots(rows: tuple[Array, ...]) -> Tree:
             return function(*self.offset(rows), rows)
 
         if at_once is None:
-            return of_some(whole)
+            return of_slots(whole)
         parts = -(-count // at_once)
         length = -(-count // parts)
 
@@ -66,8 +72,30 @@ class Places(NamedTuple):
             padding = [(0, parts * length - count)] + [(0, 0)] * (array.ndim - 1)
             return jnp.pad(array, padding).reshape(parts, length, *array.shape[1:])
 
-        done = lax.map(of_some, tuple(map(in_parts, whole)))
+        done = lax.map(lambda rows: _over_slots(of_slots, rows), tuple(map(in_parts, whole)))
         return jax.tree.map(lambda array: array.reshape(parts * length, *array.shape[2:])[:count], done)
+
+
+def _over_slots(function: Callable[[tuple[Array, ...]], Tree], rows: tuple[Array, ...]) -> Tree:
+    """The sum of a function over blocks of slots; a block without a neighbour is left out."""
+    others, own, *rest = rows
+    slots = others.shape[1]
+    blocks = -(-slots // SLOTS_AT_ONCE)
+    if blocks <= 1:
+        return function(rows)
+    empty = jnp.broadcast_to(own[:, None], (len(own), blocks * SLOTS_AT_ONCE - slots))
+    cut = jnp.concatenate([others, empty], axis=1).reshape(len(own), blocks, SLOTS_AT_ONCE)
+
+    def of_block(block: Array) -> Tree:
+        return function((block, own, *rest))
+
+    def add(total: Tree, block: Array) -> tuple[Tree, None]:
+        some = jnp.any(block != own[:, None])
+        return lax.cond(some, lambda: jax.tree.map(jnp.add, total, of_block(block)), lambda: total), None
+
+    shapes = jax.eval_shape(of_block, cut[:, 0])
+    none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    return lax.scan(add, none, jnp.moveaxis(cut, 1, 0))[0]
 
 
 def fluctuation(
@@ -89,32 +117,36 @@ def fluctuation(
         at_once: so many spheres are treated at once; all if None.
     """
 
-    def first(offset: Offset, present: Array, rows: tuple[Array, ...]) -> tuple[Any, Array]:
-        sums = moments(closure.basis, offset, present)
-        return [level.mixed(sums) for level in closure.levels], sums[0][:, 0, 0]
-
     known = conditions(reynolds, solid_fraction)
-    mixed, crowd = places.summed(frame, at_once, first)
-    values = closure.levels[0].values(mixed[0], known)
+    sums = places.summed(frame, at_once, lambda offset, present, _: closure.moments(offset, present))
+    crowd = sums[0][:, 0, 0]
+    values = closure.levels[0].values(closure.levels[0].mixed(sums), known)
     if closure.carried is not None:
         carried, level = closure.carried, closure.levels[1]
         force = presence(crowd)[:, None] * values[:, :3]
         vector = force[:, :1] * frame[0] + force[:, 1:2] * frame[1] + force[:, 2:] * frame[2]
 
         def second(offset: Offset, present: Array, rows: tuple[Array, ...]) -> tuple[Array, ...]:
-            given = _in_frame(vector[rows[0]], rows[-1])
-            return level.mixed(carried_moments(carried, offset, present, given), further=True)
+            given = _in_frame([vector[:, axis][rows[0]] for axis in range(3)], rows[-1])
+            return carried_moments(carried, offset, present, given)
 
-        further = places.summed(frame, at_once, second)
-        both = [one + other for one, other in zip(mixed[1], further, strict=False)]
-        values = level.values([*both, *mixed[1][2:]], known)
+        further = level.mixed(places.summed(frame, at_once, second), further=True)
+        mixed = level.mixed(sums)
+        both = [one + other for one, other in zip(mixed, further, strict=False)]
+        values = level.values([*both, *mixed[2:]], known)
     return closure.response(values, crowd, reynolds, solid_fraction)
 
 
-def _in_frame(vectors: Array, axes: Array) -> Offset:
-    """Components of vectors (N, K, 3) along the axes (N, 3, 3) of each particle."""
-    found = jnp.einsum("nkd,nad->ank", vectors, axes, precision=PRECISION)
-    return found[0], found[1], found[2]
+def _in_frame(vectors: Sequence[Array], axes: Array) -> Offset:
+    """Components of vectors, three arrays (N, K), along the axes (N, 3, 3) of each particle.
+
+    Written out: a product of matrices of three rows for each particle takes longer.
+    """
+    x, y, z = vectors
+    first, second, third = (
+        axes[:, row, 0, None] * x + axes[:, row, 1, None] * y + axes[:, row, 2, None] * z for row in range(3)
+    )
+    return first, second, third
 
 
 def axes_along(vector: Array) -> Frame:

@@ -15,7 +15,7 @@ from jax import Array
 
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.closures.correlation import Correlation
-from jaxdem.closures.moments import MomentBasis, carried_counts
+from jaxdem.closures.moments import MomentBasis, Offset, carried_counts, moments, with_wake
 from jaxdem.closures.network import Weights, apply_in_parts, constant, initial_weights, perceptron
 from jaxdem.closures.tang import Tang
 from jaxdem.numerics.products import PRECISION
@@ -132,7 +132,9 @@ class Level:
         found = []
         for part, matrix in zip(moments, self.mixing[: len(moments)], strict=True):
             rows = matrix[-part.shape[2] :] if further else matrix[: part.shape[2]]
-            found.append(jnp.einsum("npc,cd->npd", part, rows.astype(part.dtype), precision=PRECISION))
+            flat = part.reshape(part.shape[0] * part.shape[1], part.shape[2])
+            product = jnp.dot(flat, rows.astype(part.dtype), precision=PRECISION)
+            found.append(product.reshape(*part.shape[:2], rows.shape[1]))
         return tuple(found)
 
     def values(self, mixed: Sequence[Array], known: Array) -> Array:
@@ -156,15 +158,15 @@ class Level:
         turned = jnp.sum(given[:, None, 1 + count : 1 + 2 * count] * vectors, axis=2) / count
         about = jnp.sum(given[:, 1 + 2 * count :] * axial, axis=1) / axial.shape[1]
         torque = jnp.stack([about, -turned[:, 1], turned[:, 0]], axis=1)
-        direct = jnp.einsum("nd,d->n", shifted[0][:, 0], self.direct.astype(given.dtype), precision=PRECISION)
-        along = given[:, 0] + direct
+        direct = jnp.dot(shifted[0][:, 0], self.direct.astype(given.dtype)[:, None], precision=PRECISION)
+        along = given[:, 0] + direct[:, 0]
         return jnp.concatenate([bounded(along[:, None]), bounded(force), bounded(torque)], axis=1)
 
 
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=["levels", "scale", "mean"],
-    meta_fields=["base", "basis", "carried"],
+    meta_fields=["base", "basis", "carried", "wake"],
 )
 @dataclasses.dataclass(frozen=True, eq=False)
 class NeighborClosure:
@@ -188,6 +190,7 @@ class NeighborClosure:
         base: mean law, of model A.
         basis: of the moments.
         carried: of the second level's moments of forces; None with one level.
+        wake: of further moments of order zero and one, stretched along the slip, that both levels see; None for none.
 
     Source: ours, of moments as in R. Drautz, Phys. Rev. B 99 (2019) 014104, about an axis; data: arXiv 2507.20767.
     """
@@ -198,6 +201,7 @@ class NeighborClosure:
     base: Correlation
     basis: MomentBasis
     carried: MomentBasis | None = None
+    wake: MomentBasis | None = None
 
     @classmethod
     def initial(
@@ -207,9 +211,13 @@ class NeighborClosure:
         widths: Sequence[Width] = (LARGE, LARGE),
         seed: int = 0,
         base: Correlation | None = None,
+        wake: MomentBasis | None = None,
     ) -> NeighborClosure:
-        """Random weights, which the host draws; the bases have orders `ORDER` and two, the widths are of each level."""
+        """Random weights, which the host draws; the bases have orders `ORDER`, two and one, the widths are of each
+        level."""
         counts = [basis.count(order) for order in range(ORDER + 1)]
+        if wake is not None:
+            counts[:2] = [count + wake.count(order) for order, count in enumerate(counts[:2])]
         levels = [Level.initial(counts, widths[0], seed)]
         if carried is not None:
             zero, one = carried_counts(carried)
@@ -218,12 +226,24 @@ class NeighborClosure:
         scale = np.zeros((4, 6), np.float32)
         scale[:, 0] = np.log(SCALE)
         law = Tang() if base is None else base
-        return cls(tuple(levels), jnp.asarray(scale), jnp.zeros(8, jnp.float32), law, basis, carried)
+        return cls(tuple(levels), jnp.asarray(scale), jnp.zeros(8, jnp.float32), law, basis, carried, wake)
 
     @property
     def reach(self) -> float:
         """Diameters within which neighbours count [-]."""
-        return self.basis.reach if self.carried is None else max(self.basis.reach, self.carried.reach)
+        return max(basis.length for basis in (self.basis, self.carried, self.wake) if basis is not None)
+
+    @property
+    def half_box(self) -> float:
+        """Half of the narrowest periodic box of data for it [diameters]: within it each neighbour counts once, and in
+        a wake, which is narrow, its images along the stream beside it, but not the sphere's own."""
+        round_ones = max(basis.reach for basis in (self.basis, self.carried, self.wake) if basis is not None)
+        return round_ones if self.wake is None else max(round_ones, 0.5 * self.wake.length)
+
+    def moments(self, offset: Offset, present: Array) -> tuple[Array, ...]:
+        """What the first level mixes: the moments of `basis`, and those of `wake` behind them; see `moments`."""
+        found = moments(self.basis, offset, present)
+        return found if self.wake is None else with_wake(found, moments(self.wake, offset, present))
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """The mean law, with `out_of_range` where less than half of the fluctuation would act."""
@@ -243,7 +263,7 @@ class NeighborClosure:
         weight = range_weight(reynolds, solid_fraction) * presence(crowd)
         known = quartic(conditions(reynolds, solid_fraction))
         factors = constant(self.scale, values.dtype)
-        scale = jnp.exp(jnp.einsum("nt,qt->nq", known[:, :6], factors, precision=PRECISION))
+        scale = jnp.exp(jnp.dot(known[:, :6], factors.T, precision=PRECISION))
         along = scale[:, 0] * values[:, 0] - jnp.sum(known * constant(self.mean, values.dtype)[None], axis=1)
         across = scale[:, 1:2] * values[:, 1:3]
         torque = jnp.concatenate([scale[:, 2:3] * values[:, 3:4], scale[:, 3:] * values[:, 4:]], axis=1)

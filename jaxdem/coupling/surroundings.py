@@ -65,12 +65,15 @@ class Surroundings:
 
     def neighbors(self, start: IntervalStart) -> tuple[Array, Array]:
         """(K, N) int32, who is in reach of every particle, itself in an empty slot; and (N,) bool, whether there was no
-        room for all of them, as in a dense pack, which is out of the closure's range."""
+        room for all of them, as in a dense pack, which is out of the closure's range. A dense pack elsewhere in the box
+        does not matter to a particle."""
         centres, active = components(centres_in_box(start.particles, self.box, self.periodic)), start.particles.active
         own = jnp.arange(len(centres[0]), dtype=jnp.int32)
         grid = CellGrid(self.box, self.periodic, self.reach, len(own))
         given = lax.stop_gradient(centres)
         others, _ = neighbors_in_cells(grid, given, self.slots, self.cell_slots, active)
-        home = grid.flat(grid.cells(given))
-        held = jnp.zeros(grid.columns, jnp.int32).at[home].add(1 if active is None else active.astype(jnp.int32))
-        return others, (others[-1] != own) | (jnp.max(held) > self.cell_slots)
+        cells = grid.cells(given)
+        there = 1 if active is None else active.astype(jnp.int32)
+        held = jnp.zeros(grid.columns, jnp.int32).at[grid.flat(cells)].add(there)
+        crowded = jnp.any((held > self.cell_slots)[grid.around(cells)], axis=0)
+        return others, (others[-1] != own) | crowded

@@ -9,12 +9,11 @@ from jaxdem.closures.neighbors import DENSEST, NeighborClosure
 from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.errors import InputError
 from jaxdem.particles.cells import CellGrid
-from jaxdem.particles.usual_room import DENSE, EXTRA_CAPACITY
 from jaxdem.scene import Scene
 from jaxdem.setup.particles import ParticleSetup
 
 EXTRA_ROOM = 1.15
-"""Room for neighbours, over their number at the solid fraction from which on the mean law acts alone."""
+"""Room for neighbours and in a cell, over their numbers at the solid fraction from which on the mean law acts alone."""
 LARGEST_RATIO = 1.1
 """Largest over smallest diameter up to which spheres count as equal."""
 
@@ -44,7 +43,7 @@ def surroundings_of(scene: Scene, particles: ParticleSetup, closure: DragClosure
     grid = CellGrid(scene.domain.size, scene.periodic, reach, count)
     widths = (length / cells for length, cells in zip(scene.domain.size, grid.shape, strict=True))
     crowd = EXTRA_ROOM * DENSEST * (2.0 * closure.reach) ** 3
-    in_cell = EXTRA_CAPACITY * DENSE[3] * math.prod(widths) / (math.pi / 6.0 * diameter**3)
+    in_cell = EXTRA_ROOM * DENSEST * math.prod(widths) / (math.pi / 6.0 * diameter**3)
     slots, cell_slots = (max(1, min(count, math.ceil(number) + 2)) for number in (crowd, in_cell))
     return Surroundings(scene.domain.size, scene.periodic, reach, slots, cell_slots)
 

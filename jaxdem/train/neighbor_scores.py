@@ -31,8 +31,8 @@ def evaluate_neighbours(closure: NeighborClosure, path: str | os.PathLike[str]) 
     Raises:
         InputError: the file is not of the layout.
     """
-    groups = read_spheres(path, closure.reach)
-    values = [with_carried(closure, group, group_moments(closure.basis, group)) for group in groups]
+    groups = read_spheres(path, closure.half_box)
+    values = [with_carried(closure, group, group_moments(closure.basis, group, closure.wake)) for group in groups]
     return scores(groups, [predicted(closure, *one) for one in zip(groups, values, strict=True)])
 
 

@@ -36,23 +36,25 @@ class Size(NamedTuple):
     """How large a closure is.
 
     Attributes:
-        basis, carried, widths: see `NeighborClosure.initial`.
+        basis, carried, widths, wake: see `NeighborClosure.initial`.
     """
 
     basis: MomentBasis
     carried: MomentBasis | None
     widths: tuple[Width, ...]
-
-    @property
-    def reach(self) -> float:
-        """See `NeighborClosure`."""
-        return self.basis.reach if self.carried is None else max(self.basis.reach, self.carried.reach)
+    wake: MomentBasis | None = None
 
 
 SIZES = {
-    "large": Size(MomentBasis(4.45, 10, 6, 3), MomentBasis(4.45, 6, 4, 2), (LARGE, LARGE._replace(scalars=124))),
+    "large": Size(
+        MomentBasis(4.45, 10, 6, 3),
+        MomentBasis(4.45, 6, 4, 2),
+        (LARGE, LARGE._replace(scalars=124)),
+        MomentBasis(2.0, 6, 4, 1, stretch=3.0, decay=6),
+    ),
     "medium": Size(MomentBasis(4.45, 10, 6, 3), None, (LARGE,)),
     "small": Size(MomentBasis(2.5, 6, 4, 3), None, (Width(24, 8, (32, 32)),)),
+    "tiny": Size(MomentBasis(2.0, 4, 3, 3), None, (Width(12, 4, (16,)),)),
 }
 """The sizes by name; docs/results/neighbours.md compares errors and costs."""
 
@@ -139,13 +141,14 @@ def fit_neighbors(
         RunError: the loss becomes something else than a finite number.
     """
     started, size = time.perf_counter(), SIZES[settings.size]
-    groups = read_spheres(path, size.reach)
+    fresh = initial_closure(settings)
+    groups = read_spheres(path, fresh.half_box)
     split = [group.split(settings.held_out_fraction, settings.seed) for group in groups]
     train = [fewer(one, settings.samples, groups, settings.seed) for one, _ in split]
     test = [other for _, other in split]
-    values, judged = ([group_moments(size.basis, group) for group in some] for some in (train, test))
+    values, judged = ([group_moments(size.basis, group, size.wake) for group in some] for some in (train, test))
     linear = [linear_fit(*fit) for fit in zip(values, map(targets_of, train), judged, strict=True)]
-    closure, history = with_scale(initial_closure(settings), train), []
+    closure, history = with_scale(fresh, train), []
     for number in range(len(closure.levels)):
         report = _of_level(progress, number, len(closure.levels))
         closure, losses = fitted(closure, number, train, values, settings, report)
@@ -170,10 +173,10 @@ def fit_neighbors(
 
 def initial_closure(settings: NeighborSettings) -> NeighborClosure:
     """Random weights."""
-    basis, carried, widths = SIZES[settings.size]
+    basis, carried, widths, wake = SIZES[settings.size]
     if settings.hidden is not None:
         widths = tuple(width._replace(hidden=settings.hidden) for width in widths)
-    return NeighborClosure.initial(basis, carried, widths, settings.seed)
+    return NeighborClosure.initial(basis, carried, widths, settings.seed, wake=wake)
 
 
 def _of_level(progress: Progress | None, number: int, levels: int) -> Progress | None:
@@ -262,9 +265,12 @@ def with_mean(
     Between the solid fractions of the data the mean is that of random arrays, see `between`; between the Reynolds
     numbers it changes by less than a hundredth.
     """
-    random = between(groups, closure.reach)
+    random = between(groups, closure.half_box)
     groups = [*groups, *random]
-    values = [*values, *(with_carried(closure, group, group_moments(closure.basis, group)) for group in random)]
+    values = [
+        *values,
+        *(with_carried(closure, group, group_moments(closure.basis, group, closure.wake)) for group in random),
+    ]
     bare = dataclasses.replace(closure, mean=jnp.zeros(8, jnp.float32))
     means = [predicted(bare, *one).along.mean(dtype=np.float64) for one in zip(groups, values, strict=True)]
     factors = np.linalg.lstsq(terms_of(groups), np.asarray(means), rcond=None)[0]

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from jaxdem.closures.moments import MomentBasis, Offset, carried_moments, moments
+from jaxdem.closures.moments import MomentBasis, Offset, carried_moments, moments, with_wake
 from jaxdem.closures.neighbors import CONDITIONS, NeighborClosure, conditions, presence
 from jaxdem.train.spheres import Floats, SphereGroup
 
@@ -41,9 +41,10 @@ def targets_of(group: SphereGroup) -> Targets:
     return Targets(relative[:, 0] - 1.0, relative[:, 1:], (group.torque / mean).astype(np.float32))
 
 
-def group_moments(basis: MomentBasis, group: SphereGroup) -> tuple[Floats, ...]:
-    """The `moments` of all spheres of a group about the stream, among the spheres of their array and its images."""
-    return _by_array(group, group.position[:, :0], lambda place, box, _: _array_moments(basis, place, box))
+def group_moments(basis: MomentBasis, group: SphereGroup, wake: MomentBasis | None = None) -> tuple[Floats, ...]:
+    """The moments that the first level of a closure with these bases mixes, of all spheres of a group about the stream,
+    among the spheres of their array and its images."""
+    return _by_array(group, group.position[:, :0], lambda place, box, _: _array_moments(basis, wake, place, box))
 
 
 def with_carried(closure: NeighborClosure, group: SphereGroup, values: tuple[Floats, ...]) -> tuple[Floats, ...]:
@@ -74,9 +75,17 @@ def _by_array(group: SphereGroup, carried: Floats, function: Callable[..., tuple
     return tuple(np.concatenate(order) for order in zip(*parts, strict=True))
 
 
-@partial(jax.jit, static_argnums=0)
-def _array_moments(basis: MomentBasis, position: Array, box: Array) -> tuple[Array, ...]:
-    return moments(basis, *_apart(position, box))
+@partial(jax.jit, static_argnums=(0, 1))
+def _array_moments(basis: MomentBasis, wake: MomentBasis | None, position: Array, box: Array) -> tuple[Array, ...]:
+    found = moments(basis, *_apart(position, box))
+    return found if wake is None else with_wake(found, moments(wake, *_with_images(*_apart(position, box), box)))
+
+
+def _with_images(offset: Offset, present: Array, box: Array) -> tuple[Offset, Array]:
+    """The neighbours, and their images one box up and one down the stream, as a wake is longer than half of the box."""
+    x, y, z = (jnp.concatenate([one] * 3, axis=1) for one in offset)
+    shift = jnp.repeat(jnp.asarray([0.0, -1.0, 1.0], x.dtype), present.shape[1]) * box[0]
+    return (x + shift[None], y, z), jnp.concatenate([present] * 3, axis=1)
 
 
 @partial(jax.jit, static_argnums=0)

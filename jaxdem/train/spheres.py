@@ -84,7 +84,7 @@ def read_spheres(path: str | os.PathLike[str], reach: float) -> tuple[SphereGrou
     Args:
         path: HDF5 with groups Re_RR_phi_PP, PP in per cent; of each the attribute `radius` and the datasets `position`,
             `force`, `torque` (S, 3), `start` (n + 1,) and `box` (n, 6), low and high end along each axis.
-        reach: of the closure in diameters; the boxes must be twice as wide.
+        reach: `half_box` of the closure in diameters; the boxes must be twice as wide.
 
     Raises:
         InputError: no such file, or not of this layout.

@@ -202,6 +202,31 @@ def test_without_room_the_mean_law_acts_and_all_are_told(closure, world, monkeyp
     assert np.abs(np.asarray(effects[1].multiple) - 1).max() > 1e-3
 
 
+def test_a_crowd_elsewhere_does_not_matter(closure):
+    """Where a cell is too full, those around it are told, and none farther away: their neighbours are all found."""
+    long, reach = 4.0 * SIDE, closure.reach
+    pair = np.array([[2.5 * SIDE, 1.0, 1.0], [2.5 * SIDE, 2.5, 1.0]])
+    centres = np.vstack([places(), pair])
+    world = World(
+        closure, domain=dict(size=[long * D, SIDE * D, SIDE * D]), particles=dict(position=(centres * D).tolist())
+    )
+    coupling, mixture = world.simulation.coupling, world.parameters.mixture
+    start = coupling.start(
+        mixture,
+        world.state.fluid,
+        world.state.particles,
+        coupling.sample(mixture, world.state.fluid, world.state.particles),
+    )
+    narrow = dataclasses.replace(coupling.drag.surroundings, cell_slots=4)
+    others, full = (np.asarray(part) for part in narrow.neighbors(start))
+    assert full[:COUNT].any() and not full[COUNT:].any()
+    apart = centres[:, None] - centres[None]
+    apart -= np.array([long, SIDE, SIDE]) * np.round(apart / np.array([long, SIDE, SIDE]))
+    near = np.linalg.norm(apart, axis=2) < reach
+    for i in np.flatnonzero(~full):
+        assert set(others[:, i]) == set(np.flatnonzero(near[i]))
+
+
 @pytest.mark.parametrize(
     ("changes", "key", "words"),
     [
