@@ -57,11 +57,11 @@ def first_fraction(scene: Scene, grid: Grid) -> np.ndarray:
         h = grid.spacing[-1]
         found = found + np.clip((table.level - h * np.arange(grid.cells[-1])) / h, 0.0, 1.0)
     for k, region in enumerate(table.regions):
-        found = np.maximum(found, _fraction(region_space(f"surface.regions.{k}", region, scene.box), grid))
+        found = np.maximum(found, cells_within(region_space(f"surface.regions.{k}", region, scene.box), grid))
     return found
 
 
-def _fraction(space: Region, grid: Grid) -> np.ndarray:
+def cells_within(space: Region, grid: Grid) -> np.ndarray:
     """Part of every cell that lies in a region; of one that reaches beyond a periodic side its images count too."""
     found = np.zeros(grid.cells)
     ends = zip(grid.periodic, space.wraps, strict=True)

@@ -33,6 +33,7 @@ MODULES = (
     "invariance",
     "lists",
     "heat",
+    "two_fluids",
 )
 
 
