@@ -61,13 +61,12 @@ class _Level(NamedTuple):
 
     def off_diagonal(self, p: Array) -> Array:
         """Sum of conductance times neighbour."""
-        terms = []
+        wide, terms = _with_halo(p, self.periodic), []
+        inner = [slice(1, -1)] * p.ndim
         for axis, g in enumerate(self.faces):
-            first, last = along(p, axis, 0, 1), along(p, axis, -1, None)
-            before, after = (last, first) if self.periodic[axis] else (jnp.zeros_like(first), jnp.zeros_like(last))
-            below = jnp.concatenate((before, along(p, axis, None, -1)), axis)
-            above = jnp.concatenate((along(p, axis, 1, None), after), axis)
-            terms.append(along(g, axis, None, -1) * below + along(g, axis, 1, None) * above)
+            below, above = list(inner), list(inner)
+            below[axis], above[axis] = slice(None, -2), slice(2, None)
+            terms.append(along(g, axis, None, -1) * wide[tuple(below)] + along(g, axis, 1, None) * wide[tuple(above)])
         found: Array = sum_of(terms)
         return found
 
@@ -120,29 +119,36 @@ def _cycle(levels: list[_Level], damped: list[Array], lowest: Array, residual: A
         return flat.reshape(residual.shape)
     level, step = levels[0], damped[0]
 
-    def left(p: Array) -> Array:
-        return residual - level.diagonal * p + level.off_diagonal(p)
+    def smoothed(p: Array) -> Array:
+        # p + step (residual - A p), whose diagonal part is known.
+        return (1.0 - DAMPING) * p + step * (residual + level.off_diagonal(p))
 
-    p = step * residual
-    p = p + step * left(p)
-    coarse = left(p)
+    p = smoothed(step * residual)
+    coarse = residual - level.diagonal * p + level.off_diagonal(p)
     for axis, count in enumerate(level.cells):
         coarse = _in_pairs(coarse, axis) if count > 1 else coarse
     more = _cycle(levels[1:], damped[1:], lowest, coarse)
     for axis, count in enumerate(level.cells):
         more = along(jnp.repeat(more, 2, axis), axis, 0, count) if count > 1 else more
-    p = p + more
-    p = p + step * left(p)
-    return p + step * left(p)
+    return smoothed(smoothed(p + more))
+
+
+def _with_halo(p: Array, periodic: tuple[bool, ...]) -> Array:
+    """The array with one layer more on either end of every axis: those of the other end, or zeros."""
+    if not any(periodic):
+        return jnp.pad(p, 1)
+    for axis, wraps in enumerate(periodic):
+        width = [(1, 1) if a == axis else (0, 0) for a in range(p.ndim)]
+        p = jnp.pad(p, width, mode="wrap") if wraps else jnp.pad(p, width)
+    return p
 
 
 def _in_pairs(array: Array, axis: int) -> Array:
     """Sums of two layers along an axis; the last one alone where their number is odd."""
-    count = array.shape[axis]
-    if count % 2:
-        array = jnp.concatenate((array, jnp.zeros_like(along(array, axis, 0, 1))), axis)
-    shape = (*array.shape[:axis], (count + 1) // 2, 2, *array.shape[axis + 1 :])
-    return jnp.sum(array.reshape(shape), axis=axis + 1)
+    if array.shape[axis] % 2:
+        array = jnp.pad(array, [(0, 1) if a == axis else (0, 0) for a in range(array.ndim)])
+    first, second = ((slice(None),) * axis + (slice(k, None, 2),) for k in (0, 1))
+    return array[first] + array[second]
 
 
 def _inverse(level: _Level, singular: bool) -> Array:
