@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from jaxdem.fluid.boundary import Boundary, open_fraction
 from jaxdem.fluid.grid import FaceField, Grid, along, sum_of
@@ -32,6 +32,9 @@ from jaxdem.numerics.products import PRECISION
 
 COARSEST = 40
 """Cells of a level that is inverted."""
+
+STEPS = 2
+"""Jacobi steps before, and after, a correction."""
 
 DAMPING = 0.8
 """Of a Jacobi step: it damps waves of two cells as well as those of four."""
@@ -119,18 +122,20 @@ def _cycle(levels: list[_Level], damped: list[Array], lowest: Array, residual: A
         return flat.reshape(residual.shape)
     level, step = levels[0], damped[0]
 
-    def smoothed(p: Array) -> Array:
+    def smoothed(_: int, p: Array) -> Array:
         # p + step (residual - A p), whose diagonal part is known.
         return (1.0 - DAMPING) * p + step * (residual + level.off_diagonal(p))
 
-    p = smoothed(step * residual)
+    # Loops, and not one expression: XLA would fuse that into one loop over cells, which computes every step anew for
+    # each neighbour that asks for it, six times as long in all.
+    p = lax.fori_loop(0, STEPS, smoothed, jnp.zeros_like(residual))
     coarse = residual - level.diagonal * p + level.off_diagonal(p)
     for axis, count in enumerate(level.cells):
         coarse = _in_pairs(coarse, axis) if count > 1 else coarse
     more = _cycle(levels[1:], damped[1:], lowest, coarse)
     for axis, count in enumerate(level.cells):
         more = along(jnp.repeat(more, 2, axis), axis, 0, count) if count > 1 else more
-    return smoothed(smoothed(p + more))
+    return lax.fori_loop(0, STEPS, smoothed, p + more)
 
 
 def _with_halo(p: Array, periodic: tuple[bool, ...]) -> Array:

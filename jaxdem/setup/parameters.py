@@ -6,6 +6,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.base import DragClosure
+from jaxdem.errors import InputError
 from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.mixing_length import BedMixing
 from jaxdem.fluid.subgrid_stress import SubgridLaw
@@ -73,6 +74,9 @@ def _fluid(scene: Scene, subgrid: SubgridLaw | None, number: AsArrays) -> FluidP
     table = scene.fluid
     if table is None:
         return None
+    if scene.surface is not None and subgrid is not None:
+        limit = "models eddies in one fluid and has no rule for two"
+        raise InputError("subgrid", "given", limit, "leave it out, or remove [surface]")
     mixing = None
     if table.bed_mixing is not None:
         mixing = BedMixing(number(table.bed_mixing.von_karman), number(table.bed_mixing.packed_solid_fraction))

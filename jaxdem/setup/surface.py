@@ -20,8 +20,8 @@ from jaxdem.scene import Scene
 from jaxdem.setup.regions import region_space
 from jaxdem.solids.clipping import positive_part
 
-PARTS = 8
-"""Parts of the side of a cell in which the boundary of a region is plane."""
+PARTS = {2: 32, 3: 8}
+"""Parts of the side of a cell in which the boundary of a region is plane, by the dimension."""
 
 WAVE_SHARE = 0.5
 """Of the step at which the shortest waves of a surface grow, that a fluid step may take."""
@@ -82,7 +82,8 @@ def _of_image(space: Region, grid: Grid, shift: np.ndarray) -> np.ndarray:
     cut = np.argwhere(np.abs(distance) <= 0.5 * float(np.linalg.norm(h)) * (1.0 + 1e-9))
     if not len(cut):
         return found
-    steps = np.stack(np.meshgrid(*[np.arange(PARTS + 1) / PARTS] * grid.dimension, indexing="ij"), axis=-1)
+    parts = PARTS[grid.dimension]
+    steps = np.stack(np.meshgrid(*[np.arange(parts + 1) / parts] * grid.dimension, indexing="ij"), axis=-1)
     points = (cut.reshape(len(cut), *[1] * grid.dimension, -1) + steps[None]) * h - shift
     corners: Any = -space.signed_distance(points.reshape(-1, grid.dimension)).reshape(points.shape[:-1])
     part = positive_part(corners, tuple(range(1, grid.dimension + 1))).fraction

@@ -267,3 +267,35 @@ def dam_break(cells: int = 32, until: float = 3.4, gate: float = 0.05) -> list[F
         absolute("the paper's clock is late by", 0.0, -late, 0.35),
         below("front at the paper's own times, largest error", float(np.max(np.abs(reached / paper["Z"] - 1.0))), 0.2),
     ]
+
+
+def arrival(dam: Dam, steps: int, time_step: float) -> Callable[[jax.Array], jax.Array]:
+    """When the front passes Z = 1.5 by the height of the column [s]: the time in which the lowest cells of the next
+    quarter of a width are not full, over their number, less what comes after."""
+    box = dam.box
+    first, last = (round(z * dam.width / box.grid.spacing[0]) for z in (1.5, 1.75))
+
+    def seen(state: FluidState) -> jax.Array:
+        return 1.0 - jnp.mean(state.liquid_fraction[first:last, 0])
+
+    return lambda height: time_step * jnp.sum(box.watch(dam.properties, dam.start(height), steps, time_step, seen)[1])
+
+
+@case("arrival of a dam's front by its height", "surface", "central differences", fast={"cells": 4, "until": 1.6})
+def arrival_gradient(cells: int = 8, until: float = 1.9) -> list[Figure]:
+    """The higher the column, the earlier: the slope in reverse mode through all steps.
+
+    The surface moves by planes whose normals change kind, so the arrival is a curve with kinks; the differences are
+    taken over a thousandth of a cell.
+    """
+    dam, unit = Dam(cells), math.sqrt(Dam.width / (2.0 * 9.81))
+    time_step = 0.3 * Dam.width / cells
+    when = jax.jit(arrival(dam, int(until * unit / time_step), time_step))
+    height, shift = 1.9 * dam.width, 1e-3 * dam.box.grid.spacing[1]
+    slope = float(jax.jit(jax.grad(when))(jnp.asarray(height)))
+    ends = [float(when(jnp.asarray(height + sign * shift))) for sign in (1.0, -1.0)]
+    differences = (ends[0] - ends[1]) / (2.0 * shift)
+    return [
+        at_least("the front comes earlier: -d(arrival)/d(height) of 1 ms in 1 m", 1e-3, -slope, "s/m"),
+        relative("slope of the arrival by the height", differences, slope, 0.02, "s/m"),
+    ]

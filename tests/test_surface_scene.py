@@ -1,0 +1,123 @@
+"""Two fluids in a scene: what is refused, what a run writes, and a run that goes on from another on another mesh."""
+
+import copy
+
+import jax
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import InputError, load_scene, simulate
+from jaxdem.check.check import check_scene
+from jaxdem.setup.fluid import fluid_setup
+from jaxdem.setup.surface import first_fraction
+
+TANK = {
+    "precision": "float64",
+    "domain": {"size": [0.4, 0.2], "gravity": [0.0, -9.81]},
+    "fluid": {"cells": [16, 8], "viscosity": 1e-6, "time_step": 0.002},
+    "surface": {
+        "density": 1.2,
+        "viscosity": 1.5e-5,
+        "level": 0.06,
+        "regions": [{"shape": "sphere", "center": [0.2, 0.14], "radius": 0.04}],
+    },
+    "boundary": {"right": {"kind": "outlet", "level": 0.06}, "left": {"kind": "free_slip"}},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+
+
+def changed(**values):
+    """The tank with dotted keys set, or removed with None."""
+    found = copy.deepcopy(TANK)
+    for key, value in values.items():
+        *folders, name = key.split("__")
+        table = found
+        for folder in folders:
+            table = table.setdefault(folder, {})
+        if value is None:
+            table.pop(name)
+        else:
+            table[name] = value
+    return found
+
+
+REFUSED = {
+    "surface.level": {"surface__level": 0.3},
+    "surface.viscosity": {"surface__viscosity": 0.0},
+    "fluid.advection": {"fluid__advection": "central"},
+    "fluid.model": {"fluid__model": "B"},
+    "fluid.smagorinsky": {"fluid__smagorinsky": 0.1},
+    "fluid.bulk_velocity": {
+        "boundary__left": {"kind": "periodic"},
+        "boundary__right": {},
+        "fluid__bulk_velocity": [0.1, "free"],
+    },
+    "heat": {"heat": {"fluid_heat_capacity": 1.0, "fluid_conductivity": 1.0, "fluid_temperature": 300.0}},
+    "scalars": {"scalars": [{"name": "dye"}]},
+    "walls.0.fluid": {
+        "walls": [{"kind": "cylinder", "center": [0.2, 0.1], "radius": 0.03, "inside": False, "fluid": "no_slip"}]
+    },
+    "boundary.left.level": {"boundary__left": {"kind": "inlet", "velocity": 0.1}},
+    "boundary.top.level": {"boundary__top": {"kind": "free_slip", "level": 0.1}},
+    "boundary.right.level": {"surface": None},
+    "domain.gravity": {"domain__gravity": [1.0, -9.81]},
+    "fluid.time_step": {"surface__tension": 1e3, "fluid__time_step": 0.01},
+}
+
+
+@pytest.mark.parametrize("key", REFUSED)
+def test_what_does_not_go_together_is_refused_by_name(key):
+    with pytest.raises(InputError) as error:
+        check_scene(load_scene(changed(**REFUSED[key])))
+    assert error.value.key == key
+
+
+def test_no_liquid_at_all_is_refused():
+    with pytest.raises(InputError, match=r"surface\.level"):
+        load_scene(changed(surface={"density": 1.2}))
+
+
+def test_the_force_on_a_side_and_several_devices_are_refused():
+    scene = load_scene(changed())
+    with pytest.raises(InputError, match="two fluids"):
+        jaxdem.build(scene, devices=2)
+    probe = {"kind": "wall", "name": "floor", "side": "bottom"}
+    with pytest.raises(InputError, match="not measured"):
+        check_scene(load_scene(changed(probes=[probe])))
+
+
+def test_the_liquid_of_the_start_has_the_volume_of_its_parts():
+    scene = load_scene(changed(domain__size=[0.4, 0.2], fluid__cells=[40, 20]))
+    fraction = first_fraction(scene, fluid_setup(scene).grid)
+    volume = float(fraction.sum()) * 0.01**2
+    assert volume == pytest.approx(0.4 * 0.06 + np.pi * 0.04**2, rel=2e-5)
+    assert fraction.min() == 0.0 and fraction.max() == 1.0
+
+
+def test_a_disc_over_the_corner_of_a_periodic_box_is_one_disc():
+    sides = {"left": {"kind": "periodic"}, "bottom": {"kind": "periodic"}}
+    surface = {"density": 1.2, "regions": [{"shape": "sphere", "center": [0.0, 0.0], "radius": 0.05}]}
+    scene = load_scene(changed(boundary=sides, surface=surface, domain__gravity=[0.0, 0.0], fluid__cells=[40, 20]))
+    fraction = first_fraction(scene, fluid_setup(scene).grid)
+    assert float(fraction.sum()) * 0.01**2 == pytest.approx(np.pi * 0.05**2, rel=1e-4)
+    np.testing.assert_allclose(fraction, fraction[::-1, ::-1], atol=1e-12)
+
+
+def test_a_run_and_one_that_goes_on_from_it_on_a_coarser_mesh(tmp_path):
+    jax.config.update("jax_enable_x64", True)
+    run = simulate(load_scene(changed()), tmp_path / "first")
+    frame = run.fluid(run.number_of_frames - 1)["liquid_fraction"]
+    history, balance = run.history, run.summary["liquid_phase"]
+    assert frame.shape == (16, 8) and history["liquid_volume"][-1] == pytest.approx(balance["end"])
+    assert abs(balance["missing_relative"]) < 1e-13 and balance["beyond_bounds"] < 1e-9
+    assert history["liquid_centre_height"][-1] < history["liquid_centre_height"][0]  # the drop falls
+    later = changed(surface={"density": 1.2}, fluid__cells=[8, 4], time__end=0.03)
+    later["start"] = {"from": str(tmp_path / "first")}
+    on = simulate(load_scene(later), tmp_path / "second")
+    assert on.history["liquid_volume"][0] == pytest.approx(balance["end"], rel=1e-12)
+    assert on.summary["liquid_phase"]["start"] == pytest.approx(balance["end"], rel=1e-12)
+    one = changed(surface=None, boundary__right={"kind": "outlet"}, time__end=0.03)
+    one["start"] = later["start"]
+    with pytest.raises(InputError, match=r"start\.fluid"):
+        simulate(load_scene(one), tmp_path / "third")
