@@ -25,7 +25,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.coupling.coupled import Coupling, Mixture
-from jaxdem.coupling.exchange import Exchange, FluidForces
+from jaxdem.coupling.exchange import Exchange
+from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.coupling.interpolation import deposit_on_faces
 from jaxdem.errors import InputError, required
 from jaxdem.failures import failures

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.coupling.exchange import FluidForces
+from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import all_of, any_of, largest, total
 from jaxdem.particles.clump_forces import as_members

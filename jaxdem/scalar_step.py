@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import named_scope
 
-from jaxdem.coupling.exchange import FluidForces
+from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics

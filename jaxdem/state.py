@@ -8,7 +8,7 @@ from jax import Array
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.coupling.coupled import Mixture
-from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
+from jaxdem.coupling.exchange_result import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.interval import FluidDiagnostics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jax import named_scope
 
-from jaxdem.coupling.exchange import ExchangeDiagnostics, FluidForces
+from jaxdem.coupling.exchange_result import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics

@@ -16,7 +16,7 @@ from PIL import Image
 from jaxdem.closures import load_closure
 from jaxdem.io import Run, load_run
 from jaxdem.report import Candidate, pictures, style
-from jaxdem.report.chart import draw_panels
+from jaxdem.report.chart import add_legend, draw_panels
 from jaxdem.report.comparison import Comparison, build
 from jaxdem.report.figures import error_panel
 from jaxdem.study import DEMOS
@@ -57,9 +57,7 @@ def draw(study: Path, out: Path) -> None:
             pictures.draw(axis, shot, (length, height), (length, height), tops, "velocity")
             axis.set(title=row.name, xlabel=f"run time {row.run_time_s:.2g} s", xticks=[], yticks=[])
         pictures.add_legends(left, list(axes), shots, tops, "velocity", 7.0)
-        (axis,) = draw_panels(right, [error_panel(comparison)])
-        handles = dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-        right.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2, fontsize=8)
+        add_legend(right, draw_panels(right, [error_panel(comparison)]), 2)
         style.save(figure, out, dpi=88)
     with Image.open(out) as picture:  # colours in steps of 4 of 255, which nobody sees, take a third less
         colours = 4 * ((np.asarray(picture.convert("RGB"), int) + 2) // 4)

@@ -11,7 +11,8 @@ from jax import Array
 from jaxdem.closures.base import DragClosure, DragInputs
 from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.drag import DragModel, IntervalDrag, interval_drag
-from jaxdem.coupling.exchange import Exchange, ExchangeDiagnostics, FluidForces, plus, total
+from jaxdem.coupling.exchange import Exchange, plus, total
+from jaxdem.coupling.exchange_result import ExchangeDiagnostics, FluidForces
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart
 from jaxdem.coupling.inputs import MeshFields, drag_inputs
 from jaxdem.coupling.interpolation import Weights

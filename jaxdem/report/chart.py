@@ -169,13 +169,18 @@ def write_png(panels: Sequence[Panel], path: Path, note: str = "") -> Path:
         figure = style.new_figure(width, height + style.LEGEND_LINE * math.ceil(len(names) / columns))
         axes = draw_panels(figure, panels)
         figure.suptitle(note, fontsize=9, color="#666666", wrap=True)
-        handles: dict[str, Artist] = {}
-        for axis in axes:
-            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-                handles.setdefault(label, handle)
-        if handles:
-            figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
+        add_legend(figure, axes, columns)
         return style.save(figure, path)
+
+
+def add_legend(figure: FigureBase, axes: Sequence[Axes], columns: int) -> None:
+    """One legend for all panels, below them in so many columns; a name stands once, with the first of its marks."""
+    handles: dict[str, Artist] = {}
+    for axis in axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    if handles:
+        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
 
 
 def to_html(panels: Sequence[Panel], identity: str) -> str:

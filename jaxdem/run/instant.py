@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jax import Array
 
-from jaxdem.coupling.exchange import FluidForces
+from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.regions import into_period

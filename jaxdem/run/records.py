@@ -9,7 +9,7 @@ from jax import Array
 
 from jaxdem import metrics
 from jaxdem.closures.ensemble import EnsembleClosure
-from jaxdem.coupling.exchange import FluidForces
+from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.grid import cell_average
 from jaxdem.run.instant import Instant, wrapped_position

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.coupling.exchange import FluidForces
+from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import InputError, required
 from jaxdem.run.instant import wrapped_position
 from jaxdem.scene import Scene

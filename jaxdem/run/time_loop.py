@@ -15,7 +15,7 @@ import jax
 from jax import Array
 
 from jaxdem.closures.ensemble import EnsembleClosure
-from jaxdem.coupling.exchange import FluidForces
+from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import RunError, required
 from jaxdem.failures import OF_PARTICLES, Failure
 from jaxdem.io import RunDirectory
