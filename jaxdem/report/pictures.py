@@ -14,6 +14,7 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import Normal, Stroke
 
 from jaxdem.errors import InputError
 from jaxdem.io import Run
@@ -273,14 +274,17 @@ def draw(
 
 
 def _draw_walls(axis: Axes, walls: Solid, box: tuple[float, float]) -> None:
-    """What is solid in grey, and the surface as a line."""
+    """What is solid in grey, and the surface as a line; that of a section on top of the grains that are before it."""
     extent = (0.0, box[0], 0.0, box[1])
     axis.imshow(
         walls.share.T, origin="lower", extent=extent, cmap=WALL, norm=Normalize(0.0, 1.0), aspect="equal", zorder=0.5
     )  # fmt: skip
     if walls.distance.min() < 0.0 < walls.distance.max():
         x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(walls.distance.shape, box, strict=True))
-        axis.contour(x, z, walls.distance.T, levels=[0.0], colors=WALL_EDGE, linewidths=1.2, zorder=0.9)
+        order = 2.2 if walls.is_section else 0.9
+        line = axis.contour(x, z, walls.distance.T, levels=[0.0], colors=WALL_EDGE, linewidths=1.2, zorder=order)
+        if walls.is_section:
+            line.set_path_effects([Stroke(linewidth=2.6, foreground="white"), Normal()])
 
 
 def _outline(opening: Opening) -> list[tuple[float, float]]:

@@ -43,10 +43,12 @@ class Solid:
     Attributes:
         share: of the point's surroundings and of the depth that is solid, 0 to 1.
         distance: signed distance at half depth, negative in the wall [m].
+        is_section: whether it is that of a 3-D scene, in which there are grains before it.
     """
 
     share: Array
     distance: Array
+    is_section: bool = False
 
 
 class Opening(NamedTuple):
@@ -128,7 +130,7 @@ def _solid(tables: str, box: tuple[float, ...]) -> Solid:
     distance = _distance(walls, np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1))
     # Half of a point's surroundings is solid where the surface goes through it.
     share = np.clip(0.5 - distance / spacing, 0.0, 1.0)
-    return Solid(share, distance) if len(box) == 2 else Solid(share.mean(axis=1), distance[:, SLICES // 2])
+    return Solid(share, distance) if len(box) == 2 else Solid(share.mean(axis=1), distance[:, SLICES // 2], True)
 
 
 def _distance(walls: Sequence[Mapping[str, Any]], points: Array) -> Array:

@@ -23,7 +23,7 @@ from jaxdem.run.restart import origin, require_same_parameters
 from jaxdem.run.samples import sample_attributes, samples_every
 from jaxdem.run.signals import noted_signals
 from jaxdem.run.time_loop import Progress, TimeLoop
-from jaxdem.run.wall_surfaces import keep_walls
+from jaxdem.run.wall_surfaces import keep_walls, place_pistons
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.extensions import Extensions
@@ -74,6 +74,7 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
         loop.run(options.progress, caught)
         last = loop.instant.state  # of all devices, whoever writes it
         if here().first:
+            place_pistons(case, directory.path)
             keep_wear(case, last, directory.path)
     return load_run(out)
 
