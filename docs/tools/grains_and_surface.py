@@ -33,7 +33,7 @@ FASTEST = (0.4, 1.5)
 
 WATER = ListedColormap(plt.get_cmap("Blues")(np.linspace(0.15, 1.0, 128)))
 
-TITLES = ("a column falls into a lake", "a dam breaks over grains")
+TITLES = ("a column collapses in a lake", "a dam breaks over grains")
 
 
 def main() -> None:
