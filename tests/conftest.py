@@ -53,13 +53,15 @@ def figure_names():
 
 @pytest.fixture(autouse=True)
 def own_programs(request):
-    """A test that replaces code compiles its own programs of small worlds, and leaves none to others."""
+    """A test that replaces code compiles its own programs of small worlds and runs, and leaves none to others."""
     if "monkeypatch" not in request.fixturenames:
         yield
         return
-    runner.cache_clear()
+    for kept in (runner, exported.in_memory):
+        kept.cache_clear()
     yield
-    runner.cache_clear()
+    for kept in (runner, exported.in_memory):
+        kept.cache_clear()
 
 
 @pytest.fixture(autouse=True)

@@ -173,6 +173,23 @@ def test_a_traced_program_is_taken_from_the_folder(kept):
         assert len(TRACED) == 1, "a file that is not whole is written anew"
 
 
+def test_a_program_of_this_process_is_not_traced_again():
+    """Of equal structures, which scenes with other numbers have, and of arrays of the same shapes."""
+    exported.in_memory.cache_clear()
+    TRACED.clear()
+    wider = VALUES | {"a": np.arange(4.0)}
+    for depth, values, number in ((2.0, VALUES, 1), (2.0, VALUES, 1), (4.0, VALUES, 2), (2.0, wider, 3)):
+        result = exported.compiled(grown, Grid((2, 2), (1.0, 1.0), depth, (False, False)), values)(values)
+        np.testing.assert_array_equal(result["grown"], depth * values["a"])
+        assert len(TRACED) == number
+    with jax.enable_x64(False):
+        one, same, other = (
+            with_numbers(jaxdem.build(jaxdem.load_scene(SETTLING, changes))[0], NO_NUMBERS)
+            for changes in ({}, SAME_PROGRAM, {"coupling.virtual_mass": 0.5})
+        )
+    assert one == same and hash(one) == hash(same) and one != other
+
+
 def test_nothing_is_kept_of_what_has_no_fingerprint_and_nowhere_by_default(kept):
     surface = DistanceFunction(lambda x: x[0])
     assert exported.compiled(lambda static, values: values["a"], surface, VALUES)(VALUES).shape == (3,)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.sharding import Mesh
 
 from jaxdem.devices import DividedSimulation
 from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, on_slabs, put
@@ -21,8 +22,8 @@ from jaxdem.failures import failures
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.probes.base import Interval
-from jaxdem.run.exported import compiled
+from jaxdem.probes.base import Interval, Probe
+from jaxdem.run.exported import compiled, in_memory
 from jaxdem.run.numbers import NO_NUMBERS, LoopNumbers, loop_numbers, with_numbers
 from jaxdem.run.probing import Probed, Rows, Watch, nothing_yet, probed
 from jaxdem.scalar_step import FlowOfInterval, advance_scalars
@@ -149,13 +150,8 @@ class SlabProgram:
         numbers = loop_numbers(simulation, parameters.gravity.dtype)
         self._same = put(self._mesh, (numbers, parameters), SAME)
         structure = with_numbers(simulation.of_slab(), NO_NUMBERS)
-        probes = () if watch is None else watch.probing.probes
-        # What a probe sums up is that of all slabs; of one that selects each slab has its own rows.
-        rows: Any = tuple(Rows(SLABS if probe.SELECTS else SAME, SAME, SAME) for probe in probes)
-        seen: Any = None if watch is None else Probed(SAME, rows)
-        result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, seen, SLABS)
-        given = (SAME, SAME, STATE, SLABS, SAME, SAME)
-        program = jax.jit(on_slabs(self._mesh, partial(advance, structure), given, result))
+        probes = None if watch is None else watch.probing.probes
+        program = in_memory(_advance_in_slabs, (self._mesh, structure, probes))
         self._compiled = program.lower(*self._same, state, neighbors, *self._asked(1, watch)).compile()
         self._seconds = math.inf
 
@@ -175,6 +171,17 @@ class SlabProgram:
         chunk: Chunk = jax.block_until_ready(self._compiled(*self._same, state, neighbors, *self._asked(count, watch)))
         self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
         return chunk
+
+
+def _advance_in_slabs(static: tuple[Mesh, Simulation, tuple[Probe, ...] | None], *given: Any) -> Chunk:
+    """`advance` of the slabs of several devices; static are these, what each does, and its probes, None for none."""
+    mesh, structure, probes = static
+    # What a probe sums up is that of all slabs; of one that selects each slab has its own rows.
+    rows: Any = tuple(Rows(SLABS if probe.SELECTS else SAME, SAME, SAME) for probe in probes or ())
+    seen: Any = None if probes is None else Probed(SAME, rows)
+    result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, seen, SLABS)
+    chunk: Chunk = on_slabs(mesh, partial(advance, structure), (SAME, SAME, STATE, SLABS, SAME, SAME), result)(*given)
+    return chunk
 
 
 class ProfiledProgram:

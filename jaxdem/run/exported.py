@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 from collections.abc import Callable
@@ -42,9 +43,18 @@ def compiled(function: Callable[..., Any], static: object, *arguments: Any) -> C
     """
     traced = _traced(function, static, arguments)
     if traced is None:
-        return jax.jit(partial(function, static)).lower(*arguments).compile()
+        return in_memory(function, static).lower(*arguments).compile()
     run = jax.jit(traced.program.call).lower(*jax.tree.leaves(arguments)).compile()
     return lambda *given: build(traced.structure, iter(run(*jax.tree.leaves(given))))
+
+
+@functools.lru_cache(maxsize=8)
+def in_memory(function: Callable[..., Any], static: object) -> Any:
+    """`function(static, ...)` under `jit`, the same object for equal arguments.
+
+    JAX keeps with it what it has traced and compiled: a further run of the same structure in one process does neither.
+    """
+    return jax.jit(partial(function, static))
 
 
 def _traced(function: Callable[..., Any], static: object, arguments: tuple[Any, ...]) -> _Traced | None:
