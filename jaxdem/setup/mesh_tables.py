@@ -11,8 +11,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.mesh_surface import Bins, CornerTable, Distance, EdgeTable, FaceTable, MeshSurface, Places
-from jaxdem.solids.bins import Level, levels_of
+from jaxdem.solids.bins import LARGE, Level, levels_of
 from jaxdem.solids.features import Features
+from jaxdem.solids.slivers import pieces_of_long
 from jaxdem.solids.surface_mesh import SurfaceMesh
 
 MOST_OF_HULL = 512
@@ -39,7 +40,7 @@ def tables_of_features(features: Features, both: bool, radius: float, slack: flo
     ends = np.stack([_corner(faces, k) for k in range(dimension)], axis=1)
     # A grain is above a face that it touches.
     reach, above = radius + slack, radius * np.abs(faces.normal) + slack
-    found = levels_of(ends.min(axis=1), ends.max(axis=1), reach, above, (faces.anchor, faces.normal))
+    found = _levels(ends, reach, above, (faces.anchor, faces.normal))
     table = FaceTable(
         places(faces.anchor),
         places(faces.normal),
@@ -52,7 +53,7 @@ def tables_of_features(features: Features, both: bool, radius: float, slack: flo
     edges = of_corners = None
     if len(lines.anchor):
         other = lines.anchor + lines.length[:, None] * lines.along
-        found = levels_of(np.minimum(lines.anchor, other), np.maximum(lines.anchor, other), reach, reach)
+        found = _levels(np.stack([lines.anchor, other], axis=1), reach, reach)
         edges = EdgeTable(
             places(lines.anchor), places(lines.along), distance(lines.length),
             directions(lines.beyond), patch(lines.patch), _bins(found),
@@ -61,6 +62,18 @@ def tables_of_features(features: Features, both: bool, radius: float, slack: flo
         found = levels_of(corners.anchor, corners.anchor, reach, reach)
         of_corners = CornerTable(places(corners.anchor), directions(corners.beyond), patch(corners.patch), _bins(found))
     return MeshSurface(table, edges, of_corners)
+
+
+def _levels(
+    corners: np.ndarray, reach: float, margin: np.ndarray | float, planes: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[Level, ...]:
+    """Bins of triangles or edges (P, K, D), the long and thin ones in pieces; see `levels_of`."""
+    if corners.shape[2] == 2:
+        return levels_of(corners.min(axis=1), corners.max(axis=1), reach, margin, planes)
+    pieces, part = pieces_of_long(corners, LARGE * reach)
+    wide = margin if isinstance(margin, float) else margin[part]
+    flat = None if planes is None else (planes[0][part], planes[1][part])
+    return levels_of(pieces.min(axis=1), pieces.max(axis=1), reach, wide, flat, part)
 
 
 def with_cells(surface: MeshSurface, *cells: np.ndarray) -> MeshSurface:

@@ -38,7 +38,12 @@ Planes = tuple[np.ndarray, np.ndarray]
 
 
 def levels_of(
-    lower: np.ndarray, upper: np.ndarray, reach: float, margin: np.ndarray | float, planes: Planes | None = None
+    lower: np.ndarray,
+    upper: np.ndarray,
+    reach: float,
+    margin: np.ndarray | float,
+    planes: Planes | None = None,
+    owner: np.ndarray | None = None,
 ) -> tuple[Level, ...]:
     """Bins of parts.
 
@@ -47,10 +52,15 @@ def levels_of(
         reach: distance from a part at which it must be found [m].
         margin: () or (P, D) the same from the box around it along each axis, where it need not be found all around.
         planes: in which the parts lie; None where they lie in none.
+        owner: (P,) ascending, the part that each of these is a piece of; None where each is a part. All pieces of a
+            part are in one level, so that it is found once.
     """
     if not len(lower):
         return ()
     size = (upper - lower).max(axis=1)
+    if owner is not None:
+        begin = np.flatnonzero(np.diff(owner, prepend=-1))
+        size = np.repeat(np.maximum.reduceat(size, begin), np.diff(begin, append=len(owner)))
     level = np.ceil(np.log2(np.maximum(size / (LARGE * reach), 1.0))).astype(int)
     found = []
     for number in np.unique(level):
@@ -67,7 +77,8 @@ def levels_of(
         occupied = len(np.unique(place, axis=0))
         count = 2 ** int(np.ceil(np.log2(max(2 * occupied, 2))))
         key = hashed(tuple(place[:, k].astype(np.int32) for k in range(place.shape[1])), count)
-        pairs = np.unique(np.stack([key.astype(np.int64), own[part]], axis=1), axis=0)
+        number_of = own[part] if owner is None else owner[own[part]]
+        pairs = np.unique(np.stack([key.astype(np.int64), number_of], axis=1), axis=0)
         start = np.concatenate([[0], np.cumsum(np.bincount(pairs[:, 0], minlength=count))])
         found.append(Level(width, start.astype(np.int32), pairs[:, 1].astype(np.int32)))
     return tuple(found)

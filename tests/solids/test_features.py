@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from jaxdem.setup.mesh_tables import tables_of_features
 from jaxdem.solids.bins import hashed, levels_of
 from jaxdem.solids.defects import defects_of, mended
 from jaxdem.solids.features import features_of
@@ -96,6 +97,34 @@ def test_bins_find_all_that_is_in_reach():
             found |= set(level.entry[level.start[place] : level.start[place + 1]].tolist())
         assert near <= found
     assert sum(len(level.entry) for level in levels) < 400 * 150  # by parts, not by the volume that they span
+
+
+def looked_at(levels, point):
+    """Numbers of the parts in the bins that a point is in; what the hash puts there too is left out."""
+    found = []
+    for level in levels:
+        bin_ = tuple(np.array([np.floor(x / level.width)], np.int32) for x in point)
+        place = int(hashed(bin_, len(level.start) - 1)[0])
+        found += level.entry[level.start[place] : level.start[place + 1]].tolist()
+    return found
+
+
+def test_slivers_are_found_from_near_them_alone():
+    """Of a tube askew of 72 pairs of triangles, 80 times as long as wide, a grain at the surface looks at a few, and
+    each that it reaches is among them, once. In bins as wide as they are long it is 154."""
+    own = surface(pipe_mesh(72, 0.1, 0.7).apply_transform(trimesh.transformations.euler_matrix(0.5, 0.7, 0.2)))
+    features, reach = features_of(own, True, SMOOTH), 0.005
+    levels = tables_of_features(features, True, 0.8 * reach, 0.2 * reach)
+    rng, seen = np.random.default_rng(3), []
+    corners = own.corners
+    for cell in rng.integers(0, len(corners), 60):
+        point = rng.dirichlet(np.ones(3)) @ corners[cell] + 0.3 * reach * rng.uniform(-1.0, 1.0, 3)
+        foot = trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
+        near = np.flatnonzero(np.linalg.norm(foot - point, axis=1) < 0.8 * reach)
+        found = looked_at(levels.faces.bins, point)
+        assert set(near.tolist()) <= set(found) and len(set(found)) == len(found)
+        seen.append(len(found) + len(looked_at(levels.edges.bins, point)))
+    assert len(corners) == 144 and np.mean(seen) < 30.0
 
 
 def broken():
