@@ -168,6 +168,11 @@ def sum_of(terms):  # type: ignore[no-untyped-def]
     return found
 
 
+def sum_of_fields(a: FaceField, b: FaceField) -> FaceField:
+    """Sum of two face fields."""
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
 def _share_along(grid: Grid, cell: Array, axis: int) -> Array:
     inner = 0.5 * (along(cell, axis, None, -1) + along(cell, axis, 1, None))
     first, last = end_faces(

@@ -25,7 +25,8 @@ from jaxdem.errors import required
 from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.cut_stress import cut_stress, seen_stress
+from jaxdem.fluid.cut_eddy import eddy_beside_surfaces
+from jaxdem.fluid.cut_stress import CutViscosity, cut_stress, seen_stress
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.drive import Drive, given_gradient, held
 from jaxdem.fluid.fluid_state import FaceExchange, FluidProperties, FluidState, FluidStep, ParticleFields
@@ -39,6 +40,7 @@ from jaxdem.fluid.grid import (
     face_average,
     face_control_volume,
     sum_of,
+    sum_of_fields,
 )
 from jaxdem.fluid.mixing_length import mixing_length_over_bed
 from jaxdem.fluid.projection import Continuity, open_section, pressure_slope, product
@@ -149,7 +151,7 @@ class FluidSolver:
             result = result._replace(side_load=on_sides)
         if cut is None:
             return result
-        stress, load = self._at_surfaces(cut, loads, mean, particles)
+        stress, load = self._at_surfaces(cut, loads, mean, particles, required(begun.at_surfaces, "viscosity"))
         return result._replace(viscous_acceleration=stress, surface_load=load)
 
     def _begun(
@@ -183,16 +185,18 @@ class FluidSolver:
         pull = tuple(g * s / properties.density for g, s in zip(weight, slope, strict=True))
         if properties.buoyancy is not None:
             pull = tuple(p - g * a for p, g, a in zip(pull, new, properties.buoyancy, strict=True))
-        cut, open_old, open_new = properties.cut, old, new
+        cut, open_old, open_new, at_surfaces = properties.cut, old, new, None
         if cut is not None:
             open_old, open_new = cut.opened(old), cut.opened(new)
-            friction = product(weight, tuple(time_step * properties.viscosity * r for r in cut.friction))
+            at_surfaces = self._cut_viscosity(properties, state.face_velocity, state.void_fraction, time)
+            held = zip(at_surfaces.on_faces(grid), cut.friction, strict=True)
+            friction = product(weight, tuple(time_step * nu * r for nu, r in held))
             mobility, shift = cut.moved(mobility, shift, new, friction)
             pull = cut.pushed(pull)
         continuity = Continuity(grid, self.boundary, growth, cut)
         return _Step(
             self, properties, state, void_fraction, time, time_step, (old, new), (open_old, open_new), weight,
-            continuity, mobility, shift, pull,
+            continuity, mobility, shift, pull, at_surfaces,
         )  # fmt: skip
 
     def _held(
@@ -209,22 +213,25 @@ class FluidSolver:
         return predicted, required(begun.state.mean_gradient, "mean_gradient of the fluid") + change
 
     def _at_surfaces(
-        self, cut: CutCells, loads: StepLoads, mean: _Rates, particles: ParticleFields | None
+        self,
+        cut: CutCells,
+        loads: StepLoads,
+        mean: _Rates,
+        particles: ParticleFields | None,
+        viscosity: CutViscosity,
     ) -> tuple[FaceField, Array]:
         """Stress as particles see it [m/s2], of the fluid and of the particles' part of it; and the load on every
         surface."""
         properties, fluid = loads.properties, loads.fluid
-        held_back = tuple(
-            properties.viscosity * r * (u - w)
-            for r, u, w in zip(cut.friction, fluid.face_velocity, cut.velocity, strict=True)
-        )
+        parts = zip(viscosity.on_faces(self.grid), cut.friction, fluid.face_velocity, cut.velocity, strict=True)
+        held_back = tuple(nu * r * (u - w) for nu, r, u, w in parts)
         stress = seen_stress(self.grid, self.boundary, cut, mean.stress, held_back)
-        on_faces = _sum_of_fields(held_back, required(mean.to_closed, "to_closed of the rates"))
+        on_faces = sum_of_fields(held_back, required(mean.to_closed, "to_closed of the rates"))
         on_faces = tuple(properties.density * f for f in on_faces)
         if particles is not None and particles.exchange is not None:
             solids = 1.0 - (particles.void_fraction if particles.weighting is None else particles.weighting)
-            on_faces = _sum_of_fields(on_faces, loads.taken_from_surfaces(stress, cut.open_cells * solids))
-        return stress, loads.on_surfaces(on_faces, self.surfaces)
+            on_faces = sum_of_fields(on_faces, loads.taken_from_surfaces(stress, cut.open_cells * solids))
+        return stress, loads.on_surfaces(on_faces, viscosity.in_cells, self.surfaces)
 
     def first_gradient(self, properties: FluidProperties) -> Array | None:
         """(D,) mean gradient of the reduced pressure that the scene gives at its start [Pa/m]; None without a drive."""
@@ -258,8 +265,11 @@ class FluidSolver:
         largest = properties.viscosity
         length = self._mixing_length(properties, state.void_fraction)
         if length is not None:
-            rates = strain_rates(self.grid, self.sides(properties, time), state.face_velocity)
-            largest = largest + box_largest(self.grid, eddy_viscosity(rates, length))
+            eddy = self._cut_viscosity(properties, state.face_velocity, state.void_fraction, time).eddy
+            if eddy is None:
+                rates = strain_rates(self.grid, self.sides(properties, time), state.face_velocity)
+                eddy = eddy_viscosity(rates, length)
+            largest = largest + box_largest(self.grid, eddy)
         if not self.shares_stress and state.void_fraction is not None:
             largest = largest / box_smallest(self.grid, state.void_fraction)
         flow = self._subgrid_flow(properties, state.face_velocity, state.void_fraction, time)
@@ -279,6 +289,17 @@ class FluidSolver:
         if properties.bed_mixing is not None:
             return mixing_length_over_bed(self.grid, properties.bed_mixing, void_fraction)
         return None if properties.smagorinsky is None else properties.smagorinsky * self.grid.filter_size
+
+    def _cut_viscosity(
+        self, properties: FluidProperties, velocity: FaceField, void_fraction: Array | None, time: Array
+    ) -> CutViscosity:
+        """Of the fluid between surfaces; without an eddy part where there are none."""
+        length = None if properties.cut is None else self._mixing_length(properties, void_fraction)
+        if properties.cut is None or length is None:
+            return CutViscosity(properties.viscosity)
+        sides = self.sides(properties, time)
+        eddy = eddy_beside_surfaces(self.grid, sides, properties.cut.open_faces, velocity, length)
+        return CutViscosity(properties.viscosity, eddy)
 
     def _subgrid_flow(
         self, properties: FluidProperties, velocity: FaceField, void_fraction: Array | None, time: Array
@@ -333,7 +354,8 @@ class FluidSolver:
         rates = advection(grid, sides, self.advection, flux, velocity, cut)
         on_sides = gained_at_sides(grid, self.measured_sides, rates) if self.measured_sides else None
         if cut is not None:
-            return self._cut_rates(cut, rates, sides, velocity, weight, (properties.viscosity, void_fraction))
+            viscosity = self._cut_viscosity(properties, velocity, void_fraction, time)
+            return self._cut_rates(cut, rates, sides, velocity, weight, (viscosity, void_fraction))
         flow = self._subgrid_flow(properties, velocity, void_fraction, time)
         if flow is not None:
             within = subgrid_stress(grid, flow, void_fraction)
@@ -358,7 +380,7 @@ class FluidSolver:
         sides: Sides,
         velocity: FaceField,
         weight: tuple[CellOrOne, ...],
-        fluid: tuple[Array, Array | None],
+        fluid: tuple[CutViscosity, Array | None],
     ) -> _Rates:
         """Rates of a stage between surfaces, from those of advection; `fluid` are viscosity and void fraction."""
         viscosity, void_fraction = fluid
@@ -392,6 +414,7 @@ class _Step:
         mobility: 1 / (g + B), on the faces [-].
         shift: forcing per mass of fluid times the step [m/s].
         pull: pressure gradient over density, times `weight` [m/s2].
+        at_surfaces: viscosity of the friction on surfaces within the mesh; None without.
     """
 
     solver: FluidSolver
@@ -407,6 +430,7 @@ class _Step:
     mobility: tuple[Array | float, ...]
     shift: tuple[Array | float, ...]
     pull: tuple[Array | float, ...]
+    at_surfaces: CutViscosity | None = None
 
     @property
     def end(self) -> Array:
@@ -462,10 +486,6 @@ class _Step:
 
 def _or_one(void_fraction: Array | None) -> CellOrOne:
     return 1.0 if void_fraction is None else void_fraction
-
-
-def _sum_of_fields(a: FaceField, b: FaceField) -> FaceField:
-    return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:

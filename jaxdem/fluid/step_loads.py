@@ -75,9 +75,9 @@ class StepLoads:
         parts = zip(seen, cut.open_faces, self.weight, slope, stress, strict=True)
         return tuple((s - a * (1.0 - w)) * (p - self.properties.density * t) for s, a, w, p, t in parts)
 
-    def on_surfaces(self, on_faces: FaceField, number: int) -> Array:
+    def on_surfaces(self, on_faces: FaceField, viscosity: Array, number: int) -> Array:
         """(S, D, 1 + D) load on each of `number` surfaces: what acts on its faces [N/m3], what particles hand to closed
-        faces, and the pressure; see `cut_cells`."""
+        faces, and pressure and stress of a viscosity, () or in the cells [m2/s]; see `cut_cells`."""
         grid, cut, forces = self.grid, self._cut, []
         for axis, density in enumerate(on_faces):
             force = face_control_volume(grid, axis).astype(density.dtype) * density
@@ -85,7 +85,7 @@ class StepLoads:
                 handed = self.exchange.forcing[axis] - self.exchange.resistance[axis] * cut.velocity[axis]
                 force = force + jnp.where(cut.open_faces[axis] > 0.0, 0.0, handed / self.time_step)
             forces.append(force)
-        viscosity = self.properties.density * self.properties.viscosity
+        viscosity = self.properties.density * viscosity
         shares = SurfaceShares(tuple(forces), stress_on_cuts(grid, cut, self.fluid.pressure, viscosity))
         return surface_loads(grid, cut, shares, number)
 

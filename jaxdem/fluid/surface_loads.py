@@ -30,7 +30,7 @@ def stress_on_cuts(grid: Grid, cut: CutCells, pressure: Array, dynamic_viscosity
     the cell's opposite faces; and where the surface turns with W, mu W cross A [N].
 
     The second is what the transposed gradient of the velocity, which the balance of momentum leaves out, does to the
-    surface. It has no resultant on a closed surface, but a torque.
+    surface. It has no resultant on a closed surface, but a torque. `dynamic_viscosity` is () or in the cells.
     """
     areas = tuple(
         (grid.cell_volume / grid.spacing[axis]) * (along(a, axis, None, -1) - along(a, axis, 1, None))

@@ -10,7 +10,7 @@ import pytest
 
 from jaxdem.coupling.open_parts import corner_points, cut_cells, face_points
 from jaxdem.fluid.boundary import Sides
-from jaxdem.fluid.cut_stress import cut_stress
+from jaxdem.fluid.cut_stress import CutViscosity, cut_stress
 from jaxdem.fluid.grid import divergence, face_control_volume, face_total
 from jaxdem.fluid.open_faces import LEAST_OPEN
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
@@ -39,7 +39,7 @@ def test_a_linear_shear_flow_along_a_tilted_wall_is_kept(angle):
     lost = LEAST_OPEN**2 * min(flow.grid.spacing)
     assert float(jnp.abs(divergence(flow.grid, cut.opened(velocity))).max()) * 0.1 < lost
     sides = Sides(flow.solver.boundary, flow.properties(1.0).side_velocity, jnp.asarray(0.0))
-    stress, _ = cut_stress(flow.grid, sides, cut, tuple(velocity), jnp.asarray(1.0), False)
+    stress, _ = cut_stress(flow.grid, sides, cut, tuple(velocity), CutViscosity(jnp.asarray(1.0)), False)
     for axis in range(2):
         force = (stress[axis] - cut.friction[axis] * velocity[axis])[2:-2, 2:-2]
         assert float(jnp.abs(force).max()) < 1e-11
