@@ -17,7 +17,7 @@ from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEn
 from jaxdem.coupling.inputs import MeshFields, drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.member_weights import body_weights
-from jaxdem.coupling.open_cells import open_weights, seen_slope
+from jaxdem.coupling.open_cells import seen_slope, weights_beside
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
@@ -148,7 +148,8 @@ class Coupling:
         grid = self.interval.solver.grid
         centres = centres_in_box(particles, grid.size, grid.periodic)
         weights = body_weights(self.deposition, grid, particles, centres, mixture.bodies)
-        return present_weights(open_weights(weights, mixture.properties.cut), particles.active)
+        beside = weights_beside(self.deposition, grid, weights, mixture.properties.cut)
+        return present_weights(beside, particles.active)
 
     def sample(self, mixture: Mixture, fluid: FluidState, particles: ParticleState) -> SampledFluid:
         """The fluid at the particles, on its own mesh and as the drag law sees it."""

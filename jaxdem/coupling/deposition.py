@@ -90,7 +90,8 @@ class Diffusion:
     """The divided sphere, smoothed by diffusion with zero flux through the sides of the box.
 
     The smoothed field is exp(s^2/2 Laplacian) of the deposited one, with the exact exponential of the discrete
-    Laplacian: a Gaussian of standard deviation s in the inside, conservative and positive at any s.
+    Laplacian: a Gaussian of standard deviation s in the inside, conservative and positive at any s. Between surfaces
+    see `cut_diffusion`.
 
     Attributes:
         half_width: of the triangle that has the variance of the Gaussian, s = half_width / sqrt(6), per axis [m].
@@ -100,11 +101,18 @@ class Diffusion:
 
     half_width: tuple[float, ...]
 
+    @property
+    def deviation(self) -> tuple[float, ...]:
+        """s along every axis [m]."""
+        return tuple(half / math.sqrt(6.0) for half in self.half_width)
+
     def weights(self, grid: Grid, position: Array, radius: Array) -> Weights:
         """See `Deposition`."""
         smoothing = tuple(
-            namespace(position).asarray(gaussian_matrix(n, h, half / math.sqrt(6.0), periodic), position.dtype)
-            for n, h, half, periodic in zip(grid.whole_cells, grid.spacing, self.half_width, grid.periodic, strict=True)
+            namespace(position).asarray(gaussian_matrix(n, h, deviation, periodic), position.dtype)
+            for n, h, deviation, periodic in zip(
+                grid.whole_cells, grid.spacing, self.deviation, grid.periodic, strict=True
+            )
         )
         return Divided(self.half_width).weights(grid, position, radius)._replace(smoothing=smoothing)
 

@@ -111,7 +111,7 @@ class DragModel:
         correction, volume = self.self_disturbance, start.bodies.volume
         if correction is None:
             return scaled
-        own = own_solid_fraction(start.grid, start.weights, volume)
+        own = own_solid_fraction(start.grid, start.weights, volume, start.properties.cut)
         return lambda inputs: correction(scaled, inputs, own, volume)
 
 

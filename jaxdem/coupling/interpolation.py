@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxdem.coupling.cut_diffusion import CutDiffusion
 from jaxdem.fluid.grid import FaceField, Grid, along, cell_average, share_to_faces
 from jaxdem.fluid.rows import with_whole_rows
 from jaxdem.numerics.blocks import Blocks
@@ -133,13 +134,13 @@ class Weights(NamedTuple):
         index: (N, S) int32 flat cell index; with a halo, among the cells of slab and halo.
         weight: (N, S), each row adds up to one [-].
         smoothing: a symmetric matrix for every axis, which fields are multiplied by after a deposit and before an
-            interpolation; None for none [-].
+            interpolation; between surfaces a diffusion; None for none [-].
         halo: static; None for a box on one device.
     """
 
     index: Array  # type: ignore[assignment]
     weight: Array
-    smoothing: tuple[Array, ...] | None = None
+    smoothing: tuple[Array, ...] | CutDiffusion | None = None
     halo: Halo | None = None
 
 
@@ -199,6 +200,8 @@ def _deposited(grid: Grid, weights: Weights, quantities: list[Array]) -> list[Ar
     fields = [_spread(grid, weights, quantity) for quantity in quantities]
     if weights.halo is not None:
         fields = weights.halo.folded(fields)
+    if isinstance(weights.smoothing, CutDiffusion):
+        return [weights.smoothing.of_amounts(field) for field in fields]
     return [_smoothed(weights, field) for field in fields]
 
 
@@ -240,6 +243,8 @@ def interpolate_faces(weights: Weights, faces: FaceField) -> Array:
 
 def _smoothed(weights: Weights, field: Array) -> Array:
     halo = weights.halo
+    if isinstance(weights.smoothing, CutDiffusion):
+        return weights.smoothing.of_fields(field)
     for axis, matrix in enumerate(weights.smoothing or ()):
         if halo is not None and halo.blocks.axis == axis:
             field = with_whole_rows(halo.grid, field, partial(along_axis, matrix, axis=axis))

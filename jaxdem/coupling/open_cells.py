@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from jax import Array
 
+from jaxdem.coupling.cut_diffusion import cut_diffusion
+from jaxdem.coupling.deposition import Deposition, Diffusion
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.grid import FaceField
+from jaxdem.fluid.grid import FaceField, Grid
 from jaxdem.fluid.open_faces import continued
 from jaxdem.numerics.host import namespace
+
+
+def weights_beside(deposition: Deposition, grid: Grid, weights: Weights, cut: CutCells | None) -> Weights:
+    """Weights of a deposition beside surfaces: see `open_weights`, and for diffusion `cut_diffusion`."""
+    weights = open_weights(weights, cut)
+    if cut is None or not isinstance(deposition, Diffusion):
+        return weights
+    return weights._replace(smoothing=cut_diffusion(grid, cut, deposition.deviation))
 
 
 def open_weights(weights: Weights, cut: CutCells | None) -> Weights:

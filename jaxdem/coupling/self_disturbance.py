@@ -40,6 +40,7 @@ from jax import Array
 
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.coupling.interpolation import Weights
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import safe_sqrt
@@ -119,9 +120,16 @@ def brinkman_factor(squared: Array) -> Array:
     return 1.0 / (1.0 + math.sqrt(math.pi) * y + y**2 * bend)
 
 
-def own_solid_fraction(grid: Grid, weights: Weights, volume: Array) -> Array:
-    """Solid fraction that a particle sees of itself, V / V_cell sum_c w_c^2, (N,) [-]."""
-    return volume / grid.cell_volume * jnp.sum(weights.weight**2, axis=1)
+def own_solid_fraction(grid: Grid, weights: Weights, volume: Array, cut: CutCells | None = None) -> Array:
+    """Solid fraction that a particle sees of itself, V / V_cell sum_c w_c^2 / v_c, (N,) [-].
+
+    v is the part of a cell that surfaces leave open, 1 without.
+    """
+    squared = weights.weight**2
+    if cut is not None:
+        open_part = jnp.ravel(cut.open_cells)[weights.index]
+        squared = jnp.where(open_part > 0.0, squared / jnp.where(open_part > 0.0, open_part, 1.0), 0.0)
+    return volume / grid.cell_volume * jnp.sum(squared, axis=1)
 
 
 def kernel_mobility(half_width: tuple[float, ...], spacing: tuple[float, ...]) -> float:

@@ -9,7 +9,7 @@ from jax.typing import DTypeLike
 
 from jaxdem.coupling.coupled import Coupling, Mixture
 from jaxdem.coupling.member_weights import body_weights
-from jaxdem.coupling.open_cells import open_weights
+from jaxdem.coupling.open_cells import weights_beside
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError, required
@@ -213,7 +213,7 @@ def initial_void_fraction(coupling: Coupling, mixture: Mixture, particles: Parti
     if bodies.clumps is not None:
         made = jax.jit(lambda state, bodies: body_weights(deposition, grid, state, state.position, bodies))
         own = jax.tree.map(np.asarray, made(particles, mixture.bodies))
-    weights = open_weights(own, cut)
+    weights = weights_beside(deposition, grid, own, cut)
     solids = solid_fraction(grid, present_weights(weights, active), bodies.volume, cut)
     void_fraction = on_device(1.0 - solids, position.dtype)
     lowest = float(np.min(np.asarray(void_fraction)))
