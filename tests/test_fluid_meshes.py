@@ -105,8 +105,6 @@ def test_meshes_that_have_no_inside_are_refused_with_counts():
     thin = [[0.05, 0.2], [0.35, 0.2], [0.35, 0.205], [0.05, 0.205]]
     assert "thinner than the cells" in refusal(tables(MESH | {"points": thin, "inside": False}, grains=False))
     assert "inside" in refusal(tables(MESH | {"fluid": "none"}))
-    motion = {"motion": [{"kind": "translation", "velocity": [0.1, 0.0]}]}
-    assert "walls.0.motion" in refusal(tables(MESH | motion, grains=False))
     # The fronts of a closed line that goes counter-clockwise look outside.
     assert "walls.0.inside" in refusal(tables(MESH | {"touch": "front"}, grains=False))
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jax import Array
 
+from jaxdem.coupling.body_grid import BodyGrid
 from jaxdem.coupling.open_parts import corner_points, cut_cells, on_corners
 from jaxdem.coupling.surface_velocity import swept, with_velocity
 from jaxdem.errors import required
@@ -54,13 +55,14 @@ class MovingSurface:
         number: among the surfaces that the fluid sees.
         wall: number of its wall in the scene, and of its numbers in `Parameters.wall_motion`.
         motion: its motion.
-        shape: in its own frame, of one that changes its place; None of one that keeps it.
+        shape: in its own frame, of one that changes its place, of a mesh the corners where its distance is known; None
+            of one that keeps it.
     """
 
     number: int
     wall: int
     motion: RigidMotion
-    shape: Plane | Cylinder | None = None
+    shape: Plane | Cylinder | BodyGrid | None = None
 
 
 @static
@@ -135,7 +137,9 @@ class WallsInFluid:
             placed = surface.motion.at(numbers[surface.wall], time)
             own, low = placed.to_body(corners, (None,) * len(corners))
             inside = tuple(x if y is None else x + y for x, y in zip(own, low, strict=True))
-            if surface.shape is not None:
+            if isinstance(surface.shape, BodyGrid):
+                found[surface.number] = surface.shape.distance(still.distances[surface.number], inside)
+            elif surface.shape is not None:
                 found[surface.number] = signed_distance(surface.shape, inside)
         return tuple(found)
 

@@ -46,7 +46,8 @@ class StillDistances(NamedTuple):
     """What does not change of a mesh whose surfaces move; traced.
 
     Attributes:
-        distances: at the corners, of every surface in order; zeros () of those that change their place [m].
+        distances: at the corners, of every surface in order; of those that change their place zeros (), of meshes among
+            these the distance at the corners of their own mesh [m].
         no_slip: (S,) bool.
         open_faces: open fractions between those that keep their place; None where all do.
     """

@@ -46,15 +46,12 @@ def _check_motion(key: str, wall: Wall) -> None:
         if getattr(wall, name) is not None:
             limit = "a wall that the fluid sees is there all the time, and moves by a given motion alone"
             raise InputError(f"{key}.{name}", getattr(wall, name), limit, remedy)
-    if wall.kind == "mesh" and wall.motion:
-        limit = "a mesh that the fluid sees is at rest: planes, cylinders and wedges may move"
-        raise InputError(f"{key}.motion", f"{len(wall.motion)} motions", limit, remedy)
 
 
 def keeps_place(wall: Wall) -> bool:
     """Whether the surface of a wall stays where it is while the wall moves: a plane that moves in its own directions or
-    turns about its normal, a cylinder about or along its axis, a wedge along its edge."""
-    return all(_along_itself(wall, motion) for motion in wall.motion or ())
+    turns about its normal, a cylinder about or along its axis, a wedge along its edge. Never a mesh's."""
+    return wall.kind != "mesh" and all(_along_itself(wall, motion) for motion in wall.motion or ())
 
 
 def _along_itself(wall: Wall, motion: WallMotion) -> bool:
@@ -97,21 +94,20 @@ def _sine(a: tuple[float, ...], b: tuple[float, ...]) -> float:
 
 def _check_models(fluid: Fluid, coupling: Coupling | None) -> None:
     """Refuses models that do not know of surfaces."""
-    limit = "does not work beside a wall that the fluid sees"
-    given: dict[str, object] = {
-        "fluid.smagorinsky": fluid.smagorinsky or None,
-        "fluid.subgrid": fluid.subgrid,
-        "fluid.bed_mixing": fluid.bed_mixing,
+    given: dict[str, tuple[object, str]] = {
+        "fluid.subgrid": (fluid.subgrid, "it was learned from whole cells, and knows no part of one"),
+        "fluid.bed_mixing": (fluid.bed_mixing, "its mixing length counts heights from the lower side of the box alone"),
     }
     if coupling is not None:
+        coarse = coupling.drag_inputs_coarsened if coupling.drag_inputs_coarsened > 1 else None
         given |= {
-            "coupling.void_fraction": coupling.void_fraction if coupling.void_fraction == "diffusion" else None,
-            "coupling.deconvolution": coupling.deconvolution or None,
-            "coupling.self_disturbance": coupling.self_disturbance or None,
-            "coupling.drag_inputs_coarsened": coupling.drag_inputs_coarsened
-            if coupling.drag_inputs_coarsened > 1
-            else None,
+            "coupling.deconvolution": (
+                coupling.deconvolution or None,
+                "its limit of stability is known for the kernels of whole cells alone",
+            ),
+            "coupling.drag_inputs_coarsened": (coarse, "its blocks of cells count closed cells as open ones"),
         }
-    for key, value in given.items():
+    for key, (value, why) in given.items():
         if value is not None:
+            limit = f"does not work beside a wall that the fluid sees: {why}"
             raise InputError(key, value, limit, 'leave it out, or set fluid = "none" for all walls')

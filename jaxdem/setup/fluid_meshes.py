@@ -1,4 +1,5 @@
-"""Meshes that the fluid sees: their signed distance on its mesh. Host, numpy."""
+"""Meshes that the fluid sees: their signed distance on its mesh; of one that moves on a mesh of its own, which moves
+with it. Host, numpy."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ import math
 import numpy as np
 from scipy.ndimage import map_coordinates, minimum_filter
 
+from jaxdem.coupling.body_grid import BodyGrid
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid
 from jaxdem.scene import Scene
@@ -22,6 +24,10 @@ from jaxdem.solids.surface_mesh import SurfaceMesh
 BAND = 2.5
 """Width of the band in which the distance is exact, over the diagonal of a cell: faces at the surface know that of the
 next ones [-]."""
+
+FINER = 2
+"""Spacing of the fluid's mesh over that of the mesh of a body that moves: what is linear between its corners then adds
+a quarter to the error of surfaces that are flat within a cell."""
 
 MOST_UNSEEN = 0.05
 """Part of a mesh that may be so thin that the fluid's mesh has no corner behind it [-]."""
@@ -76,7 +82,32 @@ def mesh_distance(key: str, wall: Wall, scene: Scene, grid: Grid) -> SampledDist
     return SampledDistance(values, grid.spacing)
 
 
+def distance_of_body(key: str, wall: Wall, scene: Scene, grid: Grid) -> tuple[BodyGrid, np.ndarray]:
+    """The distance of a mesh that moves, on a mesh of its own round it, positive in the fluid [m].
+
+    Args:
+        key: of its table, such as walls.0.
+        wall: the table.
+        scene: the scene.
+        grid: mesh of the fluid.
+    """
+    reach = BAND * math.hypot(*grid.spacing)
+    mesh, _ = sound_mesh(key, wall, scene, 0.0)
+    around = mesh.repeated(grid.size, grid.periodic, reach)
+    lower, upper = around.bounds
+    spacing = tuple(h / FINER for h in grid.spacing)
+    origin = lower - reach
+    corners = tuple(np.ceil((upper - lower + 2.0 * reach) / np.asarray(spacing)).astype(int) + 1)
+    moved = around.placed(1.0, np.eye(around.dimension), -origin)
+    found = grid_distance(moved, spacing, corners, reach).distance
+    return BodyGrid(tuple(origin.tolist()), spacing), -found if wall.inside else found
+
+
 def _check_heights(key: str, wall: Wall) -> None:
+    if wall.motion:
+        limit = "a map of heights that the fluid sees is at rest: it has no other side"
+        remedy = 'give a closed mesh, leave this key out, or set fluid = "none"'
+        raise InputError(f"{key}.motion", f"{len(wall.motion)} motions", limit, remedy)
     if wall.inside:
         limit = "the fluid is above a map of heights"
         raise InputError(f"{key}.inside", True, limit, "remove this key")

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jax import Array
 
 from jaxdem.coupling.walls_in_fluid import MovingSurface, signed_distance
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.surfaces import Cylinder, Plane
 from jaxdem.scene import Scene
 from jaxdem.scene.fluid_walls import keeps_place, seen_by_fluid
 from jaxdem.scene.wall_motion import WallMotion
-from jaxdem.setup.fluid_meshes import mesh_distance
+from jaxdem.scene.walls import Wall
+from jaxdem.setup.fluid_meshes import distance_of_body, mesh_distance
 from jaxdem.setup.wall_motion import motion_numbers, rigid_motion, tables_of
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.solids.motion_tables import placement_of
@@ -33,6 +37,7 @@ class SeenSurface:
         distance: points (..., D) [m] -> (...) [m] where it is when the run begins, positive in the fluid.
         placed: how it moves then; None for one at rest.
         moving: how it moves, as it is compiled; None for one at rest.
+        sampled: distance of a mesh that moves, at the corners of its own mesh; None for others [m].
     """
 
     wall: int
@@ -40,6 +45,7 @@ class SeenSurface:
     distance: Callable[[np.ndarray], np.ndarray]
     placed: Placement | None = None
     moving: MovingSurface | None = None
+    sampled: np.ndarray | None = None
 
 
 def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float) -> tuple[SeenSurface, ...]:
@@ -56,13 +62,11 @@ def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float) -> tuple[SeenSurfa
     found: list[SeenSurface] = []
     for number_of_wall, wall in seen_by_fluid(scene.walls):
         sticks = wall.fluid == "no_slip"
-        if wall.kind == "mesh":
-            found.append(
-                SeenSurface(number_of_wall, sticks, mesh_distance(f"walls.{number_of_wall}", wall, scene, grid))
-            )
-            continue
         motion, stays = rigid_motion(wall), keeps_place(wall)
         placed = None if motion is None else placement_of(tables_of(wall), begin)
+        if wall.kind == "mesh":
+            found.append(_mesh_in_fluid((number_of_wall, len(found)), wall, scene, grid, placed))
+            continue
         for shape in surfaces_of(wall):
             if not isinstance(shape, Plane | Cylinder):
                 limit = "the fluid sees planes, cylinders, wedges and meshes"
@@ -70,9 +74,24 @@ def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float) -> tuple[SeenSurfa
             moving = None
             if motion is not None:
                 moving = MovingSurface(len(found), number_of_wall, motion, None if stays else shape)
-            distance = _distance(shape, None if stays else placed)
+            distance = _placed_distance(functools.partial(signed_distance, shape), None if stays else placed)
             found.append(SeenSurface(number_of_wall, sticks, distance, placed, moving))
     return tuple(found)
+
+
+def _mesh_in_fluid(
+    numbers: tuple[int, int], wall: Wall, scene: Scene, grid: Grid, placed: Placement | None
+) -> SeenSurface:
+    """A mesh that the fluid sees, by its numbers among the walls and the surfaces; `placed` where one that moves is."""
+    number_of_wall, own = numbers
+    key, sticks, motion = f"walls.{number_of_wall}", wall.fluid == "no_slip", rigid_motion(wall)
+    at_start = mesh_distance(key, wall, scene, grid)
+    if motion is None:
+        return SeenSurface(number_of_wall, sticks, at_start)
+    corners, values = distance_of_body(key, wall, scene, grid)
+    moving = MovingSurface(own, number_of_wall, motion, corners)
+    distance = _placed_distance(functools.partial(corners.distance, values), placed)  # type: ignore[arg-type]
+    return SeenSurface(number_of_wall, sticks, distance, placed, moving, values)
 
 
 def host_numbers(scene: Scene) -> tuple[Any, ...]:
@@ -104,13 +123,20 @@ def _rate(motion: WallMotion) -> float:
     return abs(motion.rate or 0.0)
 
 
-def _distance(shape: Plane | Cylinder, placed: Placement | None) -> Callable[[np.ndarray], np.ndarray]:
-    """Signed distance of a surface where it is, at points (..., D), in float64."""
+def _placed_distance(
+    of_body: Callable[[Vector], Array], placed: Placement | None
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Signed distance of a surface where it is, at points (..., D), in float64.
+
+    Args:
+        of_body: distance in the frame of the body at points, D arrays [m].
+        placed: the body; None for one that is where it was given.
+    """
 
     def distance(points: np.ndarray) -> np.ndarray:
         own = tuple(np.moveaxis(points, -1, 0))
         if placed is not None:
             own, _ = placed.to_body(own, (None,) * len(own))  # type: ignore[assignment,arg-type]
-        return signed_distance(shape, own)  # type: ignore[return-value,arg-type]
+        return of_body(own)  # type: ignore[return-value,arg-type]
 
     return distance

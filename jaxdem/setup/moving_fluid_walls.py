@@ -34,7 +34,7 @@ def still_distances(grid: Grid, surfaces: Sequence[SeenSurface]) -> StillDistanc
     distances: list[Any] = []
     for surface in surfaces:
         if surface.moving is not None and surface.moving.shape is not None:
-            distances.append(np.zeros(()))
+            distances.append(np.zeros(()) if surface.sampled is None else surface.sampled)
             continue
         distances.append(surface.distance(corners))
         kept.append(on_corners(grid, distances[-1]))
