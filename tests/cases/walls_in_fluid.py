@@ -11,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem import build, initial_state, load_scene
-from jaxdem.coupling.open_parts import face_points
+from jaxdem.coupling.open_parts import corner_points, face_points
+from jaxdem.coupling.surface_velocity import swept
 from jaxdem.fluid.advection import Central
 from jaxdem.fluid.drive import Drive, DriveParameters
 from jaxdem.fluid.inlet import Parabola
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
-from jaxdem.solids.motion import Rotation, Uniform
+from jaxdem.solids.clipping import positive_part
+from jaxdem.solids.motion import Rotation, Translation, Uniform
 from tests.cases.flows import Flow
 from tests.cases.registry import Figure, absolute, at_least, case, relative
 
@@ -51,8 +53,23 @@ def error_of(cut, velocity, exact):
     return math.sqrt(squares / area)
 
 
-def tilted_channel(n, slope, width=0.6, decay=4.0):
-    """Channels of a slope (rise, run) across a periodic box of side 1, n cells a side, driven along themselves."""
+def laminar_channel(gap, force, viscosity):
+    """Speed at y between walls that are `gap` apart, and the flow over the gap."""
+    return lambda y: 0.5 * force / viscosity * y * (gap - y), force * gap**3 / 12.0 / viscosity
+
+
+def eddying_channel(gap, force, viscosity, length):
+    """The same with a mixing length l: nu s + l^2 s^2 = force (gap/2 - y) for the shear s = du/dy in the lower half."""
+    y = np.linspace(0.0, 0.5 * gap, 2001)
+    rate = (-viscosity + np.sqrt(viscosity**2 + 4.0 * length**2 * force * (0.5 * gap - y))) / (2.0 * length**2)
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(y))])
+    flow = 2.0 * np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(y))
+    return lambda x: np.interp(np.minimum(x, gap - x), y, speed), flow
+
+
+def tilted_channel(n, slope, width=0.6, decay=4.0, length=None):
+    """Channels of a slope (rise, run) across a periodic box of side 1, n cells a side, driven along themselves; with a
+    mixing length in gaps."""
     rise, run = slope
     length = math.hypot(rise, run)
     along, normal = np.array([run, rise]) / length, np.array([-rise, run]) / length
@@ -70,23 +87,31 @@ def tilted_channel(n, slope, width=0.6, decay=4.0):
     cut = jax.tree.map(jnp.asarray, cut_cells_of(flow.grid, [FluidSurface(distance)])[0])
     solver = dataclasses.replace(flow.solver, drive=Drive((True, True), (False, False)), surfaces=1)
     force = 8.0 * viscosity / gap**2
+    if length is None:
+        speed, total = laminar_channel(gap, force, viscosity)
+    else:
+        speed, total = eddying_channel(gap, force, viscosity, length * gap)
 
     def exact(axis):
         def formula(x):
             y = height(x)
-            return 0.5 * force / viscosity * y * (gap - y) * along[axis], y < gap
+            return speed(np.clip(y, 0.0, gap)) * along[axis], y < gap
 
         return averaged(flow.grid, axis, formula) * (np.asarray(cut.open_faces[axis]) > 0.0)
 
     profile = [exact(axis) for axis in range(2)]
     drive = DriveParameters(jnp.asarray(-force * along))
-    properties = flow.properties(viscosity)._replace(cut=cut, drive=drive, gravity=jnp.zeros(2))
+    coefficient = None if length is None else length * gap / flow.grid.filter_size
+    properties = flow.properties(viscosity, smagorinsky=coefficient)
+    properties = properties._replace(cut=cut, drive=drive, gravity=jnp.zeros(2))
     state = flow.state(*profile)._replace(mean_gradient=jnp.asarray(-force * along))
-    step = 0.28 / n**2 / 2.0 / viscosity
+    # At the walls the eddy viscosity is l^2 s < l sqrt(force gap/2).
+    largest = viscosity if length is None else viscosity + length * gap * math.sqrt(0.5 * force * gap)
+    step = 0.28 / n**2 / 2.0 / largest
     count = int(decay * gap**2 / math.pi**2 / viscosity / step) + 1
     velocity = marched(solver, properties, state, step, count)[0].face_velocity
     flux = [np.mean((np.asarray(a) * np.asarray(u))[:n, :n]) for a, u in zip(cut.open_faces, velocity, strict=True)]
-    return ChannelFlow(error_of(cut, velocity, profile), float(np.dot(flux, along) / (2.0 / 3.0 * gap / period)))
+    return ChannelFlow(error_of(cut, velocity, profile), float(np.dot(flux, along) / (total / period)))
 
 
 def marched(solver, properties, state, step, count):
@@ -169,6 +194,79 @@ def tilted_channels(cells=(16, 32, 64), slopes=((0, 1), (1, 3), (1, 2), (1, 1)))
     return found
 
 
+@case(
+    "Channels tilted in the mesh with Smagorinsky's viscosity",
+    "fluid",
+    "closed form of a constant mixing length",
+    fast={"cells": (16, 32)},
+)
+def tilted_channels_with_eddies(cells=(32, 64), slope=(1, 2), length=0.4):
+    """Order of the error and the flow, with a mixing length of 0.4 gaps: at the walls the eddies have 0.9 of the
+    molecular viscosity, which is 0.6 of the flow without them."""
+    flows = [tilted_channel(n, slope, length=length) for n in cells]
+    across = 0.6 / math.hypot(*slope) * cells[-1]
+    return [
+        at_least("order", 1.5, math.log2(flows[0].error / flows[-1].error) / math.log2(cells[-1] / cells[0])),
+        relative(f"flow, {across:.3g} cells across", 1.0, flows[-1].flow, 0.01 if across > 16.0 else 0.03),
+    ]
+
+
+class SlowFlow(NamedTuple):
+    """Pressure on the inner cylinder over mu U / radius; drag over the closed form."""
+
+    pressure: float
+    drag: float
+
+
+def slow_flow(n, decay=3.0):
+    """Stokes's flow round a cylinder of radius 0.15 within one of radius 0.45 that slides along x, n cells a side.
+
+    The stream function is (A r^3 + B r ln r + C r + E/r) U sin(angle), the pressure mu (8 A r - 2 B/r) U cos(angle),
+    the drag 4 pi mu B U.
+    """
+    inner, outer, speed, middle = 0.15, 0.45, 1e-3, np.array([0.503, 0.491])
+    radii = [(r**3, r * math.log(r), r, 1.0 / r) for r in (inner, outer)]
+    slopes = [(3.0 * r**2, math.log(r) + 1.0, 1.0, -1.0 / r**2) for r in (inner, outer)]
+    a, b, _, _ = np.linalg.solve(np.array(radii + slopes), [0.0, outer, 0.0, 1.0])
+    flow = Flow((n, n), (1.0, 1.0), ("no_slip",) * 4)
+
+    def radius(x):
+        return np.hypot(x[..., 0] - middle[0], x[..., 1] - middle[1])
+
+    sliding = Translation((1.0, 0.0), Uniform()).at({"rate": np.asarray(speed)}, (np.zeros(()), None))
+    surfaces = [FluidSurface(lambda x: radius(x) - inner), FluidSurface(lambda x: outer - radius(x), True, sliding)]
+    cut, _ = cut_cells_of(flow.grid, surfaces)
+    corners = corner_points(flow.grid)
+    alone, both = (np.min([s.distance(corners) for s in given], axis=0) for given in (surfaces[:1], surfaces))
+    still = tuple(positive_part(alone, (1 - axis,)).fraction for axis in range(2))
+    # The outer one is always where it is: what it sweeps is what flows through it.
+    cut = cut._replace(swept=swept(flow.grid, cut, still, [(both, [1], sliding)], both))
+    cut = jax.tree.map(jnp.asarray, cut)
+    step = 0.28 / n**2 / 2.0
+    count = int(decay * (outer - inner) ** 2 / math.pi**2 / step) + 1
+    solver = dataclasses.replace(flow.solver, surfaces=2)
+    state, load = marched(solver, flow.properties(1.0)._replace(cut=cut), flow.state(), step, count)
+    points = (np.arange(n) + 0.5) / n
+    x, y = np.meshgrid(points - middle[0], points - middle[1], indexing="ij")
+    r, pressure = np.hypot(x, y), np.asarray(state.pressure)
+    beside = (np.asarray(cut.open_cells) >= 1.0) & (r < inner + 1.5 / n)
+    wave = ((8.0 * a * r - 2.0 * b / r) * x / r)[beside]
+    amplitude = np.sum(pressure[beside] * wave) / np.sum(wave**2)
+    return SlowFlow(float(amplitude / speed), float(load[0, 0, 0]) / (4.0 * math.pi * b * speed))
+
+
+@case("Slow flow round a cylinder within another one", "fluid", "Stokes, closed form", fast={"cells": (20, 40)})
+def slow_flow_between_cylinders(cells=(32, 64)):
+    """Drag, and the pressure in the cells beside the inner cylinder: its part along the closed form, over that."""
+    flows, found = [slow_flow(n) for n in cells], []
+    across = 0.3 * cells[-1]
+    for name in SlowFlow._fields:
+        errors = [abs(getattr(one, name) - 1.0) for one in flows]
+        found.append(relative(f"{name}, {across:.3g} cells a diameter", 1.0, getattr(flows[-1], name), 4.0 / across**2))
+        found.append(at_least(f"order of the {name}", 1.5, math.log2(errors[0] / errors[1])))
+    return found
+
+
 @case("Couette flow round a turning cylinder", "fluid", "closed form", fast={"n": 32})
 def turning_cylinder(n=64):
     """Velocity, and the torques of both cylinders, whose arms are right to the size of a cell."""
@@ -205,7 +303,8 @@ def cylinder_in_channel(rows=82, end=6.0, gates=(0.01, 0.003, 0.003)):
     step = min(0.4 * height / 0.45, 0.3 * height**2 / 2.0 / viscosity)
     state, load = marched(solver, properties, flow.state(), step, int(end / step))
     drag, lift = 2.0 * np.asarray(load)[0, :, 0] / (0.2**2 * 0.1)
-    difference = _continued(flow.grid, state.pressure, 0.15, -1) - _continued(flow.grid, state.pressure, 0.25, 1)
+    front, rear = (_at_stagnation(flow, state, viscosity, *point) for point in ((0.15, -1), (0.25, 1)))
+    difference = front - rear
     of_mesh = f"{0.1 / height:.3g} cells a diameter"
     return [
         relative(f"drag coefficient, {of_mesh}", 5.5795, drag, gates[0]),
@@ -214,16 +313,23 @@ def cylinder_in_channel(rows=82, end=6.0, gates=(0.01, 0.003, 0.003)):
     ]
 
 
-def _continued(grid, pressure, x, outward):
-    """Pressure at the height 0.2 and at x on the surface, by a parabola through three whole cells beside it [Pa]."""
-    p, (hx, hy) = np.asarray(pressure, float), grid.spacing
+def _at_stagnation(flow, state, viscosity, x, outward):
+    """Reduced pressure at a stagnation point of a surface, at the height 0.2 and at x [Pa].
+
+    From the nearest whole cell to the wall by what Hiemenz's flow has on its stagnation line,
+    p + u^2/2 - nu du/dx = const, with density 1. There the pressure rises by nu du/dx within a layer of
+    sqrt(nu/(dU/dx)), a few cells, which a polynomial of the pressures before it does not know of.
+    """
+    pressure, (hx, hy) = np.asarray(state.pressure, float), flow.grid.spacing
+    velocity = np.asarray(state.face_velocity[0], float)
     row = 0.2 / hy - 0.5
     low = math.floor(row)
-    place = x / hx - 0.5
-    first = math.floor(place - 0.75) if outward < 0 else math.ceil(place + 0.75)
-    columns = first + outward * np.arange(3)
-    values = (low + 1 - row) * p[columns, low] + (row - low) * p[columns, low + 1]
-    return float(np.polyval(np.polyfit(columns, values, 2), place))
+    share = row - low
+    on_line = [(1.0 - share) * field[:, low] + share * field[:, low + 1] for field in (pressure, velocity)]
+    # Whole is a cell that ends at the surface or before it.
+    cell = math.floor(x / hx + 1e-9) - 1 if outward < 0 else math.ceil(x / hx - 1e-9)
+    before, after = on_line[1][cell], on_line[1][cell + 1]
+    return float(on_line[0][cell] + 0.5 * (0.5 * (before + after)) ** 2 - viscosity * (after - before) / hx)
 
 
 def bed_drop(walls, side, layers, cells, positions, diameter):
