@@ -5,6 +5,8 @@ import copy
 import jax
 import numpy as np
 import pytest
+import tomli_w
+import trimesh
 
 import jaxdem
 from jaxdem import InputError, load_scene, simulate
@@ -71,6 +73,24 @@ def test_what_does_not_go_together_is_refused_by_name(key):
     with pytest.raises(InputError) as error:
         check_scene(load_scene(changed(**REFUSED[key])))
     assert error.value.key == key
+
+
+def test_a_mesh_of_liquid_is_read_beside_the_scene_and_has_its_volume(tmp_path):
+    brick = trimesh.creation.box([0.11, 0.12, 0.13])
+    brick.apply_translation([0.2, 0.1, 0.1])
+    brick.export(tmp_path / "brick.stl")
+    tables = {
+        "domain": {"size": [0.4, 0.2, 0.2]},
+        "fluid": {"cells": [8, 4, 4], "viscosity": 1e-6},
+        "surface": {"regions": [{"shape": "mesh", "file": "brick.stl"}]},
+        "time": {"end": 0.02, "output_interval": 0.01},
+    }
+    (tmp_path / "scene.toml").write_text(tomli_w.dumps(tables))
+    scene = load_scene(tmp_path / "scene.toml")
+    assert scene.surface.regions[0].file == str(tmp_path / "brick.stl")
+    assert scene.content == scene.surface.regions[0].digest != ""
+    grid = fluid_setup(scene).grid
+    assert np.sum(first_fraction(scene, grid)) * grid.cell_volume == pytest.approx(0.11 * 0.12 * 0.13, rel=1e-2)
 
 
 def test_no_liquid_at_all_is_refused():

@@ -135,11 +135,12 @@ def _files_of_regions(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], 
             if isinstance(region, dict):
                 where = f"{key}.{number}" if isinstance(values, list) else key
                 yield region, "file", f"{where}.region.file"
-    start = tables.get("start")
-    removed = start.get("remove") if isinstance(start, dict) else None
-    for number, region in enumerate(removed if isinstance(removed, list) else ()):
-        if isinstance(region, dict):
-            yield region, "file", f"start.remove.{number}.file"
+    for table, key in (("start", "remove"), ("surface", "regions")):
+        holder = tables.get(table)
+        regions = holder.get(key) if isinstance(holder, dict) else None
+        for number, region in enumerate(regions if isinstance(regions, list) else ()):
+            if isinstance(region, dict):
+                yield region, "file", f"{table}.{key}.{number}.file"
 
 
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:

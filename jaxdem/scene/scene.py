@@ -123,6 +123,7 @@ class Scene(Section):
         inlets, packs = ((), ()) if self.particles is None else (self.particles.inlet, self.particles.packs)
         held = [one.region for one in packs] + [one.region for one in inlets] + [one.region for one in self.bonds]
         held += self.start.remove if self.start else ()
+        held += self.surface.regions if self.surface else ()
         return " ".join(region.digest for region in held if region is not None and region.file is not None)
 
     @field_validator("boundary", mode="before")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from jaxdem.errors import InputError
@@ -139,8 +138,6 @@ def _check_sides(domain: Domain, boundary: Mapping[str, BoundarySide]) -> None:
         if side.kind == "inlet" and side.level is None:
             limit = "is needed by an inlet: below this height liquid comes in, above it the second fluid"
             raise InputError(key, None, limit, "set it; 0 for the second fluid alone")
-        if side.level is not None and not math.isfinite(side.level):
-            raise InputError(key, side.level, "must be finite", "set a height [m]")
         if side.kind == "outlet" and oblique:
             limit = "the pressure beyond an outlet is that of fluids at rest, of which gravity is along the last axis"
             raise InputError("domain.gravity", domain.gravity, limit, f"change it, or boundary.{name}.kind")

@@ -26,7 +26,8 @@ def region_space(key: str, region: Region, box: Box, depth: float = 0.0) -> regi
         key: of the region in the scene, for the messages.
         region: of the scene.
         box: of the scene.
-        depth: up to which distances within the inside of a mesh must be exact: the radius of the largest particle [m].
+        depth: up to which distances within the inside of a mesh must be exact: the radius of the largest particle, or
+            the diagonal of a cell [m].
 
     Raises:
         InputError: it has no meaning in this box, lies outside of it, edges of a polygon cross, or a mesh encloses
