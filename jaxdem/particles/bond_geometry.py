@@ -52,6 +52,8 @@ class BondParameters(NamedTuple):
         moment_factor: weight of bending and twisting in the stresses [-].
         damping: ratio to critical damping of the two grains on each of the four springs; None where no bond has any
             [-].
+        young_modulus: of the cement, adds itself over the length of a bond to k_n; None where no table has one [Pa].
+        shear_modulus: the same to k_s [Pa].
     """
 
     normal_stiffness: Array
@@ -61,11 +63,19 @@ class BondParameters(NamedTuple):
     shear_strength: Array
     moment_factor: Array
     damping: Array | None = None
+    young_modulus: Array | None = None
+    shear_modulus: Array | None = None
 
     def of_bonds(self, bonds: BondState) -> BondParameters:
-        """(B,) of every bond."""
+        """(B,) of every bond, with the stiffness of its cement."""
         found: BondParameters = jax.tree.map(lambda x: at((x,), bonds.table)[0], self)
-        return found
+        if found.young_modulus is None or found.shear_modulus is None:
+            return found
+        length = vectors.length(in_space(bonds.separation))
+        return found._replace(
+            normal_stiffness=found.normal_stiffness + found.young_modulus / length,
+            shear_stiffness=found.shear_stiffness + found.shear_modulus / length,
+        )
 
 
 class BondGeometry(NamedTuple):

@@ -17,6 +17,10 @@ Identity = Annotated[int, Field(ge=0, strict=True)]
 Damping = Annotated[float, Field(ge=0.0, le=1.0, strict=True)]
 
 
+SHEAR_SHARE = 0.4
+"""Shear modulus over Young's modulus where it is not given: 1/(2 (1 + nu)) with Poisson's ratio 0.25 [-]."""
+
+
 class Bond(Section):
     """Parallel bonds (Potyondy & Cundall 2004) between grains that lie close together when the scene begins, or between
     the pairs of a list. They act beside the contact of the two grains, and break for good. Identities are the numbers
@@ -26,9 +30,12 @@ class Bond(Section):
         gap: grains whose surfaces are at most so far apart are bonded [m].
         region: only grains whose centres lie in this part of the box are bonded, with the keys of a region.
         pairs: instead of `gap`: list of pairs of identities, or the name of a .npy, .csv or text file with two columns.
-        normal_stiffness: of a bond, per area; for a material of Young's modulus E it is E over the distance of two
-            centres [Pa/m].
-        shear_stiffness: of a bond, per area [Pa/m].
+        normal_stiffness: of a bond, per area; see `young_modulus` [Pa/m].
+        shear_stiffness: of a bond, per area; goes with `normal_stiffness` [Pa/m].
+        young_modulus: instead of these: of the cement. The stiffness per area is this over the distance of the two
+            centres when the bond is made, so that a row of grains is a beam of this material [Pa].
+        shear_modulus: of the cement, goes with `young_modulus`; the same for the shear stiffness. Default: 0.4 of
+            `young_modulus`, as for Poisson's ratio 0.25 [Pa].
         radius_factor: radius of a bond over that of the smaller of its two grains [-].
         tensile_strength: a bond breaks where its largest tensile stress reaches this. Default: it does not break so
             [Pa].
@@ -40,8 +47,10 @@ class Bond(Section):
     gap: NonNegative | None = None
     region: Region | None = None
     pairs: str | tuple[tuple[Identity, Identity], ...] | None = None
-    normal_stiffness: Positive
-    shear_stiffness: Positive
+    normal_stiffness: Positive | None = None
+    shear_stiffness: Positive | None = None
+    young_modulus: Positive | None = None
+    shear_modulus: Positive | None = None
     radius_factor: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] = 1.0
     tensile_strength: Positive | None = None
     shear_strength: Positive | None = None
@@ -59,6 +68,28 @@ class Bond(Section):
         if self.pairs == ():
             raise wrong("pairs", (), "holds no pair", "give pairs of identities, or remove the table")
         return self
+
+    @model_validator(mode="after")
+    def _stiff_in_one_way(self) -> Bond:
+        stiffnesses = self.normal_stiffness, self.shear_stiffness
+        if self.young_modulus is None:
+            if self.shear_modulus is not None:
+                raise wrong("shear_modulus", self.shear_modulus, "goes with young_modulus", "give both, or neither")
+            for name, value in zip(("normal_stiffness", "shear_stiffness"), stiffnesses, strict=True):
+                if value is None:
+                    raise wrong(name, None, "is missing", "give normal_stiffness and shear_stiffness, or young_modulus")
+        for name, value in zip(("normal_stiffness", "shear_stiffness"), stiffnesses, strict=True):
+            if self.young_modulus is not None and value is not None:
+                raise wrong(name, value, "does not go with young_modulus", "give one of the two")
+        return self
+
+    @property
+    def moduli(self) -> tuple[float, float]:
+        """Young's modulus and shear modulus of the cement; zeros where the stiffnesses are given [Pa]."""
+        if self.young_modulus is None:
+            return 0.0, 0.0
+        shear = SHEAR_SHARE * self.young_modulus if self.shear_modulus is None else self.shear_modulus
+        return self.young_modulus, shear
 
     def listed(self, key: str) -> np.ndarray | None:
         """(B, 2) int64 identities of the list; None where the bonds are found by `gap`.

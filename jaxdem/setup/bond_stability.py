@@ -31,9 +31,11 @@ def bond_growth(particles: ParticleSetup) -> Callable[[float], float] | None:
     inertia = 0.4 * mass * radius**2
     ends = bonds.first, bonds.second
     normal, shear, factor, ratio = (
-        np.asarray([getattr(bond, name) for bond in scene.bonds])[bonds.table]
+        np.asarray([getattr(bond, name) or 0.0 for bond in scene.bonds])[bonds.table]
         for name in ("normal_stiffness", "shear_stiffness", "radius_factor", "damping")
     )
+    young, across = np.asarray([bond.moduli for bond in scene.bonds])[bonds.table].T
+    normal, shear = normal + young / bonds.length, shear + across / bonds.length
     squared = (factor * np.minimum(radius[ends[0]], radius[ends[1]])) ** 2
     area = np.pi * squared
     springs = normal * area, shear * area, 0.25 * squared * normal * area, 0.5 * squared * shear * area

@@ -254,12 +254,15 @@ def bond_parameters(scene: Scene, number: Callable[[list[float]], Array]) -> Bon
     tables = scene.bonds
     if not tables:
         return None
+    of_cement = any(bond.young_modulus is not None for bond in tables)
     return BondParameters(
-        normal_stiffness=number([bond.normal_stiffness for bond in tables]),
-        shear_stiffness=number([bond.shear_stiffness for bond in tables]),
+        normal_stiffness=number([bond.normal_stiffness or 0.0 for bond in tables]),
+        shear_stiffness=number([bond.shear_stiffness or 0.0 for bond in tables]),
         radius_factor=number([bond.radius_factor for bond in tables]),
         tensile_strength=number([bond.tensile_strength or math.inf for bond in tables]),
         shear_strength=number([bond.shear_strength or math.inf for bond in tables]),
         moment_factor=number([bond.moment_factor for bond in tables]),
         damping=number([bond.damping for bond in tables]) if any(bond.damping for bond in tables) else None,
+        young_modulus=number([bond.moduli[0] for bond in tables]) if of_cement else None,
+        shear_modulus=number([bond.moduli[1] for bond in tables]) if of_cement else None,
     )

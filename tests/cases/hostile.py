@@ -423,7 +423,7 @@ BONDED: Tables = {
         {"gap": 1e-4, "normal_stiffness": 1e9, "shear_stiffness": 1e9, "radius_factor": 1.0, "tensile_strength": 1e6,
          "shear_strength": 1e6, "moment_factor": 1.0, "damping": 0.1,
          "region": {"shape": "box", "start": [0.0, 0.0], "stop": [0.1, 0.2]}},
-        {"pairs": [[2, 3]], "normal_stiffness": 1e9, "shear_stiffness": 1e9},
+        {"pairs": [[2, 3]], "young_modulus": 2e7, "shear_modulus": 8e6},
     ],
     "time": {"end": 0.02, "output_interval": 0.01},
 }  # fmt: skip

@@ -409,3 +409,38 @@ def test_the_disc_of_the_example_splits_between_the_plates(tmp_path):
     aside = np.abs(run.bonds(0)["position"].reshape(-1, 2, 3).mean(axis=1)[:, 0] - 0.03)
     assert broken.any() and np.mean(aside[broken]) < np.mean(aside)
     assert run.summary["bonds"]["largest_body"] < 0.6 * len(run.particles(-1)["id"])
+
+
+def cemented(bonds):
+    """Three grains in a row, with gaps of 0.02 and 0.2 radii."""
+    places = 0.05 + RADIUS * np.asarray([0.0, 2.02, 4.22])
+    return tables_of(particles={"position": [[x, 0.05] for x in places.tolist()]}, bonds=bonds)
+
+
+def test_stiffness_of_a_cement():
+    """k_n = E/L and k_s = G/L of each bond, in the numbers of the bonds and in the stable step."""
+    lengths, modulus = np.asarray([2.02, 2.2]) * RADIUS, 2e8
+    simulation, parameters = jaxdem.build(scene := jaxdem.load_scene(
+        cemented([{"gap": 0.25 * RADIUS, "young_modulus": modulus}])
+    ))  # fmt: skip
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+    numbers = parameters.bonds.of_bonds(state.particles.bonds)
+    np.testing.assert_allclose(numbers.normal_stiffness[:2], modulus / lengths, rtol=1e-12)
+    np.testing.assert_allclose(numbers.shear_stiffness[:2], 0.4 * modulus / lengths, rtol=1e-12)
+    each = [{"pairs": [[k, k + 1]], "normal_stiffness": modulus / length, "shear_stiffness": 0.4 * modulus / length}
+            for k, length in enumerate(lengths)]  # fmt: skip
+    other, _ = jaxdem.build(jaxdem.load_scene(cemented(each)))
+    limits = simulation.steps.limits["bond_stability"], other.steps.limits["bond_stability"]
+    assert limits[0] == pytest.approx(limits[1], rel=1e-9)
+
+
+@pytest.mark.parametrize(("keys", "key"), [
+    ({"young_modulus": 1e8, "normal_stiffness": 1e10}, "normal_stiffness"),
+    ({"normal_stiffness": 1e10, "shear_stiffness": 1e10, "shear_modulus": 1e8}, "shear_modulus"),
+    ({"normal_stiffness": 1e10}, "shear_stiffness"),
+    ({}, "normal_stiffness"),
+])  # fmt: skip
+def test_a_bond_is_stiff_in_one_way(keys, key):
+    with pytest.raises(InputError) as found:
+        jaxdem.load_scene(cemented([{"gap": 1e-4} | keys]))
+    assert found.value.key == f"bonds.0.{key}"
