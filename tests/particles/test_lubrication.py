@@ -29,7 +29,8 @@ GRAINS = with_tables(BOX, contact={"time_step": 5e-6, "lubrication": FILM})
 
 @pytest.mark.parametrize("name", [
     "lubrication: 6 pi mu R*^2 v / h", "lubrication: impacts through a liquid",
-    "lubrication: wet restitution over the Stokes number", "friction by the Sommerfeld number",
+    "lubrication: wet restitution over the Stokes number", "lubrication: a steel ball that bounces in oil",
+    "friction by the Sommerfeld number",
 ])  # fmt: skip
 def test_closed_forms(name):
     checked(name)
