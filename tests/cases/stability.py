@@ -19,11 +19,13 @@ from jax import Array
 
 import jaxdem
 from jaxdem.fluid.interval import VISCOUS_LIMIT, VISCOUS_STABLE
+from jaxdem.particles.clump_forces import clump_forces
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, kinetic_energy
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
+from jaxdem.particles.union import union_of
 from jaxdem.setup import stability
 from jaxdem.setup.contact_bodies import contact_bodies
 from jaxdem.setup.contact_stability import contact_stability
@@ -181,11 +183,38 @@ def arrangements() -> dict[str, dict[str, Any]]:
     }
 
 
+ROD = {"name": "rod", "centres": [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]], "radii": [1.0, 1.0, 1.0]}
+"""Three discs in a row, each of `RADIUS`."""
+
+
+def rods() -> dict[str, dict[str, Any]]:
+    """The same of rods."""
+    r, d = RADIUS, 2.0 * RADIUS
+    gap, near = (1.0 - DEPTH) * d, r - DEPTH * d
+    periodic = {"kind": "periodic"}
+    x_periodic = {"left": periodic, "right": periodic}
+    union = union_of(tuple((x, 0.0, z) for x, z in ROD["centres"]), (1.0,) * 3)  # type: ignore[attr-defined]
+    shape = {"size": [12 * r, 12 * r], "radius": union.radius * r, "shape": "rod", "shapes": [ROD]}
+    plane = x_periodic | {"bottom": periodic, "top": periodic}
+    return {
+        "two rods, end on end": shape | {
+            "position": [[4 * r, 4 * r], [5 * r, 4 * r + gap + r]], "orientation": [0.0, 0.5 * math.pi],
+            "boundary": plane,
+        },
+        "two rods, side by side": shape | {
+            "position": [[4 * r, 4 * r], [4 * r, 4 * r + gap]], "orientation": [0.0, 0.0], "boundary": plane,
+        },
+        "a rod that lies on a wall": shape | {
+            "position": [[4 * r, near]], "orientation": [0.0], "boundary": x_periodic,
+        },
+    }  # fmt: skip
+
+
 def pressed_scene(arrangement: dict[str, Any], restitution: float, friction: float, **contact: Any) -> Any:
     """A scene of an arrangement whose expected impact overlaps by `DEPTH` (of the smallest particle's diameter)."""
     given = dict(arrangement)
     size, boundary = given.pop("size"), given.pop("boundary", {})
-    smallest = float(np.min(given.get("radius", RADIUS)))
+    smallest = RADIUS if "shape" in given else float(np.min(given.get("radius", RADIUS)))
     contact = {"young_modulus": 7e7, "poisson_ratio": 0.3, "maximum_overlap": 0.5, "skin": 0.05} | contact
     modulus = 0.5 * contact["young_modulus"] / (1.0 - contact["poisson_ratio"] ** 2)
     mass = 2.0 / 3.0 * math.pi * smallest**3 * DENSITY
@@ -221,11 +250,14 @@ def _growth(key: str, simulation: Simulation) -> Callable[..., Array]:
                 angular_velocity=jnp.zeros_like(particles.angular_velocity),
             )
         )
-        sums, _ = contact_forces(ContactStep(interval.model, *args, rest, rest.velocity, jnp.zeros(())), neighbors)
-        # A constant force on every particle holds the arrangement: what is tried is whether it rests stably.
+        forces_of = contact_forces if parameters.bodies.clumps is None else clump_forces
+        sums, _ = forces_of(ContactStep(interval.model, *args, rest, rest.velocity, jnp.zeros(())), neighbors)
+        # A constant force on every particle, and on a clump a torque, holds the arrangement: what is tried is whether
+        # it rests stably.
         holding = -jnp.stack(sums.force, axis=1)
+        turning = None if parameters.bodies.clumps is None else -jnp.stack(sums.torque, axis=1)
         start = particles._replace(contact_force=-holding)
-        end, _, _ = contact_interval(interval, *args, start, neighbors, holding, time_step)
+        end, _, _ = contact_interval(interval, *args, start, neighbors, holding, time_step, turning)
         return kinetic_energy(end, parameters.bodies) / kinetic_energy(start, parameters.bodies)
 
     return jax.jit(jax.vmap(one, in_axes=(0, None, None, None)))
@@ -236,12 +268,12 @@ _simulations: dict[str, Simulation] = {}
 
 def contact_limit(name: str, material: str, **contact: Any) -> Limit:
     """The row of an arrangement and a material."""
-    scene = pressed_scene(arrangements()[name], *MATERIALS[material], **contact)
+    scene = pressed_scene((arrangements() | rods())[name], *MATERIALS[material], **contact)
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     key = f"{name} {contact.get('law')} {contact.get('cohesion', {}).get('kind')}"
     simulation = _simulations.setdefault(key, simulation)  # one program for all materials
-    depth = DEPTH * 2.0 * float(np.min(scene.particles.radius))
+    depth = DEPTH * 2.0 * (RADIUS if scene.particles.has_clumps else float(np.min(scene.particles.radius)))
     grains = particle_setup(scene)
     predicted = contact_stability(grains, contact_bodies(grains), 0.0, depth)
     shape = state.particles.velocity.shape
@@ -561,6 +593,9 @@ def limits() -> dict[str, Callable[[], Limit]]:
 
     for name in arrangements():
         for material in MATERIALS:
+            contact(name, material)
+    for name in rods():
+        for material in ("e = 1, mu = 0", "e = 1, mu = 10", "e = 0, mu = 10"):
             contact(name, material)
     for modulus in (1e5, 7e10):
         for name in ("pair", "hexagonal pack"):
