@@ -70,6 +70,7 @@ def warn(message: str) -> None:
 
 def print_run(result: Run) -> None:
     """Whether the run is valid, its run and compile time, the time by stage and its folder."""
+    from jaxdem.io.energy import energy_text
     from jaxdem.metrics import compile_time, run_time
 
     summary = result.summary
@@ -88,9 +89,8 @@ def print_run(result: Run) -> None:
     }
     if merge := summary.get("start", {}).get("merged"):
         rows["merged"] = merge_text(merge)
-    if (gained := summary.get("energy", {}).get("gained_relative")) is not None:
-        remark = summary["energy"]["remark"]
-        rows["energy"] = remark or f"balanced but for {abs(gained):.2g} of what was turned over"
+    if told := energy_text(summary.get("energy", {})):
+        rows["energy"] = told
     for label, text in rows.items():
         line(f"{label:<10}{text}")
 

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cohesion import CohesionConstants
@@ -213,7 +214,7 @@ class LinearSpringDashpot:
 
     def tangential_stiffness(self, overlap: Array, radius: Array, material: ContactMaterial) -> Array:
         """See `StoringLaw`: k_t."""
-        return jnp.broadcast_to(material.tangential_stiffness, overlap.shape)
+        return namespace(overlap).broadcast_to(material.tangential_stiffness, overlap.shape)
 
     def __call__(self, contact: Contact, material: ContactMaterial) -> ContactForce:
         """See `ContactLaw`."""

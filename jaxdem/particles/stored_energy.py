@@ -13,9 +13,10 @@ from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.bond_geometry import bond_geometry
 from jaxdem.particles.clumps import spin_energy
 from jaxdem.particles.cohesion import TOUCHING
-from jaxdem.particles.cohesion_energy import cohesion_energy
+from jaxdem.particles.cohesion_energy import cohesion_energy, has_energy
 from jaxdem.particles.contact import ContactMaterial, StoringLaw
 from jaxdem.particles.contact_load import attraction_of, gap_of
+from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactPair
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
@@ -52,6 +53,11 @@ class StoredEnergy(NamedTuple):
     def total(self) -> Array:
         """Sum of all [J]."""
         return sum(self, start=jnp.zeros_like(self.translation))
+
+
+def knows_energy(model: ContactModel) -> bool:
+    """Whether contact law and cohesion say what they store."""
+    return isinstance(model.law, StoringLaw) and has_energy(model.cohesion)
 
 
 def stored_energy(

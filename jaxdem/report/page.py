@@ -12,6 +12,7 @@ from pathlib import Path
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped, unused-ignore]
 
 from jaxdem.files.durable import write_bytes
+from jaxdem.io.energy import energy_text
 from jaxdem.metrics import METRICS
 from jaxdem.report import runs as read
 from jaxdem.report.chart import Panel, to_html
@@ -83,6 +84,7 @@ def write_page(
         _error_table(comparison),
         "<h2>Final values</h2>",
         _final_table(comparison),
+        *_energies(comparison),
         "<h2>The metrics over time</h2>",
         to_html(metrics, "metrics-plot"),
         _caption("Click a name in the legend to hide that run in all panels. Drag to zoom; double-click to zoom out."),
@@ -228,6 +230,30 @@ def _final_table(comparison: Comparison) -> str:
             for row in comparison.every
         ],
     )  # fmt: skip
+
+
+def _energies(comparison: Comparison) -> list[str]:
+    """What the particles of each run store at its start and end, and the balance; nothing without particles."""
+    body, springs = [], ("normal", "tangential", "rolling", "surface", "bonds")
+    for row in comparison.every:
+        told = read.lookup(row.run.summary, "energy")
+        if not isinstance(told, Mapping):
+            continue
+        cells = [_name(row)]
+        for names in (("translation", "rotation"), ("potential",), springs):
+            for moment in ("start", "end"):
+                known = [read.number(read.lookup(told, f"{moment}.{name}")) for name in names]
+                cells.append(_value(sum(known)))
+        body.append((_kind(row), [*cells, escape(energy_text(told) or "not known")]))
+    if not body:
+        return []
+    stores = ("kinetic energy", "potential energy", "springs, surfaces, bonds")
+    head = ["run", *(f"{store}, {moment} [J]" for store in stores for moment in ("start", "end")), "balance"]
+    note = (
+        "What is taken is what the particles have less at the end. A run with output.energy tells the parts, "
+        "in its summary.json."
+    )
+    return ["<h2>Energy of the particles</h2>", _table(head, body, text_columns=(len(head) - 1,)), _caption(note)]
 
 
 def _difference_table(comparison: Comparison) -> str:

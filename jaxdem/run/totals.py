@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxdem.particles.energy import EnergyFlow
 from jaxdem.run.chunk import Records
 from jaxdem.run.compile_time import compile_clock
 from jaxdem.setup.stored import stored
@@ -186,6 +187,8 @@ class Totals:
         for field in dataclasses.fields(self):
             if field.name not in NOT_KEPT:
                 setattr(self, field.name, type(getattr(self, field.name))(stored(values, field.name)))
+        if len(self.energy) != len(EnergyFlow._fields):  # of a version with other parts; its start counts less too
+            self.energy = ()
         of_parts = {name.removesuffix(AT_START): value for name, value in values.items() if name.endswith(AT_START)}
         self.at_start = {part: tuple(v.tolist()) if np.ndim(v) else float(v) for part, v in of_parts.items()}
         self.stages = {name: float(stored(values, f"stage_{name}")) for name in self.stages}

@@ -16,8 +16,11 @@ import jaxdem.particles.energy as kernel
 from examples.extending.cohesion import AdhesiveSpheres
 from jaxdem.cli.terminal import print_run
 from jaxdem.errors import InputError
+from jaxdem.io.energy import energy_text
 from jaxdem.particle_step import stored
-from jaxdem.run.parts.energy import balance
+from jaxdem.particles.stored_energy import StoredEnergy
+from jaxdem.run.parts.energy import balance, taken
+from jaxdem.run.parts.springs import is_plain, springs_of
 from tests.cases import checked
 from tests.cases.energy import BOX, OPTIONS, SHAKE, balance_of, in_space, tilted, with_tables
 from tests.cases.energy_of_bodies import BODIES, gate, lid, through
@@ -141,13 +144,53 @@ def test_the_summary_of_a_run_has_it_and_a_resumed_one_the_same(whole, tmp_path,
     assert json.loads((whole.path / "summary.json").read_text())["energy"] == figures
 
 
-def test_a_run_without_the_option_tells_the_energy_of_the_motion_and_moves_alike(whole, tmp_path):
+def test_a_run_without_the_option_tells_what_is_taken_and_moves_alike(whole, tmp_path):
     off = jaxdem.simulate(scene_of(output={"energy": False}), tmp_path / "off")
-    told = off.summary["energy"]
-    assert list(told) == ["start", "end"]
-    for moment in told:
-        assert told[moment] == pytest.approx({k: whole.summary["energy"][moment][k] for k in told[moment]}, rel=1e-9)
+    told, balanced = off.summary["energy"], whole.summary["energy"]
+    for moment in ("start", "end"):
+        assert told[moment] == pytest.approx(balanced[moment], rel=1e-9, abs=1e-20)
+    assert told["end"]["normal"] > 0.0 and told["end"]["tangential"] > 0.0
+    assert told["taken"] == pytest.approx(sum(balanced["dissipated"].values()) - balanced["gained"], rel=1e-9)
+    assert told["taken_by"] == ["contacts"] and told["remark"] == ""
+    assert energy_text(told).endswith("J taken from the particles by contacts")
     np.testing.assert_allclose(whole.particles(-1)["velocity"], off.particles(-1)["velocity"], rtol=1e-9)
+
+
+def test_a_closed_box_that_gains_energy_says_so():
+    start = dict.fromkeys(StoredEnergy._fields, 0.0) | {"translation": 1.0}
+    assert "gained 0.5 J" in taken(start, start | {"translation": 1.5}, [])["remark"]
+    assert taken(start, start | {"translation": 1.5}, ["fluid"])["remark"] == ""
+    assert taken(start, start | {"translation": 0.5}, [])["taken"] == 0.5
+
+
+PRESSED = with_tables(
+    BOX, contact={"time_step": 2e-6}, particles={"position": [[0.005, 0.000999], [0.006998, 0.00105], [0.0061, 0.0029],
+                                                             [0.012, 0.004]]},
+)  # fmt: skip
+SPACE = in_space(with_tables(PRESSED, contact=OPTIONS["linear law"]["contact"]))
+PLAIN = {
+    "in the plane": PRESSED,
+    "in space, linear law, two sizes": with_tables(
+        SPACE,
+        particles=OPTIONS["two sizes"]["particles"]
+        | {"position": [[0.005, 0.01, 0.000999], [0.006998, 0.01, 0.00105], *SPACE["particles"]["position"][2:]]},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_springs_by_numpy_are_those_of_the_program(name):
+    tables = with_tables(PLAIN[name], time={"end": 2e-4, "output_interval": 2e-4})
+    simulation, parameters = jaxdem.build(scene := jaxdem.load_scene(tables))
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    state, neighbors, _ = jax.jit(simulation.step)(parameters, state, neighbors)
+    known = jax.jit(stored)(simulation, parameters, state.particles, neighbors, state.step)
+    model = simulation.contact.model
+    assert is_plain(model, parameters.bodies)
+    normal, tangential = springs_of(model, parameters.materials, parameters.bodies, state.particles, neighbors)
+    assert normal > 0.0 and tangential > 0.0
+    assert (normal, tangential) == (pytest.approx(float(known.normal), rel=1e-9),
+                                    pytest.approx(float(known.tangential), rel=1e-9))  # fmt: skip
 
 
 REFUSED = {

@@ -21,6 +21,9 @@ class FakeProbes(dict[str, dict[str, np.ndarray]]):
         return {"time": "s", "z": "m", "force_x": "N", "force_z": "N", "solid_fraction": "-", "fluid_pressure": "Pa"}
 
 
+STORES = ("translation", "rotation", "potential", "normal", "tangential", "rolling", "surface", "bonds")
+
+
 @dataclass
 class FakeRun:
     """What the report reads of a run."""
@@ -116,7 +119,9 @@ def make_run(
         "counts": {"particles": count},
         "closure": {"file": closure or None, "out_of_range_fraction": 0.02 if closure else None},
         "residuals": {"mass": 1e-7, "momentum": 2e-6},
-    }
+        "energy": {"start": dict.fromkeys(STORES, 1.0), "end": dict.fromkeys(STORES, 0.5), "taken": 4.0,
+                   "taken_by": ["contacts", "fluid"], "remark": ""},
+    }  # fmt: skip
     if wall is not None:
         summary["wall_time_s"] = wall + 3.0
         summary["stages_s"] = {"compile": 3.0}

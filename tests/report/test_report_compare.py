@@ -82,6 +82,9 @@ def test_files_and_columns(make: Any, tmp_path: Path) -> None:
         "<h3>T</h3>",
         "&lt;i&gt;</td><td>3</td>",
         ">said<",
+        "<h2>Energy of the particles</h2>",
+        ">2.5</td>",  # five stores of springs, surfaces and bonds at the end
+        "4 J taken from the particles by contacts and fluid",
     ):
         assert words in html
     assert {path.name for path in result.files.values()} == {path.name for path in out.iterdir()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import jax
@@ -12,9 +11,11 @@ from jaxdem.numerics.host import on_device
 from jaxdem.particle_step import stored as stored_in_particles
 from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.stored_energy import StoredEnergy
+from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.stored_energy import StoredEnergy, knows_energy
 from jaxdem.run.instant import Instant
 from jaxdem.run.parts.part import Part
+from jaxdem.run.parts.springs import is_plain, springs_of
 from jaxdem.run.totals import Totals
 from jaxdem.setup.builder import Case
 
@@ -25,11 +26,11 @@ TAKEN = ("damping", "liquid", "adhesion", "tangential_damping", "bond_damping", 
 """Fields of `EnergyFlow` that are dissipated as they are."""
 
 MOTION = ("translation", "rotation", "potential")
-"""What a summary has of every run."""
+"""What is known of every run: the first fields of `StoredEnergy`."""
 
 
 class Energy(Part):
-    """The energy of the particles, with a balance where the scene asks for it."""
+    """The energy of the particles, with the balance of its parts where the scene asks for it."""
 
     name = "energy"
 
@@ -38,7 +39,7 @@ class Energy(Part):
         return energy_now(case, instant)
 
     def summary(self, case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
-        """Entry `energy` [J]; {} in a scene without particles.
+        """Entry `energy` [J]; {} in a scene without particles. Without `output.energy` it has `taken`, see there.
 
         `gained` is what no force and no source explains: `time_step`, the error of the contact step in the springs, and
         `missing`, which is zero but for rounding. Positive where there is more energy than there should be.
@@ -47,34 +48,87 @@ class Energy(Part):
         if not end:
             return {}
         names = StoredEnergy._fields if len(end) > len(MOTION) else MOTION
-        at_end = dict(zip(names, end, strict=True))
+        at_end: dict[str, float] = dict(zip(names, end, strict=True))
         kept = totals.at_start.get(self.name)
         start = kept if isinstance(kept, tuple) and len(kept) == len(end) else ()
         at_start = dict(zip(names, start, strict=True)) if start else None
         figures: dict[str, Any] = {"start": at_start, "end": at_end}
-        if at_start is not None and len(end) > len(MOTION):
-            flow = totals.energy or (0.0,) * len(EnergyFlow._fields)
-            changes = case.simulation.gravity_times is not None
-            figures |= balance(at_start, at_end, dict(zip(EnergyFlow._fields, flow, strict=True)), changes)
+        if at_start is None or len(end) == len(MOTION):
+            return {"energy": figures}
+        if not case.scene.output.energy:
+            return {"energy": figures | taken(at_start, at_end, _givers(case))}
+        flow = totals.energy or (0.0,) * len(EnergyFlow._fields)
+        changes = case.simulation.gravity_times is not None
+        figures |= balance(at_start, at_end, dict(zip(EnergyFlow._fields, flow, strict=True)), changes)
         return {"energy": figures}
 
 
 def energy_now(case: Case, instant: Instant) -> tuple[float, ...]:
-    """What is stored in the particles, the fields of `StoredEnergy`; without `output.energy` only `MOTION` [J].
+    """What is stored in the particles, the fields of `StoredEnergy` [J].
 
-    Empty in a scene without particles.
+    Only `MOTION` where the contact law or the cohesion does not say what it stores, and on several devices; empty in a
+    scene without particles.
     """
-    particles, neighbors = instant.state.particles, instant.neighbors
+    particles, neighbors, contact = instant.state.particles, instant.neighbors, case.simulation.contact
     if particles is None:
         return ()
-    if not case.scene.output.energy or neighbors is None:
+    if neighbors is None or contact is None or contact.division is not None or not knows_energy(contact.model):
         return _of_motion(case, particles, instant)
-    stored = _stored(case.simulation)(case.parameters, particles, neighbors, instant.state.step)
+    bodies, material = case.parameters.bodies, case.parameters.materials
+    if (
+        not case.scene.output.energy
+        and bodies is not None
+        and isinstance(material, ContactParameters)
+        and is_plain(contact.model, bodies)
+    ):
+        springs = springs_of(contact.model, material, bodies, particles, neighbors)
+        rest = (0.0,) * (len(StoredEnergy._fields) - len(MOTION) - len(springs))
+        return (*_of_motion(case, particles, instant), *springs, *rest)
+    stored = _stored(case.simulation, case.parameters, particles, neighbors, instant.state.step)
     return tuple(float(x) for x in stored)
 
 
-def _stored(simulation: Any) -> Any:
-    return jax.jit(partial(stored_in_particles, simulation))
+# It runs twice: the time is that of compiling it.
+_stored = jax.jit(stored_in_particles, compiler_options={"xla_backend_optimization_level": 0})
+
+
+def _givers(case: Case) -> list[str]:
+    """What beside contacts and bonds gives energy to the particles, or takes it from them."""
+    simulation, contact = case.simulation, case.simulation.contact
+    model = None if contact is None else contact.model
+    moving = any(side.kind == "moving_wall" for side in simulation.boundary.sides)
+    found = {
+        "fluid": simulation.coupling is not None,
+        "moving walls": moving or (model is not None and bool(model.motions)),
+        "walls that come and go": model is not None and model.wall_times is not None,
+        "particles that come and go": simulation.population is not None,
+        "gravity that changes": simulation.gravity_times is not None,
+    }
+    return [name for name, there in found.items() if there]
+
+
+def taken(start: dict[str, float], end: dict[str, float], givers: list[str]) -> dict[str, Any]:
+    """What the particles have less at the end than at the start [J].
+
+    Without other givers that is what contacts and bonds have dissipated: a remainder, and no sum of its own as in
+    `balance`. It cannot be negative but for the error of the contact step, and the remark says so where it is.
+
+    Args:
+        start, end: what is stored, see `StoredEnergy`.
+        givers: what beside contacts and bonds gives and takes.
+    """
+    less = sum(start.values()) - sum(end.values())
+    kinetic = sum(moment[name] for moment in (start, end) for name in ("translation", "rotation"))
+    held = sum(abs(end[name] - start[name]) for name in start if name not in ("translation", "rotation"))
+    turned_over = kinetic + held
+    remark = ""
+    if not givers and less < -TOLD * turned_over:
+        remark = (
+            f"the particles have gained {-less:.3g} J, {-100.0 * less / turned_over:.3g} % of the energy turned over, "
+            "that no force explains: the contact step is too long for these contacts"
+        )
+    by = ["contacts", *givers]
+    return {"taken": less, "taken_by": by, "turned_over": turned_over, "remark": remark}
 
 
 def _of_motion(case: Case, particles: ParticleState, instant: Instant) -> tuple[float, ...]:
