@@ -62,8 +62,8 @@ def draw_level(axes: plt.Axes, run: Run) -> None:
     linear = 0.5 + 0.02 * np.cos(math.sqrt(9.81 * k * pull) * times)
     axes.plot(times, level, "o", markersize=3.0, label="run, first column of cells")
     axes.plot(times, linear, color="black", linewidth=0.8, label="linear wave")
-    axes.set(title="sloshing", xlabel="time [s]", ylabel="height of the surface at the left wall [m]")
-    axes.legend(loc="upper right")
+    axes.set(title="sloshing", xlabel="time [s]", ylabel="level at the left wall [m]", ylim=(0.475, 0.535))
+    axes.legend(loc="upper center", ncols=2)
 
 
 if __name__ == "__main__":
