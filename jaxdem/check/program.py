@@ -71,6 +71,8 @@ def _fluid_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -
         ("mixing length over a bed", parameters.fluid.bed_mixing is not None),
         ("learned subgrid stress", parameters.fluid.subgrid is not None),
         (f"mesh cut by {solver.surfaces or 'the'} surfaces", solver.surfaces > 0),
+        ("a second fluid with a sharp surface", isinstance(solver, TwoFluidSolver)),
+        ("surface tension", isinstance(solver, TwoFluidSolver) and solver.has_tension),
         ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
         ("velocity of a side over time", any(side.times is not None for side in solver.boundary.sides)),
         ("coupling of particles and fluid", simulation.coupling is not None),

@@ -46,7 +46,7 @@ class Case:
     Attributes:
         name: short, unique.
         topic: heading it stands under: contact, bonds, moving walls, fluid, exchange, gradients, invariance, granular,
-            heat.
+            heat, surface.
         source: where the reference comes from.
         run: keyword arguments of `fast`, or none for full size -> figures.
         fast: arguments of the twin in the test suite; None for a case whose full size is run there too, or
