@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxdem.check.heat import scalar_parts
 from jaxdem.coupling.forces import FORCES
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.scene import Scene
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.walls import Wall
