@@ -7,6 +7,7 @@ import math
 
 import jax
 
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.usual_room import USUAL_PAIRS, USUAL_SLOTS
 from jaxdem.simulation import Simulation
@@ -43,6 +44,9 @@ class Costs:
     compiling: float
     basis: str
 
+
+TWO_FLUIDS = 2.5
+"""A fluid step with two fluids over one with one fluid, on a processor: `benchmarks/surface.py`."""
 
 CPU = Costs(
     launch=40e-6,
@@ -132,6 +136,7 @@ def run_cost(simulation: Simulation, neighbors: Neighbors | None) -> RunCost:
     if simulation.fluid is not None:
         cells = math.prod(simulation.fluid.solver.grid.cells)
         step = steps.fluid_substeps * (costs.fluid_launch + costs.cell[dimension] * cells)
+        step *= TWO_FLUIDS if isinstance(simulation.fluid.solver, TwoFluidSolver) else 1.0
         fluid = intervals * (step * (costs.among_grains if count else 1.0) + costs.exchange * count)
     output = costs.output * (steps.outputs + 1)
     return RunCost(contacts, fluid, output, costs.compiling, over_equal, slots, costs.basis)

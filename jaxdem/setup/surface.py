@@ -94,7 +94,7 @@ def _of_image(space: Region, grid: Grid, shift: np.ndarray) -> np.ndarray:
 
 
 def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]:
-    """Longest fluid steps for the waves of the surface [s]; {} in a scene with one fluid.
+    """Longest fluid steps for the waves of the surface, by what drives them [s]; {} in a scene with one fluid.
 
     The step is a leapfrog step for waves, stable up to 2 over their angular frequency. With the shortest wave of the
     mesh, k = pi/h, that is
@@ -114,7 +114,7 @@ def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]
     waves = WAVE_SHARE * 2.0 * math.sqrt(total / pull) if pull > 0.0 else math.inf
     tension = table.tension
     capillary = math.sqrt(total * h**3 / (4.0 * math.pi * tension)) if tension > 0.0 else math.inf
-    return {"surface_waves": waves, "capillary": capillary}
+    return {name: step for name, step in (("surface_waves", waves), ("capillary", capillary)) if step < math.inf}
 
 
 def fall_speed(scene: Scene, grid: Grid) -> float:
