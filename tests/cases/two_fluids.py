@@ -176,7 +176,10 @@ def sloshing(cells: tuple[int, ...] = (16, 32, 64), gate: float = 0.003) -> list
 
 @case("capillary wave", "surface", "linear theory of two layers without viscosity", tested=False)
 def capillary_wave(cells: tuple[int, ...] = (8, 16, 32), gate: float = 0.01) -> list[Figure]:
-    """Two fluids of a density ratio of ten, no gravity; the error falls with the mesh."""
+    """Two fluids of a density ratio of ten, no gravity.
+
+    Without viscosity the velocity along the surface jumps there, which the faces smear over a cell: of first order.
+    """
     # Steps of 0.8 times the limit of the shortest waves.
     found = [wave_period(n, int(5.2 * n**1.5), 10.0, 0.0, 1.0, 0.01) for n in cells]
     figures = [relative(f"period over linear theory, {cells[-1]} cells a side", 1.0, found[-1], gate)]
@@ -248,8 +251,9 @@ class Dam:
 def dam_break(cells: int = 32, until: float = 3.4, gate: float = 0.05) -> list[Figure]:
     """The front of a column of twice its width in height, Z = x/a at T = t sqrt(2 g/a).
 
-    The paper's times begin with the release of the gate, which takes part of what they measure; here the water is
-    free at once. So the times are compared after the front has passed Z = 1.44, and between passages.
+    The paper's times begin before the water moves freely, with the release of a wet gate; here it is free at once. So
+    the clocks are made to agree where the front passes Z = 1.44, and the front is compared from there on. By how much
+    they were apart, and the error with the paper's own clock, are figures of their own.
     """
     dam, unit = Dam(cells), math.sqrt(Dam.width / (2.0 * 9.81))
     step = 0.2 * Dam.width / cells
@@ -299,4 +303,23 @@ def arrival_gradient(cells: int = 4, until: float = 1.6) -> list[Figure]:
     return [
         at_least("the front comes earlier: -d(arrival)/d(height) of 1 ms in 1 m", 1e-3, -slope, "s/m"),
         relative("slope of the arrival by the height", differences, slope, 0.02, "s/m"),
+    ]
+
+
+@case("volume of the liquid over 10,000 steps", "surface", "conservation of volume", tested=False)
+def volume_kept(steps: int = 10_000) -> list[Figure]:
+    """A drop a thousand times as heavy that an oblique stream carries round a periodic box, some thirty times."""
+    box = TwoFluids((12, 12), (1.0, 1.0), ("periodic",) * 4)
+    properties = box.properties(1000.0, gravity=(0.0, 0.0))
+    start = box.state(cells_within(ball((0.5, 0.5), 0.27), box.grid), 1.0, 0.7)
+    found = box.march(properties, start, steps, 1.0 / 240.0)
+    fraction = found.state.liquid_fraction
+    before, after = float(jnp.sum(start.liquid_fraction)), float(jnp.sum(fraction))
+    beyond = max(0.0, -float(fraction.min()), float(fraction.max()) - 1.0)
+    moved = max(float(jnp.abs(u - v).max()) for u, v in zip(found.state.face_velocity, (1.0, 0.7), strict=True))
+    return [
+        below("change of the liquid's volume over it", after / before - 1.0, 1e-12),
+        below("fraction beyond 0 and 1", beyond, 1e-10),
+        below("change of the uniform velocity", moved, 1e-9, "m/s"),
+        below("solves that did not converge", float(not found.converged), 0.0),
     ]
