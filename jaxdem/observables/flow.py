@@ -8,8 +8,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
-from jaxdem.fluid.grid import face_average_along
+from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.mesh import face_places
+from jaxdem.fluid.second_fluid import mixture_density
 from jaxdem.numerics import compensated
 from jaxdem.numerics.blocks import Blocks, total
 from jaxdem.numerics.products import PRECISION
@@ -160,7 +161,7 @@ def fluid_flow(structure: Structure, parameters: Parameters, plane: Plane, state
 
     g is the void fraction on a face, u the interstitial velocity and A the face's area within the rectangle; in 2-D the
     area has the depth of the scene. Between two layers of faces the flow is interpolated linearly, which agrees with
-    continuity in a cell.
+    continuity in a cell. Of two fluids the density on a face is the mean of its two cells.
 
     Args:
         structure: or a `Simulation`.
@@ -169,10 +170,19 @@ def fluid_flow(structure: Structure, parameters: Parameters, plane: Plane, state
         state: with a fluid.
     """
     fluid, axis = required(state.fluid, "fluid"), required(plane.axis, "axis of a plane for the fluid")
-    grid = required(structure.fluid, "fluid").solver.grid
+    grid, properties = required(structure.fluid, "fluid").solver.grid, required(parameters.fluid, "parameters.fluid")
     flux = fluid.face_velocity[axis]
     if fluid.void_fraction is not None:
         flux = flux * face_average_along(grid, fluid.void_fraction, axis)
+    volume = _through(grid, plane, axis, flux)
+    if properties.second is None or fluid.liquid_fraction is None:
+        return FluidFlow(volume, properties.density * volume)
+    density = mixture_density(properties.second, properties.density, fluid.liquid_fraction)
+    return FluidFlow(volume, _through(grid, plane, axis, flux * face_average_along(grid, density, axis)))
+
+
+def _through(grid: Grid, plane: Plane, axis: int, flux: Array) -> Array:
+    """() what passes a plane normal to an axis, of a flux on the faces of that axis [m2 times its unit]."""
     dtype, spacing = flux.dtype, grid.spacing
     layer = jnp.asarray(plane.offset, dtype) / spacing[axis]
     first = jnp.clip(jnp.floor(layer).astype(jnp.int32), 0, grid.whole_cells[axis] - 1)
@@ -189,9 +199,7 @@ def fluid_flow(structure: Structure, parameters: Parameters, plane: Plane, state
         if plane.lower is not None and plane.upper is not None:
             lower, upper = jnp.maximum(lower, plane.lower[index]), jnp.minimum(upper, plane.upper[index])
         flux = jnp.matmul(flux, jnp.maximum(upper - lower, 0.0), precision=PRECISION)
-    volume = total(grid.blocks, flux) * jnp.asarray(grid.depth, dtype)
-    density = required(parameters.fluid, "parameters.fluid").density
-    return FluidFlow(volume, density * volume)
+    return total(grid.blocks, flux) * jnp.asarray(grid.depth, dtype)
 
 
 def _in_slab(cut: Blocks, number: Array, count: int) -> tuple[Array, Array]:

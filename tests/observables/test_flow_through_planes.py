@@ -160,3 +160,20 @@ def test_flow_of_the_fluid_is_that_of_its_faces_and_linear_between():
     np.testing.assert_allclose(part, 0.6 * (2.0 + 30.0 * 0.17 + 0.1 - 0.12) * 0.1 * 0.08, rtol=1e-12)
     slope = jax.grad(lambda at: fluid_flow(simulation, parameters, Plane((1.0, 0.0, 0.0), at, 0), state).volume)(0.17)
     np.testing.assert_allclose(slope, 0.6 * 30.0 * 0.08, rtol=1e-12)
+
+
+def test_the_mass_of_two_fluids_that_passes_is_that_of_either_where_it_is():
+    tables = {
+        "domain": {"size": [0.4, 0.2]},
+        "fluid": {"cells": [4, 4], "density": 1000.0, "viscosity": 1e-6},
+        "surface": {"density": 1.0, "level": 0.075},
+        "time": {"end": 1.0, "output_interval": 0.5},
+    }
+    simulation, parameters = jaxdem.build(jaxdem.load_scene(tables))
+    grid = simulation.fluid.solver.grid
+    faces = tuple(jnp.full(grid.face_shape(axis), speed) for axis, speed in enumerate((2.0, 0.0)))
+    liquid = jnp.broadcast_to(jnp.asarray((1.0, 0.5, 0.0, 0.0)), grid.cells)
+    state = State(None, FluidState(faces, jnp.zeros(grid.cells), None, liquid_fraction=liquid), jnp.int32(1))
+    found = fluid_flow(simulation, parameters, Plane((1.0, 0.0), 0.13, 0), state)
+    np.testing.assert_allclose(found.volume, 2.0 * 0.2, rtol=1e-6)
+    np.testing.assert_allclose(found.mass, 2.0 * (1000.0 * 0.075 + 1.0 * 0.125), rtol=1e-6)
