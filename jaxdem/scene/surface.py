@@ -19,15 +19,15 @@ ADVECTION = ("limited", "superbee", "upwind")
 
 class Surface(Section):
     """A second fluid with a sharp surface to that of `[fluid]`, which is the liquid. The liquid is below `level` and in
-    `regions`; the second fluid has the rest of the box.
+    `regions`; the second fluid has the rest of the box. A scene with `[start]` that keeps the fluid of its run keeps
+    its liquid, and `level` and `regions` do not count.
 
     Attributes:
         density: density of the second fluid [kg/m3].
         viscosity: kinematic viscosity of the second fluid [m2/s].
         tension: surface tension between both fluids [N/m].
         level: height of the liquid at the start, along the last axis. Default: there is none but in `regions` [m].
-        regions: parts of the box with liquid at the start. With neither `level` nor regions the liquid is that of the
-            run of `[start]`.
+        regions: parts of the box with liquid at the start; as those of packs, also inside of a mesh.
     """
 
     density: Positive = 1.2
