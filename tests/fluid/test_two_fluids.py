@@ -118,3 +118,18 @@ def test_liquid_comes_in_below_the_level_of_an_inlet():
     found = box.march(properties, start, 20, 0.05).state
     assert float(jnp.abs(found.liquid_fraction - start.liquid_fraction).max()) < 1e-12
     assert np.asarray(found.liquid_supplied)[1:3] == pytest.approx([0.2 * 0.35, -0.2 * 0.35], rel=1e-10)
+
+
+def test_a_drop_in_an_oblique_stream_in_three_dimensions():
+    box = TwoFluids((6, 5, 7), (0.6, 0.5, 0.7), ("periodic",) * 6, tension=False)
+    middles = [box.middles(axis) - 0.3 for axis in range(3)]
+    away = np.sqrt(middles[0] ** 2 + (middles[1] + 0.05) ** 2 + (middles[2] - 0.05) ** 2)
+    speeds = (0.5, -0.3, 0.7)
+    start = box.state(np.clip((0.17 - away) / 0.1 + 0.5, 0.0, 1.0), *speeds)
+    found = box.march(box.properties(1000.0, gravity=(0.0, 0.0, 0.0)), start, 12, 0.02)
+    assert bool(found.converged)
+    assert largest(u - v for u, v in zip(found.state.face_velocity, speeds, strict=True)) < 1e-11
+    assert float(jnp.sum(found.state.liquid_fraction)) == pytest.approx(
+        float(jnp.sum(start.liquid_fraction)), rel=1e-13
+    )
+    assert float(jnp.abs(found.state.liquid_fraction - start.liquid_fraction).max()) > 0.3  # it has moved
