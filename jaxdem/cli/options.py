@@ -44,6 +44,7 @@ class Size(StrEnum):
 
     large = "large"
     medium = "medium"
+    short = "short"
     small = "small"
 
 

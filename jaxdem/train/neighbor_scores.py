@@ -36,21 +36,30 @@ def evaluate_neighbours(closure: NeighborClosure, path: str | os.PathLike[str]) 
     return scores(groups, [predicted(closure, *one) for one in zip(groups, values, strict=True)])
 
 
-def scores(groups: Sequence[SphereGroup], found: Sequence[Targets]) -> dict[str, dict[str, Any]]:
+def scores(
+    groups: Sequence[SphereGroup], found: Sequence[Targets], whole: Sequence[SphereGroup] | None = None
+) -> dict[str, dict[str, Any]]:
     """R2 of the fluctuations about the mean force of each group, by group, and "all" with their means.
 
     R2 = 1 - sum (found - data)^2 / sum data^2, data the force less the mean of its group, over the spheres and, across,
     over the two components. The scatter of the forces differs by a factor of ten among the groups, so that "all" is the
     mean of the R2 and not the R2 of all spheres.
 
+    Args:
+        groups: spheres with their forces.
+        found: fluctuations that a closure gives for them.
+        whole: the groups that these are parts of; the groups themselves if None.
+
     Returns:
         By the name of the group, or "all": `reynolds`, `solid_fraction`, `arrays`, `spheres`; `along`, `across`,
         `torque`, `torque_along`: R2 of the force along and across the stream, of the torque across and about it;
-        `mean_factor`: one plus the mean of the fluctuation along the stream, over the mean force.
+        `mean_factor`: one plus the mean of the fluctuation along the stream, over the mean force; `data_factor`: what
+        it is to be, the mean force of these arrays over that of the whole group.
     """
     table: dict[str, dict[str, Any]] = {}
-    for group, given in zip(groups, found, strict=True):
+    for group, given, all_of_it in zip(groups, found, groups if whole is None else whole, strict=True):
         data = targets_of(group)
+        means = [one.force[:, 0].mean(dtype=np.float64) for one in (group, all_of_it)]
         table[group.name] = {
             "reynolds": group.reynolds,
             "solid_fraction": group.solid_fraction,
@@ -61,6 +70,7 @@ def scores(groups: Sequence[SphereGroup], found: Sequence[Targets]) -> dict[str,
             "torque": _r2(data.torque[:, 1:], given.torque[:, 1:]),
             "torque_along": _r2(data.torque[:, 0], given.torque[:, 0]),
             "mean_factor": 1.0 + float(np.mean(given.along, dtype=np.float64)),
+            "data_factor": float(means[0] / means[1]),
         }
     rows = list(table.values())
     table["all"] = {

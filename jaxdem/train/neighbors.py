@@ -53,8 +53,8 @@ SIZES = {
         MomentBasis(2.0, 6, 4, 1, stretch=3.0, decay=6),
     ),
     "medium": Size(MomentBasis(4.45, 10, 6, 3), None, (LARGE,)),
+    "short": Size(MomentBasis(3.25, 7, 5, 3), None, (Width(48, 12, (64, 64)),)),
     "small": Size(MomentBasis(2.5, 6, 4, 3), None, (Width(24, 8, (32, 32)),)),
-    "tiny": Size(MomentBasis(2.0, 4, 3, 3), None, (Width(12, 4, (16,)),)),
 }
 """The sizes by name; docs/results/neighbours.md compares errors and costs."""
 
@@ -163,8 +163,8 @@ def fit_neighbors(
         "data": os.path.basename(path),
         "settings": dataclasses.asdict(settings),
         "spheres": sum(len(group.position) for group in train),
-        "r2": scores(test, learned),
-        "r2_linear": scores(test, linear),
+        "r2": scores(test, learned, groups),
+        "r2_linear": scores(test, linear, groups),
         "loss": history,
         "seconds": time.perf_counter() - started,
     }

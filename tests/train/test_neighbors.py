@@ -85,6 +85,8 @@ def test_the_mean_law_is_kept(trained, data):
     assert set(found) == {"Re_10_phi_10", "Re_20_phi_20", "all"}
     for name in ("Re_10_phi_10", "Re_20_phi_20"):
         assert found[name]["mean_factor"] == pytest.approx(1.0, abs=0.01)
+        assert found[name]["data_factor"] == 1.0 and metadata["r2"][name]["data_factor"] != 1.0
+        assert metadata["r2"][name]["data_factor"] == pytest.approx(1.0, abs=0.05)
         assert found[name]["arrays"] == ARRAYS and metadata["r2"][name]["arrays"] == ARRAYS // 10
 
 
