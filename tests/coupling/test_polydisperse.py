@@ -108,7 +108,7 @@ def test_equal_sizes_have_the_law_itself():
 def test_range_is_that_of_the_law_and_closures_of_neighbours_are_refused():
     """The flag is the law's own; closures of neighbours are refused by name."""
     assert np.all(drag_of(bed(True), solid_fraction=0.9)[0].out_of_range)
-    tables = bed(True, radius=(0.005, 0.005)).tables() | {"closure": {"file": "scenes/neighbours.closure.h5"}}
+    tables = bed(True, radius=(0.005, 0.005)).tables() | {"closure": {"file": "scenes/neighbours_short.closure.h5"}}
     tables["coupling"].pop("drag", None)
     with pytest.raises(InputError, match="polydisperse"):
         jaxdem.build(jaxdem.load_scene(tables))
