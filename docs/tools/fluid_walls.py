@@ -25,6 +25,9 @@ from moving_walls import frames, save
 BEND, OUTER = np.array([0.09, 0.11]), 0.09
 """Middle of the bend and radius of its outer wall [m]."""
 
+SETTLED = 0.2
+"""Time at which the bed of the pier has settled and the stream begins [s]."""
+
 
 def pipe_bend(run: Run) -> None:
     """The slurry at the end, and where the grains have worn the outer wall."""
@@ -56,17 +59,17 @@ def spouted_bed(run: Run) -> None:
 
 
 def pier_scour(run: Run) -> None:
-    """The bed from above before and after, by the height of its grains, and how much lower it is round the pier."""
+    """The bed from above, settled and at the end, by the height of its grains, and how its surface has changed."""
     figure, panels = plt.subplots(1, 3, figsize=(13.0, 3.6), layout="constrained")
     pier, size = run.scene["walls"][0], run.scene["domain"]["size"]
-    heights = []
-    for axes, index in zip(panels[:2], (0, len(run.times) - 1), strict=True):
+    settled, heights = int(np.argmin(np.abs(run.times - SETTLED))), []
+    for axes, index in zip(panels[:2], (settled, len(run.times) - 1), strict=True):
         grains = run.particles(index)
         place, radius = np.asarray(grains["position"], float), np.asarray(grains["radius"], float)
         order = np.argsort(place[:, 2])
         discs = PatchCollection([Circle(place[k, :2], radius[k]) for k in order], cmap="viridis", linewidths=0.2)
         discs.set_array(1e3 * place[order, 2])
-        discs.set(clim=(0.0, 12.0), edgecolor="black")
+        discs.set(clim=(0.0, 10.0), edgecolor="black")
         axes.add_collection(discs)
         axes.add_patch(Circle(pier["center"][:2], pier["radius"], facecolor="#A9AFB7", edgecolor="black", zorder=3.0))
         axes.set(xlim=(0.0, size[0]), ylim=(0.0, size[1]), aspect="equal", xlabel="x, along the stream [m]")
@@ -76,16 +79,20 @@ def pier_scour(run: Run) -> None:
     figure.colorbar(discs, ax=panels[:2], label="height of a grain [mm]", location="right", shrink=0.8)
     change = 1e3 * (heights[1] - heights[0])
     extent = (0.0, size[0], 0.0, size[1])
-    shown = panels[2].imshow(change.T, origin="lower", extent=extent, cmap="RdBu", vmin=-5.0, vmax=5.0)
+    shown = panels[2].imshow(change.T, origin="lower", extent=extent, cmap="RdBu", vmin=-8.0, vmax=8.0)
     panels[2].add_patch(Circle(pier["center"][:2], pier["radius"], facecolor="#A9AFB7", edgecolor="black", zorder=3.0))
     panels[2].set(xlabel="x, along the stream [m]", title="change of the bed's surface")
-    figure.colorbar(shown, ax=panels[2], label="[mm]", shrink=0.8)
+    figure.colorbar(shown, ax=panels[2], label="change [mm]", shrink=0.8)
     save(figure, "pier_scour")
     x, y = np.stack(np.meshgrid(*[(np.arange(n) + 0.5) * 2e-3 for n in change.shape], indexing="ij"))
     apart = np.hypot(x - pier["center"][0], y - pier["center"][1]) / pier["radius"]
-    near, ahead = (apart > 1.0) & (apart < 1.8), (apart > 1.0) & (apart < 2.0) & (x < pier["center"][0])
-    print(f"surface within 0.8 radii of the pier {change[near].mean():.2f} mm, before it {change[ahead].mean():.2f} mm")
-    print(f"elsewhere {change[(apart > 2.5) & (x > 0.01)].mean():.2f} mm; lowest {change[near].min():.2f} mm")
+    beside = (apart > 1.2) & (apart < 2.0)
+    for words, place in (
+        ("before and beside the pier", beside & (x < pier["center"][0] + 0.5 * pier["radius"])),
+        ("behind it", beside & (x > pier["center"][0] + 0.5 * pier["radius"])),
+        ("at the same x, more than two radii away", (apart > 2.0) & (np.abs(x - pier["center"][0]) < pier["radius"])),
+    ):
+        print(f"surface {words}: {1e3 * heights[0][place].mean():.1f} to {1e3 * heights[1][place].mean():.1f} mm")
 
 
 def surface(place: np.ndarray, radius: np.ndarray, size: list[float], width: float = 2e-3) -> np.ndarray:
