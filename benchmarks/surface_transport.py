@@ -31,7 +31,7 @@ jax.config.update("jax_enable_x64", True)
 from benchmarks import harness  # noqa: E402 - after the setting
 from jaxdem.fluid.curvature import curvature  # noqa: E402
 from jaxdem.fluid.grid import Grid  # noqa: E402
-from jaxdem.fluid.volume_of_fluid import SURFACE_COURANT, _Sweep, advance_fraction, surface_courant  # noqa: E402
+from jaxdem.fluid.volume_of_fluid import SURFACE_COURANT, Carrier, _Sweep, advance_fraction, surface_courant  # noqa: E402
 from tests.cases.fractions import disc, sphere  # noqa: E402
 
 PARTS = 40
@@ -61,7 +61,7 @@ def zalesak(n: int = 200, steps: int = 2524) -> dict[str, float]:
     flux = of_potential(-0.25 * ((a - 2.0) ** 2 + (b - 2.0) ** 2), 4.0 / n)
     step = 4.0 * np.pi / steps
     march = jax.jit(
-        lambda c: lax.fori_loop(0, steps, lambda k, c: advance_fraction(grid, c, flux, step, k).fraction, c)
+        lambda c: lax.fori_loop(0, steps, lambda k, c: advance_fraction(grid, c, Carrier(flux), step, k).fraction, c)
     )
     begin = time.perf_counter()
     last = np.asarray(march(jnp.asarray(first)))
@@ -84,7 +84,7 @@ def vortex(n: int, period: float = 2.0) -> float:
 
     def body(k: Any, c: jax.Array) -> jax.Array:
         now = jnp.cos(jnp.pi * (k + 0.5) / steps)
-        return advance_fraction(grid, c, tuple(now * f for f in flux), step, k).fraction
+        return advance_fraction(grid, c, Carrier(tuple(now * f for f in flux)), step, k).fraction
 
     last = jax.jit(lambda c: lax.fori_loop(0, steps, body, c))(first)
     return float(jnp.sum(jnp.abs(last - first))) / n**2
@@ -109,7 +109,7 @@ def rough(steps: int = 10_000, dilated: bool = True) -> dict[str, float]:
 
     def body(k: Any, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         c, low, high = carry
-        c = advance_fraction(grid, c, flux, step, k).fraction if dilated else without(k, c)
+        c = advance_fraction(grid, c, Carrier(flux), step, k).fraction if dilated else without(k, c)
         return c, jnp.minimum(low, jnp.min(c)), jnp.maximum(high, jnp.max(c))
 
     last, low, high = jax.jit(lambda c: lax.fori_loop(0, steps, body, (c, jnp.min(c), jnp.max(c))))(first)

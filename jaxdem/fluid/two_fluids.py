@@ -41,7 +41,7 @@ from jaxdem.fluid.second_fluid import (
     through_sides,
     with_outside_pressure,
 )
-from jaxdem.fluid.volume_of_fluid import advance_fraction
+from jaxdem.fluid.volume_of_fluid import Carrier, advance_fraction
 from jaxdem.numerics.static import static
 
 
@@ -174,9 +174,8 @@ class TwoFluidSolver(FluidSolver):
         number = jnp.round(time / time_step).astype(jnp.int32)
         fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
         inflow = inflow_of_sides(self.grid, self.boundary, second)
-        return advance_fraction(
-            self.grid, fraction, flux, time_step, number, state.void_fraction, void_fraction, inflow
-        )
+        carrier = Carrier(flux, _or_one(state.void_fraction), _or_one(void_fraction), inflow)
+        return advance_fraction(self.grid, fraction, carrier, time_step, number)
 
     def _mass(self, properties: FluidProperties, fraction: Array, void_fraction: Array | None) -> FaceField:
         """g rho on the faces: the mean of the two cells [kg/m3]."""

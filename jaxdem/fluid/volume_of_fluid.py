@@ -65,29 +65,32 @@ class Plane(NamedTuple):
     cut: Array
 
 
-def advance_fraction(
-    grid: Grid,
-    fraction: Array,
-    volume_flux: FaceField,
-    step: Array,
-    order: Array | int,
-    open_before: Array | None = None,
-    open_after: Array | None = None,
-    inflow: Inflow | None = None,
-) -> FractionStep:
+class Carrier(NamedTuple):
+    """The fluids that carry the surface, over a step.
+
+    Attributes:
+        flux: F = g u of both on the faces, which satisfies d(g)/dt + div F = 0 over the step [m/s].
+        before, after: void fraction on the cells at its start and at its end; 1.0 without particles [-].
+        inflow: liquid's part of what comes in through the sides; None: that of the cells there.
+    """
+
+    flux: FaceField
+    before: CellOrOne = 1.0
+    after: CellOrOne = 1.0
+    inflow: Inflow | None = None
+
+
+def advance_fraction(grid: Grid, fraction: Array, carrier: Carrier, step: Array, order: Array | int) -> FractionStep:
     """The liquid's fraction after a step.
 
     Args:
         grid: the grid.
         fraction: c on the cells [-].
-        volume_flux: F = g u of both fluids on the faces, which satisfies d(g)/dt + div F = 0 over the step [m/s].
+        carrier: what carries it.
         step: () [s].
         order: number of the step, which chooses the order of the axes; an int compiles that order alone.
-        open_before, open_after: void fraction on the cells at the start and at the end; None without particles [-].
-        inflow: liquid's part of what comes in through the sides; None: that of the cells there.
     """
-    before: CellOrOne = 1.0 if open_before is None else open_before
-    after: CellOrOne = before if open_after is None else open_after
+    volume_flux, before, after, inflow = carrier
     sweep = _Sweep(grid, before, jnp.where(fraction > 0.5, 1.0, 0.0).astype(fraction.dtype), inflow)
     start = fraction * before, jnp.zeros_like(fraction)
     orders = ORDERS[grid.dimension]
@@ -226,7 +229,7 @@ class _Sweep(NamedTuple):
         grid: the grid.
         before: void fraction at the start of the step [-].
         full: 1 in cells that were more than half full then, else 0.
-        inflow: see `advance_fraction`.
+        inflow: see `Carrier`.
     """
 
     grid: Grid

@@ -214,6 +214,23 @@ def test_grains_that_sink_raise_the_level():
     assert level - 0.06 == pytest.approx(solids / (SIZE[0] * 0.01), rel=1e-3)
 
 
+def test_liquid_sinks_into_a_dry_bed():
+    """Cells full of grains that hold gas: liquid let go above them fills the pores, within bounds and without loss."""
+    grains = [(0.004 + 0.0083 * k, 0.004 + 0.0081 * row) for row in range(3) for k in range(7)]
+    scene = tables(
+        grains, 0.0, 2500.0, 4e-3, domain={"size": SIZE, "depth": 0.008},
+        surface={"level": None, "regions": [{"shape": "box", "start": [0.0, 0.035], "stop": [0.04, 0.075]}]},
+    )  # fmt: skip
+    del scene["surface"]["level"]
+    simulation, _, start, end = after(scene, 700)
+    assert float(start.fluid.void_fraction.min()) < 0.5
+    assert float(start.fluid.liquid_fraction[:, :3].max()) == 0.0
+    fraction = np.asarray(end.fluid.liquid_fraction)
+    assert fraction[:, 0].max() > 0.5
+    assert fraction.min() > -1e-13 and fraction.max() < 1.0 + 1e-13
+    assert liquid(simulation, end) == pytest.approx(liquid(simulation, start), rel=1e-13)
+
+
 @pytest.mark.parametrize(
     "table, key, value",
     [

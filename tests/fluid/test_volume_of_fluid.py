@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from jaxdem.fluid.grid import Grid, divergence
-from jaxdem.fluid.volume_of_fluid import SURFACE_COURANT, _Sweep, advance_fraction, surface_courant, surface_normal
+from jaxdem.fluid.volume_of_fluid import (
+    SURFACE_COURANT,
+    Carrier,
+    _Sweep,
+    advance_fraction,
+    surface_courant,
+    surface_normal,
+)
 from tests.cases.fractions import disc, sphere
 
 
@@ -33,7 +40,7 @@ def repeated(grid, fraction, flux, step, count, **more):
     """Many steps in one program."""
 
     def body(k, c):
-        return advance_fraction(grid, c, flux, step, k, **more).fraction
+        return advance_fraction(grid, c, Carrier(flux, **more), step, k).fraction
 
     return jax.jit(lambda c: jax.lax.fori_loop(0, count, body, c))(jnp.asarray(fraction))
 
@@ -105,10 +112,10 @@ def test_order_of_the_sweeps_as_a_number_and_as_an_array():
     flux = random_stream(grid.cells, grid.size, 3, grid.periodic)
     step = 0.4 / float(surface_courant(grid, flux, 1.0))
     first = jnp.asarray(disc(grid.cells, grid.size, (0.4, 0.3), 0.2))
-    traced = jax.jit(lambda k: advance_fraction(grid, first, flux, step, k))
+    traced = jax.jit(lambda k: advance_fraction(grid, first, Carrier(flux), step, k))
     found = []
     for k in (0, 1):
-        fixed = jax.jit(lambda k=k: advance_fraction(grid, first, flux, step, k))()
+        fixed = jax.jit(lambda k=k: advance_fraction(grid, first, Carrier(flux), step, k))()
         found.append(np.asarray(fixed.fraction))
         np.testing.assert_allclose(traced(jnp.asarray(k)).fraction, fixed.fraction, atol=1e-15)
         change = first - step * divergence(grid, fixed.liquid_flux)
@@ -128,7 +135,7 @@ def test_among_grains_that_move():
     step = 0.3 * SURFACE_COURANT / float(surface_courant(grid, tuple(flux), 1.0, before))
     after = before - step * divergence(grid, tuple(flux))
     first = jnp.asarray(disc(grid.cells, grid.size, (0.6, 0.5), 0.3))
-    step_of = jax.jit(lambda c: advance_fraction(grid, c, tuple(flux), step, 1, before, after).fraction)
+    step_of = jax.jit(lambda c: advance_fraction(grid, c, Carrier(tuple(flux), before, after), step, 1).fraction)
     later = step_of(first)
     assert abs(float(jnp.sum(later * after) / jnp.sum(first * before)) - 1.0) < 1e-14
     assert float(later.min()) > -1e-14 and float(later.max()) < 1.0 + 1e-14
@@ -158,9 +165,11 @@ def test_slopes_are_finite_and_those_of_the_flow(dtype):
     def moment(first, speed):
         flux = (jnp.zeros((9, 8), dtype), speed * jnp.ones((8, 9), dtype))
         step = jnp.asarray(0.02, dtype)
-        return jnp.sum(
-            place * jax.lax.scan(lambda c, _: (advance_fraction(grid, c, flux, step, 0)[0], None), first, None, 3)[0]
-        )
+
+        def advance(c, _):
+            return advance_fraction(grid, c, Carrier(flux), step, 0).fraction, None
+
+        return jnp.sum(place * jax.lax.scan(advance, first, None, 3)[0])
 
     speed = jnp.asarray(1.0, dtype)
     slopes = jax.jit(jax.grad(moment, (0, 1)))(first, speed)
