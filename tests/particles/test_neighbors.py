@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from jaxdem.particles import cells, loop, neighbors
+from jaxdem.particles import cells, list_in_date, neighbors
 from jaxdem.particles import pairs as pair_list
 from jaxdem.particles.cells import OWN_COLUMNS, CellGrid, neighbors_in_cells
 from jaxdem.particles.neighbors import Room, carry_history
@@ -66,7 +66,7 @@ def test_a_list_that_is_never_rebuilt_fails(trajectory, monkeypatch):
     """Negative control: with the rebuild switched off the trajectory is another."""
     # Programs are shared by equal descriptions: these are compiled anew, and kept for nobody.
     monkeypatch.setattr(worlds, "runner", worlds.runner.__wrapped__)
-    monkeypatch.setattr(loop, "out_of_date", lambda *_: jnp.zeros((), bool))
+    monkeypatch.setattr(list_in_date, "out_of_date", lambda *_: jnp.zeros((), bool))
     end, seen = track(gas(True), 1e-5, 120, 5)
     assert int(end.neighbors.builds) == 1
     assert np.abs(seen.position - trajectory[1].position).max() > 1e-3
@@ -243,10 +243,10 @@ def test_rebuilds_do_not_change_sliding_contacts(monkeypatch, control):
     assert max(springs) > 1e-7  # the contacts hold springs to be lost
     # Programs are shared by equal descriptions: these are compiled anew, and kept for nobody.
     monkeypatch.setattr(worlds, "runner", worlds.runner.__wrapped__)
-    monkeypatch.setattr(loop, "out_of_date", lambda d, *_: jnp.max(jnp.abs(d[0]) + jnp.abs(d[1])) > 1e-9)
+    monkeypatch.setattr(list_in_date, "out_of_date", lambda d, *_: jnp.max(jnp.abs(d[0]) + jnp.abs(d[1])) > 1e-9)
     if control:
         monkeypatch.setattr(
-            loop, "carry_history",
+            list_in_date, "carry_history",
             lambda h, old, new: tuple(jnp.zeros_like(x) for x in h),
         )  # fmt: skip
     rebuilt, again = track(shuffled(pressed(), 4), 2e-5, 20, 20)

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.coupling import exchange as exchange_module
 from jaxdem.coupling.interpolation import kernel_weights
 from jaxdem.failures import Failure
+from jaxdem.fluid import momentum
 from tests.cases.suspensions import CELLS, DEPTH, RADIUS, SIDE, STOKES_TIME, Suspension
 
 
@@ -93,13 +93,13 @@ def test_substeps_follow_the_courant_number_and_conserve_momentum(suspension, sp
 
 def test_momentum_without_the_pressure_gradient_on_particles_is_not_conserved(suspension, monkeypatch):
     """Negative control: the same scene fails the gate when the particles do not feel the pressure."""
-    right = exchange_module.pressure_slope
+    right = momentum.pressure_slope
 
     def dropped(grid, boundary, fluid, continued=False):
         slope = right(grid, boundary, fluid, continued=continued)
         return tuple(0.0 * s for s in slope) if continued else slope
 
-    monkeypatch.setattr(exchange_module, "pressure_slope", dropped)
+    monkeypatch.setattr(momentum, "pressure_slope", dropped)
     error, *_ = suspension.drift(suspension.given(), suspension.stirred(0.2), 5, suspension.compiled())
     assert error > 1e-6
 
