@@ -161,6 +161,8 @@ def test_a_closed_box_that_gains_energy_says_so():
     assert "gained 0.5 J" in taken(start, start | {"translation": 1.5}, [])["remark"]
     assert taken(start, start | {"translation": 1.5}, ["fluid"])["remark"] == ""
     assert taken(start, start | {"translation": 0.5}, [])["taken"] == 0.5
+    pile = start | {"translation": 0.0, "potential": 2.0, "normal": 1e-3}
+    assert taken(pile, pile | {"normal": 1e-3 * (1.0 + 1e-12)}, [])["remark"] == ""
 
 
 PRESSED = with_tables(

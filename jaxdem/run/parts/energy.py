@@ -118,9 +118,9 @@ def taken(start: dict[str, float], end: dict[str, float], givers: list[str]) -> 
         givers: what beside contacts and bonds gives and takes.
     """
     less = sum(start.values()) - sum(end.values())
-    kinetic = sum(moment[name] for moment in (start, end) for name in ("translation", "rotation"))
-    held = sum(abs(end[name] - start[name]) for name in start if name not in ("translation", "rotation"))
-    turned_over = kinetic + held
+    # The zero of the potential energy is anywhere; what else is held counts whole: rounding in a pile at rest is small.
+    turned_over = sum(abs(moment[name]) for moment in (start, end) for name in start if name != "potential")
+    turned_over += abs(end["potential"] - start["potential"])
     remark = ""
     if not givers and less < -TOLD * turned_over:
         remark = (
