@@ -12,7 +12,7 @@ import jaxdem
 from jaxdem import InputError, load_scene, simulate
 from jaxdem.check.check import check_scene
 from jaxdem.setup.fluid import fluid_setup
-from jaxdem.setup.surface import first_fraction
+from jaxdem.setup.surface import fall_speed, first_fraction
 
 TANK = {
     "precision": "float64",
@@ -113,6 +113,22 @@ def test_the_liquid_of_the_start_has_the_volume_of_its_parts():
     volume = float(fraction.sum()) * 0.01**2
     assert volume == pytest.approx(0.4 * 0.06 + np.pi * 0.04**2, rel=2e-5)
     assert fraction.min() == 0.0 and fraction.max() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("side", "inlet", "height"),
+    [
+        ("left", {"level": 0.15}, 0.15),
+        ("left", {"level": 9.0, "from": [0.1], "to": [0.12]}, 0.12),
+        ("left", {"level": 0.05, "from": [0.1], "to": [0.12]}, 0.0),
+        ("top", {"level": 9.0}, 0.2),
+        ("bottom", {"level": 9.0}, 0.0),
+    ],
+)
+def test_the_automatic_step_expects_liquid_that_falls_from_an_inlet(side, inlet, height):
+    sides = {side: {"kind": "inlet", "velocity": 0.1, **inlet}, "right": {"kind": "outlet"}}
+    scene = load_scene(changed(surface={"density": 1.2, "level": 0.0}, boundary=sides))
+    assert fall_speed(scene, fluid_setup(scene).grid) == pytest.approx(np.sqrt(2.0 * 9.81 * height))
 
 
 def test_a_disc_over_the_corner_of_a_periodic_box_is_one_disc():

@@ -118,12 +118,27 @@ def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]
 
 
 def fall_speed(scene: Scene, grid: Grid) -> float:
-    """Speed of liquid that has fallen from its highest place at the start to where its surface will be at rest [m/s]:
-    what the automatic fluid step has to expect. 0 in a scene with one fluid."""
+    """Speed of liquid that has fallen from its highest place at the start, or from an inlet, to where the surface of that
+    of the start will be at rest [m/s]: what the automatic fluid step has to expect. 0 in a scene with one fluid."""
     if scene.surface is None:
         return 0.0
     fraction = first_fraction(scene, grid)
     wet = np.flatnonzero(fraction.reshape(-1, grid.cells[-1]).max(axis=0) > 0.5)
-    highest = grid.spacing[-1] * (wet[-1] + 1) if len(wet) else 0.0
+    highest = max(grid.spacing[-1] * (wet[-1] + 1) if len(wet) else 0.0, _highest_inflow(scene))
     gravity = np.abs(np.asarray(scene.domain.gravity or 0.0, float)).max(initial=0.0)
     return math.sqrt(2.0 * float(gravity) * max(highest - float(fraction.mean()) * grid.size[-1], 0.0))
+
+
+def _highest_inflow(scene: Scene) -> float:
+    """Height up to which liquid comes in through the sides; 0 where none does [m]."""
+    height, found = scene.domain.size[-1], 0.0
+    for number, name in enumerate(scene.sides):
+        side, level = scene.boundary[name], scene.boundary[name].level or 0.0
+        if side.kind != "inlet":
+            continue
+        if number // 2 == scene.dimension - 1:  # the lower side, where liquid rises, or the upper one
+            found = max(found, height if number % 2 and level > height else 0.0)
+            continue
+        lower, upper = (side.from_ or (0.0,))[-1], (side.to or (height,))[-1]
+        found = max(found, min(level, upper) if level > lower else 0.0)
+    return found
