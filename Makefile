@@ -15,7 +15,7 @@ demo: $(VENV)/run.done
 	$(BIN)/jaxdem study clusters --scale demo --out runs/demo
 
 test: $(VENV)/test.done lint
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --durations 10
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations 10
 
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .
@@ -32,7 +32,7 @@ examples: $(VENV)/run.done
 
 # Coverage of the tests, report in build/coverage. Lines that run only in processes that are killed are not counted.
 coverage: $(VENV)/test.done
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --cov=jaxdem --cov-report=term-missing:skip-covered --cov-report=html:build/coverage
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --cov=jaxdem --cov-report=term-missing:skip-covered --cov-report=html:build/coverage
 
 dist: $(VENV)/test.done
 	rm -rf dist build/lib build/bdist.*
