@@ -146,8 +146,11 @@ def test_a_random_scene_is_that_of_one_device(kind, seed):
     blank = tuple(jnp.zeros(room.pairs) for _ in range(kept))
     state = state._replace(particles=state.particles._replace(contact_spring=blank))
     nothing = Contacts(np.zeros(0, int), np.zeros(0, int), np.zeros((kept, 0)))
-    slab_room = devices.SlabRoom(count + 1, count + 1, count + 1, room)
+    rows = count + 8
+    slab_room = devices.SlabRoom(rows, rows, rows, room)
     slabs, lists = devices.distributed(divided, parameters, state, nothing, slab_room)
+    given = devices.SlabRoom.of(lists)
+    assert (given.rows, given.ghosts, given.migrating) == (rows, rows, rows), "another room would be another program"
     collisions = 0.0
     for _ in range(INTERVALS.get(kind, 4)):
         state, neighbors, report = one(gravity, state, neighbors)
