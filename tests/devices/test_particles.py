@@ -1,6 +1,7 @@
 """Particles in slabs against one device: forces, contacts, who comes and goes, room, gradients, what is sent."""
 
 import dataclasses
+import functools
 import re
 
 import jax
@@ -71,11 +72,17 @@ def pair_of(scene, number):
     return simulation, divided, parameters, (state, neighbors), slabs
 
 
+@functools.cache
+def stepping(simulation):
+    """The step of a simulation; equal ones share a program."""
+    return jax.jit(simulation.step)
+
+
 def run(simulation, parameters, state, neighbors, steps):
     """After so many intervals."""
-    step = jax.jit(lambda s, n: simulation.step(parameters, s, n))
+    step = stepping(simulation)
     for _ in range(steps):
-        state, neighbors, report = step(state, neighbors)
+        state, neighbors, report = step(parameters, state, neighbors)
         assert int(failures(simulation, report)) == 0
     return state, neighbors, report
 
@@ -180,7 +187,7 @@ def test_too_little_room_is_told_and_the_step_repeated_with_more(monkeypatch):
     division = dataclasses.replace(divided.division, balanced=False)
     divided = dataclasses.replace(divided, contact=dataclasses.replace(divided.contact, division=division))
     room, repeated = devices.SlabRoom.of(lists), 0
-    step = jax.jit(lambda s, n: divided.step(parameters, s, n))
+    step = functools.partial(stepping(divided), parameters)
     for _ in range(16):
         new = step(state, lists)
         while int(failures(divided, new[2])) & Failure.OVERFLOW:
@@ -198,7 +205,7 @@ def test_too_little_room_is_told_and_the_step_repeated_with_more(monkeypatch):
 def test_only_neighbours_are_sent_arrays_and_nothing_is_gathered():
     """In the compiled step there is no all-gather, and what all devices add is no longer than their number."""
     _, divided, parameters, _, slabs = pair_of(drifting_pack(), 4)
-    program = jax.jit(lambda s, n: divided.step(parameters, s, n)).lower(*slabs).compile().as_text()
+    program = stepping(divided).lower(parameters, *slabs).compile().as_text()
     assert "collective-permute" in program
     assert not re.search(r"all-gather|all-to-all|reduce-scatter", program)
     reduced = re.findall(r"= \(?([a-z0-9]+)\[([0-9,]*)\][^=]* all-reduce", program)
@@ -211,7 +218,7 @@ def test_one_device_has_a_program_without_any_of_this():
     scene = drifting_pack()
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    text = jax.jit(lambda s, n: simulation.step(parameters, s, n)).lower(state, neighbors).as_text()
+    text = stepping(simulation).lower(parameters, state, neighbors).as_text()
     assert not re.search("collective|all_reduce|all_gather|shard|manual", text)
 
 
