@@ -150,7 +150,7 @@ class CentralFourth:
 
 
 class SurfaceValues(Protocol):
-    """What has a say in what is carried: surfaces within the mesh, see `cut_cells`, or the mean over a step, see
+    """What changes the values that are carried: surfaces within the mesh, see `cut_cells`, or the mean over a step, see
     `carried_momentum`."""
 
     def surface_value(self, grid: Grid, value: Array, around: Array, which: int, axis: int) -> Array:

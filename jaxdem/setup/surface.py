@@ -56,7 +56,7 @@ def first_fraction(scene: Scene, grid: Grid) -> np.ndarray:
     if table.level is not None:
         h = grid.spacing[-1]
         found = found + np.clip((table.level - h * np.arange(grid.cells[-1])) / h, 0.0, 1.0)
-    # What is within a region of a cell that its boundary may cut is no deeper than the cell is long.
+    # Points of a cell that the boundary of a region cuts are no farther from it than the diagonal.
     depth = float(np.linalg.norm(grid.spacing))
     for k, region in enumerate(table.regions):
         found = np.maximum(found, cells_within(region_space(f"surface.regions.{k}", region, scene.box, depth), grid))
