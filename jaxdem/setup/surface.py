@@ -118,8 +118,9 @@ def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]
 
 
 def fall_speed(scene: Scene, grid: Grid) -> float:
-    """Speed of liquid that has fallen from its highest place at the start, or from an inlet, to where the surface of that
-    of the start will be at rest [m/s]: what the automatic fluid step has to expect. 0 in a scene with one fluid."""
+    """Speed of liquid that has fallen from its highest place at the start, or from an inlet, to where the surface of
+    that of the start will be at rest [m/s]: what the automatic fluid step has to expect. 0 in a scene with one fluid.
+    """
     if scene.surface is None:
         return 0.0
     fraction = first_fraction(scene, grid)
