@@ -4,6 +4,7 @@ A cylinder is filled and comes to rest on a plane. Then the plane is a plate wit
 The flow is the slope of the mass that has left between two times, grains lying over the orifice all the time.
 
     python benchmarks/orifices.py [--grains 4000] [--radius 9.5] [--diameter 0.004] [--folder runs]
+    python benchmarks/orifices.py --fit      the fits alone, to the flows of the results
 
 The spheres of 4 mm are for a few minutes on one core: orifices of 5 to 8 diameters. All lengths are in diameters, so
 --diameter changes the scale alone.
@@ -15,6 +16,7 @@ k = 1.4 (Nedderman 1992) and a bulk density rho_b of 1500 kg/m3.
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 import tempfile
@@ -104,6 +106,34 @@ def flow(width: float, filled: Path, given: argparse.Namespace, folder: Path) ->
     }
 
 
+def fitted(rows: list[dict[str, float]], diameter: float) -> str:
+    """What the flows W say about the law: its exponent with k given, and k with its exponent given.
+
+    With an exponent of 2.5 W^(2/5) is a line in D, which is zero at k d. Its errors are those of the flows.
+    """
+    orifice, flow, error = (np.array([row[name] for row in rows]) for name in ("orifice_m", "flow_kg_s", "error_kg_s"))
+
+    def exponent(k: float, flow: np.ndarray = flow) -> float:
+        return float(np.polyfit(np.log(orifice - k * diameter), np.log(flow), 1)[0])
+
+    def line(flow: np.ndarray) -> np.ndarray:
+        return np.polyfit(orifice, flow**0.4, 1, w=1.0 / deviation)
+
+    deviation = 0.4 * error / flow * flow**0.4
+    slope, start = line(flow)
+    drawn = flow + error * np.random.default_rng(0).standard_normal((2000, len(flow)))
+    lines = np.array([line(one) for one in drawn])
+    spread = np.std(-lines[:, 1] / lines[:, 0] / diameter)
+    off = float(np.sum(((flow**0.4 - slope * orifice - start) / deviation) ** 2))
+    scatter = np.std([exponent(1.4, one) for one in drawn])
+    return (
+        f"Exponent of D - k d: {exponent(1.4):.3f} +- {scatter:.3f} with k = 1.4, {exponent(1.15):.3f} with 1.15, "
+        f"{exponent(1.0):.3f} with 1. With the exponent 2.5: k = {-start / slope / diameter:.3f} +- {spread:.3f}, "
+        f"C = {slope**2.5 / (BULK * math.sqrt(9.81)):.3f} at a bulk density of {BULK:g} kg/m3, chi^2 {off:.2f} for "
+        f"{len(rows) - 2} degree of freedom."
+    )
+
+
 def main() -> None:
     """Fills the silo, opens it three times, and fits the exponent."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -112,7 +142,11 @@ def main() -> None:
     parser.add_argument("--diameter", type=float, default=0.004, help="of a grain [m]")
     parser.add_argument("--end", type=float, default=0.4)
     parser.add_argument("--folder", type=Path)
+    parser.add_argument("--fit", action="store_true")
     given = parser.parse_args()
+    if given.fit:
+        print(fitted(json.loads((harness.RESULTS / "orifices.json").read_text())["rows"], given.diameter))
+        return
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -134,6 +168,7 @@ def main() -> None:
     lines.append(
         f"\nExponent of D - 1.4 d: {exponent:.3f}; {given.grains} grains, {top / given.diameter - FLOOR:.0f} d high."
     )
+    lines.append("\n" + fitted(rows, given.diameter))
     harness.save("orifices", {"rows": rows, "exponent": exponent, "grains": given.grains}, "\n".join(lines))
     print("\n".join(lines))
 
