@@ -336,7 +336,7 @@ class Exchange:
         return jnp.where(active[:, None], rows, 0.0)
 
     def _pressure_impulse(self, fluid: FluidState) -> Array:
-        """(N, D) -t V grad p [kg m/s]."""
+        """(N, D) -t V grad p [kg m/s]; with the tension of a surface between two fluids -t V (grad p - tension)."""
         properties = self.start.properties
         slope = seen_slope(self.interval.solver.slope_at_particles(properties, fluid), properties.cut)
         volume = as_column(self.start.bodies.volume)

@@ -113,6 +113,21 @@ def with_outside_pressure(
     return tuple(result)
 
 
+def with_closed_sides(grid: Grid, boundary: Boundary, faces: FaceField) -> FaceField:
+    """A field that is zero on the sides of the box, continued to the closed ones from the nearest inner face: as
+    `pressure_gradient` with `continued`."""
+    result = list(faces)
+    for side in boundary.sides:
+        axis = side.axis
+        if grid.periodic[axis] or grid.cells[axis] < 2:
+            continue
+        closed = 1.0 - of_slab(grid, open_fraction(grid, side), faces[axis].dtype)
+        end, inner = (slice(-1, None), slice(-2, -1)) if side.upper else (slice(0, 1), slice(1, 2))
+        before = (slice(None),) * axis
+        result[axis] = result[axis].at[(*before, end)].add(closed * faces[axis][(*before, inner)])
+    return tuple(result)
+
+
 def through_sides(grid: Grid, flux: FaceField) -> Array:
     """(2 D,) volume per time that comes in through every side, lower before upper; zero along periodic axes [m3/s]."""
     found = []

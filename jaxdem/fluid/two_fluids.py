@@ -39,6 +39,7 @@ from jaxdem.fluid.second_fluid import (
     inflow_of_sides,
     mixture_density,
     through_sides,
+    with_closed_sides,
     with_outside_pressure,
 )
 from jaxdem.fluid.volume_of_fluid import Carrier, advance_fraction
@@ -147,11 +148,22 @@ class TwoFluidSolver(FluidSolver):
         return largest_diffusivity(self.grid, there, density)
 
     def slope_at_particles(self, properties: FluidProperties, state: FluidState) -> FaceField:
-        """See `FluidSolver.slope_at_particles`; at an outlet with the pressure of the fluids beyond it."""
+        """Gradient of the reduced pressure less the tension, as particles see it, on the faces [Pa/m].
+
+        At an outlet the pressure is that of the fluids beyond it. Particles take the part 1 - g of both, so that they
+        feel no jump of the pressure across a curved surface which the tension balances; see
+        `FluidSolver.slope_at_particles`.
+        """
         second = required(properties.second, "second of the fluid")
         gravity = required(properties.gravity, "gravity of the fluid")
         slope = super().slope_at_particles(properties, state)
-        return with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope)
+        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope)
+        if not self.has_tension:
+            return slope
+        fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
+        pull = surface_tension_gradient(self.grid, fraction, second.tension)
+        pull = with_closed_sides(self.grid, self.boundary, pull)
+        return tuple(s - t for s, t in zip(slope, pull, strict=True))
 
     def _growth(self, state: FluidState, void_fraction: Array | None, time_step: Array) -> Array | float:
         """d(g)/dt, whose mean in a closed box is rounding [1/s]."""
