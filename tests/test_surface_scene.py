@@ -12,7 +12,7 @@ import jaxdem
 from jaxdem import InputError, load_scene, simulate
 from jaxdem.check.check import check_scene
 from jaxdem.setup.fluid import fluid_setup
-from jaxdem.setup.surface import fall_speed, first_fraction
+from jaxdem.setup.surface import fall_speed, first_fraction, surface_limits
 
 TANK = {
     "precision": "float64",
@@ -46,6 +46,7 @@ def changed(**values):
 
 REFUSED = {
     "surface.level": {"surface__level": 0.3},
+    "surface.density": {"surface__density": 1100.0},
     "surface.viscosity": {"surface__viscosity": 0.0},
     "fluid.advection": {"fluid__advection": "central"},
     "fluid.model": {"fluid__model": "B"},
@@ -96,6 +97,34 @@ def test_a_mesh_of_liquid_is_read_beside_the_scene_and_has_its_volume(tmp_path):
 def test_no_liquid_at_all_is_refused():
     with pytest.raises(InputError, match=r"surface\.level"):
         load_scene(changed(surface={"density": 1.2}))
+    empty = {"surface": {"density": 1.2, "level": 0.0}, "boundary__right": {"kind": "outlet"}}
+    with pytest.raises(InputError, match=r"surface\.level"):
+        load_scene(changed(**empty))
+    inlet = {"kind": "inlet", "velocity": 0.1, "level": 0.05}
+    load_scene(changed(**empty, boundary__left=inlet))
+    with pytest.raises(InputError, match=r"surface\.level"):
+        load_scene(changed(**empty, boundary__left={**inlet, "level": 0.0}))
+
+
+def test_liquid_that_would_fall_for_ever_is_refused():
+    sides = {"bottom": {"kind": "periodic"}}
+    with pytest.raises(InputError, match="falls for ever") as error:
+        load_scene(changed(boundary=sides))
+    assert error.value.key == "domain.gravity"
+    load_scene(changed(boundary=sides, domain__gravity=[0.0, 0.0]))
+    load_scene(changed(boundary=sides, fluid__pressure_gradient=[0.0, -5000.0]))
+    along = {"left": {"kind": "periodic"}}  # a film that runs down a slope
+    load_scene(changed(boundary=along, domain__gravity=[3.0, -9.0]))
+
+
+def test_oblique_gravity_counts_whole():
+    sides = {"left": {"kind": "free_slip"}}
+    upright, oblique = (
+        load_scene(changed(boundary=sides, domain__gravity=list(gravity))) for gravity in ((0.0, -10.0), (6.0, -8.0))
+    )
+    for found in (lambda s: surface_limits(s, (0.1, 0.1)), lambda s: fall_speed(s, fluid_setup(s).grid)):
+        assert found(oblique) == pytest.approx(found(upright))
+        assert found(upright)
 
 
 def test_the_force_on_a_side_and_several_devices_are_refused():

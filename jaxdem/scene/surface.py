@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import Finite, NonNegative, Positive, Section, Tables
+from jaxdem.scene.base import Finite, NonNegative, Positive, Section, Tables, at_all_times
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.contact import Contact
 from jaxdem.scene.coupling import Coupling
@@ -23,7 +23,7 @@ class Surface(Section):
     its liquid, and `level` and `regions` do not count.
 
     Attributes:
-        density: density of the second fluid [kg/m3].
+        density: density of the second fluid, at most that of the liquid [kg/m3].
         viscosity: kinematic viscosity of the second fluid [m2/s].
         tension: surface tension between both fluids [N/m].
         level: height of the liquid at the start, along the last axis. Default: there is none but in `regions` [m].
@@ -70,7 +70,8 @@ def check_surface(
         if there:
             raise InputError(key, value, f"does not go together with [surface]: {reason}", "remove it, or [surface]")
     _check_fluid(surface, fluid)
-    _check_place(surface, domain, goes_on)
+    _check_place(surface, domain, goes_on, any((side.level or 0.0) > 0.0 for side in boundary.values()))
+    _check_fall(fluid, domain, boundary)
     _check_sides(domain, boundary)
 
 
@@ -96,6 +97,9 @@ def of_one_fluid(coupling: Coupling, contact: Contact | None, samples: float) ->
 
 
 def _check_fluid(surface: Surface, fluid: Fluid) -> None:
+    if surface.density > fluid.density:
+        limit = f"is the lighter fluid of both, and fluid.density is {fluid.density:g} kg/m3"
+        raise InputError("surface.density", surface.density, limit, "give the numbers of both the other way round")
     if (surface.viscosity > 0.0) != (fluid.viscosity > 0.0):
         limit = f"both fluids have a viscosity or none has, and fluid.viscosity is {fluid.viscosity:g}"
         raise InputError("surface.viscosity", surface.viscosity, limit, "set both above 0, or both to 0")
@@ -115,14 +119,28 @@ def _check_fluid(surface: Surface, fluid: Fluid) -> None:
         raise InputError("fluid.bulk_velocity", fluid.bulk_velocity, limit, "give fluid.pressure_gradient, or gravity")
 
 
-def _check_place(surface: Surface, domain: Domain, goes_on: bool) -> None:
-    height = domain.size[-1]
-    if surface.level is None and not surface.regions and not goes_on:
+def _check_place(surface: Surface, domain: Domain, goes_on: bool, comes_in: bool) -> None:
+    """`comes_in`: whether liquid may come in through a side."""
+    height, level = domain.size[-1], surface.level
+    if not surface.regions and not goes_on and (level is None or (level == 0.0 and not comes_in)):
         limit = "is needed where there are no regions: without liquid there is one fluid"
-        raise InputError("surface.level", None, limit, "set surface.level, or add [[surface.regions]]")
-    if surface.level is not None and not 0.0 <= surface.level <= height:
+        if level is not None:
+            limit = "leaves the box without liquid, and there are no regions and no side that liquid comes in through"
+        raise InputError("surface.level", level, limit, "set a surface.level above 0, or add [[surface.regions]]")
+    if level is not None and not 0.0 <= level <= height:
         limit = f"must lie in the box, 0 ... {height:g} m"
-        raise InputError("surface.level", surface.level, limit, "set a height within the box")
+        raise InputError("surface.level", level, limit, "set a height within the box")
+
+
+def _check_fall(fluid: Fluid, domain: Domain, boundary: Mapping[str, BoundarySide]) -> None:
+    """Refuses a box that is periodic along the vertical, where nothing holds the liquid up."""
+    if boundary["bottom"].kind != "periodic" or not any(row[-1] for row in domain.gravities):
+        return
+    if any(row[-1] for row in at_all_times(fluid.pressure_gradient)):
+        return
+    limit = "acts along the last axis, which is periodic: the liquid falls for ever, and has a second surface at the seam"
+    remedy = "close the bottom and the top, set that component to 0, or hold the fluids by fluid.pressure_gradient"
+    raise InputError("domain.gravity", domain.gravity, limit, remedy)
 
 
 def _check_sides(domain: Domain, boundary: Mapping[str, BoundarySide]) -> None:

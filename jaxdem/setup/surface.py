@@ -109,8 +109,7 @@ def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]
     if table is None or fluid is None:
         return {}
     h, total = min(spacing), fluid.density + table.density
-    gravity = np.abs(np.asarray(scene.domain.gravity or 0.0, float)).max(initial=0.0)
-    pull = abs(fluid.density - table.density) * float(gravity) * math.pi / h
+    pull = (fluid.density - table.density) * math.hypot(*scene.domain.strongest_gravity) * math.pi / h
     waves = WAVE_SHARE * 2.0 * math.sqrt(total / pull) if pull > 0.0 else math.inf
     tension = table.tension
     capillary = math.sqrt(total * h**3 / (4.0 * math.pi * tension)) if tension > 0.0 else math.inf
@@ -126,8 +125,8 @@ def fall_speed(scene: Scene, grid: Grid) -> float:
     fraction = first_fraction(scene, grid)
     wet = np.flatnonzero(fraction.reshape(-1, grid.cells[-1]).max(axis=0) > 0.5)
     highest = max(grid.spacing[-1] * (wet[-1] + 1) if len(wet) else 0.0, _highest_inflow(scene))
-    gravity = np.abs(np.asarray(scene.domain.gravity or 0.0, float)).max(initial=0.0)
-    return math.sqrt(2.0 * float(gravity) * max(highest - float(fraction.mean()) * grid.size[-1], 0.0))
+    gravity = math.hypot(*scene.domain.strongest_gravity)
+    return math.sqrt(2.0 * gravity * max(highest - float(fraction.mean()) * grid.size[-1], 0.0))
 
 
 def _highest_inflow(scene: Scene) -> float:
