@@ -33,8 +33,8 @@ class FluidForces(NamedTuple):
 
     Attributes:
         drag: (N, D) [N].
-        pressure_gradient: (N, D) -V_p grad p of the reduced pressure, with two fluids -V_p (grad p - sigma kappa grad c);
-            zero in model B [N].
+        pressure_gradient: (N, D) -V_p grad p of the reduced pressure, with two fluids
+            -V_p (grad p - sigma kappa grad c); zero in model B [N].
         viscous: (N, D) V_p div(tau); zero in model B [N].
         inputs: of the drag law, at the start of the interval, of the fluid's own mesh.
         law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].

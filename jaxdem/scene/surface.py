@@ -138,7 +138,7 @@ def _check_fall(fluid: Fluid, domain: Domain, boundary: Mapping[str, BoundarySid
         return
     if any(row[-1] for row in at_all_times(fluid.pressure_gradient)):
         return
-    limit = "acts along the last axis, which is periodic: the liquid falls for ever, and has a second surface at the seam"
+    limit = "acts along the last axis, which is periodic: the liquid falls for ever, with a second surface at the seam"
     remedy = "close the bottom and the top, set that component to 0, or hold the fluids by fluid.pressure_gradient"
     raise InputError("domain.gravity", domain.gravity, limit, remedy)
 
