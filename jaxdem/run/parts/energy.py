@@ -10,9 +10,9 @@ import numpy as np
 from jaxdem.numerics.host import on_device
 from jaxdem.particle_step import stored as stored_in_particles
 from jaxdem.particles.energy import EnergyFlow
-from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.integrate import Motion, ParticleState
 from jaxdem.particles.materials import ContactParameters
-from jaxdem.particles.stored_energy import StoredEnergy, knows_energy
+from jaxdem.particles.stored_energy import StoredEnergy, knows_energy, spin_energies
 from jaxdem.run.instant import Instant
 from jaxdem.run.parts.part import Part
 from jaxdem.run.parts.springs import is_plain, springs_of
@@ -132,7 +132,7 @@ def taken(start: dict[str, float], end: dict[str, float], givers: list[str]) -> 
 
 
 def _of_motion(case: Case, particles: ParticleState, instant: Instant) -> tuple[float, ...]:
-    """By NumPy: nothing is compiled for it."""
+    """By NumPy: nothing is compiled for it but the rotation of clumps."""
     bodies = jax.tree.map(np.asarray, case.parameters.bodies)
     there = slice(None) if particles.active is None else np.asarray(particles.active)
     count = particles.velocity.shape[0]
@@ -141,10 +141,12 @@ def _of_motion(case: Case, particles: ParticleState, instant: Instant) -> tuple[
     if particles.position_low is not None:
         centre = centre + np.asarray(particles.position_low, float)
     velocity, spin = (np.asarray(x, float)[there] for x in (particles.velocity, particles.angular_velocity))
+    turning = 0.5 * inertia * np.sum(spin**2, axis=1)
+    if bodies.clumps is not None:  # with the principal moments
+        turning = np.asarray(spin_energies(Motion.of(particles), case.parameters.bodies), float)[there]
     gravity = _gravity(case, instant)
     translation = 0.5 * float(np.sum(mass * np.sum(velocity**2, axis=1)))
-    rotation = 0.5 * float(np.sum(inertia * np.sum(spin**2, axis=1)))
-    return translation, rotation, -float(np.sum(mass * (centre[there] @ gravity)))
+    return translation, float(np.sum(turning)), -float(np.sum(mass * (centre[there] @ gravity)))
 
 
 def _gravity(case: Case, instant: Instant) -> np.ndarray:
