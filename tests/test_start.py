@@ -182,6 +182,8 @@ def test_a_program_of_this_process_is_not_traced_again():
         result = exported.compiled(grown, Grid((2, 2), (1.0, 1.0), depth, (False, False)), values)(values)
         np.testing.assert_array_equal(result["grown"], depth * values["a"])
         assert len(TRACED) == number
+    unhashable = exported.compiled(lambda static, values: static[0] * values["a"], [2.0], VALUES)
+    np.testing.assert_array_equal(unhashable(VALUES), 2.0 * VALUES["a"])
     with jax.enable_x64(False):
         one, same, other = (
             with_numbers(jaxdem.build(jaxdem.load_scene(SETTLING, changes))[0], NO_NUMBERS)

@@ -23,7 +23,7 @@ from jaxdem.numerics.host import on_device
 from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.probes.base import Interval, Probe
-from jaxdem.run.exported import compiled, in_memory
+from jaxdem.run.exported import compiled, jitted
 from jaxdem.run.numbers import NO_NUMBERS, LoopNumbers, loop_numbers, with_numbers
 from jaxdem.run.probing import Probed, Rows, Watch, nothing_yet, probed
 from jaxdem.scalar_step import FlowOfInterval, advance_scalars
@@ -151,7 +151,7 @@ class SlabProgram:
         self._same = put(self._mesh, (numbers, parameters), SAME)
         structure = with_numbers(simulation.of_slab(), NO_NUMBERS)
         probes = None if watch is None else watch.probing.probes
-        program = in_memory(_advance_in_slabs, (self._mesh, structure, probes))
+        program = jitted(_advance_in_slabs, (self._mesh, structure, probes))
         self._compiled = program.lower(*self._same, state, neighbors, *self._asked(1, watch)).compile()
         self._seconds = math.inf
 

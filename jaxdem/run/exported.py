@@ -43,9 +43,18 @@ def compiled(function: Callable[..., Any], static: object, *arguments: Any) -> C
     """
     traced = _traced(function, static, arguments)
     if traced is None:
-        return in_memory(function, static).lower(*arguments).compile()
+        return jitted(function, static).lower(*arguments).compile()
     run = jax.jit(traced.program.call).lower(*jax.tree.leaves(arguments)).compile()
     return lambda *given: build(traced.structure, iter(run(*jax.tree.leaves(given))))
+
+
+def jitted(function: Callable[..., Any], static: object) -> Any:
+    """`in_memory`, or plain `jit` where what is static has no hash, such as a law of the user's with a list in it."""
+    try:
+        hash(static)
+    except TypeError:
+        return jax.jit(partial(function, static))
+    return in_memory(function, static)
 
 
 @functools.lru_cache(maxsize=8)
