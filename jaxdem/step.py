@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jax import named_scope
+from jax import Array, named_scope
 
 from jaxdem.coupling.exchange_result import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
@@ -39,6 +39,7 @@ def advance_fluid(
     if simulation.fluid is None:
         return None, None, None, None
     parameters = with_buoyancy(simulation, simulation.during(parameters, state.step), state)
+    parameters = _numbered(parameters, state.step)
     time, fluid = simulation.time(parameters, state), required(state.fluid, "state.fluid")
     parameters, fluid = simulation.with_moved_walls(parameters, fluid, state.step)
     if simulation.coupling is not None:
@@ -48,6 +49,14 @@ def advance_fluid(
         return simulation.coupling.advance(parameters.mixture, fluid, particles, time)
     fluid, report = simulation.fluid.advance(parameters.flow, fluid, time)
     return fluid, None, report, None
+
+
+def _numbered(parameters: Parameters, step: Array) -> Parameters:
+    """With the number of the interval for a second fluid; the same without one."""
+    if parameters.fluid is None or parameters.fluid.second is None:
+        return parameters
+    second = parameters.fluid.second._replace(number=step)
+    return parameters._replace(fluid=parameters.fluid._replace(second=second))
 
 
 @named_scope("particles")

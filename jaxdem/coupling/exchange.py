@@ -170,7 +170,7 @@ class Exchange:
         faces = self.on_faces(carry, explicit)
         change = (self.void_fraction - self.old_void_fraction) / count
         result = solver.step(
-            self.start.properties, carry.fluid, begin + k * step, step,
+            self.substeps.properties(self.start.properties, k), carry.fluid, begin + k * step, step,
             ParticleFields(self.old_void_fraction + (k + 1) * change, faces, self.void_fraction),
         )  # fmt: skip
         return self.received(carry, explicit, faces, result), solver_record(result)

@@ -84,6 +84,11 @@ class Substeps(NamedTuple):
     courant: Array
     viscous: Array
 
+    def properties(self, of_interval: FluidProperties, k: Array) -> FluidProperties:
+        """Numbers of a fluid in step number k; the same of one fluid."""
+        second = of_interval.second
+        return of_interval if second is None else of_interval._replace(second=second.in_step(k, self.number))
+
 
 class SolverRecord(NamedTuple):
     """The worst of the pressure solves of an interval; all (). See `FluidDiagnostics`."""
@@ -151,7 +156,8 @@ class FluidInterval:
 
         def step(carry: tuple[FluidState, StepSums], k: Array) -> tuple[Any, SolverRecord]:
             state, sums = carry
-            result = self.solver.step(properties, state, time + k * substeps.step, substeps.step)
+            own = substeps.properties(properties, k)
+            result = self.solver.step(own, state, time + k * substeps.step, substeps.step)
             return (result.state, sums.plus(result)), solver_record(result)
 
         (state, sums), record = self.loop(substeps.number, step, (state, self.no_sums(state)))

@@ -33,12 +33,23 @@ class SecondFluid(NamedTuple):
         tension: () of the surface between both fluids [N/m].
         side_level: (2 D,) height along the last axis below which there is liquid beyond a side, lower sides before
             upper, axis by axis; of inlets and outlets [m].
+        number: () int32, of the coupling interval in progress, and in a fluid step that of the step: it orders the axes
+            of the transport. None for a step on its own, whose number is its time over its length.
     """
 
     density: Array
     viscosity: Array
     tension: Array
     side_level: Array
+    number: Array | None = None
+
+    def in_step(self, k: Array, count: Array) -> SecondFluid:
+        """In step number k of `count` in an interval."""
+        return self if self.number is None else self._replace(number=(self.number * count + k).astype(jnp.int32))
+
+    def number_at(self, time: Array, time_step: Array) -> Array:
+        """() int32, number of the step that begins at a time [s]. A time in float32 knows 2^24 of them apart."""
+        return jnp.round(time / time_step).astype(jnp.int32) if self.number is None else self.number
 
 
 def mixture_density(second: SecondFluid, density: Array, fraction: Array) -> Array:

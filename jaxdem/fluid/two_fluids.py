@@ -182,8 +182,8 @@ class TwoFluidSolver(FluidSolver):
     ) -> tuple[Array, FaceField]:
         """The liquid fraction at the end of a step of (start, length), and the flux of the liquid on the faces."""
         time, time_step = times
-        # The steps have one length within an interval at least: each begins with another axis than the one before.
-        number = jnp.round(time / time_step).astype(jnp.int32)
+        # Each step begins with another axis than the one before.
+        number = second.number_at(time, time_step)
         fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
         inflow = inflow_of_sides(self.grid, self.boundary, second)
         carrier = Carrier(flux, _or_one(state.void_fraction), _or_one(void_fraction), inflow)

@@ -11,7 +11,7 @@ from jaxdem.failures import failures
 from jaxdem.fluid.curvature import surface_tension_gradient
 from jaxdem.fluid.grid import face_average, face_total
 from jaxdem.fluid.momentum import FluidSolver
-from jaxdem.fluid.second_fluid import mixture_density
+from jaxdem.fluid.second_fluid import SecondFluid, mixture_density
 
 G = 9.81
 CONTACT = {"young_modulus": 2e5, "poisson_ratio": 0.25, "friction": 0.3, "restitution": 0.2, "speed": 0.1}
@@ -263,6 +263,20 @@ def test_grains_that_sink_raise_the_level():
     solids = 4 * float(parameters.mixture.bodies.volume)
     level = fraction.sum(axis=1).mean() * SIZE[1] / CELLS[1]
     assert level - 0.06 == pytest.approx(solids / (SIZE[0] * 0.01), rel=1e-3)
+
+
+def test_steps_are_told_apart_by_their_number_in_long_runs():
+    """Beyond 2^24 of them a time in float32 knows every other step, and the order of the axes would stay the same."""
+    one = jnp.ones((), jnp.float32)
+    second, step = SecondFluid(one, one, one, one), jnp.asarray(1e-3, jnp.float32)
+    numbers = np.arange(2**24 + 1, 2**24 + 5)
+    by_time = [int(second.number_at(jnp.asarray(n * 1e-3, jnp.float32), step)) for n in numbers]
+    assert len(set(by_time)) < 4
+    begun = second._replace(number=jnp.asarray(2**23, jnp.int32))
+    found = [int(begun.in_step(jnp.asarray(k), jnp.asarray(2)).number_at(one, step)) for k in range(2)]
+    assert found == [2**24, 2**24 + 1]
+    early = second.number_at(jnp.asarray(0.021, jnp.float32), step)
+    assert int(early) == 21 == int(begun._replace(number=jnp.asarray(21)).number_at(one, step))
 
 
 def test_liquid_sinks_into_a_dry_bed():

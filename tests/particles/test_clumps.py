@@ -302,7 +302,9 @@ def test_energy_of_rotation_is_with_the_principal_moments():
     """Where the law does not say what it stores: m r^2 times 4/5 about the line of two spheres that touch, 14/5 across
     it. A mean moment would not know the axis."""
     shape = {"name": "bent", "centres": [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], "radii": [1.0, 1.0]}
-    scene = jaxdem.load_scene(two_bodies(BENT, particles={"shapes": [shape], "orientation": [[1.0, 0.0, 0.0, 0.0]] * 2}))
+    scene = jaxdem.load_scene(
+        two_bodies(BENT, particles={"shapes": [shape], "orientation": [[1.0, 0.0, 0.0, 0.0]] * 2})
+    )
     case = build_case(scene)
     state, _ = case.first_state()
     mass = float(case.parameters.bodies.mass) / 2.0
