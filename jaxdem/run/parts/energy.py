@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxdem.errors import required
 from jaxdem.numerics.host import on_device
 from jaxdem.particle_step import stored as stored_in_particles
 from jaxdem.particles.energy import EnergyFlow
@@ -143,7 +144,8 @@ def _of_motion(case: Case, particles: ParticleState, instant: Instant) -> tuple[
     velocity, spin = (np.asarray(x, float)[there] for x in (particles.velocity, particles.angular_velocity))
     turning = 0.5 * inertia * np.sum(spin**2, axis=1)
     if bodies.clumps is not None:  # with the principal moments
-        turning = np.asarray(spin_energies(Motion.of(particles), case.parameters.bodies), float)[there]
+        own = spin_energies(Motion.of(particles), required(case.parameters.bodies, "parameters.bodies"))
+        turning = np.asarray(own).astype(float)[there]
     gravity = _gravity(case, instant)
     translation = 0.5 * float(np.sum(mass * np.sum(velocity**2, axis=1)))
     return translation, float(np.sum(turning)), -float(np.sum(mass * (centre[there] @ gravity)))
