@@ -1,6 +1,7 @@
 """Two fluids in a scene: what is refused, what a run writes, and a run that goes on from another on another mesh."""
 
 import copy
+import dataclasses
 
 import jax
 import numpy as np
@@ -12,6 +13,8 @@ import jaxdem
 from jaxdem import InputError, load_scene, simulate
 from jaxdem.check.check import check_scene
 from jaxdem.setup.fluid import fluid_setup
+from jaxdem.setup.start_point import read_start
+from jaxdem.setup.started_fluid import kept_liquid
 from jaxdem.setup.surface import fall_speed, first_fraction, surface_limits
 
 TANK = {
@@ -179,7 +182,15 @@ def test_a_run_and_one_that_goes_on_from_it_on_a_coarser_mesh(tmp_path):
     assert history["liquid_centre_height"][-1] < history["liquid_centre_height"][0]  # the drop falls
     later = changed(surface={"density": 1.2}, fluid__cells=[8, 4], time__end=0.03)
     later["start"] = {"from": str(tmp_path / "first")}
-    on = simulate(load_scene(later), tmp_path / "second")
+    kept = kept_liquid(load_scene(later), read_start(load_scene(later)))
+    largest = float(np.abs(run.fluid(run.number_of_frames - 1)["velocity"]).max())  # of cells: means of two faces
+    assert kept.speed >= largest > 0.1 and kept.fraction.shape == (16, 8)
+    own = load_scene(later)
+    mesh = fluid_setup(own, kept).grid
+    fall = fall_speed(own, mesh, dataclasses.replace(kept, speed=0.0))
+    assert fall > 0.3 and fall_speed(own, mesh, kept) == pytest.approx(np.hypot(fall, kept.speed))
+    assert fall_speed(own, mesh) == 0.0  # of the scene alone, which has no liquid of its own
+    on = simulate(own, tmp_path / "second")
     assert on.history["liquid_volume"][0] == pytest.approx(balance["end"], rel=1e-12)
     assert on.summary["liquid_phase"]["start"] == pytest.approx(balance["end"], rel=1e-12)
     one = changed(surface=None, boundary__right={"kind": "outlet"}, time__end=0.03)

@@ -39,6 +39,7 @@ from jaxdem.setup.settling import Progress, check_settling_time, settled
 from jaxdem.setup.start import first_state, initial_void_fraction
 from jaxdem.setup.start_point import StartPoint, read_start
 from jaxdem.setup.started import Beginning, require_particles
+from jaxdem.setup.started_fluid import kept_liquid
 from jaxdem.setup.started_particles import StartedParticles
 from jaxdem.setup.surroundings import surroundings_of
 from jaxdem.setup.time_steps import time_steps
@@ -196,7 +197,7 @@ def build_case(
     dtype = _dtype(scene)
     check_memory(scene)
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
-    particles, fluid = _particles(scene, start), fluid_setup(scene)
+    particles, fluid = _particles(scene, start), fluid_setup(scene, kept_liquid(scene, start))
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
     steps = time_steps(scene, fluid, particles, Fraction(0) if start is None else start.time)
     clock = None if start is None else start.clock(steps.interval)

@@ -16,6 +16,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.fluid import Fluid
 from jaxdem.setup.boundaries import check_flow
 from jaxdem.setup.drive import drive_of
+from jaxdem.setup.surface import KeptLiquid
 from jaxdem.structure import TimeSteps
 
 ADVECTION: dict[str, Callable[[], AdvectionScheme]] = {
@@ -35,19 +36,23 @@ class FluidSetup:
         scene: that it belongs to.
         table: its table `[fluid]`.
         grid: its mesh.
+        kept: liquid of the run that it goes on with; None where it begins anew, or there is one fluid.
     """
 
     scene: Scene
     table: Fluid
     grid: Grid
+    kept: KeptLiquid | None = None
 
 
-def fluid_setup(scene: Scene) -> FluidSetup | None:
-    """The fluid of a scene; None in a scene without."""
+def fluid_setup(scene: Scene, kept: KeptLiquid | None = None) -> FluidSetup | None:
+    """The fluid of a scene, with the liquid that it keeps of a run; None in a scene without."""
     if scene.fluid is None:
         return None
     depth = scene.domain.depth if scene.dimension == 2 else 1.0
-    return FluidSetup(scene, scene.fluid, Grid(scene.fluid.cells, scene.domain.size, depth or 1.0, scene.periodic))
+    return FluidSetup(
+        scene, scene.fluid, Grid(scene.fluid.cells, scene.domain.size, depth or 1.0, scene.periodic), kept
+    )
 
 
 def fluid_velocity(scene: Scene) -> tuple[float, ...]:

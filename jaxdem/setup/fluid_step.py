@@ -55,7 +55,7 @@ def fluid_steps(fluid: FluidSetup, boundary_speed: float) -> tuple[float, int, d
     if table.time_step != "auto":
         step = table.time_step
     else:
-        speed = max(boundary_speed, fall_speed(fluid.scene, fluid.grid))
+        speed = max(boundary_speed, fall_speed(fluid.scene, fluid.grid, fluid.kept))
         automatic = stability.courant_time(speed, spacing, min(AUTO_COURANT, courant))
         step = min(automatic, stable, output, LONGEST_INTERVAL)
     interval = given_interval(fluid.scene)

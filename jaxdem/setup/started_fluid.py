@@ -19,8 +19,9 @@ from jaxdem.fluid.projection import Continuity
 from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics.host import on_device
+from jaxdem.scene import Scene
 from jaxdem.setup.start_point import StartPoint
-from jaxdem.setup.surface import with_liquid
+from jaxdem.setup.surface import KeptLiquid, with_liquid
 
 REMEDY = 'keep the box, or start the fluid anew: start.fluid = "new"'
 
@@ -130,6 +131,20 @@ class StartedFluid:
         # The history has what drives the fluid, gravity included.
         density, gravity = np.asarray(self.flow.density), np.asarray(self.flow.gravity)
         return on_device(np.where(drive.driven, arrays["cells/gradient"] - density * gravity, 0.0), self.dtype)
+
+
+def kept_liquid(scene: Scene, start: StartPoint | None) -> KeptLiquid | None:
+    """The liquid of a run that a scene goes on with; None where it begins anew, or one of both has one fluid."""
+    if start is None or scene.surface is None or (scene.start is not None and scene.start.fluid == "new"):
+        return None
+    arrays = start.arrays
+    of_frame = "state.fluid.liquid_fraction" not in arrays
+    fraction = arrays.get("cells/liquid_fraction" if of_frame else "state.fluid.liquid_fraction")
+    if fraction is None:
+        return None
+    name = "cells/velocity" if of_frame else "state.fluid.face_velocity"
+    speeds = [float(np.abs(values).max()) for key, values in arrays.items() if key.startswith(name)]
+    return KeptLiquid(np.asarray(fraction, float), max(speeds, default=0.0))
 
 
 def _on_faces(grid: Grid, cell: np.ndarray, axis: int) -> np.ndarray:

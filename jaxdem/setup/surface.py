@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable
@@ -25,6 +26,19 @@ PARTS = {2: 32, 3: 8}
 
 WAVE_SHARE = 0.5
 """Of the step at which the shortest waves of a surface grow, that a fluid step may take."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class KeptLiquid:
+    """The liquid of a run that a scene goes on with.
+
+    Attributes:
+        fraction: on the cells of that run [-].
+        speed: largest component of the velocity of both fluids [m/s].
+    """
+
+    fraction: np.ndarray
+    speed: float
 
 
 def second_fluid(scene: Scene, number: Callable[[float | list[float]], Array]) -> SecondFluid | None:
@@ -116,17 +130,20 @@ def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]
     return {name: step for name, step in (("surface_waves", waves), ("capillary", capillary)) if step < math.inf}
 
 
-def fall_speed(scene: Scene, grid: Grid) -> float:
+def fall_speed(scene: Scene, grid: Grid, kept: KeptLiquid | None = None) -> float:
     """Speed of liquid that has fallen from its highest place at the start, or from an inlet, to where the surface of
-    that of the start will be at rest [m/s]: what the automatic fluid step has to expect. 0 in a scene with one fluid.
+    that of the start will be at rest [m/s]: what the automatic fluid step has to expect. Liquid that is kept from a run
+    has its energy of motion too, u^2/2. 0 in a scene with one fluid.
     """
     if scene.surface is None:
         return 0.0
-    fraction = first_fraction(scene, grid)
-    wet = np.flatnonzero(fraction.reshape(-1, grid.cells[-1]).max(axis=0) > 0.5)
-    highest = max(grid.spacing[-1] * (wet[-1] + 1) if len(wet) else 0.0, _highest_inflow(scene))
+    fraction = first_fraction(scene, grid) if kept is None else kept.fraction
+    layers, speed = fraction.shape[-1], 0.0 if kept is None else kept.speed
+    wet = np.flatnonzero(fraction.reshape(-1, layers).max(axis=0) > 0.5)
+    height = grid.size[-1]
+    highest = max(height / layers * (wet[-1] + 1) if len(wet) else 0.0, _highest_inflow(scene))
     gravity = math.hypot(*scene.domain.strongest_gravity)
-    return math.sqrt(2.0 * gravity * max(highest - float(fraction.mean()) * grid.size[-1], 0.0))
+    return math.sqrt(speed**2 + 2.0 * gravity * max(highest - float(fraction.mean()) * height, 0.0))
 
 
 def _highest_inflow(scene: Scene) -> float:
