@@ -8,8 +8,12 @@ import trimesh
 
 from jaxdem import load_scene
 from jaxdem.coupling.body_grid import BodyGrid
+from jaxdem.setup import fluid_meshes
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
+from jaxdem.setup.fluid import fluid_setup
+from jaxdem.setup.fluid_surfaces import surfaces_in_fluid
+from jaxdem.solids.grid_distance import grid_distance
 from tests.test_fluid_meshes import circle
 from tests.test_fluid_walls import CYLINDER, refusal, tables
 from tests.test_moving_fluid_walls import BOX, STREAM, march
@@ -116,3 +120,20 @@ def test_a_map_of_heights_does_not_move(tmp_path):
     wall = {"kind": "mesh", "file": str(tmp_path / "bed.npy"), "spacing": 0.02, "fluid": "no_slip"}
     wall["motion"] = [{"kind": "translation", "velocity": [0.0, 0.1]}]
     assert "walls.0.motion" in refusal(tables(wall, grains=False))
+
+
+def test_the_distance_of_a_mesh_that_moves_is_made_once_and_checked_like_another(monkeypatch):
+    made = []
+
+    def counted(*arguments):
+        made.append(arguments)
+        return grid_distance(*arguments)
+
+    monkeypatch.setattr(fluid_meshes, "grid_distance", counted)
+    motion = {"kind": "translation", "velocity": [0.3, 0.0]}
+    scene = load_scene(tables(body(ANGLE, **motion), grains=False))
+    surfaces_in_fluid(scene, fluid_setup(scene).grid, 0.0)
+    assert len(made) == 1
+    flat = [[0.05, 0.2], [0.35, 0.2], [0.35, 0.201], [0.05, 0.201]]
+    assert "thinner than the cells" in refusal(tables(body(flat, **motion), grains=False))
+    assert "closed = true" in refusal(tables(body(ANGLE, **motion) | {"closed": False}, grains=False))

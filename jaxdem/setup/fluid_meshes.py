@@ -64,21 +64,15 @@ def mesh_distance(key: str, wall: Wall, scene: Scene, grid: Grid) -> SampledDist
     Raises:
         InputError: the mesh is open or broken, or thinner than the cells.
     """
-    mesh, defects = sound_mesh(key, wall, scene, 0.0)
-    heights = wall.file is not None and wall.file.lower().endswith(HEIGHTS)
-    name = "file" if wall.points is None else "points"
-    if heights:
-        _check_heights(key, wall)
-    else:
-        _check_closed(f"{key}.{name}", wall, mesh, defects)
+    mesh = _checked(key, wall, scene)
     reach = BAND * math.hypot(*grid.spacing)
     around = mesh.repeated(grid.size, grid.periodic, reach)
     found = grid_distance(around, grid.spacing, tuple(n + 1 for n in grid.cells), reach)
-    if heights and found.uncovered:
+    if _is_map(wall) and found.uncovered:
         limit = f"does not cover the box: {found.uncovered} lines of cells are beside the map"
-        raise InputError(f"{key}.{name}", wall.file, limit, "give a larger map, or correct scale and translate")
+        raise InputError(_source(key, wall), wall.file, limit, "give a larger map, or correct scale and translate")
     values = -found.distance if wall.inside else found.distance
-    _check_thickness(f"{key}.{name}", wall, mesh, grid, values)
+    _check_thickness(_source(key, wall), wall, mesh, grid, values)
     return SampledDistance(values, grid.spacing)
 
 
@@ -90,9 +84,12 @@ def distance_of_body(key: str, wall: Wall, scene: Scene, grid: Grid) -> tuple[Bo
         wall: the table.
         scene: the scene.
         grid: mesh of the fluid.
+
+    Raises:
+        InputError: the mesh is open or broken, or thinner than the cells, where it is given.
     """
     reach = BAND * math.hypot(*grid.spacing)
-    mesh, _ = sound_mesh(key, wall, scene, 0.0)
+    mesh = _checked(key, wall, scene)
     around = mesh.repeated(grid.size, grid.periodic, reach)
     lower, upper = around.bounds
     spacing = tuple(h / FINER for h in grid.spacing)
@@ -100,7 +97,31 @@ def distance_of_body(key: str, wall: Wall, scene: Scene, grid: Grid) -> tuple[Bo
     corners = tuple(np.ceil((upper - lower + 2.0 * reach) / np.asarray(spacing)).astype(int) + 1)
     moved = around.placed(1.0, np.eye(around.dimension), -origin)
     found = grid_distance(moved, spacing, corners, reach).distance
-    return BodyGrid(tuple(origin.tolist()), spacing), -found if wall.inside else found
+    body, values = BodyGrid(tuple(origin.tolist()), spacing), -found if wall.inside else found
+    lines = [h * np.arange(n + 1) for h, n in zip(grid.spacing, grid.cells, strict=True)]
+    seen = np.asarray(body.distance(values, tuple(np.meshgrid(*lines, indexing="ij"))))  # type: ignore[arg-type]
+    _check_thickness(_source(key, wall), wall, mesh, grid, seen)
+    return body, values
+
+
+def _checked(key: str, wall: Wall, scene: Scene) -> SurfaceMesh:
+    """The mesh of a wall, which has an inside or is a map of heights."""
+    mesh, defects = sound_mesh(key, wall, scene, 0.0)
+    if _is_map(wall):
+        _check_heights(key, wall)
+    else:
+        _check_closed(_source(key, wall), wall, mesh, defects)
+    return mesh
+
+
+def _is_map(wall: Wall) -> bool:
+    """Whether a mesh is a map of heights."""
+    return wall.file is not None and wall.file.lower().endswith(HEIGHTS)
+
+
+def _source(key: str, wall: Wall) -> str:
+    """The key that a mesh is given by."""
+    return f"{key}.file" if wall.points is None else f"{key}.points"
 
 
 def _check_heights(key: str, wall: Wall) -> None:

@@ -85,9 +85,8 @@ def _mesh_in_fluid(
     """A mesh that the fluid sees, by its numbers among the walls and the surfaces; `placed` where one that moves is."""
     number_of_wall, own = numbers
     key, sticks, motion = f"walls.{number_of_wall}", wall.fluid == "no_slip", rigid_motion(wall)
-    at_start = mesh_distance(key, wall, scene, grid)
     if motion is None:
-        return SeenSurface(number_of_wall, sticks, at_start)
+        return SeenSurface(number_of_wall, sticks, mesh_distance(key, wall, scene, grid))
     corners, values = distance_of_body(key, wall, scene, grid)
     moving = MovingSurface(own, number_of_wall, motion, corners)
     distance = _placed_distance(functools.partial(corners.distance, values), placed)  # type: ignore[arg-type]
