@@ -3,9 +3,10 @@
 A column of water that collapses, in a box of 128 x 96 cells, float32; the one fluid is stirred by a lid. Steps of both
 are timed in turns in one process, in processor time, and the least of each counts. Iterations are those of the same
 flow in float64 to a tolerance of 2e-12, with the multigrid cycle and with the fast inverse of a constant coefficient as
-the preconditioner. Writes results/surface.{json,md}.
+the preconditioner. Writes results/surface.{json,md}. With --stretched it writes results/surface_stretched.{json,md}:
+the iterations with the multigrid cycle in boxes that are longer, so that cells are.
 
-    python benchmarks/surface.py [--repeats 5]
+    python benchmarks/surface.py [--repeats 5] [--stretched]
 """
 
 from __future__ import annotations
@@ -33,18 +34,22 @@ STEPS, BEFORE = 10, 40
 """Steps that are timed together, and steps before them, in which the column begins to move."""
 
 
-def tables(cells: list[int], ratio: float | None, precision: str = "float32") -> dict[str, Any]:
+ASPECTS = (1.0, 2.0, 4.0, 8.0)
+"""Length of a cell over its height."""
+
+
+def tables(cells: list[int], ratio: float | None, precision: str = "float32", aspect: float = 1.0) -> dict[str, Any]:
     """A column of water in the corner of a box; without a ratio of densities one fluid under a lid."""
     found: dict[str, Any] = {
         "precision": precision,
-        "domain": {"size": [0.64, 0.48], "gravity": [0.0, -9.81]},
+        "domain": {"size": [0.64 * aspect, 0.48], "gravity": [0.0, -9.81]},
         "fluid": {"cells": cells, "density": 1000.0, "viscosity": 1e-6, "time_step": 0.064 / cells[0]},
         "boundary": {"top": {"kind": "moving_wall", "velocity": [0.5, 0.0]}},
         "time": {"end": 6.4, "output_interval": 0.64},
     }
     if ratio is not None:
         found["surface"] = {"density": 1000.0 / ratio, "viscosity": 1e-5}
-        found["surface"]["regions"] = [{"shape": "box", "start": [-1.0, -1.0], "stop": [0.16, 0.32]}]
+        found["surface"]["regions"] = [{"shape": "box", "start": [-1.0, -1.0], "stop": [0.16 * aspect, 0.32]}]
     return found
 
 
@@ -74,19 +79,37 @@ class Flow:
         return (time.process_time() - before) / STEPS
 
 
-def iterations(ratio: float, inverse: Callable[..., Any]) -> float:
+def iterations(ratio: float, inverse: Callable[..., Any], aspect: float = 1.0) -> float:
     """Mean iterations of the pressure in a step, with a preconditioner."""
     projection.multigrid = inverse
-    flow = Flow(tables([64, 48], ratio, "float64"))
+    flow = Flow(tables([64, 48], ratio, "float64", aspect))
     projection.multigrid = multigrid
     return float(np.mean(flow.iterations[BEFORE // 2 :]))
+
+
+def stretched() -> None:
+    """Iterations by the aspect of the cells, and their table."""
+    jax.config.update("jax_enable_x64", True)
+    counts = {aspect: iterations(1000.0, multigrid, aspect) for aspect in ASPECTS}
+    lines = [
+        "| aspect of the cells | " + " | ".join(f"{aspect:g}" for aspect in counts) + " |",
+        "| --- " * (len(counts) + 1) + "|",
+        "| iterations, 64 x 48 cells, float64, density ratio 1,000 | "
+        + " | ".join(f"{n:.1f}" for n in counts.values())
+        + " |",
+    ]
+    harness.write("surface_stretched", {"iterations": counts}, "\n".join(lines))
 
 
 def main() -> None:
     """Times, iterations, and the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=5)
-    repeats = parser.parse_args().repeats
+    parser.add_argument("--stretched", action="store_true")
+    given = parser.parse_args()
+    if given.stretched:
+        return stretched()
+    repeats = given.repeats
     flows = {"one fluid": Flow(tables([128, 96], None)), "two fluids": Flow(tables([128, 96], 833.0))}
     best = dict.fromkeys(flows, math.inf)
     for _ in range(repeats):
