@@ -12,7 +12,7 @@ import pytest
 
 from jaxdem.particles.contact import Contact, ContactForce, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.materials import surroundings
-from jaxdem.particles.rolling import ConstantDirectionalTorque
+from jaxdem.particles.rolling import ConstantDirectionalTorque, Rotation
 from tests.cases.worlds import advance, constants, forces, world
 
 RADIUS = 0.01
@@ -116,8 +116,8 @@ def test_slope_of_a_rotation_that_dies_out_is_finite(spin):
     material = types.SimpleNamespace(rolling_friction=jnp.asarray(0.1))
 
     def torque(value):
-        normal = (0.0 * one, one)
-        torque, _ = ConstantDirectionalTorque()(contact, force, material, normal, (value * one,), (), jnp.asarray(step))
+        rotation = Rotation((0.0 * one, one), (value * one,), ())
+        torque, _ = ConstantDirectionalTorque()(contact, force, material, rotation, jnp.asarray(step))
         return torque[0][0]
 
     slope = float(jax.grad(torque)(spin))
