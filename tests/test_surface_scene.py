@@ -12,6 +12,8 @@ import trimesh
 import jaxdem
 from jaxdem import InputError, load_scene, simulate
 from jaxdem.check.check import check_scene
+from jaxdem.fluid.pressure import pressure_gradient
+from jaxdem.fluid.second_fluid import with_closed_sides
 from jaxdem.setup.fluid import fluid_setup
 from jaxdem.setup.start_point import read_start
 from jaxdem.setup.started_fluid import kept_liquid
@@ -137,6 +139,17 @@ def test_the_force_on_a_side_and_several_devices_are_refused():
     probe = {"kind": "wall", "name": "floor", "side": "bottom"}
     with pytest.raises(InputError, match="not measured"):
         check_scene(load_scene(changed(probes=[probe])))
+
+
+def test_tension_is_continued_to_closed_sides_like_the_pressure():
+    """So that both balance for a grain at a wall; at an outlet neither is continued."""
+    solver = jaxdem.build(load_scene(changed()))[0].fluid.solver
+    pressure = jax.numpy.asarray(np.random.default_rng(1).normal(size=solver.grid.cells))
+    plain, expected = (pressure_gradient(solver.grid, solver.boundary, pressure, along) for along in (False, True))
+    found = with_closed_sides(solver.grid, solver.boundary, plain)
+    for a, b, c in zip(found, expected, plain, strict=True):
+        np.testing.assert_array_equal(a, b)
+        assert np.abs(np.asarray(b - c)).max() > 0.0
 
 
 def test_the_liquid_of_the_start_has_the_volume_of_its_parts():
