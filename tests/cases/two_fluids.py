@@ -19,7 +19,7 @@ from jaxdem.fluid.second_fluid import SecondFluid
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.particles.regions import ball
 from jaxdem.setup.surface import cells_within
-from tests.cases.registry import Figure, absolute, at_least, below, case, relative, table
+from tests.cases.registry import Figure, at_least, below, case, relative, table
 
 FREE = ("free_slip",) * 4
 LIQUID = 1000.0
@@ -246,14 +246,14 @@ class Dam:
 
 @case(
     "dam break of Martin & Moyce", "surface", "J. C. Martin, W. J. Moyce 1952, table 2",
-    fast={"cells": 8, "until": 1.9, "gate": 0.12},
+    fast={"cells": 8, "until": 1.9, "own_clock": False},
 )  # fmt: skip
-def dam_break(cells: int = 32, until: float = 3.4, gate: float = 0.05) -> list[Figure]:
+def dam_break(cells: int = 32, until: float = 3.4, own_clock: bool = True) -> list[Figure]:
     """The front of a column of twice its width in height, Z = x/a at T = t sqrt(2 g/a).
 
     The paper's times begin before the water moves freely, with the release of a wet gate; here it is free at once. So
-    the clocks are made to agree where the front passes Z = 1.44, and the front is compared from there on. By how much
-    they were apart, and the error with the paper's own clock, are figures of their own.
+    the clocks are made to agree where the front passes Z = 1.44, and the front is compared from there on. The error
+    with the paper's own clock is a figure of its own, which misses the gate of 5 %; the fast case leaves it out.
     """
     dam, unit = Dam(cells), math.sqrt(Dam.width / (2.0 * 9.81))
     step = 0.2 * Dam.width / cells
@@ -262,16 +262,15 @@ def dam_break(cells: int = 32, until: float = 3.4, gate: float = 0.05) -> list[F
     front, times = np.asarray(front), (np.arange(steps) + 1.0) * step / unit
     paper = table("martin_moyce_front.csv")
     paper = paper[paper["T"] < until - 0.2]
-    reached = np.interp(paper["T"], times, front)
     late = np.interp(1.44, front, times) - float(np.interp(1.44, paper["Z"], paper["T"]))
     shifted = np.interp(paper["T"] + late, times, front)
-    chosen = paper["Z"] >= 1.44
-    worst = float(np.max(np.abs(shifted / paper["Z"] - 1.0)[chosen]))
-    return [
-        below("front, largest error after Z = 1.44", worst, gate),
-        absolute("the paper's clock is late by", 0.0, -late, 0.35),
-        below("front at the paper's own times, largest error", float(np.max(np.abs(reached / paper["Z"] - 1.0))), 0.2),
-    ]
+    worst = float(np.max(np.abs(shifted / paper["Z"] - 1.0)[paper["Z"] >= 1.44]))
+    figures = [below("front, largest error after Z = 1.44", worst, 0.05)]
+    if own_clock:
+        reached = np.interp(paper["T"], times, front)
+        error = float(np.max(np.abs(reached / paper["Z"] - 1.0)))
+        figures.append(below(f"front by the paper's own clock, {-late:.2f} units late, largest error", error, 0.05))
+    return figures
 
 
 def arrival(dam: Dam, steps: int, time_step: float) -> Callable[[jax.Array], jax.Array]:
