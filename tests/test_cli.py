@@ -100,7 +100,7 @@ def test_a_run_ends_with_a_summary_and_no_bar(done):
     assert result.exit_code == 0, result.output
     assert not result.stderr
     labels = [line[:10].strip() for line in result.stdout.splitlines()]
-    assert labels == ["valid", "run time", "stages", "output"]
+    assert labels == ["valid", "run time", "stages", "output", "energy"]
     assert str(out) in result.stdout
     assert "compilation" in result.stdout
     assert load_run(out).summary["valid"]
