@@ -42,7 +42,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from benchmarks import contact, harness
-from jaxdem.cli.launch import cores_of
+from jaxdem.cli.launch import cores_of, on_cores
 
 # jax is imported by the processes that measure: flags and cores are theirs.
 
@@ -199,10 +199,8 @@ def run(arguments: argparse.Namespace, count: int, devices: int, **more: Any) ->
     children = []
     for rank in range(given["processes"]):
         command = [sys.executable, __file__, "--measure", json.dumps(given | {"rank": rank})]
-        children.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
-        # A process sees its cores from the start: XLA makes as many threads.
-        own = cores_of(rank, given["processes"]) if given["processes"] > 1 else cores
-        os.sched_setaffinity(children[-1].pid, own)
+        with on_cores(cores_of(rank, given["processes"]) if given["processes"] > 1 else cores):
+            children.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
     said = [child.communicate(timeout=900) for child in children]
     if any(child.returncode for child in children):
         reason = next(err for child, (_, err) in zip(children, said, strict=True) if child.returncode)

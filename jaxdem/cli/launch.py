@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -74,16 +74,14 @@ class _Process:
         self.index = index
         self.log = folder / f"{index}.log"
         names = {PROCESS: index, PROCESSES: number, COORDINATOR: f"127.0.0.1:{port}", LAUNCHED: self.log}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "jaxdem", *arguments],
-            env=os.environ | {name: str(one) for name, one in names.items()},
-            stdin=subprocess.PIPE,
-            stdout=None if index == 0 else subprocess.DEVNULL,
-            start_new_session=True,  # the terminal's Ctrl-C comes to the launcher alone, which hands it on
-        )
-        # Before it has any thread: XLA then makes as many as it has cores.
-        with contextlib.suppress(AttributeError, ProcessLookupError):
-            os.sched_setaffinity(self._process.pid, cores_of(index, number))
+        with on_cores(cores_of(index, number)):
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "jaxdem", *arguments],
+                env=os.environ | {name: str(one) for name, one in names.items()},
+                stdin=subprocess.PIPE,
+                stdout=None if index == 0 else subprocess.DEVNULL,
+                start_new_session=True,  # the terminal's Ctrl-C comes to the launcher alone, which hands it on
+            )
 
     @property
     def pipe(self) -> IO[bytes]:
@@ -194,6 +192,17 @@ def cores_of(index: int, number: int) -> list[int]:
     cores = sorted(os.sched_getaffinity(0))
     first, end = (k * len(cores) // number for k in (index, index + 1))
     return cores[first : max(end, first + 1)]
+
+
+@contextlib.contextmanager
+def on_cores(cores: Sequence[int]) -> Iterator[None]:
+    """What is started meanwhile has these cores from its first instruction on, so that XLA makes as many threads."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def _free_port() -> int:
