@@ -45,10 +45,7 @@ def stress_divergence(
     for which in range(grid.dimension):
         terms = []
         for axis in range(grid.dimension):
-            stress = outside = rates[min(which, axis), max(which, axis)]
-            if axis == which:
-                outside = 0.5 * stress - (2.0 / 3.0) * expansion
-                stress = stress - (2.0 / 3.0) * expansion
+            stress, outside = deviatoric_rates(rates, expansion, which, axis)
             if eddy is not None:
                 there = eddy if axis == which else edge_average(grid, eddy, which, axis)
                 stress, outside = ((kinematic_viscosity + there) * s for s in (stress, outside))
@@ -93,6 +90,20 @@ def strain_rates(grid: Grid, sides: Sides, velocity: FaceField) -> StrainRates:
             across = (shear(grid, sides, velocity[which], which, direction) for which, direction in ((i, j), (j, i)))
             rates[i, j] = sum_of(across)
     return rates
+
+
+def deviatoric_rates(rates: StrainRates, expansion: Array, which: int, axis: int) -> tuple[Array, Array]:
+    """Component (which, axis) of grad u + grad u^T - 2/3 div(u) 1, and its `outside` for `stress_slope` [1/s].
+
+    Args:
+        rates: see `strain_rates`.
+        expansion: div(u) in the cells [1/s].
+        which, axis: of the velocity and of the slope.
+    """
+    rate = rates[min(which, axis), max(which, axis)]
+    if axis != which:
+        return rate, rate
+    return rate - (2.0 / 3.0) * expansion, 0.5 * rate - (2.0 / 3.0) * expansion
 
 
 def shear(grid: Grid, sides: Sides, component: Array, which: int, axis: int) -> Array:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.boundary import Sides
-from jaxdem.fluid.diffusion import edge_average, strain_rates, stress_slope, to_boundary
+from jaxdem.fluid.diffusion import deviatoric_rates, edge_average, strain_rates, stress_slope, to_boundary
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, box_largest, divergence, sum_of
 from jaxdem.fluid.mesh import end_faces
 
@@ -28,10 +28,7 @@ def local_stress(grid: Grid, sides: Sides, velocity: FaceField, fluidity: Array)
     for which in range(grid.dimension):
         terms = []
         for axis in range(grid.dimension):
-            stress = outside = rates[min(which, axis), max(which, axis)]
-            if axis == which:
-                outside = 0.5 * stress - (2.0 / 3.0) * expansion
-                stress = stress - (2.0 / 3.0) * expansion
+            stress, outside = deviatoric_rates(rates, expansion, which, axis)
             there = _on_surfaces(grid, fluidity, which, axis)
             terms.append(stress_slope(grid, stress / there, outside / there, which, axis))
         result.append(to_boundary(grid, sides.boundary, sum_of(terms), which))
