@@ -19,6 +19,7 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
 from jaxdem.particles.stages import stage
+from jaxdem.particles.tiles import Cut
 
 
 class Surroundings(NamedTuple):
@@ -66,6 +67,7 @@ class ContactStep:
         time_step: over which the springs grow [s].
         active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
         present: (S,) bool, which walls are there, all if None; the others are out of reach. Those of meshes may follow.
+        tiled: whether many contacts are worked out tile by tile, see `tiles`; static.
     """
 
     model: ContactModel
@@ -76,6 +78,25 @@ class ContactStep:
     time_step: Array
     active: Array | None = None
     present: Array | None = None
+    tiled: bool = False
+
+    def of_rows(self, cut: Cut) -> ContactStep:
+        """For the walls: of the particles in a tile, without what is between particles."""
+        motion, properties = self.motion, cut(self.properties)
+        if self.model.materials is not None and properties.identity is None and cut.start is not None:
+            numbers = jnp.arange(len(motion.position[0]), dtype=jnp.int32)
+            properties = properties._replace(identity=cut(numbers))
+        own = motion._replace(
+            position=cut(motion.position), low=cut(motion.low), velocity=cut(motion.velocity),
+            angular_velocity=cut(motion.angular_velocity), wall_spring=cut(motion.wall_spring),
+        )  # fmt: skip
+        return dataclasses.replace(
+            self,
+            properties=properties,
+            motion=own,
+            mid_velocity=cut(self.mid_velocity),
+            active=cut(self.active),
+        )
 
     def turned_with_walls(self, springs: Vector, spin: Vector) -> Vector:
         """Springs turned with the walls since the step before: a grain that turns with a wall strains none.

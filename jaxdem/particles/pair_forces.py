@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -17,14 +20,23 @@ from jaxdem.particles.contact_sums import FoundContacts, Sums
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.stages import stage
+from jaxdem.particles.tiles import ALL, Cut, in_tiles
 
 
-def pair_contacts(step: ContactStep, neighbors: Neighbors) -> tuple[ContactPair, ContactLoad]:
-    """The contacts between particles, and what they do."""
+def pair_contacts(
+    step: ContactStep, neighbors: Neighbors, displacement: Vector | None = None
+) -> tuple[ContactPair, ContactLoad]:
+    """The contacts between particles, and what they do.
+
+    Args:
+        step: all particles.
+        neighbors: list in date.
+        displacement: of every particle since it was built, if it is known [m].
+    """
     pairs, radius = neighbors.pairs, step.properties.radius
     one, other = _of(radius, pairs.first), _of(radius, pairs.second)
-    # Outside of the stage, for a gather would compute it anew.
-    displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
+    if displacement is None:  # outside of the stage, for a gather would compute it anew
+        displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
     change, approach, velocity, spin, other_spin = stage(
         pairs.first[0] != pairs.second[0], lambda: _relative_motion(step, pairs, displacement)
     )
@@ -45,25 +57,64 @@ def pair_material(step: ContactStep, neighbors: Neighbors) -> ContactMaterial:
     return material if index is None else index.between_particles(material, neighbors.pairs, step.properties.identity)
 
 
+class _PairSums(NamedTuple):
+    """What the contacts between particles do, (P,) each.
+
+    Attributes:
+        force: on the first of each pair, minus that on the second [N].
+        torque, other_torque: on the first, and on the second [N m].
+        spring: what they keep.
+        overlap: for the bridges; None without liquid [m].
+        found: the contacts themselves, None where no balance of energy is kept.
+    """
+
+    force: Vector
+    torque: Vector
+    other_torque: Vector
+    spring: Vector
+    overlap: Array | None
+    found: tuple[ContactPair, ContactLoad] | None
+
+
 def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
     """Adds the contacts between particles; returns their new springs too."""
-    pair, load = pair_contacts(step, neighbors)
-    force, torque, other_torque = on_bodies(load, pair)
+    contacts = _all_pairs(step, neighbors)
+    pairs = neighbors.pairs
 
     def added(total: Vector, on_one: Vector, on_other: Vector) -> Vector:
         parts = zip(total, on_one, on_other, strict=True)
-        return tuple(x + sum_over_pairs(a, b, neighbors.pairs) for x, a, b in parts)
+        return tuple(x + sum_over_pairs(a, b, pairs) for x, a, b in parts)
 
-    both = added(sums.force, force, vectors.scale(-1.0, force))
-    film, spring = sums.liquid, load.spring
+    both = added(sums.force, contacts.force, vectors.scale(-1.0, contacts.force))
+    film, spring = sums.liquid, contacts.spring
     if film is not None:
         volume, constants = step.motion.contact_spring[-1], required(step.surroundings.pair.cohesion, "cohesion")
-        volume, film = liquid.with_pairs(pair.overlap, volume, film, neighbors.pairs, constants)
+        volume, film = liquid.with_pairs(required(contacts.overlap, "overlap"), volume, film, pairs, constants)
         spring = (*spring[:-1], volume)
-    summed = Sums(both, added(sums.torque, torque, other_torque), liquid=film)
-    if step.model.energy:
-        summed = summed._replace(found=(_found(step, neighbors, pair, load, spring),))
+    summed = Sums(both, added(sums.torque, contacts.torque, contacts.other_torque), liquid=film)
+    if contacts.found is not None:
+        summed = summed._replace(found=(_found(step, neighbors, *contacts.found, spring),))
     return summed, spring
+
+
+def _all_pairs(step: ContactStep, neighbors: Neighbors) -> _PairSums:
+    """What all contacts between particles do."""
+    displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
+    pairs = neighbors.pairs
+
+    def of_rows(cut: Cut) -> _PairSums:
+        own = dataclasses.replace(
+            neighbors,
+            pairs=pairs._replace(first=cut(pairs.first), second=cut(pairs.second)),
+            separation=cut(neighbors.separation),
+            overlap=cut(neighbors.overlap),
+        )
+        motion = step.motion._replace(contact_spring=cut(step.motion.contact_spring))
+        pair, load = pair_contacts(dataclasses.replace(step, motion=motion), own, displacement)
+        overlap = None if step.motion.liquid is None else pair.overlap
+        return _PairSums(*on_bodies(load, pair), load.spring, overlap, (pair, load) if step.model.energy else None)
+
+    return in_tiles(len(pairs.first), of_rows) if step.tiled else of_rows(ALL)
 
 
 def _found(

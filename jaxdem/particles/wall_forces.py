@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -19,6 +21,7 @@ from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, r
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import FoundContacts, Sums, WallLoads
 from jaxdem.particles.surfaces import surface_contacts
+from jaxdem.particles.tiles import ALL, Cut, in_tiles
 
 
 def wall_contacts(step: ContactStep) -> tuple[ContactPair, ContactLoad]:
@@ -52,27 +55,59 @@ def wall_material(step: ContactStep) -> ContactMaterial:
     return index.with_walls(material, step.properties.identity, step.model.analytic_walls)
 
 
+class _WallSums(NamedTuple):
+    """What the walls do to the particles (N,).
+
+    Attributes:
+        force, torque: on every particle [N, N m].
+        loads: what each does to the walls that are measured; None without.
+        liquid: films; None without capillary bridges [m3].
+        spring: what the contacts keep, (S, N) each.
+        found: the contacts themselves, None where no balance of energy is kept.
+    """
+
+    force: Vector
+    torque: Vector
+    loads: WallLoads | None
+    liquid: Array | None
+    spring: Vector
+    found: tuple[ContactPair, ContactLoad] | None
+
+
 def add_walls(step: ContactStep, sums: Sums) -> tuple[Sums, Vector]:
     """Adds the contacts with the walls."""
+
+    def of_rows(cut: Cut) -> _WallSums:
+        return _walls_of(step.of_rows(cut), cut(sums.liquid))
+
+    count, number = len(step.motion.position[0]), step.model.analytic_walls
+    done = in_tiles(count, of_rows, number) if step.tiled else of_rows(ALL)
+    force, torque = vectors.add(sums.force, done.force), vectors.add(sums.torque, done.torque)
+    summed, spring = Sums(force, torque, done.loads, done.liquid), done.spring
+    if done.found is not None:
+        kept, before = len(spring) - step.model.memory, step.motion.wall_spring
+        memory = ((before[kept:], spring[kept:]),) if step.model.memory else ()
+        numbers = tuple(range(number))
+        pair, load = done.found
+        found = FoundContacts(pair, load, wall_material(step), rows, of_other=None, memory=memory, walls=numbers)
+        summed = summed._replace(found=(*sums.found, found))
+    return summed, spring
+
+
+def _walls_of(step: ContactStep, film: Array | None) -> _WallSums:
+    """What the walls do to the particles of a step, whose films are given."""
     pair, load = wall_contacts(step)
     force, torque, _ = on_bodies(load, pair)
-    loads = None
-    if step.model.measured_analytic:
-        loads = _wall_loads(step, pair, load)
-    added = vectors.add(sums.force, tuple(sum_slots(x) for x in force))
-    film, spring = sums.liquid, load.spring
+    loads = _wall_loads(step, pair, load) if step.model.measured_analytic else None
+    spring = load.spring
     if film is not None:
         volume, constants = step.motion.wall_spring[-1], required(step.surroundings.wall.cohesion, "cohesion")
         volume, film = liquid.with_walls(pair.overlap, volume, film, constants)
         spring = (*spring[:-1], volume)
-    summed = Sums(added, vectors.add(sums.torque, tuple(sum_slots(x) for x in torque)), loads, film)
-    if step.model.energy:
-        number, before = len(spring) - step.model.memory, step.motion.wall_spring
-        memory = ((before[number:], spring[number:]),) if step.model.memory else ()
-        numbers = tuple(range(step.model.analytic_walls))
-        found = FoundContacts(pair, load, wall_material(step), rows, of_other=None, memory=memory, walls=numbers)
-        summed = summed._replace(found=(*sums.found, found))
-    return summed, spring
+    found = (pair, load) if step.model.energy else None
+    return _WallSums(
+        tuple(sum_slots(x) for x in force), tuple(sum_slots(x) for x in torque), loads, film, spring, found
+    )
 
 
 def wall_geometry(
