@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # run as a script from anywhere
 
 from benchmarks import harness  # noqa: E402
-from jaxdem.io import RunDirectory, load_run  # noqa: E402
+from jaxdem.io import load_run, run_folder  # noqa: E402
 from jaxdem.io.chain import CHAIN as CHAIN_FILE  # noqa: E402
 from tests.cases import damage, hostile  # noqa: E402
 
@@ -146,7 +146,7 @@ def kills(
 
     def command(out: Path, write: int = 0) -> list[str]:
         arguments = ["run", str(folder / "scene.toml"), "--out", str(out)]
-        if RunDirectory.is_complete(out) or any((out / name).exists() for name in ("scene.toml", CHAIN_FILE)):
+        if run_folder.is_complete(out) or any((out / name).exists() for name in ("scene.toml", CHAIN_FILE)):
             arguments.append("--resume")
         start = [sys.executable, "-m", "jaxdem"]
         return [

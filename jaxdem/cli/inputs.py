@@ -105,7 +105,7 @@ def read_scenes(
 def _own_former(folder: Path) -> dict[str, Any] | None:
     """What the scene of a run directory has kept of the scene that it began from; None without a start."""
     from jaxdem.files.reading import parse_toml, read_text
-    from jaxdem.io.run_directory import SCENE
+    from jaxdem.io.run_folder import SCENE
     from jaxdem.scene.former import remembered
 
     if not (folder / SCENE).is_file():

@@ -92,16 +92,16 @@ def run(
 
 def _refuse_folder(description: Scene, out: Path, resume: bool) -> bool:
     """Refuse a folder that cannot be run in, before JAX is there; whether all in it is complete."""
-    from jaxdem.io import RunDirectory
+    from jaxdem.io import run_folder
     from jaxdem.scene.stages import StagedScene
 
     if not isinstance(description, StagedScene):
-        RunDirectory.check(out, description.to_toml(), resume, description.defaults())
-        return resume and RunDirectory.is_complete(out, description.to_toml())
+        run_folder.require_usable(out, description.to_toml(), resume, description.defaults())
+        return resume and run_folder.is_complete(out, description.to_toml())
     from jaxdem.io.chain import check_chain
 
     names = [stage.name for stage in description.stages]
     check_chain(out, names, resume)
     return resume and all(
-        RunDirectory.is_complete(out / stage.name, stage.scene.to_toml()) for stage in description.stages
+        run_folder.is_complete(out / stage.name, stage.scene.to_toml()) for stage in description.stages
     )

@@ -14,7 +14,7 @@ from jaxdem.io.chain import stage_names
 from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import read_history
 from jaxdem.io.probes import Probes
-from jaxdem.io.run_directory import HISTORY, SCENE
+from jaxdem.io.run_folder import HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat, Samples
 from jaxdem.io.series import read_series
 from jaxdem.io.summary import read_summary

@@ -12,7 +12,7 @@ from jaxdem.io.checkpoint import PARTS
 from jaxdem.io.frames import PARTS_FOLDER
 from jaxdem.io.pieces import PIECE
 from jaxdem.io.probes import PROBES_FILE, PROBES_FOLDER
-from jaxdem.io.run_directory import CHECKPOINT, HISTORY, SCENE
+from jaxdem.io.run_folder import CHECKPOINT, HISTORY, SCENE
 from jaxdem.io.samples import SampleFormat
 from jaxdem.io.series import KINDS
 from jaxdem.io.summary import SUMMARY

@@ -3,7 +3,7 @@
 Order within one output time: the frames of fluid and particles, each a whole file, then the line of
 `history.csv`. The line commits the frame: what a kill leaves beyond it does not count. A checkpoint
 names the numbers of frames, samples and lines of probes it follows, and is written after them; `cut_back` returns to
-it. The module is long because every method of the class has a part in that order; formats have modules of their own.
+it. What a folder holds is asked in `run_folder`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from jaxdem.errors import InputError, RunError
-from jaxdem.files.durable import aside_names, remove_leftovers, sync_directory, write_bytes
+from jaxdem.files.durable import remove_leftovers, sync_directory, write_bytes
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
 from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
@@ -27,14 +27,10 @@ from jaxdem.io.history import CountedHistory, History
 from jaxdem.io.part_columns import columns_of_parts
 from jaxdem.io.pieces import Share, regroup
 from jaxdem.io.probes import PROBES_FOLDER, Columns, ProbeFiles
+from jaxdem.io.run_folder import CHECKPOINT, HISTORY, SCENE, START, entries, occupied, require_usable
 from jaxdem.io.samples import SampleFormat, sample_frame
 from jaxdem.io.series import Written
-from jaxdem.io.summary import SUMMARY, read_summary, write_summary
-from jaxdem.io.wall_file import WALLS
-
-SCENE, HISTORY, CHECKPOINT = "scene.toml", "history.csv", "checkpoint.h5"
-START = "start.h5"
-"""State of another run that a run has begun from, in the form of a checkpoint."""
+from jaxdem.io.summary import SUMMARY, write_summary
 
 LINES = "lines of probe "
 """Attribute of a checkpoint: number of lines of the file of the probe that is named behind it."""
@@ -106,13 +102,13 @@ class RunDirectory:
         if share is not None and not share.first:
             share.barrier()
             return cls(path, scene_toml, None, sample_attributes, probes, share)
-        cls.check(path, scene_toml, resume=False)
+        require_usable(path, scene_toml, resume=False)
         with input_errors(path):
             path.mkdir(parents=True, exist_ok=True)
         with _locked_for_a_run(path) as lock:
             # Between the look above and the lock another run may have come and gone.
-            if _entries(path):
-                raise _occupied(path)
+            if entries(path):
+                raise occupied(path)
             write_bytes(path / SCENE, scene_toml.encode())
             found = cls(path, scene_toml, lock, sample_attributes, probes, share)
             found._meet()
@@ -140,7 +136,7 @@ class RunDirectory:
         if share is not None and not share.first:
             share.barrier()
             return cls(path, scene_toml, None, sample_attributes, probes, share)
-        cls.check(path, scene_toml, resume=True, defaults=defaults)
+        require_usable(path, scene_toml, resume=True, defaults=defaults)
         with _locked_for_a_run(path) as lock:
             remove_leftovers(path)
             remove_leftovers(path / PARTS_FOLDER)
@@ -151,80 +147,10 @@ class RunDirectory:
             found._meet()
             return found
 
-    @classmethod
-    def check(
-        cls, path: str | Path, scene_toml: str, resume: bool, defaults: Mapping[str, object] | None = None
-    ) -> None:
-        """Refuse what `create`, or `resume`, would refuse for what is in the folder; nothing is made or changed.
-
-        Raises:
-            InputError: as these two; a complete run of the same scene may be resumed.
-        """
-        path = Path(path)
-        scene_text.parse(scene_toml, "the scene given")
-        with input_errors(path):
-            if not resume:
-                if path.exists() and _entries(path):
-                    raise _occupied(path)
-                return
-            if not ((path / CHECKPOINT).is_file() or _just_begun(path) or cls.is_complete(path)):
-                limit = f"--resume needs {CHECKPOINT} in it, and there is none"
-                raise InputError(OPTION, str(path), limit, "Start the run without --resume in an empty folder.")
-        cls.require_same_scene(path, scene_toml, defaults)
-
     @property
     def has_checkpoint(self) -> bool:
         """Whether there is a restart state."""
         return (self.path / CHECKPOINT).is_file()
-
-    @staticmethod
-    def is_complete(path: str | Path, scene_toml: str | None = None) -> bool:
-        """Whether `path` holds a valid run that reached its end, and that of `scene_toml`: nothing to resume."""
-        try:
-            summary = read_summary(Path(path))
-        except InputError:
-            return False
-        if summary.get("valid") is not True or summary.get("complete") is not True:
-            return False
-        return scene_toml is None or not RunDirectory.is_longer(path, scene_toml)
-
-    @staticmethod
-    def is_longer(path: str | Path, scene_toml: str) -> bool:
-        """Whether a scene goes on beyond the end of the one that is stored in a folder."""
-        place = Path(path) / SCENE
-        stored = _stored_scene(Path(path))
-        return scene_text.end_of(scene_text.parse(scene_toml, "the scene given")) > scene_text.end_of(
-            scene_text.parse(stored, str(place))
-        )
-
-    @staticmethod
-    def require_same_scene(path: str | Path, scene_toml: str, defaults: Mapping[str, object] | None = None) -> None:
-        """Refuse to go on with another scene than the stored one; a later end is no other scene.
-
-        See `scene_text.first_difference` for `defaults`.
-
-        Raises:
-            InputError: naming the first key that differs, or the stored scene cannot be read.
-        """
-        place = Path(path) / SCENE
-        stored = scene_text.parse(_stored_scene(Path(path)), str(place))
-        given = scene_text.parse(scene_toml, "the scene given")
-        ends = scene_text.end_of(stored), scene_text.end_of(given)
-        if ends[1] > ends[0]:
-            difference = scene_text.first_difference(
-                scene_text.without_end(stored), scene_text.without_end(given), defaults
-            )
-        else:
-            difference = scene_text.first_difference(stored, given, defaults)
-        if difference is not None:
-            key, before, after = difference
-            limit = (
-                f"the run in {path} has {before!r}, and --resume only continues the same scene, to a later end at most"
-            )
-            remedy = (
-                f"Give {key} as stored in {place}, another {OPTION}, or a scene that begins from this run: [start] from"
-            )
-            raise InputError(key, after, limit, remedy)
 
     def store_scene(self, scene_toml: str) -> None:
         """Replace the stored scene by the one that the run goes on with.
@@ -432,19 +358,6 @@ class RunDirectory:
             raise RunError(reason, str(self.path), self._time, f"{remedy}, or start a new run.")
 
 
-def _stored_scene(path: Path) -> str:
-    """The text of the scene in a run directory.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    try:
-        return scene_text.read(path / SCENE)
-    except OSError as error:
-        limit = f"its {SCENE} cannot be read ({reason_of(error)})"
-        raise InputError(OPTION, str(path), limit, "Start the run anew in another folder.") from error
-
-
 @contextmanager
 def _locked_for_a_run(path: Path) -> Iterator[int]:
     """The lock of a folder, which stays with the run that opens well; what the disk refuses is a wrong `--out`."""
@@ -455,25 +368,3 @@ def _locked_for_a_run(path: Path) -> Iterator[int]:
     except BaseException:
         os.close(lock)
         raise
-
-
-def _entries(path: Path) -> set[str]:
-    """Names in the folder, without the lock and without the scene that a kill left unfinished."""
-    return {entry.name for entry in path.iterdir()} - {LOCK, *aside_names(path / SCENE)}
-
-
-def _just_begun(path: Path) -> bool:
-    """Whether the folder holds what a run writes before its first checkpoint, and nothing else."""
-    if not (path / SCENE).is_file():
-        return False
-    aside = (name for one in (HISTORY, START, CHECKPOINT) for name in aside_names(path / one))
-    begun = {SCENE, HISTORY, START, WALLS, PROBES_FOLDER, checkpoint_file.PARTS, *aside}
-    return _entries(path) <= begun
-
-
-def _occupied(path: Path) -> InputError:
-    if (path / CHECKPOINT).is_file() or _just_begun(path):
-        remedy = "Give another folder, or --resume to continue the run in it."
-    else:
-        remedy = "Give another folder, or empty this one (there is no checkpoint to --resume from)."
-    return InputError(OPTION, str(path), "is not empty", remedy)

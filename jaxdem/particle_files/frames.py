@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxdem.io import scene_text
 from jaxdem.io.pieces import series_of
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io.run_folder import SCENE
 from jaxdem.io.vtkhdf import ParticleFormat
 from jaxdem.particle_files.arrays import raw_of_arrays
 from jaxdem.particle_files.columns import Source

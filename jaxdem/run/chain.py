@@ -10,10 +10,10 @@ from typing import Unpack
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
-from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io import Run, load_run, run_folder
 from jaxdem.io.access import locked
 from jaxdem.io.chain import check_chain, write_chain
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io.run_folder import SCENE
 from jaxdem.run.foreseen import foreseen_end
 from jaxdem.run.peers import here
 from jaxdem.run.single_run import RunOptions, simulate_alone
@@ -46,7 +46,7 @@ def simulate_stages(scene: StagedScene, out: Path, options: RunOptions, **extens
         for stage, before in zip(stages, [None, *stages], strict=False):
             path = out / stage.name
             begins = stage.scene if before is None else begun_from(stage.scene, out / before.name)
-            complete = RunDirectory.is_complete(path, begins.to_toml())
+            complete = run_folder.is_complete(path, begins.to_toml())
             of_stage = dataclasses.replace(options, resume=(path / SCENE).is_file())
             peers.barrier()
             if not complete:
@@ -70,14 +70,14 @@ def require_stages(stages: Sequence[Stage], out: Path, resume: bool) -> None:
         if resume and (path / SCENE).is_file():
             scene = stage.scene if before is None else begun_from(stage.scene, out / before.name)
             with _named(k, stage):
-                RunDirectory.require_same_scene(path, scene.to_toml(), scene.defaults())
+                run_folder.require_same_scene(path, scene.to_toml(), scene.defaults())
                 if k + 1 < len(stages) and (out / stages[k + 1].name).is_dir():
                     _require_same_end(scene, path, stages[k + 1])
 
 
 def _require_same_end(scene: Scene, path: Path, following: Stage) -> None:
     """Refuses a later end of a stage from whose end another has begun."""
-    if RunDirectory.is_longer(path, scene.to_toml()):
+    if run_folder.is_longer(path, scene.to_toml()):
         limit = f"the stage {following.name} has begun from the end that the run in {path} has"
         raise InputError("time.end", scene.time.end, limit, "raise time.end of the last stage alone")
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxdem.errors import InputError, required
 from jaxdem.io import scene_text
 from jaxdem.io.checkpoint import read_checkpoint
-from jaxdem.io.run_directory import CHECKPOINT, START
+from jaxdem.io.run_folder import CHECKPOINT, START
 from jaxdem.numerics import vectors
 from jaxdem.numerics.compensated import Low
 from jaxdem.particles.clump_shape import Placed

@@ -9,9 +9,9 @@ from typing import Unpack
 import jax
 
 from jaxdem.closures.base import DragClosure
-from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io import Run, load_run, run_folder
 from jaxdem.io.chain import stage_names
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io.run_folder import SCENE
 from jaxdem.run.chain import simulate_stages
 from jaxdem.run.restart import origin, require_same_parameters
 from jaxdem.run.single_run import RunOptions, own_start, simulate_alone
@@ -78,7 +78,7 @@ def simulate_once(scene: Scene, out: Path, begin: Callable[[], Progress]) -> Run
     """
     if isinstance(scene, StagedScene):
         return simulate_stages(scene, out, RunOptions(resume=stage_names(out) is not None, progress=begin()))
-    if RunDirectory.is_complete(out, scene.to_toml()):
+    if run_folder.is_complete(out, scene.to_toml()):
         case = build_case(scene, start=own_start(scene, out))
         require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))
         return load_run(out)

@@ -12,9 +12,9 @@ import jax
 from jaxdem.closures.base import DragClosure
 from jaxdem.devices import divided
 from jaxdem.devices.refused import require_plain_run
-from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io import Run, RunDirectory, load_run, run_folder
 from jaxdem.io.probes import Columns
-from jaxdem.io.run_directory import CHECKPOINT, START
+from jaxdem.io.run_folder import CHECKPOINT, START
 from jaxdem.run.observer import columns_of
 from jaxdem.run.parts.wear import keep_wear
 from jaxdem.run.peers import here
@@ -45,9 +45,9 @@ class RunOptions:
 def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensions: Unpack[Extensions]) -> Run:
     """`jaxdem.simulate` of a scene without stages."""
     resume = options.resume
-    complete = resume and RunDirectory.is_complete(out, scene.to_toml())
+    complete = resume and run_folder.is_complete(out, scene.to_toml())
     if complete:
-        RunDirectory.require_same_scene(out, scene.to_toml(), scene.defaults())
+        run_folder.require_same_scene(out, scene.to_toml(), scene.defaults())
     case = build_case(scene, options.closure, own_start(scene, out) if resume else None, **extensions)
     if complete:
         require_same_parameters(out, origin(scene.to_toml(), case.parameters, scene.content))
@@ -69,7 +69,7 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
             loop.restore()
         else:
             loop.place()
-        if resume and RunDirectory.is_longer(out, scene.to_toml()):
+        if resume and run_folder.is_longer(out, scene.to_toml()):
             directory.store_scene(scene.to_toml())
         loop.run(options.progress, caught)
         last = loop.instant.state  # of all devices, whoever writes it

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from jaxdem.errors import InputError, RunError
 from jaxdem.files.durable import write_bytes
-from jaxdem.io import Run, RunDirectory, load_run
+from jaxdem.io import Run, load_run, run_folder
 from jaxdem.io.access import LOCK, locked
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io.run_folder import SCENE
 from jaxdem.metrics import METRICS, compile_time, run_time
 from jaxdem.scene import Scene, load_scene, parse_override
 
@@ -273,7 +273,7 @@ def _check_folder(out: Path, scenes: Mapping[str, Scene]) -> None:
     except OSError as error:
         raise _unwritable(out, error) from None
     for name in found:
-        RunDirectory.require_same_scene(out / name, scenes[name].to_toml(), scenes[name].defaults())
+        run_folder.require_same_scene(out / name, scenes[name].to_toml(), scenes[name].defaults())
 
 
 def _unwritable(out: Path, error: OSError) -> InputError:

@@ -56,7 +56,7 @@ def scene_of(folder: object) -> dict[str, Any]:
     Raises:
         InputError: there is none in the folder, or it cannot be read.
     """
-    from jaxdem.io.run_directory import SCENE
+    from jaxdem.io.run_folder import SCENE
 
     remedy = "give the folder that `jaxdem run` wrote, relative to the scene file"
     if not isinstance(folder, str):

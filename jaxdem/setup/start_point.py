@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.io.checkpoint import content_hash, read_checkpoint
-from jaxdem.io.run_directory import CHECKPOINT
+from jaxdem.io.run_folder import CHECKPOINT
 from jaxdem.scene import Scene
 from jaxdem.scene.domain import SIDES
 from jaxdem.scene.walls import Wall

@@ -23,7 +23,7 @@ from made_frames import SCENE_2D, fluid_arrays, particle_arrays, row, sample_arr
 
 from jaxdem.errors import InputError, RunError  # noqa: E402
 from jaxdem.files import durable  # noqa: E402
-from jaxdem.io import RunDirectory, load_run, read_checkpoint  # noqa: E402
+from jaxdem.io import RunDirectory, load_run, read_checkpoint, run_folder  # noqa: E402
 
 ENDLESS = 10**6
 
@@ -171,7 +171,7 @@ def kills(path: Path, seed: int, number: int) -> None:
     last = reached + 5
     assert os.waitpid(child(lambda: write_on(path, last)), 0)[1] == 0
     assert check(path) == last
-    assert RunDirectory.is_complete(path) and not (path / ".frames").exists()
+    assert run_folder.is_complete(path) and not (path / ".frames").exists()
     assert not list(path.glob(".*.tmp"))
     print(survived, reached)
 

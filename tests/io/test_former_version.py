@@ -15,7 +15,7 @@ import pytest
 
 from jaxdem import InputError, load_run, load_scene, simulate
 from jaxdem.closures import load_closure
-from jaxdem.io import RunDirectory, read_checkpoint
+from jaxdem.io import RunDirectory, read_checkpoint, run_folder
 from jaxdem.io.checkpoint import write_checkpoint
 from jaxdem.run.totals import Totals
 
@@ -43,11 +43,11 @@ def test_its_scene_is_the_same_scene_to_this_version(tmp_path):
     older = re.sub(r"(?m)^(virtual_mass|maximum_overlap) = .*\n", "", text)
     assert len(older) < len(text) - 30
     (copy / "scene.toml").write_text(older)
-    RunDirectory.check(copy, scene.to_toml(), True, scene.defaults())
-    assert RunDirectory.is_complete(copy)
+    run_folder.require_usable(copy, scene.to_toml(), True, scene.defaults())
+    assert run_folder.is_complete(copy)
     with pytest.raises(InputError, match="virtual_mass"):
         changed = load_scene(FORMER / "scene.toml", {"coupling.virtual_mass": 0.5})
-        RunDirectory.check(copy, changed.to_toml(), True, changed.defaults())
+        run_folder.require_usable(copy, changed.to_toml(), True, changed.defaults())
     with RunDirectory.resume(copy, scene.to_toml(), defaults=scene.defaults()) as directory:
         directory.cut_back(2, 1)
     assert load_run(copy).number_of_frames == 2 and len(load_run(copy).samples) == 1

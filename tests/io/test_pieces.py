@@ -15,7 +15,7 @@ from jaxdem.io import checkpoint
 from jaxdem.io.frames import FrameSeries
 from jaxdem.io.outputs import refuse_what_is_read
 from jaxdem.io.pieces import PieceSeries, Share, SharedSeries, pieces_in, regroup, series_of
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io.run_folder import SCENE
 from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
 
 NUMBER = 3

@@ -27,7 +27,7 @@ import jaxdem.io
 from jaxdem.errors import InputError, RunError
 from jaxdem.files.durable import write_bytes
 from jaxdem.files.stored import write_whole
-from jaxdem.io import FluidFormat, FrameSeries, ParticleFormat, RunDirectory, SampleFormat, load_run
+from jaxdem.io import FluidFormat, FrameSeries, ParticleFormat, RunDirectory, SampleFormat, load_run, run_folder
 from jaxdem.io.access import acquire_lock
 
 
@@ -143,13 +143,13 @@ def test_resume_cuts_back_and_goes_on(tmp_path, end, checkpoint):
     check_frames(path, checkpoint)
     resume_to(path, 5)
     check_frames(path, 5)
-    assert RunDirectory.is_complete(path) and ".frames" not in names(path)
+    assert run_folder.is_complete(path) and ".frames" not in names(path)
     with h5py.File(path / "particles.vtkhdf") as file:
         assert file["VTKHDF/Steps/Values"].shape == (5,)
 
 
 def test_complete_means_valid_and_complete(tmp_path):
-    assert not RunDirectory.is_complete(tmp_path)
+    assert not run_folder.is_complete(tmp_path)
     for name, end, summary, expected in (
         ("a", "finish", {"valid": True}, True),
         ("b", "finish", {"valid": False}, False),
@@ -158,9 +158,9 @@ def test_complete_means_valid_and_complete(tmp_path):
         with RunDirectory.create(tmp_path / name, SCENE_2D) as run:
             write_frames(run, 0, 1)
             getattr(run, end)(summary)
-        assert RunDirectory.is_complete(tmp_path / name) is expected
+        assert run_folder.is_complete(tmp_path / name) is expected
     (tmp_path / "a/summary.json").write_text("{")
-    assert not RunDirectory.is_complete(tmp_path / "a")
+    assert not run_folder.is_complete(tmp_path / "a")
 
 
 def test_create_refuses_a_folder_in_use_for_something(tmp_path):
