@@ -5,7 +5,7 @@
 g is the void fraction and F = g u the flux that the pressure solver has made satisfy d(g)/dt + div F = 0, its mean over
 the fluid steps of the interval. So a uniform scalar stays uniform to the tolerance of that solver, and the sum of
 g c over the cells changes by what passes the sides alone, to rounding. Advection is of second order with van Leer's
-limiter, time Heun's method, in steps in which g changes linearly.
+limiter, time Heun's method, in steps in which g changes linearly. Between surfaces within the mesh see `cut_scalar`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from jax import Array, checkpoint, lax
 
 from jaxdem.fluid.advection import VanLeer, surface_value
 from jaxdem.fluid.boundary import Boundary, coverage
+from jaxdem.fluid.cut_scalar import ScalarSurfaces
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, slope_over
 from jaxdem.fluid.mesh import Ends, beyond, end_faces, layers, of_slab, with_ends
 from jaxdem.numerics.batches import cond_in_batch
@@ -39,12 +40,16 @@ class ScalarField:
         sides: what passes each side of the box; along periodic axes not asked.
         diffuses: whether it diffuses; without no such term is compiled.
         steps: smallest number of steps in an interval, for the diffusion.
+        surfaces: what passes each surface within the mesh.
+        finer: steps of the scalar in a fluid step, for cells that surfaces cut.
     """
 
     name: str
     sides: tuple[SideKind, ...]
     diffuses: bool
     steps: int = 1
+    surfaces: tuple[SideKind, ...] = ()
+    finer: int = 1
 
 
 class ScalarNumbers(NamedTuple):
@@ -67,13 +72,22 @@ class Stream(NamedTuple):
     Attributes:
         flux: mean of F on the faces [m/s].
         before, after: void fraction at the start and at the end; 1.0 without particles [-].
-        share: w on the faces, part of the diffusivity that acts; 1.0 without particles [-].
+        share: w on the faces, part of the diffusivity that acts; 1.0 without particles, and times the open fraction
+            between surfaces [-].
+        surfaces: within the mesh; None without.
     """
 
     flux: FaceField
     before: CellOrOne
     after: CellOrOne
     share: tuple[CellOrOne, ...]
+    surfaces: ScalarSurfaces | None = None
+
+    def capacity(self) -> tuple[CellOrOne, CellOrOne]:
+        """Of the cells for the scalar at the start and at the end: the void fraction, or see `cut_scalar` [-]."""
+        if self.surfaces is None:
+            return self.before, self.after
+        return self.surfaces.capacity(self.before), self.surfaces.capacity(self.after)
 
 
 class ScalarTransport(NamedTuple):
@@ -92,7 +106,7 @@ class ScalarTransport(NamedTuple):
     stream: Stream
 
     def advance(self, value: Array, duration: Array, fluid_steps: Array, reversible: bool) -> tuple[Array, Array]:
-        """The scalar after the interval, and what has come in through the sides.
+        """The scalar after the interval, and what has come in through sides and surfaces.
 
         Args:
             value: on the cells, at the start.
@@ -101,11 +115,12 @@ class ScalarTransport(NamedTuple):
             reversible: a loop that reverse-mode differentiation can run backwards.
 
         Returns:
-            on the cells; and (2 D,) through every side, lower before upper [unit m3].
+            on the cells; and (2 D + S,) through every side, lower before upper, then every surface [unit m3].
         """
-        number = jnp.maximum(fluid_steps, self.field.steps)
+        finer, surfaces = self.field.finer, len(self.field.surfaces)
+        number = jnp.maximum(fluid_steps if finer == 1 else finer * fluid_steps, self.field.steps)
         step = duration / number.astype(value.dtype)
-        start = value, jnp.zeros(2 * self.grid.dimension, value.dtype)
+        start = value, jnp.zeros(2 * self.grid.dimension + surfaces, value.dtype)
         if not reversible:
             return lax.fori_loop(0, number, lambda k, both: self._stepped(both, k, number, step), start)
 
@@ -113,19 +128,37 @@ class ScalarTransport(NamedTuple):
         def body(both: tuple[Array, Array], k: Array) -> tuple[tuple[Array, Array], None]:
             return cond_in_batch(k < number, lambda b: self._stepped(b, k, number, step), both), None
 
-        return lax.scan(body, start, jnp.arange(max(MOST_STEPS, self.field.steps)))[0]
+        return lax.scan(body, start, jnp.arange(max(finer * MOST_STEPS, self.field.steps)))[0]
 
     def _stepped(self, both: tuple[Array, Array], k: Array, number: Array, step: Array) -> tuple[Array, Array]:
         """Heun's step number k of `number`."""
         value, passed = both
-        before, after = self.stream.before, self.stream.after
+        before, after = self.stream.capacity()
         start, stop = ((k + end).astype(value.dtype) / number.astype(value.dtype) for end in (0, 1))
         old, new = (before + (after - before) * share for share in (start, stop))
         rate, through = self._rate(value)
+        if self.stream.surfaces is not None:
+            return self._stepped_between(self.stream.surfaces, both, (old, new, step), (rate, through))
         first = (old * value + step * rate) / new
         second, later = self._rate(first)
         found = (0.5 * old * value + 0.5 * (new * first + step * second)) / new
         return found, passed + 0.5 * step * (through + later)
+
+    def _stepped_between(
+        self,
+        surfaces: ScalarSurfaces,
+        both: tuple[Array, Array],
+        steps: tuple[CellOrOne, CellOrOne, Array],
+        rates: tuple[Array, Array],
+    ) -> tuple[Array, Array]:
+        """The same between surfaces, of which each of Heun's two stages takes the exchange implicitly."""
+        (value, passed), (old, new, step), (rate, through) = both, steps, rates
+        first, given = surfaces.after(old * value + step * rate, jnp.asarray(new), step)
+        second, later = self._rate(first)
+        final, more = surfaces.after(new * first + step * second, jnp.asarray(2.0 * new - old), step)
+        found = 0.5 * (old * value + (2.0 * new - old) * final) / new
+        on_surfaces = self.grid.cell_volume * surfaces.by_surface(given + more)
+        return found, passed + 0.5 * jnp.concatenate((step * (through + later), on_surfaces))
 
     def _rate(self, value: Array) -> tuple[Array, Array]:
         """Rate of change of g c [unit/s], and what comes in through the sides [unit m3/s]."""
@@ -201,6 +234,8 @@ class ScalarTransport(NamedTuple):
                 inward = numbers.diffusivity * there * apart / (0.5 * grid.spacing[axis])
             if inward is not None:
                 covered = of_slab(grid, coverage(grid, dataclasses.replace(side, profile=None)), value.dtype)
+                if kind == "flux" and self.stream.surfaces is not None:
+                    covered = covered * along(self.stream.surfaces.open_faces[axis], axis, *place)
                 flow = flow - covered * inward if upper else flow + covered * inward
             found.append(flow)
         return found[0], found[1]

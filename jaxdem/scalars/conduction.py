@@ -31,6 +31,7 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import row, sum_slots
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.mesh_contact import touching as touching_mesh
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build, with_radius
 from jaxdem.particles.pair_forces import pair_geometry
 from jaxdem.particles.pairs import at, sum_over_pairs
@@ -43,6 +44,7 @@ class Conduction:
 
     Attributes:
         walls: whether each wall has a temperature, sides of the box first; the others conduct nothing.
+        meshes: the same of each mesh.
         linear: whether contacts have linear springs, else Hertz's law.
         steps: of the conduction within an interval, explicit ones.
     """
@@ -50,6 +52,7 @@ class Conduction:
     walls: tuple[bool, ...]
     linear: bool
     steps: int = 1
+    meshes: tuple[bool, ...] = ()
 
 
 class ConductionNumbers(NamedTuple):
@@ -60,12 +63,14 @@ class ConductionNumbers(NamedTuple):
         wall_conductivity: () of the walls [W/(m K)].
         young_modulus: () true one of the grains [Pa].
         wall_temperature: (W,) of every wall; anything of one that does not conduct [K].
+        mesh_temperature: (M,) of every mesh, the same [K].
     """
 
     conductivity: Array
     wall_conductivity: Array
     young_modulus: Array
     wall_temperature: Array
+    mesh_temperature: Array
 
 
 class Conductances(NamedTuple):
@@ -74,10 +79,12 @@ class Conductances(NamedTuple):
     Attributes:
         pairs: (P,) between grains; None where none are listed.
         walls: (S, N) of every grain with the walls that conduct; None without any.
+        meshes: (C, M) of the rows of each mesh that conducts with C contacts each.
     """
 
     pairs: Array | None
     walls: Array | None
+    meshes: tuple[Array, ...] = ()
 
 
 class Touching(NamedTuple):
@@ -105,12 +112,20 @@ class Touching(NamedTuple):
 def conductances(conduction: Conduction, numbers: ConductionNumbers, touching: Touching) -> Conductances:
     """Of the contacts of a state [W/K]; see the equation at the top."""
     pairs = walls = None
+    in_series = 4.0 / (1.0 / numbers.conductivity + 1.0 / numbers.wall_conductivity)
     if touching.neighbors.index.shape[0]:
         pairs = 2.0 * numbers.conductivity * _radius_of_contact(conduction, numbers, touching, *_pairs(touching))
     if any(conduction.walls):
-        touched = _radius_of_contact(conduction, numbers, touching, *_walls(conduction, touching))
-        walls = 4.0 * touched / (1.0 / numbers.conductivity + 1.0 / numbers.wall_conductivity)
-    return Conductances(pairs, walls)
+        walls = in_series * _radius_of_contact(conduction, numbers, touching, *_walls(conduction, touching))
+    meshes = tuple(
+        in_series * _radius_of_contact(conduction, numbers, touching, *_mesh(touching, number))
+        for number in _conducting_meshes(conduction)
+    )
+    return Conductances(pairs, walls, meshes)
+
+
+def _conducting_meshes(conduction: Conduction) -> tuple[int, ...]:
+    return tuple(number for number, conducts in enumerate(conduction.meshes) if conducts)
 
 
 def _places(particles: ParticleState) -> tuple[Vector, tuple[Low, ...]]:
@@ -141,6 +156,22 @@ def _walls(conduction: Conduction, touching: Touching) -> tuple[Array, Array]:
     if particles.active is not None:
         overlap = jnp.where(particles.active[None], overlap, -1.0)
     return row(radius), overlap
+
+
+def _mesh(touching: Touching, number: int) -> tuple[Array, Array]:
+    """Effective radius () or (1, M) and overlap (C, M) of the contacts of each row with a mesh [m]."""
+    model, particles, listed = touching.model, touching.particles, with_radius(touching.neighbors, touching.radius)
+    mesh, places = listed.meshes[model.meshes[number].number], _places(touching.particles)
+    placed = touching.placed[len(model.surfaces) + number] if touching.placed else None
+    moved = mesh.of_rows(displacement_since_build(*places, listed))
+    if placed is not None:
+        moved = mesh.moved(placed, *places)
+    radius = mesh.radius_of_rows(touching.radius)
+    overlap = touching_mesh(mesh, moved, radius, jnp.zeros_like(moved[0])).overlap
+    there = mesh.row < particles.position.shape[0]
+    if touching.present is not None:
+        there = there & touching.present[len(model.surfaces) + number]
+    return row(radius), jnp.where(there[None], overlap, -1.0)
 
 
 def conducted(
@@ -176,6 +207,11 @@ def conducted(
             walls = numbers.wall_temperature[jnp.asarray(chosen)]
             flow = found.walls * (walls[:, None] - grains[None])
             gained, given = gained + sum_slots(flow), given + step * jnp.sum(flow)
+        for number, conductance in zip(_conducting_meshes(conduction), found.meshes, strict=True):
+            listed = neighbors.meshes[number]
+            apart = numbers.mesh_temperature[number] - listed.of_rows((grains,))[0]
+            flow = sum_slots(conductance * apart[None])
+            gained, given = listed.added((gained,), (flow,))[0], given + step * jnp.sum(flow)
         return grains + step * gained / capacity, given
 
     return lax.fori_loop(0, conduction.steps, advanced, (temperature, jnp.zeros((), temperature.dtype)))

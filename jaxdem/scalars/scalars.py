@@ -11,6 +11,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.cut_scalar import ScalarWalls
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average
 from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, ScalarTransport, Stream
@@ -19,6 +20,7 @@ from jaxdem.particles.integrate import ParticleProperties
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalars.conduction import Conductances, Conduction, ConductionNumbers, conducted
 from jaxdem.scalars.exchange import exchanged
+from jaxdem.scalars.in_cells import between_surfaces, conducting, fluid_share
 from jaxdem.scalars.nusselt import NusseltLaw
 
 TEMPERATURE = "temperature"
@@ -80,18 +82,21 @@ class ScalarParameters(NamedTuple):
             fluxes of heat [W/m2].
         fluid: None without a temperature of the fluid.
         grains: None without temperatures of grains.
+        walls: surfaces within the mesh of the fluid; None without.
     """
 
     fields: tuple[ScalarNumbers, ...]
     fluid: FluidHeat | None
     grains: GrainHeat | None
+    walls: ScalarWalls | None = None
 
 
 class Supplied(NamedTuple):
     """What has come in since the start.
 
     Attributes:
-        sides: (F, 2 D) of every field through every side, lower before upper, axis by axis [unit m3].
+        sides: (F, 2 D + S) of every field through every side, lower before upper, axis by axis, then through every
+            surface within the mesh of the fluid [unit m3].
         walls: () heat that walls have given to grains by contact [J].
         grains: () heat that grains have brought which came in, less that of those which left [J].
     """
@@ -176,14 +181,20 @@ class Scalars:
         on_faces = face_average(flow.grid, after)
         fields, passed = [], []
         for number, (field, value) in enumerate(zip(self.fields, state.fields, strict=True)):
-            numbers, share = parameters.fields[number], on_faces
+            numbers, share, capacity = parameters.fields[number], on_faces, None
             if number == self.temperature and self.heat is not None:
                 capacity = flow.properties.density * required(parameters.fluid, "heat of the fluid").capacity
                 numbers = numbers._replace(diffusivity=numbers.diffusivity / capacity, flux=numbers.flux / capacity)
-                share = tuple(_conducting(self.heat.bed, g) for g in on_faces)
-            transport = ScalarTransport(
-                flow.grid, flow.boundary, field, numbers, Stream(flow.flux, before, after, share)
-            )
+                share = tuple(conducting(self.heat.bed, g) for g in on_faces)
+            stream = Stream(flow.flux, before, after, share)
+            if parameters.walls is not None:
+                through = parameters.walls.flux[number]
+                on_surfaces = parameters.walls.value[number], through if capacity is None else through / capacity
+                cut = required(flow.properties.cut, "surfaces in the fluid")
+                of_cells = after if self.heat is None or capacity is None else conducting(self.heat.bed, after)
+                given = numbers.diffusivity, of_cells, *on_surfaces
+                stream = between_surfaces(stream, parameters.walls, cut, field.surfaces, given)
+            transport = ScalarTransport(flow.grid, flow.boundary, field, numbers, stream)
             found, through = transport.advance(value, duration, flow.steps, flow.reversible)
             fields.append(found)
             passed.append(through)
@@ -214,7 +225,8 @@ class Scalars:
         conductance = nusselt * conductivity * jnp.pi * inputs.diameter
         if active is not None:
             conductance = jnp.where(active, conductance, 0.0)
-        of_cells = density * of_fluid.capacity * flow.grid.cell_volume * _or_one(flow.after.void_fraction)
+        volumes = fluid_share(parameters.walls, flow.properties.cut, _or_one(flow.after.void_fraction))
+        of_cells = density * of_fluid.capacity * flow.grid.cell_volume * volumes
         capacities = jnp.asarray(of_cells), of_grains.of_each(bodies)
         fluid, warmed = exchanged(
             flow.grid, grains.weights, state.fields[place], state.grains, conductance, capacities, duration
@@ -269,16 +281,3 @@ class Scalars:
 
 def _or_one(void_fraction: Array | None) -> CellOrOne:
     return 1.0 if void_fraction is None else void_fraction
-
-
-def _conducting(bed: str, void_fraction: CellOrOne) -> CellOrOne:
-    """Part of the fluid's conductivity that acts at a void fraction.
-
-    "kuipers": 1 - sqrt(1 - g), the part of a bed through which heat goes by the fluid alone.
-
-    Source: J. A. M. Kuipers, W. Prins, W. P. M. van Swaaij, AIChE J. 38 (1992) 1079-1091, after P. Zehner, E. U.
-    Schluender, Chem.-Ing.-Tech. 42 (1970) 933-941.
-    """
-    if bed == "open" or isinstance(void_fraction, float):
-        return void_fraction
-    return 1.0 - jnp.sqrt(jnp.maximum(1.0 - void_fraction, jnp.finfo(void_fraction.dtype).tiny))

@@ -11,6 +11,7 @@ from pydantic import Field
 from jaxdem.errors import InputError
 from jaxdem.scene.base import Finite, NonNegative, Positive, Section
 from jaxdem.scene.boundary import BoundarySide
+from jaxdem.scene.fluid_walls import keeps_place
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.particles import Particles
 from jaxdem.scene.walls import Wall
@@ -110,12 +111,27 @@ def check_heat(
     names = [scalar.name for scalar in scalars]
     for side, table in boundary.items():
         _check_side(f"boundary.{side}", table, heat is not None and has_fluid, names)
-    if has_fluid and (heat is not None or scalars):
-        for k, wall in enumerate(walls):
-            if wall.seen_by_fluid:
-                limit = "temperatures and scalars do not see walls within the mesh of the fluid"
-                remedy = 'set it to "none", or remove [heat] and [[scalars]]'
-                raise InputError(f"walls.{k}.fluid", wall.fluid, limit, remedy)
+    for k, wall in enumerate(walls):
+        _check_wall(f"walls.{k}", wall, heat, has_fluid and (heat is not None or bool(scalars)))
+
+
+def _check_wall(key: str, wall: Wall, heat: Heat | None, carries: bool) -> None:
+    """Refuses what a wall cannot be to heat and scalars; `carries` where the fluid has any."""
+    if wall.heat_flux is not None:
+        if wall.temperature is not None:
+            limit = "a wall has a temperature or a heat flux"
+            raise InputError(f"{key}.heat_flux", wall.heat_flux, limit, "remove one of them")
+        if not wall.seen_by_fluid:
+            limit = "a heat flux goes into the fluid, which does not see this wall; grains take its temperature"
+            raise InputError(f"{key}.heat_flux", wall.heat_flux, limit, 'set fluid = "no_slip", or give a temperature')
+    conducts = heat is not None and heat.particle_conductivity is not None
+    if wall.temperature is not None and not wall.seen_by_fluid and not conducts:
+        limit = "walls that the fluid does not see heat grains by contact alone, and contacts conduct nothing"
+        raise InputError(f"{key}.temperature", wall.temperature, limit, "set heat.particle_conductivity, or remove it")
+    if carries and wall.seen_by_fluid and not keeps_place(wall):
+        limit = "changes its place, and the cells that it opens and closes have no rule for temperatures and scalars"
+        remedy = 'let it move along itself, set fluid = "none", or remove [heat] and [[scalars]]'
+        raise InputError(f"{key}.motion", f"{len(wall.motion or ())} tables", limit, remedy)
 
 
 def _check_given(
@@ -125,15 +141,12 @@ def _check_given(
     given: dict[str, float | None] = {}
     for side, table in boundary.items():
         given |= {f"boundary.{side}.temperature": table.temperature, f"boundary.{side}.heat_flux": table.heat_flux}
-    given |= {f"walls.{k}.temperature": wall.temperature for k, wall in enumerate(walls)}
+    for k, wall in enumerate(walls):
+        given |= {f"walls.{k}.temperature": wall.temperature, f"walls.{k}.heat_flux": wall.heat_flux}
     given |= {f"particles.inlet.{k}.temperature": inlet.temperature for k, inlet in enumerate(inlets)}
     for key, value in given.items():
         if value is not None and heat is None:
             raise InputError(key, value, "the scene has no temperatures", "add [heat], or remove this key")
-        conducts = heat is not None and heat.particle_conductivity is not None
-        if value is not None and key.startswith("walls") and not conducts:
-            limit = "walls heat grains by contact alone, and contacts conduct nothing"
-            raise InputError(key, value, limit, "set heat.particle_conductivity, or remove this key")
 
 
 def _check_numbers(heat: Heat, has_fluid: bool, has_particles: bool) -> None:

@@ -40,7 +40,7 @@ NEEDED = {
 }
 """Keys that each kind of wall must have, and what they are."""
 
-OF_ALL = ("name", "material", "begin", "end", "motion", "piston", "fluid", "temperature")
+OF_ALL = ("name", "material", "begin", "end", "motion", "piston", "fluid", "temperature", "heat_flux")
 OF_MESH = (
     "file", "points", "scale", "rotate", "translate", "spacing", "closed", "touch", "smooth_angle", "repair",
 )  # fmt: skip
@@ -48,7 +48,7 @@ OPTIONAL = {
     "plane": OF_ALL,
     "cylinder": ("axis", "inside", *OF_ALL),
     "wedge": OF_ALL,
-    "mesh": (*OF_MESH, "wear", "inside", *(name for name in OF_ALL if name != "temperature")),
+    "mesh": (*OF_MESH, "wear", "inside", *OF_ALL),
 }
 """Keys that it may have."""
 
@@ -107,7 +107,9 @@ class Wall(Section):
         fluid: what the wall is to the fluid: "none" (it flows through), "no_slip" (it sticks to the wall) or
             "free_slip". A mesh that the fluid sees is closed, or a map of heights with the fluid above. Default:
             "none".
-        temperature: temperature of the wall, which grains take by contact. Default: no heat passes it [K].
+        temperature: temperature of the wall, for grains that touch it and for the fluid that sees it. Default: no heat
+            passes it [K].
+        heat_flux: heat flux from a wall into the fluid that sees it, in place of a temperature [W/m2].
     """
 
     name: Annotated[str, Field(strict=True, min_length=1, max_length=100)] | None = None
@@ -138,6 +140,7 @@ class Wall(Section):
     wear: Wear | None = None
     fluid: Literal["none", "no_slip", "free_slip"] | None = None
     temperature: Finite | None = None
+    heat_flux: Finite | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Wall:

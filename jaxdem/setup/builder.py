@@ -34,6 +34,7 @@ from jaxdem.setup.parameters import scene_parameters
 from jaxdem.setup.particles import ParticleSetup, particle_setup
 from jaxdem.setup.population import population_of
 from jaxdem.setup.probes import scene_probes, with_measured_walls
+from jaxdem.setup.scalar_walls import surfaces_of_scalars
 from jaxdem.setup.scalars import scene_scalars
 from jaxdem.setup.settling import Progress, check_settling_time, settled
 from jaxdem.setup.start import first_state, initial_void_fraction
@@ -216,6 +217,8 @@ def build_case(
         surroundings = surroundings_of(scene, particles, closure)
         coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter, surroundings)
         seen = seen.with_particles(interval.solver.grid, coupling.deposition, particles.bodies.largest_diameter)
+    scalar_surfaces = None if interval is None else surfaces_of_scalars(scene, interval.solver.grid, seen)
+    scalars = scene_scalars(scene, particles, interval, steps, extensions.get("nusselt"), scalar_surfaces)
     simulation = Simulation(
         interval=steps.interval,
         steps=steps,
@@ -229,11 +232,13 @@ def build_case(
         gravity_times=scene.domain.gravity_times,
         drag_times=None if coupling is None or scene.coupling is None else scene.coupling.drag_times,
         clock=clock,
-        scalars=scene_scalars(scene, particles, interval, steps, extensions.get("nusselt")),
+        scalars=scalars,
         walls_in_fluid=seen.moving,
     )
     parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
     parameters = seen.put_into(parameters)
+    if scalar_surfaces is not None and scalars is not None:
+        parameters = scalar_surfaces.put_into(parameters, [field.name for field in scalars.fields])
     probes = scene_probes(scene, steps, clock, 0 if particles is None else particles.total)
     return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start, seen)
 

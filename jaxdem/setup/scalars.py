@@ -30,6 +30,7 @@ from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.heat import Heat as HeatTable
 from jaxdem.scene.heat import thermal_diffusivity
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.scalar_walls import SurfacesOfScalars
 from jaxdem.setup.start_point import StartPoint
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters
@@ -38,6 +39,8 @@ from jaxdem.structure import TimeSteps
 FOURIER, FOURIER_AMONG_GRAINS = 0.4, 0.2
 """Largest D t sum(1/h^2) of a step of a scalar [-]: Heun's method is stable up to 0.5 where the void fraction of a face
 is that of its cells; at a front of grains it may be more than twice that of a cell."""
+
+NO_SURFACES: tuple[SideKind, ...] = ()
 
 CONDUCTED = 0.25
 """Largest part of the difference to its neighbours that a grain may lose in a step of conduction [-]."""
@@ -52,6 +55,7 @@ def scene_scalars(
     fluid: FluidInterval | None,
     steps: TimeSteps,
     nusselt: NusseltLaw | None,
+    surfaces: SurfacesOfScalars | None = None,
 ) -> Scalars | None:
     """What is compiled of the scalars of a scene; None where it has none.
 
@@ -61,6 +65,7 @@ def scene_scalars(
         fluid: its fluid and steps.
         steps: of the run.
         nusselt: law of heat transfer in place of the scene's.
+        surfaces: within the mesh of the fluid; None without.
 
     Raises:
         InputError: a law of heat transfer is given in Python, and no heat is exchanged.
@@ -78,7 +83,12 @@ def scene_scalars(
             number = diffusivity * steps.interval * sum(1.0 / h**2 for h in spacing)
             sides = tuple(_kind(scene.boundary[side], name) for side in scene.sides)
             longest = FOURIER if particles is None else FOURIER_AMONG_GRAINS
-            fields.append(ScalarField(name, sides, diffusivity > 0.0, max(1, math.ceil(number / longest))))
+            finer, kinds = 1, NO_SURFACES
+            if surfaces is not None:
+                kinds, longest = surfaces.kinds(name), longest * min(1.0, surfaces.smallest)
+                finer = max(1, math.ceil(fluid.courant_limit / surfaces.smallest - 1e-9))
+            count = max(1, math.ceil(number / longest))
+            fields.append(ScalarField(name, sides, diffusivity > 0.0, count, kinds, finer))
     heat = None
     if scene.heat is not None:
         table = scene.heat
@@ -129,11 +139,13 @@ def _conduction_numbers(
     if table.particle_conductivity is None or table.true_young_modulus is None:
         return None
     walls = [0.0 if value is None else value for value in _wall_temperatures(scene, particles)]
+    meshes = [0.0 if value is None else value for value in _mesh_temperatures(scene)]
     return ConductionNumbers(
         number(table.particle_conductivity),
         number(table.wall_conductivity or table.particle_conductivity),
         number(table.true_young_modulus),
         number(walls),
+        number(meshes),
     )
 
 
@@ -163,7 +175,8 @@ def first_scalars(
     if state is not None and particles is not None and scene.heat is not None:
         grains = _first_temperatures(scene, particles, len(state.position), start)
     zero = on_device(np.zeros(()), dtype)
-    supplied = Supplied(on_device(np.zeros((len(fields), 2 * scene.dimension)), dtype), zero, zero)
+    places = 2 * scene.dimension + (len(scalars.fields[0].surfaces) if fields else 0)
+    supplied = Supplied(on_device(np.zeros((len(fields), places)), dtype), zero, zero)
     return ScalarState(tuple(fields), None if grains is None else on_device(grains, dtype), supplied)
 
 
@@ -200,6 +213,11 @@ def _wall_temperatures(scene: Scene, particles: ParticleSetup) -> list[float | N
     return sides + surfaces
 
 
+def _mesh_temperatures(scene: Scene) -> list[float | None]:
+    """Of all walls that are meshes; None for one without a temperature."""
+    return [wall.temperature for wall in scene.walls if wall.kind == "mesh"]
+
+
 def _conduction(scene: Scene, particles: ParticleSetup | None, steps: TimeSteps) -> Conduction | None:
     table = required(scene.heat, "heat")
     if particles is None or table.particle_conductivity is None:
@@ -214,7 +232,8 @@ def _conduction(scene: Scene, particles: ParticleSetup | None, steps: TimeSteps)
     capacity = required(table.particle_heat_capacity, "capacity") * density * 4.0 / 3.0 * math.pi * radius**3
     rate = COORDINATION[scene.dimension] * 2.0 * table.particle_conductivity * touched / capacity
     walls = tuple(value is not None for value in _wall_temperatures(scene, particles))
-    return Conduction(walls, linear, max(1, math.ceil(rate * steps.interval / CONDUCTED)))
+    meshes = tuple(value is not None for value in _mesh_temperatures(scene))
+    return Conduction(walls, linear, max(1, math.ceil(rate * steps.interval / CONDUCTED)), meshes)
 
 
 def _first_field(scene: Scene, name: str, start: StartPoint | None, dtype: np.dtype[np.floating]) -> Array:

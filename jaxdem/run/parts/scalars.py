@@ -10,6 +10,7 @@ from jaxdem.errors import required
 from jaxdem.run.instant import Instant, present
 from jaxdem.run.parts.part import Arrays, Part
 from jaxdem.run.totals import Means, Totals
+from jaxdem.scalars.in_cells import fluid_share
 from jaxdem.setup.builder import Case
 from jaxdem.state import State
 
@@ -31,10 +32,14 @@ class Temperatures(Part):
     def columns(self, case: Case, instant: Instant, means: Means) -> dict[str, float]:
         """Means over the volume of the fluid, and over the heat capacity of the grains."""
         arrays, state, found = self.arrays(case, instant), instant.state, {}
-        share = None if state.fluid is None else state.fluid.void_fraction
+        given = None if state.fluid is None else state.fluid.void_fraction
+        share = None if given is None else np.asarray(given)
+        cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
+        if cut is not None:
+            share = np.asarray(cut.open_cells) * (1.0 if share is None else share)
         for name, values in arrays.get("fluid", {}).items():
             column = "fluid_temperature_mean" if name == "temperature" else f"scalar_{name}_mean"
-            weights = None if share is None else np.asarray(share, float)
+            weights = None if share is None else share.astype(float)
             found[column] = float(np.average(np.asarray(values, float), weights=weights))
         if grains := arrays.get("particles"):
             capacity, values = np.asarray(_capacities(case), float), np.asarray(grains["temperature"], float)
@@ -56,11 +61,10 @@ class Temperatures(Part):
         summary: dict[str, Any] = {}
         for number, field in enumerate(scalars.fields):
             if number != scalars.temperature:
-                by_side = dict(zip(case.scene.sides, sides[number].tolist(), strict=True))
-                summary.setdefault("scalars", {})[field.name] = {"through_sides": by_side}
+                summary.setdefault("scalars", {})[field.name] = _by_place(case, sides[number])
         if scalars.heat is None:
             return summary
-        passed = np.zeros(len(case.scene.sides))
+        passed = np.zeros(len(case.scene.sides) + len(case.fluid_walls.walls))
         if scalars.temperature is not None:
             passed = sides[scalars.temperature] * _volumetric(case)
         kept = totals.at_start.get(self.name)
@@ -75,7 +79,7 @@ def heat_balance(case: Case, state: State, start: float, passed: np.ndarray) -> 
         case: that ran.
         state: at the end.
         start: heat of the first state [J].
-        passed: (2 D,) that came in through every side [J].
+        passed: (2 D + S,) that came in through every side, and from every surface that the fluid sees [J].
     """
     supplied = required(state.scalars, "scalars").supplied
     fluid, grains = _heat(state, case)
@@ -85,12 +89,23 @@ def heat_balance(case: Case, state: State, start: float, passed: np.ndarray) -> 
         "start": start,
         "fluid": fluid,
         "grains": grains,
-        "through_sides": dict(zip(case.scene.sides, passed.tolist(), strict=True)),
+        **_by_place(case, passed),
         "from_walls_to_grains": walls,
         "brought_by_grains": brought,
         "missing": missing,
         "missing_relative": missing / max(abs(start), float(np.sum(np.abs(passed))), abs(walls), 1e-300),
     }
+
+
+def _by_place(case: Case, passed: np.ndarray) -> dict[str, dict[str, float]]:
+    """What came in through every side, and from every wall that the fluid sees, by its name or number."""
+    sides = case.scene.sides
+    found = {"through_sides": dict(zip(sides, passed[: len(sides)].tolist(), strict=True))}
+    of_walls: dict[str, float] = {}
+    for wall, amount in zip(case.fluid_walls.walls, passed[len(sides) :].tolist(), strict=True):
+        name = case.scene.walls[wall].name or str(wall)
+        of_walls[name] = of_walls.get(name, 0.0) + amount
+    return found | ({"from_walls_to_fluid": of_walls} if of_walls else {})
 
 
 def _heat(state: State, case: Case) -> tuple[float, float]:
@@ -101,6 +116,10 @@ def _heat(state: State, case: Case) -> tuple[float, float]:
         return fluid, grains
     if scalars.temperature is not None and state.fluid is not None:
         share = 1.0 if state.fluid.void_fraction is None else np.asarray(state.fluid.void_fraction, float)
+        cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
+        if cut is not None:
+            volumes = fluid_share(required(case.parameters.scalars, "scalars").walls, cut, share)  # type: ignore[arg-type]
+            share = np.where(np.asarray(cut.open_cells) > 0.0, np.asarray(volumes, float), 0.0)
         volume = required(case.simulation.fluid, "fluid").solver.grid.cell_volume
         values = np.asarray(found.fields[scalars.temperature], float)
         fluid = _volumetric(case) * volume * float(np.sum(share * values))

@@ -1,0 +1,59 @@
+"""What the cells of the fluid are to a scalar: their capacity, what part of them conducts, and surfaces within them."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.cut_scalar import ScalarSurfaces, ScalarWalls, capacity_of
+from jaxdem.fluid.grid import CellOrOne
+from jaxdem.fluid.scalar_transport import SideKind, Stream
+
+
+def fluid_share(walls: ScalarWalls | None, cut: CutCells | None, void_fraction: CellOrOne) -> CellOrOne:
+    """Capacity of the cells for a scalar, over that of as much fluid as a whole cell: the void fraction, between
+    surfaces see `cut_scalar`, where cells without fluid have 1 [-]."""
+    if walls is None or cut is None:
+        return void_fraction
+    return capacity_of(cut.open_cells, walls.lent, void_fraction)
+
+
+def between_surfaces(
+    stream: Stream,
+    walls: ScalarWalls,
+    cut: CutCells,
+    kinds: tuple[SideKind, ...],
+    given: tuple[Array, CellOrOne, Array, Array],
+) -> Stream:
+    """The stream between surfaces.
+
+    Args:
+        stream: as if nothing were cut.
+        walls, cut: the surfaces.
+        kinds: what passes each; static.
+        given: diffusivity [m2/s]; its part that acts in the cells [-]; (S,) values of the surfaces [unit]; (S,) fluxes
+            from them [unit m/s].
+    """
+    diffusivity, share, value, flux = given
+    has_value, has_flux = (jnp.asarray([kind == which for kind in kinds]) for which in ("value", "flux"))
+    nearest = cut.nearest_to_cells
+    rate = jnp.where(has_value[nearest], diffusivity * share * walls.exchange, 0.0)
+    supply = jnp.where(has_flux[nearest], flux[nearest] * walls.area, 0.0)
+    surfaces = ScalarSurfaces(
+        cut.open_faces, cut.open_cells, walls.lent, rate, value[nearest], supply, nearest, len(kinds)
+    )
+    return stream._replace(share=cut.opened(stream.share), surfaces=surfaces)
+
+
+def conducting(bed: str, void_fraction: CellOrOne) -> CellOrOne:
+    """Part of the fluid's conductivity that acts at a void fraction.
+
+    "kuipers": 1 - sqrt(1 - g), the part of a bed through which heat goes by the fluid alone.
+
+    Source: J. A. M. Kuipers, W. Prins, W. P. M. van Swaaij, AIChE J. 38 (1992) 1079-1091, after P. Zehner, E. U.
+    Schluender, Chem.-Ing.-Tech. 42 (1970) 933-941.
+    """
+    if bed == "open" or isinstance(void_fraction, float):
+        return void_fraction
+    return 1.0 - jnp.sqrt(jnp.maximum(1.0 - void_fraction, jnp.finfo(void_fraction.dtype).tiny))
