@@ -17,6 +17,7 @@ from jaxdem.particles.energy import carried, flow_of_interval
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, as_column
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
+from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors, with_radius
 from jaxdem.particles.population import Entry, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
@@ -53,7 +54,8 @@ def moved_particles(
 ) -> Moved:
     """The particles after the contact steps, under gravity and the mean fluid forces."""
     contact, coupling = required(simulation.contact, "particles"), simulation.coupling
-    parameters, before = of_rows(parameters, state), required(state.particles, "state.particles")
+    whole, before = parameters, required(state.particles, "state.particles")
+    parameters = of_rows(parameters, state)
     alone = bodies = required(parameters.bodies, "parameters.bodies")
     load = jnp.broadcast_to(as_column(bodies.mass) * parameters.gravity[None], before.velocity.shape)
     if coupling is not None and forces is not None:
@@ -71,18 +73,26 @@ def moved_particles(
     if means.energy is not None:
         flow = flow_of_interval(means.energy, alone, bodies, parameters.gravity, before, particles)
         if contact.model.wall_times is not None:
-            flow = carried(flow, "wall_changes", *_as_walls_change(simulation, parameters, state, neighbors))
+            flow = carried(flow, "wall_changes", *_as_walls_change(simulation, whole, state, neighbors))
         means = means._replace(energy=flow)
     if coupling is not None and forces is not None:
         particles = coupling.remember(parameters.mixture, forces, before, particles)
     return Moved(before, particles, listed, means, bodies)
 
 
-def after_exits_and_inlets(simulation: Structure, parameters: Parameters, state: State, moved: Moved) -> Moved:
-    """The particles after those that leave and come, and the energy of the interval with what these carry."""
-    particles, neighbors = renewed_particles(simulation, parameters, moved.particles, moved.neighbors, state.step + 1)
+def at_end_of_interval(simulation: Structure, parameters: Parameters, state: State, moved: Moved) -> Moved:
+    """The particles after those that leave, come and go to other slabs, and the energy of the interval with what those
+    that leave and come carry."""
+    particles, neighbors = moved.particles, moved.neighbors
+    division = required(simulation.contact, "particles").division
+    if simulation.population is not None:
+        particles, neighbors = renewed_particles(simulation, parameters, particles, neighbors, state.step + 1)
+    if division is not None:
+        radius = required(parameters.bodies, "parameters.bodies").radius
+        meshes = simulation.meshes_placed(parameters, particles, state.step + 1)
+        particles, neighbors = settled(division, simulation.search, radius, particles, neighbors, meshes)
     means = moved.means
-    if means.energy is not None:
+    if means.energy is not None and simulation.population is not None:
         now = stored(simulation, parameters, particles, neighbors, state.step + 1)
         without = stored(simulation, parameters, moved.particles, moved.neighbors, state.step + 1)
         means = means._replace(energy=carried(means.energy, "population", without, now))
@@ -116,9 +126,10 @@ def stored(
     step: Array,
     walls_of: Array | None = None,
 ) -> StoredEnergy:
-    """What is stored in the particles after `step` intervals, with the walls that are there in the interval
-    `walls_of`; in the last one that is over if None."""
+    """What is stored in the particles after `step` intervals, of a slab what is counted there; with the walls that are
+    there in the interval `walls_of`, in the last one that is over if None."""
     contact, bodies = required(simulation.contact, "particles"), required(parameters.bodies, "parameters.bodies")
+    particles, bodies = contact.seen(bodies, particles, neighbors)
     last, model = jnp.maximum(step - 1, 0), contact.model
     parameters = simulation.during(parameters, last)
     around = surroundings(
@@ -200,5 +211,5 @@ def particle_report(
         waiting,
         None if within is None else total(blocks, jnp.sum(jnp.any(within.found, axis=0).astype(jnp.int32))),
         means.walls,
-        means.energy,
+        total(blocks, means.energy),
     )

@@ -8,9 +8,8 @@ from jaxdem.coupling.exchange_result import ExchangeDiagnostics, FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
-from jaxdem.particle_step import after_exits_and_inlets, buried_particles, moved_particles, of_rows, particle_report
+from jaxdem.particle_step import at_end_of_interval, buried_particles, moved_particles, of_rows, particle_report
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalar_step import FlowOfInterval, advance_scalars, with_buoyancy
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, Places, State
@@ -70,17 +69,11 @@ def advance_particles(
     """The particles after the contact steps, under gravity and the mean fluid forces; then who leaves and comes."""
     if simulation.contact is None:
         return None, None, None, None
-    listed, division = required(neighbors, "neighbors"), simulation.contact.division
+    listed = required(neighbors, "neighbors")
     parameters = simulation.during(parameters, state.step)
     moved = moved_particles(simulation, parameters, state, listed, forces)
     places = None if simulation.cut is None else Places(moved.particles.position, moved.particles.position_low)
-    if simulation.population is not None:
-        moved = after_exits_and_inlets(simulation, parameters, state, moved)
-    if division is not None:
-        radius = required(parameters.bodies, "parameters.bodies").radius
-        meshes = simulation.meshes_placed(parameters, moved.particles, state.step + 1)
-        own = settled(division, simulation.search, radius, moved.particles, moved.neighbors, meshes)
-        moved = moved._replace(particles=own[0], neighbors=own[1])
+    moved = at_end_of_interval(simulation, parameters, state, moved)
     within = buried_particles(simulation, of_rows(parameters, state), moved.before, listed, state.step)
     report = particle_report(simulation, moved, state.step + 1, within)
     return moved.particles, moved.neighbors, report, places

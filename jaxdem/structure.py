@@ -110,14 +110,14 @@ class Structure:
 
     def during(self, parameters: Parameters, step: Array) -> Parameters:
         """The parameters of the interval that begins after `step` intervals, with the means over it of gravity and of
-        the factor on the drag where these change with time."""
+        the factor on the drag where these change with time; parameters of an interval stay as they are."""
         if self.gravity_times is None and self.drag_times is None:
             return parameters
         begin, duration = self.time_after(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
-        if self.gravity_times is not None:
+        if self.gravity_times is not None and parameters.gravity.ndim == 2:
             gravity = mean_over(self.gravity_times, parameters.gravity, begin, duration)
             parameters = parameters._replace(gravity=gravity)
-        if self.drag_times is not None and parameters.drag_scale is not None:
+        if self.drag_times is not None and parameters.drag_scale is not None and parameters.drag_scale.ndim == 1:
             scale = mean_over(self.drag_times, parameters.drag_scale[:, None], begin, duration)[0]
             parameters = parameters._replace(drag_scale=scale)
         return parameters

@@ -44,7 +44,6 @@ REFUSED = (
     Refused(
         "particles.shape", "a clump", "clumps, whose members a slab would have to know with their bodies", _has_clumps
     ),
-    Refused("output.energy", "true", "a balance of energy", _of_contacts(lambda model: model.energy)),
     Refused("bonds", "...", "bonds between particles", _of_contacts(lambda model: model.bonds is not None)),
     Refused(
         "walls",

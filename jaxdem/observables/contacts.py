@@ -15,7 +15,7 @@ from jaxdem.particles.forces import contacts_now
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.neighbors import Neighbors, with_radius
-from jaxdem.particles.slab_steps import seen_in_slab
+from jaxdem.particles.pair_forces import counted_pairs
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
 
@@ -27,8 +27,8 @@ class Contacts(NamedTuple):
         first, second: (P,) int32, the particles of each pair.
         between: of these pairs, arrays (P,), with the normal and the force on the first; None for a single particle.
         walls: with the S walls, sides of the box first, arrays (S, N); None without walls.
-        counted: on several devices (P,) bool, which pairs belong to this slab: one across a border is in the lists of
-            both, and is counted with its first particle. None on one device.
+        counted: on several devices (P,) bool, which pairs belong to this slab, see `counted_pairs`; None on one
+            device.
     """
 
     first: Array
@@ -46,13 +46,8 @@ def particles_seen(
 
     Arguments are those of `contacts`.
     """
-    particles = required(state.particles, "particles")
-    bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)
-    division = required(structure.contact, "particles").division
-    if division is None:
-        return particles, bodies
-    bodies, particles = seen_in_slab(division, neighbors, bodies, particles)
-    return particles, bodies
+    particles, bodies = required(state.particles, "particles"), required(parameters.bodies, "parameters.bodies")
+    return required(structure.contact, "particles").seen(bodies, particles, neighbors)
 
 
 def contacts(structure: Structure, parameters: Parameters, state: State, neighbors: Neighbors) -> Contacts:
@@ -91,8 +86,7 @@ def contacts_of(
     motion, still = Motion.of(particles), jnp.zeros((), particles.position.dtype)
     step = ContactStep(model, materials, bodies, motion, motion.velocity, still, particles.active, present)
     between, walls = contacts_now(step, neighbors)
-    first, second, ghosts = neighbors.pairs.first, neighbors.pairs.second, neighbors.ghosts
-    return Contacts(first, second, between, walls, None if ghosts is None else first < ghosts.rows)
+    return Contacts(neighbors.pairs.first, neighbors.pairs.second, between, walls, counted_pairs(neighbors))
 
 
 def _present(model: ContactModel, middle: Array) -> Array | None:

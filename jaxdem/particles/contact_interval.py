@@ -11,7 +11,10 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_sums import WallLoads
 from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.ghosts import Division
+from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.neighbor_search import NeighborSearch
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.slab_steps import seen_in_slab
 
 
 @static
@@ -32,6 +35,23 @@ class ContactInterval:
     steps: int
     reversible: bool
     division: Division | None = None
+
+    def seen(
+        self, bodies: ParticleProperties, particles: ParticleState, neighbors: Neighbors
+    ) -> tuple[ParticleState, ParticleProperties]:
+        """The particles that the pairs of a list are of, and what they are: on several devices those of a slab with the
+        ghosts of its neighbours behind them, which are not active.
+
+        Args:
+            bodies: of all particles, by identity.
+            particles: state, of the slab.
+            neighbors: its list.
+        """
+        own = bodies.of_rows(particles.identity)
+        if self.division is None:
+            return particles, own
+        own, particles = seen_in_slab(self.division, neighbors, own, particles)
+        return particles, own
 
 
 class ContactMeans(NamedTuple):

@@ -47,7 +47,7 @@ class FoundContacts(NamedTuple):
         of_one: values of the particles (N,), as those of the one body of each contact.
         of_other: the same of the other body; None for a wall.
         memory: what cohesion remembers before and after the step; () for none.
-        there: such that it goes with the contacts, which of them are any; None where all are.
+        there: such that it goes with the contacts, which of them are any and belong to this slab; None where all do.
         walls: numbers of the walls, one a row of the contacts or one for all; () between particles.
     """
 

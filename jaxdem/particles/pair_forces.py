@@ -76,6 +76,13 @@ class _PairSums(NamedTuple):
     found: tuple[ContactPair, ContactLoad] | None
 
 
+def counted_pairs(neighbors: Neighbors) -> Array | None:
+    """(P,) bool, which pairs belong to this slab: one across a border is in the lists of both, and is counted with its
+    first particle. None on one device."""
+    ghosts = neighbors.ghosts
+    return None if ghosts is None else neighbors.pairs.first < ghosts.rows
+
+
 def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
     """Adds the contacts between particles; returns their new springs too."""
     contacts = _all_pairs(step, neighbors)
@@ -126,7 +133,7 @@ def _found(
     return FoundContacts(
         pair, load, pair_material(step, neighbors),
         of_one=lambda values: at(values, pairs.first), of_other=lambda values: at(values, pairs.second),
-        memory=((before[number:], spring[number:]),) if step.model.memory else (),
+        memory=((before[number:], spring[number:]),) if step.model.memory else (), there=counted_pairs(neighbors),
     )  # fmt: skip
 
 

@@ -124,6 +124,18 @@ def refreshed(
     return motion, expected, slab._replace(due=due)
 
 
+def moved_ghosts(division: Division, neighbors: Neighbors, motion: Motion) -> Motion:
+    """The motion (n,) after a step with the velocities and spins that the ghosts have got from all of their contacts.
+
+    A slab knows only some of these; the balance of energy needs what comes of all.
+    """
+    ghosts, count = required(neighbors.ghosts, "ghosts of a list"), len(motion.velocity)
+    both = (*motion.velocity, *motion.angular_velocity)
+    new, _ = exchanged(division.blocks, ghosts, both, None)
+    filled = tuple(x.at[ghosts.rows :].set(values) for x, values in zip(both, new, strict=True))
+    return motion._replace(velocity=filled[:count], angular_velocity=filled[count:])
+
+
 def with_own_due(
     division: Division,
     search: NeighborSearch | None,

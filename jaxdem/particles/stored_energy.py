@@ -22,7 +22,7 @@ from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.mesh_forces import mesh_pair
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.particles.pair_forces import pair_contacts, pair_material
+from jaxdem.particles.pair_forces import counted_pairs, pair_contacts, pair_material
 from jaxdem.particles.wall_forces import wall_contacts, wall_material
 
 
@@ -72,7 +72,7 @@ def stored_energy(
         neighbors: their list, in date.
         bodies: the particles, without fluid that moves along.
         gravity: (D,) [m/s2].
-        state: of the particles.
+        state: of the particles; in a slab with the ghosts behind them, of which nothing is counted.
     """
     motion, dtype = Motion.of(state), state.velocity.dtype
     there = jnp.ones(state.velocity.shape[0], bool) if state.active is None else state.active
@@ -123,7 +123,7 @@ def _contacts(
     found: list[tuple[ContactPair, ContactMaterial, Vector, Array | None]] = []
     if neighbors.room.slots:
         pair, _ = pair_contacts(step, neighbors)
-        found.append((pair, pair_material(step, neighbors), step.motion.contact_spring, None))
+        found.append((pair, pair_material(step, neighbors), step.motion.contact_spring, counted_pairs(neighbors)))
     if step.model.analytic_walls:
         pair, _ = wall_contacts(step)
         found.append((pair, wall_material(step), step.motion.wall_spring, None))

@@ -28,7 +28,7 @@ from jaxdem.particles.ghosts import NEVER
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.moving_walls import PistonState, change_of_walls, pushed
 from jaxdem.particles.neighbors import Neighbors, way_of_meshes
-from jaxdem.particles.slab_steps import SlabCarry, refreshed, with_own_due
+from jaxdem.particles.slab_steps import SlabCarry, moved_ghosts, refreshed, with_own_due
 from jaxdem.particles.stored_energy import spin_energies
 from jaxdem.particles.wear import no_wear
 
@@ -48,7 +48,7 @@ class Carry(NamedTuple):
         pistons: None without.
         crowded: () bool, a particle had more contacts with a mesh than there is room for; None without meshes.
         wear: volume taken from the triangles of each mesh that wears [m3].
-        energy: what was given and taken; None where no balance is kept [J].
+        energy: what was given and taken, in a slab by what is counted there; None where no balance is kept [J].
     """
 
     motion: Motion
@@ -208,6 +208,8 @@ class Verlet:
         if energy is None:
             return None
         given, clumps = work_on_bodies(self.force, self.torque, *motions, self.time_step), self.properties.clumps
+        if self.interval.division is not None:
+            motions = motions[0], moved_ghosts(self.interval.division, neighbors, motions[1])
         if clumps is not None:
             motions = touching_motion(clumps, neighbors, motions[0]), touching_motion(clumps, neighbors, motions[1])
         flow = flow_of_step(self.interval.model, sums, *motions, self.time_step, held)

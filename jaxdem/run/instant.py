@@ -8,11 +8,26 @@ import numpy as np
 from jax import Array
 
 from jaxdem.coupling.exchange_result import FluidForces
+from jaxdem.devices import DividedSimulation
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.regions import into_period
 from jaxdem.simulation import Simulation
 from jaxdem.state import State
+
+
+@dataclasses.dataclass(frozen=True)
+class InSlabs:
+    """A state on several devices.
+
+    Attributes:
+        simulation: in slabs.
+        state, neighbors: distributed.
+    """
+
+    simulation: DividedSimulation
+    state: State
+    neighbors: Neighbors
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,9 +37,10 @@ class Instant:
     Attributes:
         time: simulated time [s].
         state: at that time.
-        neighbors: its list, None without particles.
+        neighbors: its list, None without particles and on several devices.
         forces: of the fluid in the interval before, None at the start and without fluid or particles.
         identity: on several devices, of the particles that the rows of the forces belong to.
+        slabs: on several devices, the same state in slabs; None without particles.
     """
 
     time: float
@@ -32,6 +48,7 @@ class Instant:
     neighbors: Neighbors | None
     forces: FluidForces | None
     identity: Array | None = None
+    slabs: InSlabs | None = None
 
 
 def wrapped_position(simulation: Simulation, particles: ParticleState) -> np.ndarray:

@@ -29,7 +29,7 @@ from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import Probe
 from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program, SlabProgram
-from jaxdem.run.instant import Instant
+from jaxdem.run.instant import InSlabs, Instant
 from jaxdem.run.probing import Rows, Watch, of_all_slabs
 from jaxdem.run.restart import from_arrays, to_arrays
 from jaxdem.setup.builder import Case
@@ -157,7 +157,10 @@ class Slabs:
         forces = instant.forces
         if forces is not None and instant.identity is not None:
             forces = gathered_rows(self.simulation, forces, instant.identity)
-        return Instant(instant.time, gathered_state(self.simulation, instant.state), None, forces)
+        slabs = None
+        if instant.neighbors is not None:
+            slabs = InSlabs(self.simulation, instant.state, instant.neighbors)
+        return Instant(instant.time, gathered_state(self.simulation, instant.state), None, forces, slabs=slabs)
 
     def enlarged(self, state: State, neighbors: Neighbors, failed: Neighbors) -> tuple[State, Neighbors | None]:
         return enlarged(self.simulation, self.case.parameters, state, neighbors, failed)

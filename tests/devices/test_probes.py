@@ -27,9 +27,12 @@ STAGED = {
     "walls": [
         {"kind": "plane", "point": [0.0, 0.118], "normal": [0.0, -1.0],
          "piston": {"direction": [0.0, -1.0], "force": 2.0, "mass": 1.0}},
+        {"kind": "plane", "point": [0.2375, 0.0], "normal": [-1.0, 0.0], "end": 0.0175},
     ],
     "boundary": {"right": {"particles": "remove"}},
-    "contact": {"young_modulus": 1e6, "friction": 0.4, "restitution": 0.6, "speed": 2.0, "skin": 0.2},
+    "contact": {"young_modulus": 1e6, "friction": 0.4, "restitution": 0.6, "speed": 2.0, "skin": 0.2,
+                "rolling_friction": 0.1, "rolling_model": "epsd"},
+    "output": {"energy": True},
     "time": {"end": 0.01, "output_interval": 0.01},
     "probes": [
         {"name": "gate", "kind": "plane", "axis": "x", "at": 0.235, "interval": 0.01},
@@ -43,7 +46,7 @@ STAGED = {
         {"name": "back", "time": {"end": 0.04}, "domain": {"gravity": [-4.0, -9.0]}},
     ],
 }  # fmt: skip
-"""Rows of grains of two sizes that fly to the right, the lowest along the floor, under a piston."""
+"""Rows of grains of two sizes that fly to the right, the lowest along the floor, under a piston, to a gate."""
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +98,24 @@ def test_probes_of_grains(chains):
     last = (table["time"] == table["time"][-1]) & (table["wall"] < 0)
     assert np.abs(table["position_x"][last] - told["planes"][0]).min() < 0.009, "a contact across the border"
     assert np.abs(one.probes["floor"]["force_z"]).min() > 0.0
+
+
+def test_balance_of_energy(chains):
+    """Every store, work and loss is that of one device: of contacts across borders, grains that come, leave and go to
+    other slabs, a piston, and a gate that goes while grains press on it. Nothing is missing."""
+    one, other = (run.summary["energy"] for run in loaded(chains, "lean"))
+    scale = sum(one["end"].values())
+    for group in ("start", "end", "work", "dissipated"):
+        assert one[group].keys() == other[group].keys()
+        for name, expected in one[group].items():
+            assert abs(other[group][name] - expected) < 1e-11 * scale, (group, name)
+    for found in (one, other):
+        assert abs(found["missing"]) < 1e-11 * scale
+        assert 0.0 < abs(found["gained"]) < 1e-3 * scale
+    for name in ("walls", "population", "wall_changes"):
+        assert abs(one["work"][name]) > 1e-4 * scale, name
+    for name in ("damping", "sliding", "rolling"):
+        assert one["dissipated"][name] > 1e-4 * scale, name
 
 
 def test_stages_do_what_they_do_on_one_device(chains):

@@ -50,6 +50,7 @@ end = 0.2
 output_interval = 0.01
 [output]
 checkpoint_interval = 1e-3
+energy = true
 [[probes]]
 name = "middle"
 kind = "plane"
@@ -114,6 +115,9 @@ def test_four_devices_do_what_one_does(scene, tmp_path):
     four = load_run(tmp_path / "four")
     assert four.number_of_frames == one.number_of_frames == 13
     assert 0.0 < largest_difference(one, four)["position"] < 1e-12
+    for name in ("start", "end", "work", "dissipated"):
+        for part, expected in one.summary["energy"][name].items():
+            assert four.summary["energy"][name][part] == pytest.approx(expected, rel=1e-9, abs=1e-12), part
 
 
 def frames(out):
@@ -178,6 +182,7 @@ def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path)
             assert np.array_equal(run.probes[name][column], values), (name, column)
     assert run.probes.units("middle")["mass_flow"] == "kg/s"
     assert run.summary["devices"]["processes"] == 2 and run.summary["complete"]
+    assert run.summary["energy"] == on_two.summary["energy"]
 
     reader = vtkHDFReader()
     reader.SetFileName(str(out / "particles.vtkhdf"))

@@ -7,18 +7,22 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxdem.devices.mesh import SAME, SLABS, STATE, on_host, on_slabs, put
 from jaxdem.errors import required
+from jaxdem.numerics.blocks import total
 from jaxdem.numerics.host import on_device
 from jaxdem.particle_step import stored as stored_in_particles
 from jaxdem.particles.energy import EnergyFlow
 from jaxdem.particles.integrate import Motion, ParticleState
 from jaxdem.particles.materials import ContactParameters
+from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.stored_energy import StoredEnergy, knows_energy, spin_energies
-from jaxdem.run.instant import Instant
+from jaxdem.run.instant import InSlabs, Instant
 from jaxdem.run.parts.part import Part
 from jaxdem.run.parts.springs import is_plain, springs_of
 from jaxdem.run.totals import Totals
 from jaxdem.setup.builder import Case
+from jaxdem.state import Parameters, State
 
 TOLD = 0.01
 """Energy that no force explains, over what was turned over, from which on the summary says so [-]."""
@@ -67,13 +71,15 @@ class Energy(Part):
 def energy_now(case: Case, instant: Instant) -> tuple[float, ...]:
     """What is stored in the particles, the fields of `StoredEnergy` [J].
 
-    Only `MOTION` where the contact law or the cohesion does not say what it stores, and on several devices; empty in a
-    scene without particles.
+    Only `MOTION` where the contact law or the cohesion does not say what it stores, and on several devices without
+    `output.energy`; empty in a scene without particles.
     """
     particles, neighbors, contact = instant.state.particles, instant.neighbors, case.simulation.contact
     if particles is None:
         return ()
-    if neighbors is None or contact is None or contact.division is not None or not knows_energy(contact.model):
+    if instant.slabs is not None and case.scene.output.energy:
+        return tuple(float(x) for x in _stored_in_slabs(case.parameters, instant.slabs))
+    if neighbors is None or contact is None or not knows_energy(contact.model):
         return _of_motion(case, particles, instant)
     bodies, material = case.parameters.bodies, case.parameters.materials
     if (
@@ -90,7 +96,23 @@ def energy_now(case: Case, instant: Instant) -> tuple[float, ...]:
 
 
 # It runs twice: the time is that of compiling it.
-_stored = jax.jit(stored_in_particles, compiler_options={"xla_backend_optimization_level": 0})
+QUICKLY = {"xla_backend_optimization_level": 0}
+
+_stored = jax.jit(stored_in_particles, compiler_options=QUICKLY)
+
+
+def _stored_in_slabs(parameters: Parameters, slabs: InSlabs) -> StoredEnergy:
+    """The same of a state in slabs; every process must call it."""
+    mesh, simulation = required(slabs.simulation.mesh, "mesh"), slabs.simulation.of_slab()
+
+    def of_all(parameters: Parameters, state: State, neighbors: Neighbors) -> StoredEnergy:
+        particles = required(state.particles, "state.particles")
+        return total(simulation.cut, stored_in_particles(simulation, parameters, particles, neighbors, state.step))
+
+    given = put(mesh, parameters, SAME), slabs.state, slabs.neighbors
+    program = jax.jit(on_slabs(mesh, of_all, (SAME, STATE, SLABS), SAME), compiler_options=QUICKLY)
+    found: StoredEnergy = on_host(program(*given))
+    return found
 
 
 def _givers(case: Case) -> list[str]:
