@@ -96,10 +96,13 @@ def check_initial_positions(particles: ParticleSetup) -> None:
 
 def _deepest_in_sides(scene: Scene, position: np.ndarray, radius: np.ndarray) -> tuple[int, float, str]:
     """Of the sphere that is deepest in a side of the box: its row, the depth over its diameter, and the sides of the
-    axis; no depth without spheres."""
+    axis; no depth without spheres. A side that removes particles is no wall to one whose centre is in the box."""
     if not len(position):
         return 0, -np.inf, ""
-    depth = np.maximum(radius[:, None] - position, position + radius[:, None] - np.asarray(scene.domain.size))
+    beyond = np.stack([-position, position - np.asarray(scene.domain.size)], axis=2)
+    removes = [scene.boundary[name].particles == "remove" for name in scene.sides]
+    passes = np.reshape(removes, (-1, 2)) & (beyond <= 0.0)
+    depth = np.max(np.where(passes, -np.inf, beyond + radius[:, None, None]), axis=2)
     depth = np.where(scene.periodic, -np.inf, depth) / (2.0 * radius[:, None])
     index, axis = np.unravel_index(np.argmax(depth), depth.shape)
     sides = f"{scene.sides[2 * axis]} or {scene.sides[2 * axis + 1]}"

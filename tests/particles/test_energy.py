@@ -73,6 +73,16 @@ def test_bodies_bonds_and_what_comes_and_goes(name):
         assert abs(found[side][part]) > least * turned_over
 
 
+def test_gravity_that_changes_beside_grains_that_come_and_go():
+    """It was looked up in its table twice."""
+    gravity = {"gravity_times": [0.0, 0.01], "gravity": [[8.0, -9.81], [0.0, -9.81]]}
+    scene = jaxdem.load_scene(with_tables(through(), domain={"size": [0.02, 0.02], **gravity}))
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    report = jax.eval_shape(lambda *given: simulation.step(*given), parameters, state, neighbors)[2]
+    assert report.particles.energy.population.shape == ()
+
+
 def test_work_of_the_fluid_by_the_forces_that_a_run_reports():
     """Grains that settle: the sum over the intervals of the mean force of the fluid times the way of each grain."""
     still = {side: {"kind": "no_slip"} for side in ("left", "right", "bottom", "top")}
