@@ -10,7 +10,7 @@ from jax import Array
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import all_of, any_of, largest, total
-from jaxdem.particles.clump_forces import as_members
+from jaxdem.particles.clump_forces import as_members, on_bodies
 from jaxdem.particles.contact_interval import ContactMeans
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.energy import carried, flow_of_interval
@@ -21,7 +21,7 @@ from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors, with_radius
 from jaxdem.particles.population import Entry, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
-from jaxdem.particles.stored_energy import StoredEnergy, stored_energy
+from jaxdem.particles.stored_energy import StoredEnergy, stored_energy, strained
 from jaxdem.particles.walls_present import Buried, buried, with_walls_present
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 from jaxdem.structure import Structure
@@ -75,6 +75,10 @@ def moved_particles(
         if contact.model.wall_times is not None:
             flow = carried(flow, "wall_changes", *_as_walls_change(simulation, whole, state, neighbors))
         means = means._replace(energy=flow)
+    if means.heat is not None:  # what springs along the contacts store is not heat yet
+        before_it = strained_in_particles(simulation, parameters, before, neighbors, state.step)
+        strain = strained_in_particles(simulation, parameters, particles, listed, state.step + 1)
+        means = means._replace(heat=means.heat - (strain - before_it))
     if coupling is not None and forces is not None:
         particles = coupling.remember(parameters.mixture, forces, before, particles)
     return Moved(before, particles, listed, means, bodies)
@@ -130,6 +134,30 @@ def stored(
     there in the interval `walls_of`, in the last one that is over if None."""
     contact, bodies = required(simulation.contact, "particles"), required(parameters.bodies, "parameters.bodies")
     particles, bodies = contact.seen(bodies, particles, neighbors)
+    parameters = parameters._replace(bodies=bodies)
+    touching, listed = _touching(simulation, parameters, particles, neighbors, step, walls_of)
+    gravity = simulation.during(parameters, jnp.maximum(step - 1, 0)).gravity
+    return stored_energy(touching, listed, bodies, gravity, particles)
+
+
+def strained_in_particles(
+    simulation: Structure, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
+) -> Array:
+    """(N,) what the tangential and rolling springs of every particle store after `step` intervals [J]."""
+    clumps = required(parameters.bodies, "parameters.bodies").clumps
+    return on_bodies(clumps, strained(*_touching(simulation, parameters, particles, neighbors, step, None)))
+
+
+def _touching(
+    simulation: Structure,
+    parameters: Parameters,
+    particles: ParticleState,
+    neighbors: Neighbors,
+    step: Array,
+    walls_of: Array | None,
+) -> tuple[ContactStep, Neighbors]:
+    """What touches after `step` intervals, and its list; see `stored`."""
+    contact, bodies = required(simulation.contact, "particles"), required(parameters.bodies, "parameters.bodies")
     last, model = jnp.maximum(step - 1, 0), contact.model
     parameters = simulation.during(parameters, last)
     around = surroundings(
@@ -143,7 +171,7 @@ def stored(
     motion, spheres = Motion.of(members), bodies.spheres(particles.velocity.shape[0])
     still = jnp.zeros((), particles.velocity.dtype)
     touching = ContactStep(model, around, spheres, motion, motion.velocity, still, members.active, present)
-    return stored_energy(touching, with_radius(neighbors, spheres.radius), bodies, parameters.gravity, particles)
+    return touching, with_radius(neighbors, spheres.radius)
 
 
 def _as_walls_change(
@@ -212,4 +240,5 @@ def particle_report(
         None if within is None else total(blocks, jnp.sum(jnp.any(within.found, axis=0).astype(jnp.int32))),
         means.walls,
         total(blocks, means.energy),
+        means.heat,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import named_scope
+from jax import Array, named_scope
 
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
@@ -27,11 +27,13 @@ class FlowOfInterval(NamedTuple):
         fluid: state at the end.
         forces: on the particles.
         report: of the fluid.
+        rubbed: (N,) what contacts made of motion; None unless it warms the particles [J].
     """
 
     fluid: FluidState | None
     forces: FluidForces | None
     report: FluidDiagnostics | None
+    rubbed: Array | None = None
 
 
 @named_scope("scalars")
@@ -45,7 +47,8 @@ def advance_scalars(
 ) -> tuple[ScalarState, FluidDiagnostics | None]:
     """The scalars after an interval, and the fluid's report without the flux, which is for them alone.
 
-    The fluid carries them by the mean flux of the interval; then grains and fluid exchange heat, and contacts conduct.
+    The fluid carries them by the mean flux of the interval; then grains and fluid exchange heat, contacts conduct, and
+    what they took from the motion warms the grains.
     The grains stand where they stood at its start, as they do for the fluid.
 
     Args:
@@ -53,7 +56,7 @@ def advance_scalars(
         parameters: of the scene.
         state: at the start.
         neighbors: list of that state.
-        flow: of the fluid.
+        flow: of the fluid, and of the contacts.
         after: particles at the end, after those that left and came.
     """
     scalars, numbers = required(simulation.scalars, "scalars"), required(parameters.scalars, "parameters.scalars")
@@ -82,6 +85,8 @@ def advance_scalars(
         listed = required(neighbors, "neighbors")
         contacts = contact_conductances(simulation, parameters, state, listed)
         found = scalars.conducted(numbers, found, contacts, listed, bodies, duration)
+    if flow.rubbed is not None:
+        found = scalars.rubbed(numbers, found, bodies, flow.rubbed)
     left = None if after is None else after.active
     return scalars.renewed(numbers, found, bodies, particles.active, left), report
 

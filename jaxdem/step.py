@@ -24,8 +24,9 @@ def step(
     particles, listed, report, places = advance_particles(simulation, parameters, state, neighbors, forces)
     scalars = None
     if simulation.scalars is not None:
-        flow = FlowOfInterval(fluid, forces, fluid_report)
+        flow = FlowOfInterval(fluid, forces, fluid_report, None if report is None else report.heat)
         scalars, fluid_report = advance_scalars(simulation, parameters, state, neighbors, flow, particles)
+        report = None if report is None else report._replace(heat=None)
     new = State(particles, fluid, state.step + 1, scalars)
     return new, listed, Diagnostics(report, fluid_report, exchange_report, forces, places)
 

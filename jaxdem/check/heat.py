@@ -63,6 +63,7 @@ def scalar_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -
         (f"heat exchange of grains and fluid{law}", heat.exchange is not None),
         ("conduction through contacts", heat.conduction is not None),
         ("buoyancy of warm fluid", heat.expands),
+        ("heat of friction", simulation.contact is not None and simulation.contact.model.heats),
         *carried,
     ]
 

@@ -96,6 +96,11 @@ def touching_motion(clumps: Clumps, neighbors: Neighbors, motion: Motion) -> Mot
     )
 
 
+def on_bodies(clumps: Clumps | None, values: Array) -> Array:
+    """(N,) sums on bodies of values of all members; the values themselves where there are no clumps."""
+    return values if clumps is None else sum_slots(values.reshape(clumps.members, -1))
+
+
 def _placed(neighbors: Neighbors) -> Placed:
     return neighbors.bodies if neighbors.bodies is not None else required(neighbors.bodies, "bodies of a list")
 

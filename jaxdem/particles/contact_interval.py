@@ -62,8 +62,10 @@ class ContactMeans(NamedTuple):
         walls: force and torque on every wall, NaN where it is not measured; None where none is.
         energy: a sum and not a mean, what contacts and the given forces have given and taken, the latter under `fluid`;
             None where no balance is kept [J].
+        heat: a sum too, (N,) what contacts took, see `energy.heat_of_step`; None where it warms nothing [J].
     """
 
     collision_force: Array
     walls: WallLoads | None
     energy: EnergyFlow | None = None
+    heat: Array | None = None

@@ -113,6 +113,7 @@ class ContactModel:
         lubrication: what the liquid in gaps does, or None: then no such term is compiled.
         wet_friction: whether friction depends on the film between bodies.
         energy: whether what contacts take and give is summed; without it no such term is compiled.
+        heats: whether what they take is told of every particle too, to become heat.
     """
 
     law: ContactLaw
@@ -131,6 +132,7 @@ class ContactModel:
     lubrication: Lubrication | None = None
     wet_friction: bool = False
     energy: bool = False
+    heats: bool = False
 
     @property
     def walls(self) -> int:

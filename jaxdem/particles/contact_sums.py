@@ -46,6 +46,7 @@ class FoundContacts(NamedTuple):
         material: their constants.
         of_one: values of the particles (N,), as those of the one body of each contact.
         of_other: the same of the other body; None for a wall.
+        onto: values of the contacts, as sums (N,) on the particles: of each on both bodies.
         memory: what cohesion remembers before and after the step; () for none.
         there: such that it goes with the contacts, which of them are any and belong to this slab; None where all do.
         walls: numbers of the walls, one a row of the contacts or one for all; () between particles.
@@ -56,6 +57,7 @@ class FoundContacts(NamedTuple):
     material: ContactMaterial
     of_one: Callable[[Vector], Vector]
     of_other: Callable[[Vector], Vector] | None
+    onto: Callable[[Array], Array]
     memory: tuple[tuple[Vector, Vector], ...] = ()
     there: Array | None = None
     walls: tuple[int, ...] = ()

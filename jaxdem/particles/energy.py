@@ -26,7 +26,7 @@ from jaxdem.particles.contact_load import gap_of
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_sums import FoundBonds, FoundContacts, Sums
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
-from jaxdem.particles.pairs import at
+from jaxdem.particles.pairs import at, sum_over_pairs
 from jaxdem.particles.stored_energy import StoredEnergy
 
 
@@ -79,10 +79,10 @@ def no_flow(like: Array) -> EnergyFlow:
     return EnergyFlow(*(jnp.zeros((), like.dtype) for _ in EnergyFlow._fields))
 
 
-def flow_of_step(
+def flow_by_contact(
     model: ContactModel, sums: Sums, before: Motion, after: Motion, time_step: Array, pistons: Array | None = None
-) -> EnergyFlow:
-    """What the contacts and bonds of a step give and take.
+) -> tuple[EnergyFlow, ...]:
+    """What the contacts of a step give and take, arrays of the shape of each kind of contacts.
 
     Args:
         model: laws; static.
@@ -92,12 +92,47 @@ def flow_of_step(
         pistons: (S, D) by which the velocity of each wall that a force holds changes in the step; None without
             [m/s].
     """
-    flow = no_flow(time_step)
+    found = []
     for contacts in sums.found:
         wall = None if pistons is None or not contacts.walls else pistons[np.asarray(contacts.walls)]
-        own = _of_contacts(model, contacts, before, after, time_step, wall)
+        found.append(_of_contacts(model, contacts, before, after, time_step, wall))
+    return tuple(found)
+
+
+def flow_of_step(
+    sums: Sums, by_contact: tuple[EnergyFlow, ...], before: Motion, after: Motion, time_step: Array
+) -> EnergyFlow:
+    """What the contacts and bonds of a step give and take.
+
+    Args:
+        sums: with its bonds.
+        by_contact: see `flow_by_contact`.
+        before, after, time_step: see there.
+    """
+    flow = no_flow(time_step)
+    for own in by_contact:
         flow = jax.tree.map(lambda total, parts: total + jnp.sum(parts), flow, own)
     return flow if sums.bonded is None else _with_bonds(flow, sums.bonded, before, after, time_step)
+
+
+def heat_of_step(
+    sums: Sums, by_contact: tuple[EnergyFlow, ...], before: Motion, after: Motion, time_step: Array
+) -> Array:
+    """(N,) what contacts and bonds take in a step, by what touches and is to be warmed: half of each, and all of a
+    wall's [J]. What tangential and rolling springs store is counted as taken, see `stored_energy.strained`.
+
+    Two equal bodies share the heat of their contact by symmetry; others would by their effusivities, which are alike
+    for grains of one material: J. C. Jaeger, Proc. R. Soc. N. S. W. 76 (1942) 203-224.
+    """
+    total = jnp.zeros_like(before.velocity[0])
+    for contacts, flow in zip(sums.found, by_contact, strict=True):
+        taken = flow.damping + flow.liquid + flow.adhesion + flow.tangential + flow.rolling
+        total = total + contacts.onto(taken if contacts.of_other is None else 0.5 * taken)
+    if sums.bonded is not None:
+        _, taken, lost = _of_bonds(sums.bonded, before, after, time_step)
+        half = 0.5 * (taken + lost)
+        total = total + sum_over_pairs(half, half, sums.bonded.pairs)
+    return total
 
 
 def _of_contacts(
@@ -166,7 +201,17 @@ def _power_of_wall(found: FoundContacts, before: Motion, half: Vector | None) ->
 
 
 def _with_bonds(flow: EnergyFlow, found: FoundBonds, before: Motion, after: Motion, time_step: Array) -> EnergyFlow:
-    """The flow with that of the bonds.
+    """The flow with that of the bonds."""
+    given, taken, lost = _of_bonds(found, before, after, time_step)
+    return flow._replace(
+        conservative=flow.conservative + jnp.sum(given),
+        bond_damping=flow.bond_damping + jnp.sum(taken),
+        breaking=flow.breaking + jnp.sum(lost),
+    )
+
+
+def _of_bonds(found: FoundBonds, before: Motion, after: Motion, time_step: Array) -> tuple[Array, Array, Array]:
+    """(B,) each: given by the springs of bonds, taken by their dashpots, and lost with those that break [J].
 
     A bond that breaks gives no force in the step, so it takes with it what it stored at the start of the step.
     """
@@ -184,11 +229,7 @@ def _with_bonds(flow: EnergyFlow, found: FoundBonds, before: Motion, after: Moti
     taken = jnp.zeros_like(given)
     if found.dashpots is not None:
         taken = jnp.where(found.holds, -half * power(found.dashpots, *twice), 0.0)
-    return flow._replace(
-        conservative=flow.conservative + jnp.sum(given),
-        bond_damping=flow.bond_damping + jnp.sum(taken),
-        breaking=flow.breaking + jnp.sum(jnp.where(found.broken, stored, 0.0)),
-    )
+    return given, taken, jnp.where(found.broken, stored, 0.0)
 
 
 def carried(flow: EnergyFlow, kind: str, before: StoredEnergy, after: StoredEnergy) -> EnergyFlow:

@@ -96,7 +96,7 @@ def _at_end(
     loads = None if carry.walls is None else total(blocks, carry.walls.summed(model))
     walls = jax.tree.map(lambda sum_: sum_ / interval.steps, loads)
     collision = total(blocks, carry.collision) / (interval.steps * present)
-    return state, neighbors, ContactMeans(collision, walls, carry.energy)
+    return state, neighbors, ContactMeans(collision, walls, carry.energy, carry.heat)
 
 
 def _reversible_loop(verlet: Verlet, carry: Carry, neighbors: Neighbors) -> tuple[Carry, Neighbors]:

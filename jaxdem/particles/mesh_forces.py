@@ -92,7 +92,13 @@ def _found(
     """The contacts with a mesh one by one."""
     there = _there(step, listed)
     of_one: Callable[[Vector], Vector] = lambda values: rows(listed.of_rows(values))  # noqa: E731
-    return FoundContacts(pair, load, material, of_one, of_other=None, there=there)
+    return FoundContacts(pair, load, material, of_one, None, onto_particles(step, listed), there=there)
+
+
+def onto_particles(step: ContactStep, listed: MeshList) -> Callable[[Array], Array]:
+    """From values (C, M) of the contacts with a mesh to sums (N,) on the particles."""
+    blank = jnp.zeros_like(step.motion.position[0])
+    return lambda values: listed.added((blank,), (sum_slots(values),))[0]
 
 
 def mesh_contacts(

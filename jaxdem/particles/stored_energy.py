@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -17,12 +18,13 @@ from jaxdem.particles.cohesion_energy import cohesion_energy, has_energy
 from jaxdem.particles.contact import ContactMaterial, StoringLaw
 from jaxdem.particles.contact_load import attraction_of, gap_of
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.contact_pair import ContactPair
+from jaxdem.particles.contact_pair import ContactPair, sum_slots
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
-from jaxdem.particles.mesh_forces import mesh_pair
+from jaxdem.particles.mesh_forces import mesh_pair, onto_particles
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.pair_forces import counted_pairs, pair_contacts, pair_material
+from jaxdem.particles.pairs import sum_over_pairs
 from jaxdem.particles.wall_forces import wall_contacts, wall_material
 
 
@@ -81,12 +83,9 @@ def stored_energy(
     if motion.low[0] is not None:
         height = height + vectors.dot(tuple(gravity), motion.low)  # type: ignore[arg-type]
     springs = tuple(jnp.zeros((), dtype) for _ in range(4))
-    for pair, material, kept, real in _contacts(step, neighbors):
-        own = _of_springs(step, pair, material, kept)
-        springs = tuple(
-            total + jnp.sum(part if real is None else jnp.where(real, part, 0.0))
-            for total, part in zip(springs, own, strict=True)
-        )
+    for contacts in _contacts(step, neighbors):
+        own = _of_springs(step, contacts)
+        springs = tuple(total + jnp.sum(part) for total, part in zip(springs, own, strict=True))
     normal, tangential, rolling, surface = springs
     return StoredEnergy(
         0.5 * jnp.sum(mass * vectors.dot(motion.velocity, motion.velocity)),
@@ -98,6 +97,17 @@ def stored_energy(
         surface,
         _of_bonds(step, bodies, motion),
     )
+
+
+def strained(step: ContactStep, neighbors: Neighbors) -> Array:
+    """(N,) energy of the tangential and rolling springs of what touches, half of that of a contact to each of two
+    particles, all of a wall's [J]; see `stored_energy`."""
+    total = jnp.zeros_like(step.motion.velocity[0])
+    for contacts in _contacts(step, neighbors):
+        _, tangential, rolling, _ = _of_springs(step, contacts)
+        share = 1.0 if contacts.pair.other_spin is None else 0.5
+        total = total + contacts.onto(share * (tangential + rolling))
+    return total
 
 
 def spin_energies(motion: Motion, bodies: ParticleProperties) -> Array:
@@ -116,30 +126,50 @@ def _of_bonds(step: ContactStep, bodies: ParticleProperties, motion: Motion) -> 
     return jnp.sum(jnp.where(motion.bonds.intact, geometry.energy(), 0.0))
 
 
-def _contacts(
-    step: ContactStep, neighbors: Neighbors
-) -> list[tuple[ContactPair, ContactMaterial, Vector, Array | None]]:
-    """All contacts as they are: what they are, their constants, what they keep, and which of them are any."""
-    found: list[tuple[ContactPair, ContactMaterial, Vector, Array | None]] = []
+class _Contacts(NamedTuple):
+    """Contacts of a kind as they are.
+
+    Attributes:
+        pair: what they are.
+        material: their constants.
+        kept: what they keep.
+        onto: see `FoundContacts`.
+        real: which of them are any; None for all.
+    """
+
+    pair: ContactPair
+    material: ContactMaterial
+    kept: Vector
+    onto: Callable[[Array], Array]
+    real: Array | None = None
+
+
+def _contacts(step: ContactStep, neighbors: Neighbors) -> list[_Contacts]:
+    """All contacts as they are."""
+    found = []
     if neighbors.room.slots:
         pair, _ = pair_contacts(step, neighbors)
-        found.append((pair, pair_material(step, neighbors), step.motion.contact_spring, counted_pairs(neighbors)))
+        onto, real = _onto_pairs(neighbors), counted_pairs(neighbors)
+        found.append(_Contacts(pair, pair_material(step, neighbors), step.motion.contact_spring, onto, real))
     if step.model.analytic_walls:
         pair, _ = wall_contacts(step)
-        found.append((pair, wall_material(step), step.motion.wall_spring, None))
+        found.append(_Contacts(pair, wall_material(step), step.motion.wall_spring, sum_slots))
     for number in range(len(step.model.meshes)):
         pair, material, kept, real = mesh_pair(step, neighbors, number)
         if step.present is not None:
             real = real & step.present[step.model.analytic_walls + number]
-        found.append((pair, material, kept, real))
+        onto = onto_particles(step, neighbors.meshes[step.model.meshes[number].number])
+        found.append(_Contacts(pair, material, kept, onto, real))
     return found
 
 
-def _of_springs(
-    step: ContactStep, pair: ContactPair, material: ContactMaterial, kept: Vector
-) -> tuple[Array, Array, Array, Array]:
+def _onto_pairs(neighbors: Neighbors) -> Callable[[Array], Array]:
+    return lambda values: sum_over_pairs(values, values, neighbors.pairs)
+
+
+def _of_springs(step: ContactStep, contacts: _Contacts) -> tuple[Array, Array, Array, Array]:
     """Energy of every contact: of the normal, tangential and rolling spring, and of the surface [J]."""
-    model, law = step.model, step.model.law
+    model, law, (pair, material, kept, _, real) = step.model, step.model.law, contacts
     if not isinstance(law, StoringLaw):  # refused before
         raise TypeError("the contact law does not say what its springs store")
     number = len(kept) - model.memory
@@ -163,4 +193,8 @@ def _of_springs(
         stiffness = model.rolling.stiffness(lever, elastic, pressed)
         loaded = touching & (stiffness > 0)
         rolling = jnp.where(loaded, 0.5 * vectors.dot(torque, torque) / jnp.where(loaded, stiffness, 1.0), 0.0)
-    return normal, jnp.where(touching, tangential, 0.0), rolling, surface
+    found = normal, jnp.where(touching, tangential, 0.0), rolling, surface
+    if real is None:
+        return found
+    normal, tangential, rolling, surface = (jnp.where(real, part, 0.0) for part in found)
+    return normal, tangential, rolling, surface

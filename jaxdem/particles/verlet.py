@@ -15,14 +15,14 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.blocks import any_of, total
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.clump_forces import clump_forces, touching_motion
+from jaxdem.particles.clump_forces import clump_forces, on_bodies, touching_motion
 from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.clumps import kicked, normalised, turned
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_step import ContactStep, Surroundings
 from jaxdem.particles.contact_sums import Sums, WallLoads
-from jaxdem.particles.energy import EnergyFlow, flow_of_step, no_flow, work_on_bodies
+from jaxdem.particles.energy import EnergyFlow, flow_by_contact, flow_of_step, heat_of_step, no_flow, work_on_bodies
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.ghosts import NEVER
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
@@ -49,6 +49,7 @@ class Carry(NamedTuple):
         crowded: () bool, a particle had more contacts with a mesh than there is room for; None without meshes.
         wear: volume taken from the triangles of each mesh that wears [m3].
         energy: what was given and taken, in a slab by what is counted there; None where no balance is kept [J].
+        heat: (N,) what contacts took, see `heat_of_step`; None where it warms nothing [J].
     """
 
     motion: Motion
@@ -62,6 +63,7 @@ class Carry(NamedTuple):
     crowded: Array | None = None
     wear: tuple[Array | None, ...] = ()
     energy: EnergyFlow | None = None
+    heat: Array | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,6 +104,7 @@ class Verlet:
             crowded=jnp.zeros((), bool) if model.meshes else None,
             wear=no_wear(model.worn_cells, zero.dtype) if model.wears else (),
             energy=no_flow(zero) if model.energy else None,
+            heat=zero if model.heats else None,
         )
         if division is not None:
             blank = SlabCarry(jnp.full((), NEVER, jnp.int32), self.properties)
@@ -129,7 +132,7 @@ class Verlet:
         held = None
         if pistons is not None and pushed_pistons is not None and energy is not None:
             held = change_of_walls(model.motions, len(model.sides), pistons, pushed_pistons)
-        energy = self._with_work(energy, sums, (before, motion), neighbors, held)
+        energy, heat = self._with_work((energy, carry.heat), sums, (before, motion), neighbors, held)
         impulse = vectors.add_scaled(carry.contact_impulse, time_step, sums.force)
         size = vectors.length(sums.force)
         if slab is not None and self.active is not None:
@@ -142,7 +145,7 @@ class Verlet:
         crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
         wear = jax.tree.map(jnp.add, carry.wear, sums.wear)
         carry = Carry(
-            motion, sums.force, impulse, collision, number, walls, slab, pushed_pistons, crowded, wear, energy
+            motion, sums.force, impulse, collision, number, walls, slab, pushed_pistons, crowded, wear, energy, heat
         )
         return self._with_due(carry, neighbors)
 
@@ -197,24 +200,28 @@ class Verlet:
 
     def _with_work(
         self,
-        energy: EnergyFlow | None,
+        so_far: tuple[EnergyFlow | None, Array | None],
         sums: Sums,
         motions: tuple[Motion, Motion],
         neighbors: Neighbors,
         held: Array | None,
-    ) -> EnergyFlow | None:
-        """With what contacts, bonds and given forces do in a step between two motions; None where no balance is kept.
-        `held` is (S, D) by which the velocities of walls change that a force holds."""
+    ) -> tuple[EnergyFlow | None, Array | None]:
+        """Balance and heat with what contacts, bonds and given forces do in a step between two motions; None where none
+        is kept. `held` is (S, D) by which the velocities of walls change that a force holds."""
+        energy, heat = so_far
         if energy is None:
-            return None
+            return None, None
         given, clumps = work_on_bodies(self.force, self.torque, *motions, self.time_step), self.properties.clumps
         if self.interval.division is not None:
             motions = motions[0], moved_ghosts(self.interval.division, neighbors, motions[1])
         if clumps is not None:
             motions = touching_motion(clumps, neighbors, motions[0]), touching_motion(clumps, neighbors, motions[1])
-        flow = flow_of_step(self.interval.model, sums, *motions, self.time_step, held)
+        by_contact = flow_by_contact(self.interval.model, sums, *motions, self.time_step, held)
+        flow = flow_of_step(sums, by_contact, *motions, self.time_step)
         added: EnergyFlow = jax.tree.map(jnp.add, energy, flow._replace(fluid=given))
-        return added
+        if heat is not None:
+            heat = heat + on_bodies(clumps, heat_of_step(sums, by_contact, *motions, self.time_step))
+        return added, heat
 
     def _pushed(self, state: PistonState, elapsed: Array, loads: WallLoads | None) -> PistonState:
         """The pistons after a contact step, under the loads (M, N) of the particles on their surfaces."""

@@ -89,7 +89,7 @@ def add_walls(step: ContactStep, sums: Sums) -> tuple[Sums, Vector]:
         memory = ((before[kept:], spring[kept:]),) if step.model.memory else ()
         numbers = tuple(range(number))
         pair, load = done.found
-        found = FoundContacts(pair, load, wall_material(step), rows, of_other=None, memory=memory, walls=numbers)
+        found = FoundContacts(pair, load, wall_material(step), rows, None, sum_slots, memory, walls=numbers)
         summed = summed._replace(found=(*sums.found, found))
     return summed, spring
 

@@ -99,11 +99,13 @@ class Supplied(NamedTuple):
             surface within the mesh of the fluid [unit m3].
         walls: () heat that walls have given to grains by contact [J].
         grains: () heat that grains have brought which came in, less that of those which left [J].
+        friction: () heat that contacts have made of motion; None where that warms nothing [J].
     """
 
     sides: Array
     walls: Array
     grains: Array
+    friction: Array | None = None
 
 
 class ScalarState(NamedTuple):
@@ -250,6 +252,15 @@ class Scalars:
         of_contacts, capacity = required(numbers.conduction, "conduction"), numbers.of_each(bodies)
         grains, given = conducted(heat.conduction, of_contacts, found, neighbors, state.grains, capacity, duration)
         supplied = state.supplied._replace(walls=state.supplied.walls + given)
+        return state._replace(grains=grains, supplied=supplied)
+
+    def rubbed(
+        self, parameters: ScalarParameters, state: ScalarState, bodies: ParticleProperties, heat: Array
+    ) -> ScalarState:
+        """The temperatures after contacts have made heat (N,) of motion [J]."""
+        numbers, made = required(parameters.grains, "heat of the grains"), state.supplied.friction
+        grains = required(state.grains, "temperatures of the grains") + heat / numbers.of_each(bodies)
+        supplied = state.supplied._replace(friction=required(made, "heat of friction") + jnp.sum(heat))
         return state._replace(grains=grains, supplied=supplied)
 
     def renewed(

@@ -52,6 +52,9 @@ class Heat(Section):
             [W/(m K)].
         true_young_modulus: Young's modulus of the real particles, which softened ones have less of: contact areas are
             those of the real ones. Needed with `particle_conductivity` [Pa].
+        friction: whether what contacts and bonds take from the motion warms the particles: dashpots, sliding, rolling,
+            liquid and cohesion. Half of it goes to either of two particles, all of it to one that touches a wall.
+            Default: false.
     """
 
     fluid_heat_capacity: Positive | None = None
@@ -66,6 +69,7 @@ class Heat(Section):
     particle_conductivity: Positive | None = None
     wall_conductivity: Positive | None = None
     true_young_modulus: Positive | None = None
+    friction: Annotated[bool, Field(strict=True)] = False
 
 
 class Scalar(Section):
@@ -164,9 +168,9 @@ def _check_numbers(heat: Heat, has_fluid: bool, has_particles: bool) -> None:
     if heat.reference_temperature is not None and heat.expansion == 0.0:
         limit = "is not used with heat.expansion = 0"
         raise InputError("heat.reference_temperature", heat.reference_temperature, limit, "set heat.expansion")
-    if not has_particles and heat.particle_conductivity is not None:
-        limit = "the scene has no [particles]"
-        raise InputError("heat.particle_conductivity", heat.particle_conductivity, limit, "remove this key")
+    for name in () if has_particles else ("particle_conductivity", "friction"):
+        if getattr(heat, name):
+            raise InputError(f"heat.{name}", getattr(heat, name), "the scene has no [particles]", "remove this key")
 
 
 def _check_conduction(heat: Heat, several_materials: bool) -> None:

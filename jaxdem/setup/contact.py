@@ -86,6 +86,7 @@ def contact_interval(
     cohesion, film = _cohesion(particles, extensions), particles.contact.lubrication
     if particles.meshes:
         _check_gaps_at_meshes(particles, cohesion, extensions)
+    rubs = scene.heat is not None and scene.heat.friction
     model = ContactModel(
         law=extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law](),
         rolling=_rolling(particles),
@@ -105,7 +106,8 @@ def contact_interval(
         bonds=None if particles.bonds is None else Bonding(scene.domain.size, scene.periodic),
         lubrication=None if film is None else Lubrication(),
         wet_friction=film is not None and film.wet_friction is not None,
-        energy=scene.output.energy,
+        energy=scene.output.energy or rubs,
+        heats=rubs,
     )
     check_energy(scene, model)
     return ContactInterval(model, search, steps.contacts_per_interval, reversible=False)

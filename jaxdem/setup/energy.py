@@ -10,17 +10,18 @@ from jaxdem.scene import Scene
 
 
 def check_energy(scene: Scene, model: ContactModel) -> None:
-    """Refuses a balance of energy of a scene with something whose energy is not known.
+    """Refuses a balance of energy, or heat of friction, of a scene with something whose energy is not known.
 
     Raises:
         InputError: naming it.
     """
     found = None
-    if not scene.output.energy:
+    if not model.energy:
         return
     if not isinstance(model.law, StoringLaw):
         found = "a contact law that does not say what its springs store (jaxdem.particles.contact.StoringLaw)"
     elif not has_energy(model.cohesion):
         found = "a cohesion of the user's, whose energy is not known"
     if found is not None:
-        raise InputError("output.energy", True, f"does not work with {found}", "set output.energy = false")
+        key = "heat.friction" if model.heats else "output.energy"
+        raise InputError(key, True, f"does not work with {found}", f"set {key} = false")

@@ -176,7 +176,8 @@ def first_scalars(
         grains = _first_temperatures(scene, particles, len(state.position), start)
     zero = on_device(np.zeros(()), dtype)
     places = 2 * scene.dimension + (len(scalars.fields[0].surfaces) if fields else 0)
-    supplied = Supplied(on_device(np.zeros((len(fields), places)), dtype), zero, zero)
+    friction = zero if scene.heat is not None and scene.heat.friction else None
+    supplied = Supplied(on_device(np.zeros((len(fields), places)), dtype), zero, zero, friction)
     return ScalarState(tuple(fields), None if grains is None else on_device(grains, dtype), supplied)
 
 

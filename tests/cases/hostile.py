@@ -413,7 +413,7 @@ HEAT: Tables = {
         "fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.03, "fluid_temperature": 300.0, "expansion": 3e-3,
         "reference_temperature": 300.0, "exchange": "gunn", "bed_conductivity": "open",
         "particle_heat_capacity": 800.0, "particle_temperature": 310.0, "particle_conductivity": 1.0,
-        "wall_conductivity": 2.0, "true_young_modulus": 1e10,
+        "wall_conductivity": 2.0, "true_young_modulus": 1e10, "friction": True,
     },
     "scalars": [{"name": "dye", "diffusivity": 1e-6, "value": 0.5}],
     "time": {"end": 0.02, "output_interval": 0.01},

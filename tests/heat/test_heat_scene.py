@@ -113,7 +113,8 @@ def test_slope_by_the_conductivity():
 def test_a_run_that_begins_from_another_goes_on(tmp_path):
     """Two halves, the second from the state of the first, are the whole, bit for bit; and with another material of the
     grains it begins at the temperatures of the first."""
-    tables = changed(CHAIN, boundary={"left": {"temperature": 60.0}}, time={"end": 0.4, "output_interval": 0.1})
+    given = {"heat__friction": True, "boundary": {"left": {"temperature": 60.0}}}
+    tables = changed(CHAIN, **given, time={"end": 0.4, "output_interval": 0.1})
     whole = simulate(load_scene(tables), tmp_path / "whole")
     half = simulate(load_scene(changed(tables, time__end=0.2)), tmp_path / "half")
     onward = changed(tables, start={"from": str(tmp_path / "half")})
@@ -124,3 +125,4 @@ def test_a_run_that_begins_from_another_goes_on(tmp_path):
     assert half.particles(-1)["temperature"].tobytes() == rest.particles(0)["temperature"].tobytes()
     assert abs(rest.summary["heat"]["missing_relative"]) < 1e-13
     assert rest.summary["heat"]["from_walls_to_grains"] > 0.0
+    assert half.summary["heat"]["from_friction"] > 0.0

@@ -84,7 +84,8 @@ def heat_balance(case: Case, state: State, start: float, passed: np.ndarray) -> 
     supplied = required(state.scalars, "scalars").supplied
     fluid, grains = _heat(state, case)
     walls, brought = float(supplied.walls), float(supplied.grains)
-    missing = fluid + grains - start - float(np.sum(passed)) - walls - brought
+    rubbed = 0.0 if supplied.friction is None else float(supplied.friction)
+    missing = fluid + grains - start - float(np.sum(passed)) - walls - brought - rubbed
     return {
         "start": start,
         "fluid": fluid,
@@ -92,6 +93,7 @@ def heat_balance(case: Case, state: State, start: float, passed: np.ndarray) -> 
         **_by_place(case, passed),
         "from_walls_to_grains": walls,
         "brought_by_grains": brought,
+        **({} if supplied.friction is None else {"from_friction": rubbed}),
         "missing": missing,
         "missing_relative": missing / max(abs(start), float(np.sum(np.abs(passed))), abs(walls), 1e-300),
     }
