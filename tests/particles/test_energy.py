@@ -208,7 +208,6 @@ def test_springs_by_numpy_are_those_of_the_program(name):
 REFUSED = {
     "a law of the user's": (BOX, {"contact_law": lambda contact, material: None}, "StoringLaw"),
     "a cohesion of the user's": (with_tables(BOX, **OPTIONS["JKR"]), {"cohesion": AdhesiveSpheres()}, "cohesion"),
-    "several devices": (BOX, {"devices": 1}, "balance of energy"),
 }
 
 
