@@ -11,6 +11,7 @@ from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.particles.clump_forces import as_members
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.materials import ContactParameters
 from jaxdem.particles.neighbors import Neighbors
@@ -101,9 +102,11 @@ def contact_conductances(
     particles, materials = required(state.particles, "state.particles"), parameters.materials
     if not isinstance(materials, ContactParameters):  # refused by the scene
         raise TypeError("contacts of several materials have no conductance")
+    bodies = required(parameters.bodies, "parameters.bodies")
+    spheres = bodies.spheres(particles.position.shape[0])
     touching = Touching(
-        required(simulation.contact, "particles").model, materials, particles,
-        required(parameters.bodies, "parameters.bodies").radius, neighbors,
+        required(simulation.contact, "particles").model, materials, as_members(particles, bodies.clumps),
+        spheres.radius, neighbors,
         simulation.surfaces_present(parameters, state.step), simulation.placed(parameters, particles, state.step),
     )  # fmt: skip
     return conductances(conduction, of_contacts, touching)

@@ -27,6 +27,8 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.powers import power
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.clump_forces import on_bodies
+from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import row, sum_slots
 from jaxdem.particles.integrate import ParticleState, split_low
@@ -93,8 +95,8 @@ class Touching(NamedTuple):
     Attributes:
         model: of the contacts; static.
         materials: of the contacts.
-        particles: where they are.
-        radius: () or (N,) [m].
+        particles: where they are; of clumps all members.
+        radius: () or (N,) of these [m].
         neighbors: list that holds there.
         present: (W,) bool, surfaces beside the box that are there; None for all.
         placed: of every surface that moves.
@@ -180,7 +182,7 @@ def conducted(
     found: Conductances,
     neighbors: Neighbors,
     temperature: Array,
-    capacity: Array,
+    bodies: tuple[Array, Clumps | None],
     duration: Array,
 ) -> tuple[Array, Array]:
     """Temperatures (N,) after a time [K], and the heat that the walls have given [J]; heat is kept to rounding.
@@ -190,14 +192,16 @@ def conducted(
         found: of the contacts, which stay as they are.
         neighbors: list of them.
         temperature: (N,) [K].
-        capacity: () or (N,) heat capacity of a grain [J/K].
+        bodies: () or (N,) heat capacity of a grain [J/K]; and the members of clumps, whose contacts are those of their
+            body, None without.
         duration: [s].
     """
     chosen = [k for k, conducts in enumerate(conduction.walls) if conducts]
-    step = duration / conduction.steps
+    step, (capacity, clumps) = duration / conduction.steps, bodies
 
     def advanced(k: int | Array, both: tuple[Array, Array]) -> tuple[Array, Array]:
-        grains, given = both
+        temperatures, given = both
+        grains = temperatures if clumps is None else clumps.rows(temperatures, len(temperatures))
         gained = jnp.zeros_like(grains)
         if found.pairs is not None:
             first, second = at((grains,), neighbors.pairs.first)[0], at((grains,), neighbors.pairs.second)[0]
@@ -212,7 +216,7 @@ def conducted(
             apart = numbers.mesh_temperature[number] - listed.of_rows((grains,))[0]
             flow = sum_slots(conductance * apart[None])
             gained, given = listed.added((gained,), (flow,))[0], given + step * jnp.sum(flow)
-        return grains + step * gained / capacity, given
+        return temperatures + step * on_bodies(clumps, gained) / capacity, given
 
     return lax.fori_loop(0, conduction.steps, advanced, (temperature, jnp.zeros((), temperature.dtype)))
 

@@ -225,6 +225,8 @@ class Scalars:
         prandtl = flow.properties.viscosity * density * of_fluid.capacity / conductivity
         nusselt = heat.exchange(inputs.reynolds, prandtl, 1.0 - inputs.solid_fraction)
         conductance = nusselt * conductivity * jnp.pi * inputs.diameter
+        if bodies.clumps is not None:  # h of the sphere of the same volume, over the surface of the body
+            conductance = conductance / bodies.clumps.sphericity
         if active is not None:
             conductance = jnp.where(active, conductance, 0.0)
         volumes = fluid_share(parameters.walls, flow.properties.cut, _or_one(flow.after.void_fraction))
@@ -249,8 +251,8 @@ class Scalars:
         heat, numbers = self.heat, parameters.grains
         if heat is None or heat.conduction is None or numbers is None or state.grains is None:
             return state
-        of_contacts, capacity = required(numbers.conduction, "conduction"), numbers.of_each(bodies)
-        grains, given = conducted(heat.conduction, of_contacts, found, neighbors, state.grains, capacity, duration)
+        of_contacts, own = required(numbers.conduction, "conduction"), (numbers.of_each(bodies), bodies.clumps)
+        grains, given = conducted(heat.conduction, of_contacts, found, neighbors, state.grains, own, duration)
         supplied = state.supplied._replace(walls=state.supplied.walls + given)
         return state._replace(grains=grains, supplied=supplied)
 

@@ -108,9 +108,6 @@ def check_heat(
         if particles is not None and particles.coarse_grain != 1.0:
             limit = "has no rule for parcels"
             raise InputError("particles.coarse_grain", particles.coarse_grain, limit, "set it to 1, or remove [heat]")
-        if particles is not None and particles.has_clumps:
-            limit = "clumps have no temperature"
-            raise InputError("particles.shapes", f"{len(particles.shapes)} tables", limit, "remove them, or [heat]")
     _check_scalars(scalars, has_fluid)
     names = [scalar.name for scalar in scalars]
     for side, table in boundary.items():

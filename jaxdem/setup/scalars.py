@@ -231,7 +231,7 @@ def _conduction(scene: Scene, particles: ParticleSetup | None, steps: TimeSteps)
     share = 1.0 if linear else (contact.young_modulus / required(table.true_young_modulus, "modulus")) ** (1.0 / 3.0)
     touched = share * math.sqrt(0.5 * radius * overlap)
     capacity = required(table.particle_heat_capacity, "capacity") * density * 4.0 / 3.0 * math.pi * radius**3
-    rate = COORDINATION[scene.dimension] * 2.0 * table.particle_conductivity * touched / capacity
+    rate = particles.members * COORDINATION[scene.dimension] * 2.0 * table.particle_conductivity * touched / capacity
     walls = tuple(value is not None for value in _wall_temperatures(scene, particles))
     meshes = tuple(value is not None for value in _mesh_temperatures(scene))
     return Conduction(walls, linear, max(1, math.ceil(rate * steps.interval / CONDUCTED)), meshes)
