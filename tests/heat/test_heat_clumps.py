@@ -40,6 +40,7 @@ def test_what_contacts_of_bodies_take_and_what_walls_give_is_their_heat():
             "particle_conductivity": 1.0, "true_young_modulus": 1e8,
         },
         boundary={"bottom": {"temperature": 5.0}},
+        coupling={"interval": 2e-4},
         time={"end": 0.012, "output_interval": 0.012},
     )  # fmt: skip
     found = balance_of(tables)
