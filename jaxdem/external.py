@@ -189,7 +189,7 @@ class ExternalFluid(Simulation):
         faces = exchange.on_faces(carry, explicit)
         carry = exchange.received(carry, explicit, faces, self._solved(parameters, last, end))
         forces = exchange.forces(carry)
-        particles, listed, report, _ = advance_particles(self, parameters, state, neighbors, forces)
+        particles, listed, report, _, _ = advance_particles(self, parameters, state, neighbors, forces)
         diagnostics = Diagnostics(report, None, exchange.diagnostics(carry), forces)
         stress = self._stress_force(mixture, forces, before)
         duration = exchange.start.duration

@@ -23,6 +23,7 @@ from jaxdem.particles.population import Entry, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
 from jaxdem.particles.stored_energy import StoredEnergy, stored_energy, strained
 from jaxdem.particles.walls_present import Buried, buried, with_walls_present
+from jaxdem.scalars.scalar_state import ScalarState
 from jaxdem.state import Parameters, ParticleDiagnostics, State
 from jaxdem.structure import Structure
 
@@ -34,6 +35,7 @@ class Moved(NamedTuple):
         before: the particles at the start, with the force of the fluid on them.
         particles, neighbors, means: at the end.
         bodies: that have moved, with the fluid that moves along.
+        scalars: that go along with the particles; None without.
     """
 
     before: ParticleState
@@ -41,6 +43,7 @@ class Moved(NamedTuple):
     neighbors: Neighbors
     means: ContactMeans
     bodies: ParticleProperties
+    scalars: ScalarState | None = None
 
 
 def of_rows(parameters: Parameters, state: State) -> Parameters:
@@ -76,8 +79,8 @@ def moved_particles(
             flow = carried(flow, "wall_changes", *_as_walls_change(simulation, whole, state, neighbors))
         means = means._replace(energy=flow)
     if means.heat is not None:  # what springs along the contacts store is not heat yet
-        before_it = strained_in_particles(simulation, parameters, before, neighbors, state.step)
-        strain = strained_in_particles(simulation, parameters, particles, listed, state.step + 1)
+        before_it = strained_in_particles(simulation, whole, before, neighbors, state.step)
+        strain = strained_in_particles(simulation, whole, particles, listed, state.step + 1)
         means = means._replace(heat=means.heat - (strain - before_it))
     if coupling is not None and forces is not None:
         particles = coupling.remember(parameters.mixture, forces, before, particles)
@@ -86,21 +89,38 @@ def moved_particles(
 
 def at_end_of_interval(simulation: Structure, parameters: Parameters, state: State, moved: Moved) -> Moved:
     """The particles after those that leave, come and go to other slabs, and the energy of the interval with what those
-    that leave and come carry."""
+    that leave and come carry; their heat is counted."""
     particles, neighbors = moved.particles, moved.neighbors
+    scalars = _warmed(simulation, parameters, moved)
     division = required(simulation.contact, "particles").division
     if simulation.population is not None:
         particles, neighbors = renewed_particles(simulation, parameters, particles, neighbors, state.step + 1)
+        if scalars is not None and simulation.scalars is not None:
+            numbers = required(parameters.scalars, "parameters.scalars")
+            bodies = required(parameters.bodies, "parameters.bodies")
+            scalars = simulation.scalars.renewed(numbers, scalars, bodies, moved.particles, particles)
     if division is not None:
         radius = required(parameters.bodies, "parameters.bodies").radius
         meshes = simulation.meshes_placed(parameters, particles, state.step + 1)
-        particles, neighbors = settled(division, simulation.search, radius, particles, neighbors, meshes)
+        along = None if scalars is None else scalars.grains
+        given = division, simulation.search, radius, particles, neighbors, meshes, along
+        particles, neighbors, along = settled(*given)
+        scalars = None if scalars is None else scalars._replace(grains=along)
     means = moved.means
     if means.energy is not None and simulation.population is not None:
         now = stored(simulation, parameters, particles, neighbors, state.step + 1)
         without = stored(simulation, parameters, moved.particles, moved.neighbors, state.step + 1)
         means = means._replace(energy=carried(means.energy, "population", without, now))
-    return moved._replace(particles=particles, neighbors=neighbors, means=means)
+    return moved._replace(particles=particles, neighbors=neighbors, means=means, scalars=scalars)
+
+
+def _warmed(simulation: Structure, parameters: Parameters, moved: Moved) -> ScalarState | None:
+    """The scalars with the heat that contacts have made of motion."""
+    if moved.scalars is None or simulation.scalars is None or moved.means.heat is None:
+        return moved.scalars
+    numbers, bodies = required(parameters.scalars, "parameters.scalars"), required(parameters.bodies, "bodies")
+    own = bodies.of_rows(moved.particles.identity)
+    return simulation.scalars.rubbed(numbers, moved.scalars, own, moved.means.heat)
 
 
 def renewed_particles(
@@ -144,8 +164,11 @@ def strained_in_particles(
     simulation: Structure, parameters: Parameters, particles: ParticleState, neighbors: Neighbors, step: Array
 ) -> Array:
     """(N,) what the tangential and rolling springs of every particle store after `step` intervals [J]."""
-    clumps = required(parameters.bodies, "parameters.bodies").clumps
-    return on_bodies(clumps, strained(*_touching(simulation, parameters, particles, neighbors, step, None)))
+    contact, bodies = required(simulation.contact, "particles"), required(parameters.bodies, "parameters.bodies")
+    seen, bodies = contact.seen(bodies, particles, neighbors)
+    parameters = parameters._replace(bodies=bodies)
+    energy = on_bodies(bodies.clumps, strained(*_touching(simulation, parameters, seen, neighbors, step, None)))
+    return energy if contact.division is None else energy[: particles.velocity.shape[0]]
 
 
 def _touching(
@@ -240,5 +263,4 @@ def particle_report(
         None if within is None else total(blocks, jnp.sum(jnp.any(within.found, axis=0).astype(jnp.int32))),
         means.walls,
         total(blocks, means.energy),
-        means.heat,
     )

@@ -5,18 +5,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array, named_scope
+from jax import named_scope
 
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.numerics.blocks import all_of
 from jaxdem.particles.clump_forces import as_members
-from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.materials import ContactParameters
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalars.conduction import Conductances, Touching, conductances
-from jaxdem.scalars.scalars import FluidFlow, GrainsInFluid, ScalarState
+from jaxdem.scalars.scalar_state import ScalarState
+from jaxdem.scalars.scalars import FluidFlow, GrainsInFluid
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
 
@@ -28,13 +29,11 @@ class FlowOfInterval(NamedTuple):
         fluid: state at the end.
         forces: on the particles.
         report: of the fluid.
-        rubbed: (N,) what contacts made of motion; None unless it warms the particles [J].
     """
 
     fluid: FluidState | None
     forces: FluidForces | None
     report: FluidDiagnostics | None
-    rubbed: Array | None = None
 
 
 @named_scope("scalars")
@@ -44,21 +43,19 @@ def advance_scalars(
     state: State,
     neighbors: Neighbors | None,
     flow: FlowOfInterval,
-    after: ParticleState | None,
 ) -> tuple[ScalarState, FluidDiagnostics | None]:
     """The scalars after an interval, and the fluid's report without the flux, which is for them alone.
 
-    The fluid carries them by the mean flux of the interval; then grains and fluid exchange heat, contacts conduct, and
-    what they took from the motion warms the grains.
-    The grains stand where they stood at its start, as they do for the fluid.
+    The fluid carries them by the mean flux of the interval; then grains and fluid exchange heat, and contacts conduct.
+    The grains stand where they stood at its start, as they do for the fluid. What contacts take from the motion, and
+    grains that come and leave, follow in `particle_step`.
 
     Args:
         simulation: static.
         parameters: of the scene.
         state: at the start.
         neighbors: list of that state.
-        flow: of the fluid, and of the contacts.
-        after: particles at the end, after those that left and came.
+        flow: of the fluid.
     """
     scalars, numbers = required(simulation.scalars, "scalars"), required(parameters.scalars, "parameters.scalars")
     parameters = simulation.during(parameters, state.step)
@@ -73,40 +70,39 @@ def advance_scalars(
         )  # fmt: skip
         found = scalars.carried(numbers, found, stream, duration)
         sound = [jnp.all(jnp.isfinite(field)) for field in found.fields]
-        report = report._replace(flux=None, finite=report.finite & jnp.all(jnp.stack(sound)))
+        sound_everywhere = all_of(simulation.cut, jnp.all(jnp.stack(sound)))
+        report = report._replace(flux=None, finite=report.finite & sound_everywhere)
     particles = state.particles
     if particles is None or found.grains is None:
         return found, report
-    bodies = required(parameters.bodies, "parameters.bodies")
+    bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)
     if stream is not None and flow.forces is not None and simulation.coupling is not None:
-        weights = simulation.coupling.weights(parameters.mixture, particles)
+        weights = simulation.coupling.weights(parameters._replace(bodies=bodies).mixture, particles)
         grains = GrainsInFluid(weights, flow.forces.inputs)
         found = scalars.exchanged(numbers, found, stream, bodies, grains, particles.active, duration)
     if scalars.heat is not None and scalars.heat.conduction is not None:
         listed = required(neighbors, "neighbors")
         contacts = contact_conductances(simulation, parameters, state, listed)
-        found = scalars.conducted(numbers, found, contacts, listed, bodies, duration)
-    if flow.rubbed is not None:
-        found = scalars.rubbed(numbers, found, bodies, flow.rubbed)
-    left = None if after is None else after.active
-    return scalars.renewed(numbers, found, bodies, particles.active, left), report
+        found = scalars.conducted(numbers, found, contacts, listed, bodies, duration, simulation.cut)
+    return found, report
 
 
 def contact_conductances(
     simulation: Structure, parameters: Parameters, state: State, neighbors: Neighbors
 ) -> Conductances:
-    """Of the contacts of a state, of a scene in which contacts conduct heat [W/K]."""
+    """Of the contacts of a state, of a scene in which contacts conduct heat; in a slab of those with ghosts too
+    [W/K]."""
     scalars, numbers = required(simulation.scalars, "scalars"), required(parameters.scalars, "parameters.scalars")
     conduction = required(required(scalars.heat, "heat").conduction, "conduction")
     of_contacts = required(required(numbers.grains, "heat of the grains").conduction, "conduction")
-    particles, materials = required(state.particles, "state.particles"), parameters.materials
+    contact, materials = required(simulation.contact, "particles"), parameters.materials
+    bodies = required(parameters.bodies, "parameters.bodies")
+    particles, bodies = contact.seen(bodies, required(state.particles, "state.particles"), neighbors)
     if not isinstance(materials, ContactParameters):  # refused by the scene
         raise TypeError("contacts of several materials have no conductance")
-    bodies = required(parameters.bodies, "parameters.bodies")
     spheres = bodies.spheres(particles.position.shape[0])
     touching = Touching(
-        required(simulation.contact, "particles").model, materials, as_members(particles, bodies.clumps),
-        spheres.radius, neighbors,
+        contact.model, materials, as_members(particles, bodies.clumps), spheres.radius, neighbors,
         simulation.surfaces_present(parameters, state.step), simulation.placed(parameters, particles, state.step),
     )  # fmt: skip
     return conductances(conduction, of_contacts, touching)

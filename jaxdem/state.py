@@ -20,7 +20,7 @@ from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.materials import ContactParameters, SeveralMaterials, needs_liquid, with_liquid
 from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.moving_walls import Numbers, PistonNumbers
-from jaxdem.scalars.scalars import ScalarParameters, ScalarState
+from jaxdem.scalars.scalar_state import ScalarParameters, ScalarState
 
 
 class State(NamedTuple):
@@ -116,7 +116,6 @@ class ParticleDiagnostics(NamedTuple):
         buried: () int32, particles within a wall that came in this interval; None where all walls always are there.
         walls: mean force and torque on every wall, sides of the box first; None where nothing asks for it.
         energy: what was given and taken; None where no balance of energy is kept.
-        heat: (N,) what contacts made of motion in every particle; None unless it warms them [J].
     """
 
     collision_force: Array
@@ -129,7 +128,6 @@ class ParticleDiagnostics(NamedTuple):
     buried: Array | None = None
     walls: WallLoads | None = None
     energy: EnergyFlow | None = None
-    heat: Array | None = None
 
 
 class Places(NamedTuple):

@@ -12,6 +12,7 @@ from jaxdem.particle_step import at_end_of_interval, buried_particles, moved_par
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalar_step import FlowOfInterval, advance_scalars, with_buoyancy
+from jaxdem.scalars.scalar_state import ScalarState
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, Places, State
 from jaxdem.structure import Structure
 
@@ -21,12 +22,12 @@ def step(
 ) -> tuple[State, Neighbors | None, Diagnostics]:
     """State and neighbour list after one coupling interval; pure, differentiable, for jit and vmap."""
     fluid, forces, fluid_report, exchange_report = advance_fluid(simulation, parameters, state)
-    particles, listed, report, places = advance_particles(simulation, parameters, state, neighbors, forces)
     scalars = None
     if simulation.scalars is not None:
-        flow = FlowOfInterval(fluid, forces, fluid_report, None if report is None else report.heat)
-        scalars, fluid_report = advance_scalars(simulation, parameters, state, neighbors, flow, particles)
-        report = None if report is None else report._replace(heat=None)
+        flow = FlowOfInterval(fluid, forces, fluid_report)
+        scalars, fluid_report = advance_scalars(simulation, parameters, state, neighbors, flow)
+    moved = advance_particles(simulation, parameters, state, neighbors, forces, scalars)
+    particles, listed, report, places, scalars = moved
     new = State(particles, fluid, state.step + 1, scalars)
     return new, listed, Diagnostics(report, fluid_report, exchange_report, forces, places)
 
@@ -66,15 +67,19 @@ def advance_particles(
     state: State,
     neighbors: Neighbors | None,
     forces: FluidForces | None,
-) -> tuple[ParticleState | None, Neighbors | None, ParticleDiagnostics | None, Places | None]:
-    """The particles after the contact steps, under gravity and the mean fluid forces; then who leaves and comes."""
+    scalars: ScalarState | None = None,
+) -> tuple[ParticleState | None, Neighbors | None, ParticleDiagnostics | None, Places | None, ScalarState | None]:
+    """The particles after the contact steps, under gravity and the mean fluid forces; then who leaves and comes.
+
+    The scalars are those after the interval, with the heat of these counted then.
+    """
     if simulation.contact is None:
-        return None, None, None, None
+        return None, None, None, None, scalars
     listed = required(neighbors, "neighbors")
     parameters = simulation.during(parameters, state.step)
-    moved = moved_particles(simulation, parameters, state, listed, forces)
+    moved = moved_particles(simulation, parameters, state, listed, forces)._replace(scalars=scalars)
     places = None if simulation.cut is None else Places(moved.particles.position, moved.particles.position_low)
     moved = at_end_of_interval(simulation, parameters, state, moved)
     within = buried_particles(simulation, of_rows(parameters, state), moved.before, listed, state.step)
     report = particle_report(simulation, moved, state.step + 1, within)
-    return moved.particles, moved.neighbors, report, places
+    return moved.particles, moved.neighbors, report, places, moved.scalars

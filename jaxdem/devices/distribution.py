@@ -16,6 +16,7 @@ from jaxdem.devices.gathering import gathered
 from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
 from jaxdem.devices.particle_fields import KEPT, of_each
 from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
+from jaxdem.devices.scalars import scalars_in_slabs
 from jaxdem.devices.simulation import DividedSimulation
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.slabs import fluid_in_slabs
@@ -49,8 +50,7 @@ def distributed(
     """
     mesh, fluid, particles, lists = required(simulation.mesh, "mesh"), None, None, None
     if state.fluid is not None and simulation.fluid is not None:
-        grid = simulation.fluid.solver.grid.whole
-        fluid = put(mesh, fluid_in_slabs(grid, simulation.slabs, on_host(state.fluid)))
+        fluid = put(mesh, fluid_in_slabs(simulation.slabs, on_host(state.fluid)))
     if state.particles is not None and neighbors is not None:
         rows = on_host(state.particles)
         if not isinstance(neighbors, Contacts):
@@ -58,7 +58,12 @@ def distributed(
         placed = simulation.meshes_placed(parameters, _on_one(rows), jnp.asarray(on_host(state.step)))
         meshes = Meshes(parameters.meshes, placed)
         particles, lists = _particles(simulation, parameters, rows, neighbors, room, meshes)
-    return State(particles, fluid, put(mesh, on_host(state.step), SAME)), lists
+    scalars = None
+    if state.scalars is not None:
+        inlets = simulation.population is not None and bool(simulation.population.inlets)
+        identity = None if particles is None else particles.identity
+        scalars = put(mesh, scalars_in_slabs(simulation.slabs, state.scalars, identity, inlets))
+    return State(particles, fluid, put(mesh, on_host(state.step), SAME), scalars), lists
 
 
 def _particles(

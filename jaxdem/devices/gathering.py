@@ -11,6 +11,7 @@ import numpy as np
 from jaxdem.devices.contacts import Contacts, contacts_of_slabs
 from jaxdem.devices.mesh import on_host
 from jaxdem.devices.particle_fields import of_each
+from jaxdem.devices.scalars import scalars_of_slabs
 from jaxdem.devices.simulation import DividedSimulation
 from jaxdem.errors import required
 from jaxdem.fluid.slabs import fluid_of_slabs
@@ -33,24 +34,25 @@ def gathered(simulation: DividedSimulation, state: State, neighbors: Neighbors |
     Returns:
         the state, without contact springs; rows of particles that are not present are zero. And what the contacts keep.
     """
-    fluid, particles, contacts = None, None, None
-    if state.fluid is not None:
-        fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
+    contacts = None
     if state.particles is not None and neighbors is not None:
         rows: ParticleState = on_host(state.particles)
         contacts = contacts_of_slabs(rows, on_host(neighbors.without_surfaces()), simulation.count)
-        particles = _by_identity(simulation, rows)
-    return State(particles, fluid, on_host(state.step)), contacts
+        state = state._replace(particles=rows)
+    return gathered_state(simulation, state), contacts
 
 
 def gathered_state(simulation: DividedSimulation, state: State) -> State:
     """As `gathered`, without what contacts keep: for outputs."""
-    fluid, particles = None, None
+    fluid, particles, scalars, identity = None, None, None, None
     if state.fluid is not None:
         fluid = fluid_of_slabs(simulation.slabs, on_host(state.fluid))
     if state.particles is not None:
-        particles = _by_identity(simulation, on_host(state.particles._replace(contact_spring=(), mesh_memory=())))
-    return State(particles, fluid, on_host(state.step))
+        rows = on_host(state.particles._replace(contact_spring=(), mesh_memory=()))
+        particles, identity = _by_identity(simulation, rows), rows.identity
+    if state.scalars is not None:
+        scalars = scalars_of_slabs(simulation.slabs, state.scalars, identity, simulation.count)
+    return State(particles, fluid, on_host(state.step), scalars)
 
 
 def gathered_rows(simulation: DividedSimulation, tree: Tree, identity: Any) -> Tree:
@@ -110,9 +112,9 @@ def on_one_device(
     simulation: DividedSimulation, parameters: Parameters, state: State, contacts: Contacts | None
 ) -> tuple[State, Neighbors | None]:
     """State and list for `simulation.undivided()`, from what `gathered` gives; not jittable."""
-    fluid, step = jax.tree.map(jnp.asarray, state.fluid), jnp.asarray(state.step)
+    fluid, step, scalars = jax.tree.map(jnp.asarray, (state.fluid, state.step, state.scalars))
     if contacts is None:
-        return State(None, fluid, step), None
+        return State(None, fluid, step, scalars), None
     particles = jax.tree.map(jnp.asarray, required(state.particles, "state.particles"))
     placed = simulation.meshes_placed(parameters, particles, step)
     neighbors = simulation.undivided().allocate(parameters, particles, placed=placed)
@@ -128,4 +130,4 @@ def on_one_device(
     kept = zip(jax.tree.map(jnp.asarray, contacts.meshes), neighbors.meshes, strict=True)
     memory = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
     particles = particles._replace(contact_spring=tuple(jnp.asarray(x) for x in springs), mesh_memory=memory)
-    return State(particles, fluid, step), neighbors
+    return State(particles, fluid, step, scalars), neighbors

@@ -19,8 +19,8 @@ SLABS: Any = PartitionSpec(MESH_AXIS)
 SAME: Any = PartitionSpec()
 """Of arrays that are the same on all devices."""
 
-STATE: Any = State(particles=SLABS, fluid=SLABS, step=SAME)
-"""How a state is distributed: particles and fluid by slabs, the step counter the same everywhere."""
+STATE: Any = State(particles=SLABS, fluid=SLABS, step=SAME, scalars=SLABS)
+"""How a state is distributed: particles, fluid and scalars by slabs, the step counter the same everywhere."""
 
 DIAGNOSTICS: Any = Diagnostics(particles=SAME, fluid=SAME, exchange=SAME, forces=SLABS, places=SLABS)
 """How what a step reports is distributed: forces and places of particles by slabs, all else of the box."""

@@ -58,12 +58,6 @@ REFUSED = (
         lambda simulation: simulation.fluid is not None and isinstance(simulation.fluid.solver, TwoFluidSolver),
     ),
     Refused(
-        "heat",
-        "[heat] or [[scalars]]",
-        "temperatures and other scalars",
-        lambda simulation: simulation.scalars is not None,
-    ),
-    Refused(
         "closure.file",
         "a closure of neighbours",
         "a drag law that looks at the neighbours of a particle",

@@ -20,7 +20,7 @@ from jaxdem.fluid.advection import VanLeer, surface_value
 from jaxdem.fluid.boundary import Boundary, coverage
 from jaxdem.fluid.cut_scalar import ScalarSurfaces
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, slope_over
-from jaxdem.fluid.mesh import Ends, beyond, end_faces, layers, of_slab, with_ends
+from jaxdem.fluid.mesh import Ends, at_side, beyond, end_faces, layers, of_slab, with_ends
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.static import static
 
@@ -161,7 +161,7 @@ class ScalarTransport(NamedTuple):
         return found, passed + 0.5 * jnp.concatenate((step * (through + later), on_surfaces))
 
     def _rate(self, value: Array) -> tuple[Array, Array]:
-        """Rate of change of g c [unit/s], and what comes in through the sides [unit m3/s]."""
+        """Rate of change of g c [unit/s], and what comes in through the sides that the slab has [unit m3/s]."""
         grid, total, passed = self.grid, [], []
         for axis in range(grid.dimension):
             flux = self._flux(value, axis)
@@ -170,8 +170,8 @@ class ScalarTransport(NamedTuple):
             if grid.periodic[axis]:
                 passed += [jnp.zeros((), value.dtype)] * 2
                 continue
-            passed.append(area * jnp.sum(along(flux, axis, 0, 1)))
-            passed.append(-area * jnp.sum(along(flux, axis, -1, None)))
+            lower, upper = area * jnp.sum(along(flux, axis, 0, 1)), -area * jnp.sum(along(flux, axis, -1, None))
+            passed += [at_side(grid, axis, False, lower, 0.0), at_side(grid, axis, True, upper, 0.0)]
         return -divergence(grid, tuple(total)), jnp.stack(passed)
 
     def _flux(self, value: Array, axis: int) -> Array:

@@ -48,8 +48,9 @@ class FoundContacts(NamedTuple):
         of_other: the same of the other body; None for a wall.
         onto: values of the contacts, as sums (N,) on the particles: of each on both bodies.
         memory: what cohesion remembers before and after the step; () for none.
-        there: such that it goes with the contacts, which of them are any and belong to this slab; None where all do.
+        there: such that it goes with the contacts, which of them are any; None where all are.
         walls: numbers of the walls, one a row of the contacts or one for all; () between particles.
+        counted: which of them belong to this slab, see `counted_pairs`; None for all.
     """
 
     pair: ContactPair
@@ -61,6 +62,7 @@ class FoundContacts(NamedTuple):
     memory: tuple[tuple[Vector, Vector], ...] = ()
     there: Array | None = None
     walls: tuple[int, ...] = ()
+    counted: Array | None = None
 
 
 class FoundBonds(NamedTuple):

@@ -110,7 +110,9 @@ def flow_of_step(
         before, after, time_step: see there.
     """
     flow = no_flow(time_step)
-    for own in by_contact:
+    for contacts, own in zip(sums.found, by_contact, strict=True):
+        if contacts.counted is not None:
+            own = jax.tree.map(lambda parts, counted=contacts.counted: jnp.where(counted, parts, 0.0), own)
         flow = jax.tree.map(lambda total, parts: total + jnp.sum(parts), flow, own)
     return flow if sums.bonded is None else _with_bonds(flow, sums.bonded, before, after, time_step)
 

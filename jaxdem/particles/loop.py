@@ -71,6 +71,8 @@ def contact_interval(
     rows, neighbors, means = _at_end(verlet, rows, carry, neighbors)
     if interval.division is None:
         return rows, neighbors, means
+    if means.heat is not None:
+        means = means._replace(heat=means.heat[: ghosts.rows])
     return own_rows(ghosts, rows, state), neighbors, means
 
 

@@ -43,6 +43,7 @@ class _Rows(NamedTuple):
     particles: ParticleState
     history: History
     meshes: tuple[MeshMemory, ...]
+    along: Any
 
 
 def settled(
@@ -52,8 +53,10 @@ def settled(
     particles: ParticleState,
     neighbors: Neighbors,
     placed: tuple[Placement | None, ...] = (),
-) -> tuple[ParticleState, Neighbors]:
-    """Particles and list at the end of an interval, every particle in the slab where it is; within `shard_map`.
+    along: Any = None,
+) -> tuple[ParticleState, Neighbors, Any]:
+    """Particles, list and what goes along at the end of an interval, every particle in the slab where it is; within
+    `shard_map`.
 
     Nothing happens where all are near enough to their slab, nobody has left or come, and the slabs are balanced.
 
@@ -64,6 +67,7 @@ def settled(
         particles: of this slab, R rows.
         neighbors: their list.
         placed: where each mesh is, None for one at rest; empty where all are.
+        along: arrays (R, ...) of what else belongs to the particles.
     """
     blocks, ghosts = division.blocks, required(neighbors.ghosts, "ghosts of a list")
     position, low = _positions(particles)
@@ -86,10 +90,10 @@ def settled(
         )
         any_out = any_out | jnp.any(planes != ghosts.planes)
 
-    def move(both: tuple[ParticleState, Neighbors]) -> tuple[ParticleState, Neighbors]:
-        return _moved(division, search, radius, both, planes, placed)
+    def move(all_: tuple[ParticleState, Neighbors, Any]) -> tuple[ParticleState, Neighbors, Any]:
+        return _moved(division, search, radius, all_, planes, placed)
 
-    return cond_in_batch(any_out, move, (particles, neighbors))
+    return cond_in_batch(any_out, move, (particles, neighbors, along))
 
 
 def _positions(particles: ParticleState) -> tuple[vectors.Vector, tuple[Any, ...]]:
@@ -141,15 +145,15 @@ def _moved(
     division: Division,
     search: NeighborSearch,
     radius: Array,
-    both: tuple[ParticleState, Neighbors],
+    all_: tuple[ParticleState, Neighbors, Any],
     planes: Array,
     placed: tuple[Placement | None, ...],
-) -> tuple[ParticleState, Neighbors]:
-    """Particles sent to the slabs where they are, and the list of those that are here then."""
-    particles, neighbors = both
+) -> tuple[ParticleState, Neighbors, Any]:
+    """Particles sent to the slabs where they are, the list of those that are here then, and what goes along."""
+    particles, neighbors, along = all_
     ghosts, active = required(neighbors.ghosts, "ghosts of a list"), required(particles.active, "active")
     steps = jnp.where(active, division.steps_to(planes, *_positions(particles)), 0)
-    rows, needed = _sent(division.blocks, _rows(particles, neighbors), steps, ghosts)
+    rows, needed = _sent(division.blocks, _rows(particles, neighbors, along), steps, ghosts)
     history, meshes = jax.tree.map(jnp.transpose, (rows.history, rows.meshes))
     here, number = required(rows.particles.active, "active"), required(rows.particles.identity, "identity")
     identity = jnp.where(here, number, -1)
@@ -170,10 +174,10 @@ def _moved(
     springs = of_pairs(history, required(new.ghosts, "ghosts of a list").identity, new.pairs)
     kept = zip(meshes, new.meshes, strict=True)
     memory = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
-    return particles._replace(contact_spring=springs, mesh_memory=memory), new
+    return particles._replace(contact_spring=springs, mesh_memory=memory), new, rows.along
 
 
-def _rows(particles: ParticleState, neighbors: Neighbors) -> _Rows:
+def _rows(particles: ParticleState, neighbors: Neighbors, along: Any) -> _Rows:
     """What goes along; a row whose particle has come since the list was made has no contacts."""
     ghosts, count = required(neighbors.ghosts, "ghosts of a list"), particles.position.shape[0]
     same = required(particles.identity, "identity of the particles") == ghosts.identity[: ghosts.rows]
@@ -184,7 +188,7 @@ def _rows(particles: ParticleState, neighbors: Neighbors) -> _Rows:
         for kept, listed in zip(particles.mesh_memory, neighbors.meshes, strict=True)
     )
     history, meshes = jax.tree.map(jnp.transpose, (history, meshes))
-    return _Rows(_row_first(particles), history, meshes)
+    return _Rows(_row_first(particles), history, meshes, along)
 
 
 def _row_first(particles: ParticleState) -> ParticleState:

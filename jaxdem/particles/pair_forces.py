@@ -134,7 +134,7 @@ def _found(
         pair, load, pair_material(step, neighbors),
         of_one=lambda values: at(values, pairs.first), of_other=lambda values: at(values, pairs.second),
         onto=lambda values: sum_over_pairs(values, values, pairs),
-        memory=((before[number:], spring[number:]),) if step.model.memory else (), there=counted_pairs(neighbors),
+        memory=((before[number:], spring[number:]),) if step.model.memory else (), counted=counted_pairs(neighbors),
     )  # fmt: skip
 
 

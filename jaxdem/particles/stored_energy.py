@@ -84,7 +84,9 @@ def stored_energy(
         height = height + vectors.dot(tuple(gravity), motion.low)  # type: ignore[arg-type]
     springs = tuple(jnp.zeros((), dtype) for _ in range(4))
     for contacts in _contacts(step, neighbors):
-        own = _of_springs(step, contacts)
+        own: tuple[Array, ...] = _of_springs(step, contacts)
+        if contacts.counted is not None:
+            own = tuple(jnp.where(contacts.counted, part, 0.0) for part in own)
         springs = tuple(total + jnp.sum(part) for total, part in zip(springs, own, strict=True))
     normal, tangential, rolling, surface = springs
     return StoredEnergy(
@@ -135,6 +137,7 @@ class _Contacts(NamedTuple):
         kept: what they keep.
         onto: see `FoundContacts`.
         real: which of them are any; None for all.
+        counted: which of them belong to this slab, see `counted_pairs`; None for all.
     """
 
     pair: ContactPair
@@ -142,6 +145,7 @@ class _Contacts(NamedTuple):
     kept: Vector
     onto: Callable[[Array], Array]
     real: Array | None = None
+    counted: Array | None = None
 
 
 def _contacts(step: ContactStep, neighbors: Neighbors) -> list[_Contacts]:
@@ -149,8 +153,8 @@ def _contacts(step: ContactStep, neighbors: Neighbors) -> list[_Contacts]:
     found = []
     if neighbors.room.slots:
         pair, _ = pair_contacts(step, neighbors)
-        onto, real = _onto_pairs(neighbors), counted_pairs(neighbors)
-        found.append(_Contacts(pair, pair_material(step, neighbors), step.motion.contact_spring, onto, real))
+        kept, onto, counted = step.motion.contact_spring, _onto_pairs(neighbors), counted_pairs(neighbors)
+        found.append(_Contacts(pair, pair_material(step, neighbors), kept, onto, counted=counted))
     if step.model.analytic_walls:
         pair, _ = wall_contacts(step)
         found.append(_Contacts(pair, wall_material(step), step.motion.wall_spring, sum_slots))
@@ -169,7 +173,7 @@ def _onto_pairs(neighbors: Neighbors) -> Callable[[Array], Array]:
 
 def _of_springs(step: ContactStep, contacts: _Contacts) -> tuple[Array, Array, Array, Array]:
     """Energy of every contact: of the normal, tangential and rolling spring, and of the surface [J]."""
-    model, law, (pair, material, kept, _, real) = step.model, step.model.law, contacts
+    model, law, (pair, material, kept, _, real, _) = step.model, step.model.law, contacts
     if not isinstance(law, StoringLaw):  # refused before
         raise TypeError("the contact law does not say what its springs store")
     number = len(kept) - model.memory

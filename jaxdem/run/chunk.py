@@ -204,7 +204,7 @@ class ProfiledProgram:
         forces = jax.eval_shape(fluid, parameters, state)[1]
         self._fluid = fluid.lower(parameters, state).compile()
         particles = jax.jit(partial(advance_particles, simulation))
-        self._particles = particles.lower(parameters, state, neighbors, forces).compile()
+        self._particles = particles.lower(parameters, state, neighbors, forces, state.scalars).compile()
         self._scalars = None if simulation.scalars is None else jax.jit(partial(advance_scalars, simulation))
         self._probe = None if watch is None else jax.jit(partial(probed, simulation))
 
@@ -214,13 +214,12 @@ class ProfiledProgram:
         """See `Program`."""
         with self._timed("fluid_part"):
             fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
-        scalars, flow, before = None, FlowOfInterval(fluid, forces, of_fluid), neighbors
+        scalars, flow = None, FlowOfInterval(fluid, forces, of_fluid)
         with self._timed("particle_part"):
-            moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces))
-            particles, neighbors, of_particles, places = moved
             if self._scalars is not None:
-                given = parameters, state, before, flow, particles
-                scalars, of_fluid = jax.block_until_ready(self._scalars(*given))
+                scalars, of_fluid = self._scalars(parameters, state, neighbors, flow)
+            moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces, scalars))
+            particles, neighbors, of_particles, places, scalars = moved
         diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
         records = jax.tree.map(lambda value: value[None], _records(diagnostics))
         code = failures(self._simulation, diagnostics)

@@ -166,9 +166,9 @@ class Slabs:
         return enlarged(self.simulation, self.case.parameters, state, neighbors, failed)
 
     def seen(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
-        apart = (state.particles, state.fluid, neighbors)
-        particles, fluid, lists = jax.eval_shape(lambda tree: jax.tree.map(lambda x: x[0], tree), apart)
-        return State(particles, fluid, state.step), lists
+        apart = (state.particles, state.fluid, state.scalars, neighbors)
+        particles, fluid, scalars, lists = jax.eval_shape(lambda tree: jax.tree.map(lambda x: x[0], tree), apart)
+        return State(particles, fluid, state.step, scalars), lists
 
     def selected(self, probe: Probe, rows: Rows) -> Rows:
         values: Any = of_all_slabs(probe, on_host(rows.values))
@@ -270,6 +270,10 @@ def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> t
         parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if field.name != "migrating"}
         lists = dataclasses.replace(lists, ghosts=Ghosts(**parts, migrating=room[2]))
         state = state._replace(particles=particles._replace(active=blank, identity=blank))
+        population = case.simulation.population
+        if template.scalars is not None and template.scalars.grains is not None and population and population.inlets:
+            coming: Any = blank
+            state = state._replace(scalars=template.scalars._replace(coming=coming))
 
     def filled(prefix: str, tree: Any) -> Any:
         leaves, form = jax.tree_util.tree_flatten_with_path(tree)

@@ -22,6 +22,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.powers import power
@@ -31,6 +32,7 @@ from jaxdem.particles.clump_forces import on_bodies
 from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import row, sum_slots
+from jaxdem.particles.ghosts import with_ghosts
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.particles.materials import ContactParameters
 from jaxdem.particles.mesh_contact import touching as touching_mesh
@@ -95,7 +97,7 @@ class Touching(NamedTuple):
     Attributes:
         model: of the contacts; static.
         materials: of the contacts.
-        particles: where they are; of clumps all members.
+        particles: where they are; of clumps all members; in a slab with the ghosts behind its own.
         radius: () or (N,) of these [m].
         neighbors: list that holds there.
         present: (W,) bool, surfaces beside the box that are there; None for all.
@@ -184,6 +186,7 @@ def conducted(
     temperature: Array,
     bodies: tuple[Array, Clumps | None],
     duration: Array,
+    blocks: Blocks | None = None,
 ) -> tuple[Array, Array]:
     """Temperatures (N,) after a time [K], and the heat that the walls have given [J]; heat is kept to rounding.
 
@@ -195,13 +198,18 @@ def conducted(
         bodies: () or (N,) heat capacity of a grain [J/K]; and the members of clumps, whose contacts are those of their
             body, None without.
         duration: [s].
+        blocks: of a box that is cut into slabs. A contact across a border conducts in both, from the temperature that
+            a ghost has at the time.
     """
     chosen = [k for k, conducts in enumerate(conduction.walls) if conducts]
     step, (capacity, clumps) = duration / conduction.steps, bodies
 
     def advanced(k: int | Array, both: tuple[Array, Array]) -> tuple[Array, Array]:
-        temperatures, given = both
-        grains = temperatures if clumps is None else clumps.rows(temperatures, len(temperatures))
+        own, given = both
+        seen = own
+        if blocks is not None and neighbors.ghosts is not None:
+            seen = with_ghosts(blocks, neighbors.ghosts, (own,))[0]
+        grains = seen if clumps is None else clumps.rows(seen, len(seen))
         gained = jnp.zeros_like(grains)
         if found.pairs is not None:
             first, second = at((grains,), neighbors.pairs.first)[0], at((grains,), neighbors.pairs.second)[0]
@@ -216,7 +224,10 @@ def conducted(
             apart = numbers.mesh_temperature[number] - listed.of_rows((grains,))[0]
             flow = sum_slots(conductance * apart[None])
             gained, given = listed.added((gained,), (flow,))[0], given + step * jnp.sum(flow)
-        return temperatures + step * on_bodies(clumps, gained) / capacity, given
+        gained = on_bodies(clumps, gained)
+        if len(gained) > len(own):
+            gained = gained[: len(own)]
+        return own + step * gained / capacity, given
 
     return lax.fori_loop(0, conduction.steps, advanced, (temperature, jnp.zeros((), temperature.dtype)))
 

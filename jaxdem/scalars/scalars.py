@@ -11,17 +11,18 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary
-from jaxdem.fluid.cut_scalar import ScalarWalls
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average
-from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, ScalarTransport, Stream
+from jaxdem.fluid.scalar_transport import ScalarField, ScalarTransport, Stream
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
-from jaxdem.particles.integrate import ParticleProperties
+from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.scalars.conduction import Conductances, Conduction, ConductionNumbers, conducted
+from jaxdem.scalars.conduction import Conductances, Conduction, conducted
 from jaxdem.scalars.exchange import exchanged
 from jaxdem.scalars.in_cells import between_surfaces, conducting, fluid_share
 from jaxdem.scalars.nusselt import NusseltLaw
+from jaxdem.scalars.scalar_state import ScalarParameters, ScalarState
 
 TEMPERATURE = "temperature"
 """Name of the field that is the temperature of the fluid."""
@@ -42,84 +43,6 @@ class Heat:
     conduction: Conduction | None
     expands: bool
     bed: Literal["open", "kuipers"] = "open"
-
-
-class FluidHeat(NamedTuple):
-    """Numbers of the fluid's heat; traced.
-
-    Attributes:
-        capacity: () heat capacity [J/(kg K)].
-        expansion: () thermal expansion [1/K].
-        reference: () temperature at which it has its density [K].
-    """
-
-    capacity: Array
-    expansion: Array
-    reference: Array
-
-
-class GrainHeat(NamedTuple):
-    """Numbers of the grains' heat; traced.
-
-    Attributes:
-        capacity: () heat capacity [J/(kg K)].
-        conduction: of the contacts; None where they conduct nothing.
-    """
-
-    capacity: Array
-    conduction: ConductionNumbers | None
-
-    def of_each(self, bodies: ParticleProperties) -> Array:
-        """() or (N,) heat capacity of a grain, c rho V, without fluid that moves along [J/K]."""
-        return self.capacity * bodies.density * bodies.volume
-
-
-class ScalarParameters(NamedTuple):
-    """Numbers of the scalars; traced.
-
-    Attributes:
-        fields: of each field; that of the temperature has the conductivity [W/(m K)] in place of the diffusivity, and
-            fluxes of heat [W/m2].
-        fluid: None without a temperature of the fluid.
-        grains: None without temperatures of grains.
-        walls: surfaces within the mesh of the fluid; None without.
-    """
-
-    fields: tuple[ScalarNumbers, ...]
-    fluid: FluidHeat | None
-    grains: GrainHeat | None
-    walls: ScalarWalls | None = None
-
-
-class Supplied(NamedTuple):
-    """What has come in since the start.
-
-    Attributes:
-        sides: (F, 2 D + S) of every field through every side, lower before upper, axis by axis, then through every
-            surface within the mesh of the fluid [unit m3].
-        walls: () heat that walls have given to grains by contact [J].
-        grains: () heat that grains have brought which came in, less that of those which left [J].
-        friction: () heat that contacts have made of motion; None where that warms nothing [J].
-    """
-
-    sides: Array
-    walls: Array
-    grains: Array
-    friction: Array | None = None
-
-
-class ScalarState(NamedTuple):
-    """What evolves.
-
-    Attributes:
-        fields: of the fluid, on the cells, in the order of `Scalars.fields`.
-        grains: (N,) temperature of the grains; None without [K].
-        supplied: since the start.
-    """
-
-    fields: tuple[Array, ...]
-    grains: Array | None
-    supplied: Supplied
 
 
 class FluidFlow(NamedTuple):
@@ -246,13 +169,15 @@ class Scalars:
         neighbors: Neighbors,
         bodies: ParticleProperties,
         duration: Array,
+        blocks: Blocks | None = None,
     ) -> ScalarState:
-        """The temperatures after conduction through contacts of these conductances."""
+        """The temperatures after conduction through contacts of these conductances; `blocks` as of `conducted`."""
         heat, numbers = self.heat, parameters.grains
         if heat is None or heat.conduction is None or numbers is None or state.grains is None:
             return state
         of_contacts, own = required(numbers.conduction, "conduction"), (numbers.of_each(bodies), bodies.clumps)
-        grains, given = conducted(heat.conduction, of_contacts, found, neighbors, state.grains, own, duration)
+        of_grains = heat.conduction, of_contacts, found, neighbors, state.grains, own, duration
+        grains, given = conducted(*of_grains, blocks)
         supplied = state.supplied._replace(walls=state.supplied.walls + given)
         return state._replace(grains=grains, supplied=supplied)
 
@@ -270,15 +195,32 @@ class Scalars:
         parameters: ScalarParameters,
         state: ScalarState,
         bodies: ParticleProperties,
-        before: Array | None,
-        after: Array | None,
+        before: ParticleState,
+        after: ParticleState,
     ) -> ScalarState:
-        """With the heat of the grains that came and left counted; `before` and `after` (N,) are those present."""
-        if state.grains is None or parameters.grains is None or before is None or after is None:
+        """With the heat of the grains that came and left counted.
+
+        Args:
+            parameters: numbers.
+            state: in the rows of `before`.
+            bodies: of all grains.
+            before, after: of these; in a slab a row may be that of another grain after them.
+        """
+        if state.grains is None or parameters.grains is None or before.active is None or after.active is None:
             return state
-        came = after.astype(state.grains.dtype) - before.astype(state.grains.dtype)
-        brought = jnp.sum(came * parameters.grains.of_each(bodies) * state.grains)
-        return state._replace(supplied=state.supplied._replace(grains=state.supplied.grains + brought))
+        of_grains, grains, dtype = parameters.grains, state.grains, state.grains.dtype
+        if before.identity is None or after.identity is None:
+            came = after.active.astype(dtype) - before.active.astype(dtype)
+            return _brought(state, jnp.sum(came * of_grains.of_each(bodies) * grains))
+        stays = before.active & after.active & (before.identity == after.identity)
+        left, new = before.active & ~stays, after.active & ~stays
+        if state.coming is not None:
+            grains = jnp.where(new, state.coming[jnp.maximum(after.identity, 0)], grains)
+        heats = (
+            jnp.sum(jnp.where(those, of_grains.of_each(bodies.of_rows(rows.identity)) * own, 0.0))
+            for those, rows, own in ((new, after, grains), (left, before, state.grains))
+        )
+        return _brought(state, next(heats) - next(heats))._replace(grains=grains)
 
     def buoyancy(self, parameters: ScalarParameters, state: ScalarState, grid: Grid, gravity: Array) -> FaceField:
         """Acceleration of the fluid where it is warmer than the reference, -beta (T - T0) g, on the faces [m/s2].
@@ -290,6 +232,10 @@ class Scalars:
         place = required(self.temperature, "temperature of the fluid")
         above = face_average(grid, state.fields[place] - numbers.reference)
         return tuple(-numbers.expansion * gravity[axis] * warmth for axis, warmth in enumerate(above))
+
+
+def _brought(state: ScalarState, heat: Array) -> ScalarState:
+    return state._replace(supplied=state.supplied._replace(grains=state.supplied.grains + heat))
 
 
 def _or_one(void_fraction: Array | None) -> CellOrOne:

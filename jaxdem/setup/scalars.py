@@ -15,16 +15,8 @@ from jaxdem.numerics.host import on_device
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.scalars.conduction import Conduction, ConductionNumbers
 from jaxdem.scalars.nusselt import NUSSELT_LAWS, NusseltLaw
-from jaxdem.scalars.scalars import (
-    TEMPERATURE,
-    FluidHeat,
-    GrainHeat,
-    Heat,
-    ScalarParameters,
-    Scalars,
-    ScalarState,
-    Supplied,
-)
+from jaxdem.scalars.scalar_state import FluidHeat, GrainHeat, ScalarParameters, ScalarState, Supplied
+from jaxdem.scalars.scalars import TEMPERATURE, Heat, Scalars
 from jaxdem.scene import Scene
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.heat import Heat as HeatTable

@@ -163,4 +163,4 @@ def compared(blocks: Blocks, slabs: FluidState, fluid: FluidState) -> Comparison
 def in_slabs(grid: Grid, number: int, axis: int, fluid: FluidState) -> tuple[Blocks, FluidState]:
     """Slabs of a box, and its fluid in them."""
     blocks = Blocks(number, axis, grid.periodic[axis])
-    return blocks, fluid_in_slabs(grid, blocks, fluid)
+    return blocks, fluid_in_slabs(blocks, fluid)

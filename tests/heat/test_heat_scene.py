@@ -64,11 +64,6 @@ def test_what_does_not_fit_is_refused_by_its_key(tables, key):
     assert caught.value.key == key
 
 
-def test_several_devices_refuse_it():
-    with pytest.raises(InputError, match="temperatures"):
-        jaxdem.build(load_scene(CHAIN), devices=2)
-
-
 def test_a_law_of_heat_transfer_needs_an_exchange():
     with pytest.raises(InputError, match="nusselt"):
         jaxdem.build(load_scene(CHAIN), nusselt=lambda reynolds, prandtl, void_fraction: 2.0 + 0.0 * reynolds)

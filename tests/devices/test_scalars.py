@@ -1,0 +1,135 @@
+"""Temperatures and other scalars on several devices, against one device."""
+
+import shutil
+
+import jax
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import devices
+from jaxdem.failures import failures
+from tests.cases.fluid_slabs import ALONG_X, coupled_scene, fluid_scene, places
+from tests.cases.heat import chain_tables
+from tests.cases.slabs import apart
+
+DYE = {"name": "dye", "diffusivity": 1e-3}
+FLUID_HEAT = {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.5, "fluid_temperature": 300.0}
+
+
+def stepped(scene, number, steps, marked=None):
+    """State after so many intervals on one device and on several, whole; the second with its list and program."""
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    if marked is not None:
+        state = state._replace(scalars=marked(state.scalars))
+    divided, _ = jaxdem.build(scene, devices=number)
+    slabs, lists = devices.distributed(divided, parameters, state, neighbors)
+    step, many = (jax.jit(of.step) for of in (simulation, divided))
+    program = many.lower(parameters, slabs, lists).compile().as_text()
+    assert "all-gather" not in program
+    for _ in range(steps):
+        state, neighbors, report = step(parameters, state, neighbors)
+        slabs, lists, figures = many(parameters, slabs, lists)
+        assert int(failures(simulation, report)) == int(failures(divided, figures)) == 0
+    return state, devices.gathered(divided, slabs, lists)[0], lists
+
+
+def test_conduction_across_a_border():
+    """A row of grains of different temperatures between a warm and a cold wall, cut in its middle."""
+    tables = chain_tables(6, 4e4, 0.01, left={"temperature": 50.0}, right={"temperature": 0.0})
+    first = np.array([20.0, 30.0, 80.0, 10.0, 20.0, 60.0])
+    scene = jaxdem.load_scene(tables)
+    state, whole, lists = stepped(scene, 2, 20, lambda scalars: scalars._replace(grains=jax.numpy.asarray(first)))
+    assert devices.counts(lists).particles.tolist() == [3, 3]
+    expected, found = np.asarray(state.scalars.grains), whole.scalars.grains
+    np.testing.assert_allclose(found, expected, rtol=1e-13)
+    assert first[2] - expected[2] > 10.0 and expected[3] - first[3] > 10.0, "heat has crossed the border"
+    walls = float(state.scalars.supplied.walls)
+    assert abs(float(whole.scalars.supplied.walls) - walls) < 1e-12 * abs(walls)
+    capacity = 2000.0 * 500.0 * np.pi / 6.0 * 0.01**3
+    assert abs(capacity * np.sum(found - first) - walls) < 1e-12 * capacity * np.sum(first)
+
+
+def test_fields_in_a_periodic_stream():
+    """Warm fluid and a dye that go round through four slabs, warmed from below."""
+    sides = ALONG_X | {"bottom": {"temperature": 330.0}, "top": {"heat_flux": 5.0}}
+    tables = fluid_scene([8, 6], sides) | {"heat": FLUID_HEAT | {"expansion": 3e-3}, "scalars": [DYE]}
+    tables["fluid"]["velocity"] = [1.0, 0.0]
+    draw = np.random.default_rng(0)
+
+    def marked(scalars):
+        return scalars._replace(fields=tuple(f + draw.random(f.shape) for f in scalars.fields))
+
+    state, whole, _ = stepped(jaxdem.load_scene(tables), 4, 8, marked)
+    for expected, found in zip(state.scalars.fields, whole.scalars.fields, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    passed = np.asarray(state.scalars.supplied.sides)
+    assert np.all(passed[0, 2:] != 0.0)
+    np.testing.assert_allclose(whole.scalars.supplied.sides, passed, rtol=0, atol=1e-11 * np.abs(passed).max())
+    assert float(np.abs(state.fluid.face_velocity[1]).max()) > 1e-4, "warm fluid rises"
+
+
+def tables_of_all():
+    """Grains that change slabs, leave and come in, exchange heat with a stream, with each other and with a wall."""
+    sides = {
+        "left": {"kind": "inlet", "velocity": 0.2, "temperature": 320.0, "scalars": {"dye": 1.0}},
+        "right": {"kind": "outlet", "particles": "remove"},
+        "bottom": {"temperature": 400.0},
+    }
+    tables = coupled_scene(2, sides) | {"scalars": [DYE]}
+    tables["contact"] |= {"speed": 4.0}
+    tables["heat"] = FLUID_HEAT | {
+        "particle_heat_capacity": 100.0, "particle_temperature": 350.0, "particle_conductivity": 1e6,
+        "true_young_modulus": 1e9, "expansion": 3e-3, "friction": True,
+    }  # fmt: skip
+    draw = np.random.default_rng(5)
+    tables["particles"] |= {
+        "position": places([0.4, 0.16], count=50),
+        "velocity": ([0.8, -0.3] + draw.normal(size=(50, 2))).tolist(),
+        "inlet": [{"start": [0.02, 0.17], "stop": [0.38, 0.2], "rate": 1000.0, "velocity": [0.5, -1.0],
+                   "temperature": 280.0, "total": 18}],
+    }  # fmt: skip
+    return tables | {"time": {"end": 0.04, "output_interval": 0.02}}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """The whole run on one device; on two, stopped in the middle and resumed on two, and on one."""
+    out = tmp_path_factory.mktemp("heat")
+    tables = tables_of_all()
+    half = tables | {"time": {"end": 0.02, "output_interval": 0.02}}
+    one = jaxdem.simulate(jaxdem.load_scene(tables), out / "one")
+    jaxdem.simulate(jaxdem.load_scene(half), out / "two", devices=2)
+    shutil.copytree(out / "two", out / "back")
+    two = jaxdem.simulate(jaxdem.load_scene(tables), out / "two", devices=2, resume=True)
+    back = jaxdem.simulate(jaxdem.load_scene(tables), out / "back", resume=True)
+    return one, two, back
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_everything_at_once_is_that_of_one_device(runs, number):
+    """Temperatures of grains and fluid, the dye, and whence all heat came; the tolerance is that of the pressure."""
+    one, other = runs[0], runs[number]
+    assert other.summary["devices"]["migrations"] > 0 if number == 1 else "devices" not in other.summary
+    expected, found = one.particles(-1), other.particles(-1)
+    there = expected["active"] == 1
+    np.testing.assert_array_equal(found["active"], expected["active"])
+    assert one.history["removed"][-1] > 0 and there.sum() + one.history["removed"][-1] > 50
+    for name in ("temperature", "position", "velocity"):
+        assert apart(expected[name][there], found[name][there]) < 1e-10, name
+    assert np.ptp(expected["temperature"][there]) > 20.0
+    for name in ("temperature", "dye"):
+        assert apart(one.fluid(-1)[name], other.fluid(-1)[name]) < 1e-10, name
+    told, same = one.summary["heat"], other.summary["heat"]
+    scale = abs(told["start"])
+    for name in ("start", "fluid", "grains", "from_walls_to_grains", "brought_by_grains", "from_friction"):
+        assert abs(same[name] - told[name]) < 1e-11 * scale, name
+        assert told[name] != 0.0
+    for sides, others in (
+        (told["through_sides"], same["through_sides"]),
+        (one.summary["scalars"]["dye"]["through_sides"], other.summary["scalars"]["dye"]["through_sides"]),
+    ):
+        largest = max(map(abs, sides.values()))
+        assert all(abs(others[side] - value) < 1e-10 * largest for side, value in sides.items())
+    assert abs(same["missing"]) < 1e-10 * scale
