@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from jaxdem.check.run_cost import CPU, GPU, run_cost
+from jaxdem.devices.bonds import require_in_reach
 from jaxdem.devices.cut import slabs_of
 from jaxdem.devices.refused import require_divisible
 from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
@@ -101,8 +102,11 @@ def check_devices(
     item = state.particles.position.dtype.itemsize
     dimension = len(simulation.box)
     low = 0 if state.particles.position_low is None else dimension
+    bonds = state.particles.bonds
+    require_in_reach(simulation.search, bonds)
+    turned = 0 if bonds is None else len(jax.tree.leaves((bonds.orientation, bonds.orientation_low)))
     # Position, velocity, spin and the velocity that a contact step expects, and one number.
-    values = 3 * dimension + state.particles.angular_velocity[0].size + low
+    values = 3 * dimension + state.particles.angular_velocity[0].size + low + turned
     sent = 2 * (room.ghosts * values * item + 4)
     rows = (room.rows + 2 * room.ghosts) / max(len(state.particles.position), 1)
     times = {

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxdem.devices.bonds import bonds_in_slabs, require_in_reach
 from jaxdem.devices.contacts import Contacts, contacts_of_list, history_tables
 from jaxdem.devices.gathering import gathered
 from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
@@ -26,6 +27,7 @@ from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import of_grain
 from jaxdem.particles.neighbors import Neighbors, Room
+from jaxdem.particles.slab_bonds import relisted
 from jaxdem.particles.slab_list import History, Meshes, of_pairs, slab_list
 from jaxdem.state import Parameters, State
 
@@ -93,11 +95,15 @@ def _particles(
         table[k, : len(own)], row[own] = own, np.arange(len(own))
     history = History(*history_tables(contacts, slab, row, (number, room.listed.slots, room.rows)))
     mesh, memory = required(simulation.mesh, "mesh"), _memory_of_rows(contacts, table)
-    given = (_rows(particles, table), _no_ghosts(planes.astype(dtype), table, room), history, memory)
+    rows_of_all = _rows(particles, table)
+    if particles.bonds is not None:
+        require_in_reach(search, particles.bonds)
+        rows_of_all = rows_of_all._replace(bonds=bonds_in_slabs(particles.bonds, table))
+    given = (rows_of_all, _no_ghosts(planes.astype(dtype), table, room), history, memory)
     rows, ghosts, history, memory = put(mesh, given)
     listing, everywhere = _first_list(simulation, room.listed), put(mesh, (parameters.bodies, meshes), SAME)
-    springs, memory, new = listing(*everywhere, rows, ghosts, history, memory)
-    return rows._replace(contact_spring=springs, mesh_memory=memory), new
+    springs, memory, bonds, new = listing(*everywhere, rows, ghosts, history, memory)
+    return rows._replace(contact_spring=springs, mesh_memory=memory, bonds=bonds), new
 
 
 def _memory_of_rows(contacts: Contacts, table: np.ndarray) -> tuple[MeshMemory, ...]:
@@ -209,22 +215,23 @@ def _no_ghosts(planes: Any, table: Any, room: SlabRoom) -> Ghosts:
 
 @functools.lru_cache(maxsize=8)
 def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]:
-    """A program over all slabs, kept for states that are cut later: the lists, the springs of their pairs and what
-    contacts with meshes keep; from the bodies, the meshes, the rows of a slab, its ghosts and what its rows keep."""
+    """A program over all slabs, kept for states that are cut later: the springs of the pairs, what contacts with meshes
+    keep, the bonds and the lists; from the bodies, the meshes, the rows of a slab, its ghosts and what rows keep."""
 
     def listing(
         bodies: Any, meshes: Meshes, rows: ParticleState, ghosts: Ghosts, history: History, memory: Any
-    ) -> tuple[Any, Any, Neighbors]:
+    ) -> tuple[Any, Any, Any, Neighbors]:
         own = bodies.of_rows(rows.identity)
         position = vectors.components(rows.position)
         low = split_low(rows.position_low, len(position))
         new = slab_list(simulation.search, simulation.division, position, low, own.radius, room, ghosts, meshes)
         kept = zip(memory, new.meshes, strict=True)
         of_rows = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
-        return of_pairs(history, required(new.ghosts, "ghosts").identity, new.pairs), of_rows, new
+        new, bonds = relisted(simulation.division.blocks, new, rows.bonds)
+        return of_pairs(history, required(new.ghosts, "ghosts").identity, new.pairs), of_rows, bonds, new
 
     mesh = required(simulation.mesh, "mesh")
-    return jax.jit(on_slabs(mesh, listing, (SAME, SAME, *(SLABS,) * 4), (SLABS, SLABS, SLABS)))
+    return jax.jit(on_slabs(mesh, listing, (SAME, SAME, *(SLABS,) * 4), (SLABS,) * 4))
 
 
 def enlarged(
@@ -242,7 +249,10 @@ def enlarged(
     """
     ghosts = required(failed.ghosts, "ghosts of a list")
     if np.any(on_host(ghosts.narrow)):
-        limit = "a particle went farther than the neighbouring slab, or slabs that are no neighbours came within reach"
+        limit = (
+            "a particle went farther than the neighbouring slab, slabs that are no neighbours came within reach, or a "
+            "bond got longer than the neighbour list reaches"
+        )
         raise InputError("devices", simulation.slabs.number, limit, "use fewer devices, or a shorter interval")
     needed = np.asarray(on_host(ghosts.needed)).max(axis=0)
     room = SlabRoom.of(neighbors).enlarged(needed)

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxdem.devices.bonds import bonds_of_slabs
 from jaxdem.devices.contacts import Contacts, contacts_of_slabs
 from jaxdem.devices.mesh import on_host
 from jaxdem.devices.particle_fields import of_each
@@ -77,7 +78,7 @@ def gathered_rows(simulation: DividedSimulation, tree: Tree, identity: Any) -> T
 def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> ParticleState:
     """(N, ...) of (B, R, ...)."""
     identity = required(rows.identity, "identity of the particles")
-    there = required(rows.active, "active of the particles") & (identity >= 0)
+    there = np.asarray(required(rows.active, "active of the particles") & (identity >= 0))
     number = np.asarray(identity)[there]
 
     active: Any = np.zeros(simulation.count, bool)
@@ -89,6 +90,7 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
         inserted=None if rows.inserted is None else rows.inserted[0],
         pistons=jax.tree.map(lambda x: x[0], rows.pistons),
         mesh_wear=jax.tree.map(lambda x: x[0], rows.mesh_wear),
+        bonds=None if rows.bonds is None else bonds_of_slabs(rows.bonds, np.asarray(identity), there, simulation.count),
     )
 
 

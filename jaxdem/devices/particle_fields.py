@@ -25,7 +25,7 @@ AXIS_OF_PARTICLES = {
 KEPT = ("position", "position_low")
 """Fields of which a row without a particle has the values of another one, not zero."""
 
-REFUSED = ("bonds", "orientation", "orientation_low")
+REFUSED = ("orientation", "orientation_low")
 """Fields of scenes that `refused` turns away."""
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from jaxdem.errors import InputError
 from jaxdem.fluid.two_fluids import TwoFluidSolver
-from jaxdem.particles.contact_model import ContactModel
 from jaxdem.simulation import Simulation
 
 
@@ -26,10 +25,6 @@ class Refused(NamedTuple):
     there: Callable[[Simulation], bool]
 
 
-def _of_contacts(there: Callable[[ContactModel], bool]) -> Callable[[Simulation], bool]:
-    return lambda simulation: simulation.contact is not None and there(simulation.contact.model)
-
-
 def _has_clumps(simulation: Simulation) -> bool:
     contact = simulation.contact
     return contact is not None and contact.search is not None and contact.search.members > 1
@@ -40,11 +35,17 @@ def _looks_at_neighbours(simulation: Simulation) -> bool:
     return simulation.coupling is not None and simulation.coupling.drag.surroundings is not None
 
 
+def _bonds_in_a_population(simulation: Simulation) -> bool:
+    # What is left of a bond both of whose grains have gone would be in no slab.
+    contact = simulation.contact
+    return contact is not None and contact.model.bonds is not None and simulation.population is not None
+
+
 REFUSED = (
     Refused(
         "particles.shape", "a clump", "clumps, whose members a slab would have to know with their bodies", _has_clumps
     ),
-    Refused("bonds", "...", "bonds between particles", _of_contacts(lambda model: model.bonds is not None)),
+    Refused("bonds", "...", "bonds between particles of which some leave or come in", _bonds_in_a_population),
     Refused(
         "walls",
         "fluid",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxdem.numerics import compensated, vectors
@@ -32,6 +33,22 @@ class Bonding:
     periodic: tuple[bool, ...]
 
 
+class KeptBonds(NamedTuple):
+    """What each of the R own grains of a slab keeps of its bonds, in K places; see `slab_bonds`.
+
+    Attributes:
+        partner: (K, R) int32, identity of the other grain; -1 where there is no bond.
+        separation, separation_low: D arrays (K, R) or Nones, see `BondState`; of the grain of the lower identity.
+        table, status: (K, R) int32.
+    """
+
+    partner: Array
+    separation: Vector
+    separation_low: tuple[Low, ...]
+    table: Array
+    status: Array
+
+
 class BondState(NamedTuple):
     """B bonds between N grains; traced.
 
@@ -48,6 +65,8 @@ class BondState(NamedTuple):
         orientation: 4 arrays (N,), unit quaternion that turns a grain from where it was when the bonds were made,
             scalar part first, leading part; in 2-D too, where it has the first and the last component [-].
         orientation_low: 4 arrays (N,), trailing part; Nones in float64.
+        kept: in a slab, whose list of pairs is of its rows and is made anew with that of the neighbours; None on one
+            device.
     """
 
     pairs: Pairs
@@ -57,6 +76,13 @@ class BondState(NamedTuple):
     status: Array
     orientation: Vector
     orientation_low: tuple[Low, ...]
+    kept: KeptBonds | None = None
+
+    @property
+    def counted(self) -> Array | None:
+        """(B,) bool, which bonds belong to this slab: one across a border is in the lists of both, and is counted with
+        its first grain. None on one device."""
+        return None if self.kept is None else self.pairs.first < self.kept.partner.shape[1]
 
     @property
     def intact(self) -> Array:
@@ -88,3 +114,17 @@ class BondState(NamedTuple):
         """The same after grains have left; `stays` (N,) bool says which have not."""
         both = at((stays,), self.pairs.first)[0] & at((stays,), self.pairs.second)[0]
         return self._replace(status=jnp.where(self.intact & ~both, LEFT, self.status))
+
+
+def entries_of(first: np.ndarray, second: np.ndarray, count: int) -> np.ndarray:
+    """(K, N) places of the bonds of each of N grains, see `Pairs`; of bonds (B,) and the empty one. Host, numpy."""
+    number = len(first) + 1
+    grain = np.concatenate([first, second])
+    place = np.concatenate([np.arange(number - 1), number + np.arange(number - 1)])
+    order = np.argsort(grain, kind="stable")
+    grain, place = grain[order], place[order]
+    starts = np.searchsorted(grain, np.arange(count))
+    rank = np.arange(len(grain)) - starts[grain]
+    table = np.full((int(rank.max(initial=0)) + 1, count), number - 1)
+    table[rank, grain] = place
+    return table

@@ -122,7 +122,8 @@ def _bonds_of_step(
     if geometry.numbers.damping is not None:
         dashpots = _damping(geometry, properties, motion, mid_velocity, bonds.pairs)
     breaks = before.intact & ~bonds.intact
-    found = FoundBonds(bonds.pairs, bonds.intact, breaks, geometry.energy(), geometry.elastic(), dashpots)
+    loads = geometry.energy(), geometry.elastic(), dashpots
+    found = FoundBonds(bonds.pairs, bonds.intact, breaks, *loads, bonds.counted)
     return found, bonds
 
 

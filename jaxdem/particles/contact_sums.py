@@ -76,6 +76,7 @@ class FoundBonds(NamedTuple):
         energy: (B,) elastic, in the middle of the step, of those that held before it [J].
         elastic: load of those.
         dashpots: load; None where no bond has any.
+        counted: see `BondState`.
     """
 
     pairs: Pairs
@@ -84,6 +85,7 @@ class FoundBonds(NamedTuple):
     energy: Array
     elastic: tuple[Vector, Vector, Vector]
     dashpots: tuple[Vector, Vector, Vector] | None
+    counted: Array | None = None
 
 
 class Sums(NamedTuple):

@@ -205,6 +205,8 @@ def _power_of_wall(found: FoundContacts, before: Motion, half: Vector | None) ->
 def _with_bonds(flow: EnergyFlow, found: FoundBonds, before: Motion, after: Motion, time_step: Array) -> EnergyFlow:
     """The flow with that of the bonds."""
     given, taken, lost = _of_bonds(found, before, after, time_step)
+    if found.counted is not None:
+        given, taken, lost = (jnp.where(found.counted, part, 0.0) for part in (given, taken, lost))
     return flow._replace(
         conservative=flow.conservative + jnp.sum(given),
         bond_damping=flow.bond_damping + jnp.sum(taken),

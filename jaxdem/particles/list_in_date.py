@@ -38,11 +38,14 @@ def with_list_in_date(verlet: Verlet, carry: Carry, neighbors: Neighbors) -> tup
         motion = drift(carry.motion, verlet.time_step)
         placed, slab = verlet.meshes_placed(carry), carry.slab
         if division is not None and slab is not None:
-            new, springs, slab = rebuilt(division, search, motion, neighbors, slab, placed)
+            new, at_new, slab = rebuilt(division, search, motion, neighbors, slab, placed)
+            motion = carry.motion._replace(contact_spring=at_new.contact_spring)
+            if at_new.bonds is not None and motion.bonds is not None:
+                turned, low = motion.bonds.orientation, motion.bonds.orientation_low
+                motion = motion._replace(bonds=at_new.bonds._replace(orientation=turned, orientation_low=low))
         else:
             new = updated(search, motion, neighbors, verlet.active, placed)
-            springs = carry_history(carry.motion.contact_spring, neighbors, new)
-        motion = carry.motion._replace(contact_spring=springs)
+            motion = carry.motion._replace(contact_spring=carry_history(carry.motion.contact_spring, neighbors, new))
         if neighbors.meshes:
             motion = motion._replace(mesh_memory=carry_memory(motion.mesh_memory, neighbors, new))
         return carry._replace(motion=motion, slab=slab), new

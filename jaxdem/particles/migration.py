@@ -25,6 +25,7 @@ from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import by_grain, of_grain
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.slab_bonds import relisted, rows_first, rows_last
 from jaxdem.particles.slab_list import History, history_of, of_pairs, renewed_list
 
 IMBALANCE = 1.05
@@ -171,6 +172,8 @@ def _moved(
     own = radius if radius.ndim == 0 else radius[jnp.maximum(identity, 0)]
     neighbors = dataclasses.replace(neighbors, overflow=neighbors.overflow | lacking)
     new = renewed_list(search, division, *_positions(particles), own, neighbors, ghosts, placed)
+    new, bonds = relisted(division.blocks, new, particles.bonds)
+    particles = particles._replace(bonds=bonds)
     springs = of_pairs(history, required(new.ghosts, "ghosts of a list").identity, new.pairs)
     kept = zip(meshes, new.meshes, strict=True)
     memory = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
@@ -201,6 +204,7 @@ def _row_first(particles: ParticleState) -> ParticleState:
         pistons=None,
         mesh_memory=(),
         mesh_wear=(),
+        bonds=None if particles.bonds is None else rows_first(particles.bonds),
     )
 
 
@@ -213,6 +217,7 @@ def _row_last(rows: ParticleState, before: ParticleState) -> ParticleState:
         inserted=before.inserted,
         pistons=before.pistons,
         mesh_wear=before.mesh_wear,
+        bonds=None if rows.bonds is None or before.bonds is None else rows_last(rows.bonds, before.bonds),
     )
 
 

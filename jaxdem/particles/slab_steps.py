@@ -21,6 +21,7 @@ from jaxdem.particles.ghosts import NEVER, Division, Ghosts, exchanged, with_gho
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
+from jaxdem.particles.slab_bonds import noted, relisted
 from jaxdem.particles.slab_list import history_of, of_pairs, renewed_list
 
 
@@ -47,6 +48,10 @@ def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
     def wider(rows: Array) -> Array:
         return padded_rows(ghosts, rows)
 
+    bonds = state.bonds
+    if bonds is not None:
+        turned = jax.tree.map(wider, (bonds.orientation, bonds.orientation_low))
+        bonds = bonds._replace(orientation=turned[0], orientation_low=turned[1])
     low, liquid = state.position_low, state.liquid
     return state._replace(
         position=wider(state.position),
@@ -57,12 +62,16 @@ def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
         wall_spring=tuple(wider(spring.T).T for spring in state.wall_spring),
         contact_force=wider(state.contact_force),
         active=wider(required(state.active, "active of the particles")),
+        bonds=bonds,
     )
 
 
 def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> ParticleState:
     """The state of a slab after contact steps; the inverse of `padded`."""
-    count, low, liquid = ghosts.rows, rows.position_low, rows.liquid
+    count, low, liquid, bonds = ghosts.rows, rows.position_low, rows.liquid, rows.bonds
+    if bonds is not None:
+        turned = jax.tree.map(lambda x: x[:count], (bonds.orientation, bonds.orientation_low))
+        bonds = noted(bonds)._replace(orientation=turned[0], orientation_low=turned[1])
     return before._replace(
         position=rows.position[:count],
         position_low=None if low is None else low[:count],
@@ -75,6 +84,7 @@ def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> Part
         pistons=rows.pistons,
         mesh_memory=rows.mesh_memory,
         mesh_wear=rows.mesh_wear,
+        bonds=bonds,
     )
 
 
@@ -113,13 +123,19 @@ def refreshed(
     ghosts = required(neighbors.ghosts, "ghosts of a list")
     low = () if motion.low[0] is None else tuple(x for x in motion.low if x is not None)
     film: Vector = () if motion.liquid is None else (motion.liquid,)
-    parts = (motion.position, motion.velocity, motion.angular_velocity, expected, low, film)
+    bonds = motion.bonds
+    turned: Vector = () if bonds is None else bonds.orientation
+    turned_low: Vector = () if bonds is None else tuple(x for x in bonds.orientation_low if x is not None)
+    parts = (motion.position, motion.velocity, motion.angular_velocity, expected, low, film, turned, turned_low)
     flat = tuple(x for part in parts for x in part)
     new, due = exchanged(division.blocks, ghosts, flat, slab.due)
     filled = iter([x.at[ghosts.rows :].set(values) for x, values in zip(flat, new, strict=True)])
-    position, velocity, spin, expected, low, film = (tuple(next(filled) for _ in part) for part in parts)
+    position, velocity, spin, expected, low, film, *turning = (tuple(next(filled) for _ in part) for part in parts)
     if film:
         motion = motion._replace(liquid=film[0])
+    if bonds is not None:
+        lows = turning[1] or bonds.orientation_low
+        motion = motion._replace(bonds=bonds._replace(orientation=turning[0], orientation_low=lows))
     motion = motion._replace(position=position, velocity=velocity, angular_velocity=spin, low=low or motion.low)
     return motion, expected, slab._replace(due=due)
 
@@ -180,8 +196,9 @@ def rebuilt(
     neighbors: Neighbors,
     slab: SlabCarry,
     placed: tuple[Placement | None, ...] = (),
-) -> tuple[Neighbors, Vector, SlabCarry]:
-    """A list at this motion, the springs of its pairs, and the carry with the properties of the new ghosts.
+) -> tuple[Neighbors, Motion, SlabCarry]:
+    """A list at this motion, the motion with the springs of its pairs and the bonds of its rows, and the carry with the
+    properties of the new ghosts.
 
     `placed` is where each mesh is then, None for one at rest; empty where all are.
     """
@@ -190,7 +207,10 @@ def rebuilt(
     low = tuple(None if x is None else x[: ghosts.rows] for x in motion.low)
     radius = slab.properties.radius
     new = renewed_list(search, division, position, low, radius, neighbors, ghosts, placed)
+    bonds = None if motion.bonds is None else noted(motion.bonds)
+    new, bonds = relisted(division.blocks, new, bonds)
     ghosts = required(new.ghosts, "ghosts of a list")
     springs = of_pairs(history_of(motion.contact_spring, neighbors), ghosts.identity, new.pairs)
     properties = ghosts_beside(division, ghosts, slab.properties)
-    return new, springs, SlabCarry(jnp.full((), NEVER, jnp.int32), properties)
+    motion = motion._replace(contact_spring=springs, bonds=bonds)
+    return new, motion, SlabCarry(jnp.full((), NEVER, jnp.int32), properties)

@@ -125,7 +125,8 @@ def _of_bonds(step: ContactStep, bodies: ParticleProperties, motion: Motion) -> 
         return jnp.zeros((), motion.velocity[0].dtype)
     numbers = required(step.surroundings.bonds, "parameters.bonds")
     geometry = bond_geometry(step.model.bonds, numbers, bodies, motion, motion.bonds)
-    return jnp.sum(jnp.where(motion.bonds.intact, geometry.energy(), 0.0))
+    holds, counted = motion.bonds.intact, motion.bonds.counted
+    return jnp.sum(jnp.where(holds if counted is None else holds & counted, geometry.energy(), 0.0))
 
 
 class _Contacts(NamedTuple):

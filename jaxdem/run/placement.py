@@ -22,6 +22,7 @@ from jaxdem.devices import (
     gathered_state,
     on_one_device,
 )
+from jaxdem.devices.bonds import blank_kept
 from jaxdem.devices.mesh import SAME, on_host, put
 from jaxdem.errors import InputError, required
 from jaxdem.numerics.blocks import Blocks
@@ -265,8 +266,10 @@ def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> t
     if template.particles is not None:
         room, blank = [int(value) for value in stored(arrays, ROOM)], np.zeros(())
         particles: Any = template.particles
+        if particles.bonds is not None:
+            particles = particles._replace(bonds=blank_kept(particles.bonds, blank))
         plain = case.simulation.without_levels()
-        lists = plain.list_shapes(case.parameters, particles, Room.of(room[3:])).without_surfaces()
+        lists = plain.list_shapes(case.parameters, template.particles, Room.of(room[3:])).without_surfaces()
         parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if field.name != "migrating"}
         lists = dataclasses.replace(lists, ghosts=Ghosts(**parts, migrating=room[2]))
         state = state._replace(particles=particles._replace(active=blank, identity=blank))

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from jaxdem.errors import InputError
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.bond_geometry import BondParameters
-from jaxdem.particles.bond_state import INTACT, LEFT, BondState
+from jaxdem.particles.bond_state import INTACT, LEFT, BondState, entries_of
 from jaxdem.particles.pairs import Pairs
 from jaxdem.scene import Scene
 from jaxdem.scene.bonds import Bond
@@ -221,27 +221,14 @@ def bond_state(bonds: BondList, count: int, dtype: np.dtype[np.floating]) -> Bon
         lows = (None if dtype == np.float64 else on_device(low[:, k], dtype) for k in axes)
         return tuple(on_device(high[:, k], dtype) for k in axes), tuple(lows)
 
+    entry = on_device(entries_of(bonds.first, bonds.second, count), np.int32)
     return BondState(
-        Pairs(column(bonds.first, 0), column(bonds.second, 0), on_device(_entries(bonds, count), np.int32)),
+        Pairs(column(bonds.first, 0), column(bonds.second, 0), entry),
         *parts(apart, "separation"),
         column(bonds.table, 0),
         column(bonds.status, LEFT),
         *parts(still, "orientation"),
     )
-
-
-def _entries(bonds: BondList, count: int) -> np.ndarray:
-    """(K, N) places of the bonds of every grain; see `Pairs`."""
-    number = len(bonds.first) + 1
-    grain = np.concatenate([bonds.first, bonds.second])
-    place = np.concatenate([np.arange(number - 1), number + np.arange(number - 1)])
-    order = np.argsort(grain, kind="stable")
-    grain, place = grain[order], place[order]
-    starts = np.searchsorted(grain, np.arange(count))
-    rank = np.arange(len(grain)) - starts[grain]
-    table = np.full((int(rank.max(initial=0)) + 1, count), number - 1)
-    table[rank, grain] = place
-    return table
 
 
 def bond_parameters(scene: Scene, number: Callable[[list[float]], Array]) -> BondParameters | None:

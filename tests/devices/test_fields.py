@@ -67,8 +67,8 @@ def test_all_fields_are_in_some_scene(cut):
     """Those that this scene does not have are refused, or said elsewhere to come back."""
     particles = cut[2].particles
     empty = {name for name in ParticleState._fields if not jax.tree.leaves(getattr(particles, name))}
-    # tests/devices/test_random_scenes.py, and for meshes test_meshes.py
-    elsewhere = {"active", "inserted", "identity", "mesh_memory", "mesh_wear"}
+    # tests/devices/test_random_scenes.py, test_meshes.py and test_bonds.py
+    elsewhere = {"active", "inserted", "identity", "mesh_memory", "mesh_wear", "bonds"}
     assert empty == elsewhere | set(particle_fields.REFUSED)
 
 
@@ -91,7 +91,7 @@ def test_contact_steps_give_back_all_that_they_change(cut):
     for one, other in zip(jax.tree.leaves(own_rows(ghosts, wide, before)), jax.tree.leaves(before), strict=True):
         np.testing.assert_array_equal(one, other)
     there = {name for name in ParticleState._fields if jax.tree.leaves(getattr(before, name))}
-    not_there = set(Motion._fields) & set(ParticleState._fields) - there - set(particle_fields.REFUSED)
+    not_there = set(Motion._fields) & set(ParticleState._fields) - there - set(particle_fields.REFUSED) - {"bonds"}
     others = {name: object() for name in not_there}
     moved = jax.tree.map(lambda x: x + 1, wide)._replace(**others)
     found = own_rows(ghosts, moved, before)

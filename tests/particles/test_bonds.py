@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem import devices
 from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError
 from jaxdem.particles.bond_state import INTACT, LEFT, TENSION, BondState
@@ -291,11 +290,6 @@ def test_check_knows_the_bonds_and_their_step():
     found = contact_step(pair, 0.0).limits["bond_stability"]
     mass = 2500.0 * 4.0 / 3.0 * math.pi * RADIUS**3
     assert abs(found / math.sqrt(2.0 * mass / (1e9 * math.pi * RADIUS**2)) - 1.0) < 1e-9
-
-
-def test_several_devices_refuse_bonds():
-    with pytest.raises(InputError, match="bonds between particles"):
-        devices.divided(jaxdem.build(jaxdem.load_scene(tables_of()))[0], 2, np.zeros((9, 2)), 9)
 
 
 def assert_same(one, other):

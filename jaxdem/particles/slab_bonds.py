@@ -1,0 +1,109 @@
+"""Bonds of a slab: what its grains keep of them, and the list of those that act on its grains.
+
+Each of two bonded grains keeps the bond, by the identity of the other, so that it goes to other slabs with either. When
+a neighbour list is made the bonds are listed by rows: those between own grains once, those across a border in both
+slabs, where both find the same load and the same end of the bond. No force travels.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.errors import required
+from jaxdem.numerics.blocks import Blocks
+from jaxdem.numerics.compensated import Low
+from jaxdem.particles.bond_state import INTACT, LEFT, BondState, KeptBonds
+from jaxdem.particles.ghosts import with_ghosts
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.pairs import Pairs, at, pairs_of
+
+
+def relisted(blocks: Blocks, neighbors: Neighbors, bonds: BondState | None) -> tuple[Neighbors, BondState | None]:
+    """A list that has just been made, and the bonds by its rows. The list has overflown, for good, where the partner of
+    a bond that holds is not among own grains and ghosts.
+
+    Args:
+        blocks: the slabs.
+        neighbors: of the slab.
+        bonds: with what the own grains keep; all else is made anew.
+    """
+    if bonds is None:
+        return neighbors, None
+    ghosts, kept = required(neighbors.ghosts, "ghosts of a list"), required(bonds.kept, "what grains keep of bonds")
+    slots, rows = kept.partner.shape
+    partner = jnp.where(ghosts.own[None], kept.partner, -1)
+    both = with_ghosts(blocks, ghosts, (*partner, *kept.status))
+    pairs, place = _listed(ghosts.identity, rows, jnp.stack(both[:slots]))
+    there, own = pairs.first != pairs.second, place[:, :rows]
+    lost = jnp.any((partner >= 0) & (own == _nowhere(pairs)) & (kept.status == INTACT))
+    # Where rounding has let a bond end in one slab alone, it has ended.
+    ended = jnp.zeros(there.shape, jnp.int32).at[place].max(jnp.stack(both[slots:]), mode="drop")
+
+    def of_pairs(values: Array, blank: float) -> Array:
+        return jnp.full(there.shape, blank, values.dtype).at[own].set(values, mode="drop")
+
+    # Bonds that are none are of length one, so that nothing is divided by zero.
+    separation = tuple(of_pairs(x, float(axis == 0)) for axis, x in enumerate(kept.separation))
+    low: tuple[Low, ...] = tuple(None if x is None else of_pairs(x, 0.0) for x in kept.separation_low)
+    status = jnp.where(there, ended, LEFT)
+    listed = bonds._replace(
+        pairs=pairs, separation=separation, separation_low=low, table=of_pairs(kept.table, 0), status=status
+    )
+    narrow = dataclasses.replace(ghosts, narrow=ghosts.narrow | lost)
+    return dataclasses.replace(neighbors, ghosts=narrow, overflow=neighbors.overflow | lost), listed
+
+
+def noted(bonds: BondState) -> BondState:
+    """The bonds with how those of the list have ended in what the own grains keep."""
+    kept, place = required(bonds.kept, "what grains keep of bonds"), _place(bonds.pairs)
+    own = place[:, : kept.partner.shape[1]]
+    known = at((bonds.status,), jnp.minimum(own, len(bonds.status) - 1))[0]
+    status = jnp.where(own == _nowhere(bonds.pairs), kept.status, known)
+    return bonds._replace(kept=kept._replace(status=status))
+
+
+def rows_first(bonds: BondState) -> BondState:
+    """What goes along with the grains, with the axis of the rows in front; the list does not."""
+    nothing: dict[str, Any] = {"pairs": None, "separation": (), "separation_low": (), "table": None, "status": None}
+    kept: KeptBonds = jax.tree.map(jnp.transpose, bonds.kept)
+    return bonds._replace(**nothing, kept=kept)
+
+
+def rows_last(rows: BondState, before: BondState) -> BondState:
+    """The inverse; the list is still that of the bonds before."""
+    kept: KeptBonds = jax.tree.map(jnp.transpose, rows.kept)
+    return before._replace(kept=kept, orientation=rows.orientation, orientation_low=rows.orientation_low)
+
+
+def _listed(identity: Array, rows: int, partner: Array) -> tuple[Pairs, Array]:
+    """The bonds with at least one own grain, and the place (K, n) of each that a row keeps.
+
+    Args:
+        identity: (n,) of own rows, and of ghosts behind them; -1 for none.
+        rows: number of own ones.
+        partner: (K, n) identities, -1 for none.
+    """
+    own = jnp.arange(identity.shape[0], dtype=jnp.int32)
+    order = jnp.argsort(identity).astype(jnp.int32)
+    row = order[jnp.minimum(jnp.searchsorted(identity[order], partner), len(order) - 1)]
+    found = (partner >= 0) & (identity[row] == partner) & (identity >= 0)[None]
+    index = jnp.where(found & ((own < rows)[None] | (row < rows)), row, own[None])
+    # Each bond is kept by two rows, so that there is always room.
+    pairs, _ = pairs_of(index, index.size // 2 + 1, identity)
+    return pairs, _place(pairs)
+
+
+def _place(pairs: Pairs) -> Array:
+    """(K, n) place among the pairs of what every row keeps; `_nowhere` of what is not listed."""
+    room = pairs.first.shape[0]
+    place = jnp.where(pairs.entry >= room, pairs.entry - room, pairs.entry)
+    return jnp.where(place == room - 1, _nowhere(pairs), place)
+
+
+def _nowhere(pairs: Pairs) -> int:
+    return pairs.first.shape[0]

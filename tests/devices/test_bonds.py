@@ -1,0 +1,144 @@
+"""Bonds on several devices, against one device: plates that drift over borders, turn, collide and break."""
+
+import shutil
+
+import jax
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import devices
+from jaxdem.devices.bonds import require_in_reach
+from jaxdem.errors import InputError
+from jaxdem.particles.bond_state import INTACT
+from tests.cases.slabs import apart
+from tests.devices.test_meshes import stepped
+
+RADIUS = 5e-3
+SPACING = 2.02 * RADIUS
+BOND = {"gap": 0.05 * RADIUS, "normal_stiffness": 1e9, "shear_stiffness": 4e8, "damping": 0.2}
+WEAK = BOND | {"tensile_strength": 1.2e4, "shear_strength": 2e4}
+
+
+def block(columns, *layers):
+    """Places of a lattice of grains, counted along each axis."""
+    counts = np.meshgrid(*(np.arange(n) for n in (columns, *layers)), indexing="ij")
+    return SPACING * np.stack(counts, axis=-1).reshape(-1, 1 + len(layers)).astype(float)
+
+
+def turning(places, velocity, spin):
+    """Velocities of a body that moves and turns in the plane of its first and last axis."""
+    arm = places - places.mean(axis=0)
+    found = np.broadcast_to(velocity, places.shape).copy()
+    found[:, 0] -= spin * arm[:, -1]
+    found[:, -1] += spin * arm[:, 0]
+    return found
+
+
+def tables_of_plates(dimension=2, bond=WEAK, **changes):
+    """Two plates that fly at each other through a box periodic along x; one turns."""
+    layers = (4,) if dimension == 2 else (2, 3)
+    low, high = [0.01] * (dimension - 1), [0.012, 0.016][: dimension - 1]
+    one = block(6, *layers) + [0.045, *low]
+    other = block(4, *layers) + [0.13, *high]
+    rest = [0.0] * (dimension - 1)
+    velocity = np.concatenate((turning(one, [1.5, *rest], 8.0), turning(other, [-1.0, *rest], 0.0)))
+    spin = np.zeros((len(velocity), 1 if dimension == 2 else 3))
+    spin[: len(one), 0 if dimension == 2 else 1] = 8.0 if dimension == 2 else -8.0
+    return {
+        "precision": "float64",
+        "domain": {"size": [0.2, *[0.06] * (dimension - 1)], "depth": 0.01} if dimension == 2 else
+        {"size": [0.2, 0.04, 0.06]},
+        "particles": {
+            "radius": RADIUS, "density": 2500.0, "position": np.concatenate((one, other)).tolist(),
+            "velocity": velocity.tolist(), "angular_velocity": spin.tolist(),
+        },
+        "contact": {"young_modulus": 5e6, "friction": 0.3, "restitution": 0.6, "speed": 3.0, "skin": 0.2},
+        "boundary": {"left": {"kind": "periodic"}, "right": {"kind": "periodic"}},
+        "bonds": [bond],
+        "output": {"energy": True},
+        "time": {"end": 0.06, "output_interval": 0.03},
+    } | changes  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """The whole run on one device; on two, stopped in the middle and resumed on two, and on one."""
+    out, tables = tmp_path_factory.mktemp("bonds"), tables_of_plates()
+    half = jaxdem.load_scene(tables | {"time": {"end": 0.03, "output_interval": 0.03}})
+    one = jaxdem.simulate(jaxdem.load_scene(tables), out / "one")
+    jaxdem.simulate(half, out / "two", devices=2)
+    shutil.copytree(out / "two", out / "back")
+    two = jaxdem.simulate(jaxdem.load_scene(tables), out / "two", devices=2, resume=True)
+    back = jaxdem.simulate(jaxdem.load_scene(tables), out / "back", resume=True)
+    return one, two, back
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_plates_that_break_are_those_of_one_device(runs, number):
+    """The same bonds have broken, the others carry the same loads, and the balance of energy is the same."""
+    one, other = runs[0], runs[number]
+    if number == 1:
+        assert other.summary["devices"]["migrations"] > 2
+    told, same = one.summary["bonds"], other.summary["bonds"]
+    assert 0 < told["intact"] < told["made"] - 3
+    assert {name: told[name] for name in told if name != "energy"} == {n: same[n] for n in same if n != "energy"}
+    for index in range(3):
+        expected, found = one.bonds(index), other.bonds(index)
+        for name in ("first", "second", "table", "status"):
+            np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
+        for name in ("position", "normal_force", "shear_force", "bending_moment", "bond_energy"):
+            assert apart(expected[name], found[name]) < 1e-9, name
+    for name in ("position", "velocity", "angular_velocity", "contact_force"):
+        assert apart(one.particles(-1)[name], other.particles(-1)[name]) < 1e-9, name
+    energy, balance = one.summary["energy"], other.summary["energy"]
+    scale = sum(energy["start"].values())
+    for group in ("start", "end", "dissipated"):
+        for name, value in energy[group].items():
+            assert abs(balance[group][name] - value) < 1e-9 * scale, (group, name)
+    assert abs(balance["missing"]) < 1e-11 * scale
+    assert energy["dissipated"]["breaking"] > 1e-4 * scale and energy["dissipated"]["bond_damping"] > 1e-3 * scale
+
+
+def cut(scene, number):
+    """Simulations and states on one device and in slabs; the bonds come back from these bit for bit."""
+    simulation, parameters = jaxdem.build(scene)
+    start = jaxdem.initial_state(scene, simulation, parameters)
+    divided, _ = jaxdem.build(scene, devices=number)
+    slabs = devices.distributed(divided, parameters, *start)
+    again, _ = devices.on_one_device(divided, parameters, *devices.gathered(divided, *slabs))
+    for one, other in zip(*(jax.tree.leaves(s.particles.bonds) for s in (start[0], again)), strict=True):
+        np.testing.assert_array_equal(one, other)
+    return simulation, divided, parameters, start, slabs
+
+
+def test_bonds_in_single_precision_come_back():
+    """The trailing parts too."""
+    _, _, _, (state, _), _ = cut(jaxdem.load_scene(tables_of_plates(precision="float32", output={})), 2)
+    assert np.any(np.asarray(state.particles.bonds.separation_low[0]) != 0.0)
+
+
+def test_plates_in_space_on_four_devices():
+    """Bonds that hold, of plates that go over all borders."""
+    scene = jaxdem.load_scene(tables_of_plates(3, BOND, output={}))
+    simulation, divided, parameters, start, slabs = cut(scene, 4)
+    state, _ = stepped(simulation, parameters, *start, 6)
+    whole, _ = devices.gathered(divided, *stepped(divided, parameters, *slabs, 6))
+    assert np.all(whole.particles.bonds.status[:-1] == INTACT)
+    for name in ("position", "velocity", "angular_velocity", "bonds"):
+        pairs = (jax.tree.leaves(getattr(s.particles, name)) for s in (state, whole))
+        for x, y in zip(*pairs, strict=True):
+            assert apart(x, y) < 1e-11, name
+
+
+def test_what_slabs_would_lose_is_refused():
+    """Bonds of grains that leave, and bonds longer than the neighbour list reaches."""
+    exit_ = {"top": {"particles": "remove"}}
+    with pytest.raises(InputError, match="bonds between particles of which some leave"):
+        jaxdem.build(jaxdem.load_scene(tables_of_plates(boundary=exit_)), devices=2)
+    scene = jaxdem.load_scene(tables_of_plates(contact={"young_modulus": 5e6, "speed": 3.0, "skin": 0.05}))
+    simulation, parameters = jaxdem.build(scene)
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+    with pytest.raises(InputError, match="longest bond") as caught:
+        require_in_reach(simulation.search, state.particles.bonds)
+    assert caught.value.key == "contact.skin"
