@@ -8,15 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from jaxdem.devices.bonds import bonds_of_slabs
 from jaxdem.devices.contacts import contacts_of_rows, kept_by_identity
 from jaxdem.devices.gathering import rows_by_identity
 from jaxdem.devices.particle_fields import AXIS_OF_PARTICLES
+from jaxdem.devices.scalars import scalars_of_slabs
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.slabs import fluid_of_slabs
 from jaxdem.numerics.blocks import Blocks
+from jaxdem.particles.bond_state import BondState, KeptBonds
+from jaxdem.scalars.scalar_state import ScalarState, Supplied
 from jaxdem.setup.stored import ROWS, SLAB_AXIS, SLAB_COUNT, named, stored
 
 PARTICLES, SPRING = "state.particles.", "state.particles.contact_spring"
+BONDS, SCALARS = "state.particles.bonds", "state.scalars"
 
 
 def on_one_device(
@@ -35,9 +40,12 @@ def on_one_device(
         return dict(arrays), dict(attributes)
     found = {name: value for name, value in arrays.items() if not name.startswith(("state.", "neighbors."))}
     found["state.step"] = stored(arrays, "state.step")
+    blocks = Blocks(int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS]), False)
     if "state.fluid.pressure" in arrays:
-        blocks = Blocks(int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS]), False)
         found |= named("state.fluid", fluid_of_slabs(blocks, _fluid(arrays)))
+    if f"{SCALARS}.supplied.sides" in arrays:
+        identity = arrays.get(f"{PARTICLES}identity")
+        found |= named(SCALARS, scalars_of_slabs(blocks, _scalars(arrays), identity, int(attributes[ROWS])))
     if f"{PARTICLES}identity" in arrays:
         found |= _particles(arrays, int(attributes[ROWS]))
     told = {name: value for name, value in attributes.items() if name not in (SLAB_COUNT, SLAB_AXIS, ROWS)}
@@ -46,9 +54,36 @@ def on_one_device(
 
 def _fluid(arrays: Mapping[str, np.ndarray]) -> FluidState:
     """The fluid in slabs."""
-    faces: Any = tuple(arrays[name] for name in _components(arrays, "state.fluid.face_velocity"))
+    faces: Any = _vector(arrays, "state.fluid.face_velocity")
     rest: Any = [arrays.get(f"state.fluid.{name}") for name in ("pressure", "void_fraction", "mean_gradient")]
     return FluidState(faces, *rest)
+
+
+def _scalars(arrays: Mapping[str, np.ndarray]) -> ScalarState:
+    """Temperatures and other scalars in slabs."""
+    counted: Any = (arrays.get(f"{SCALARS}.supplied.{name}") for name in Supplied._fields)
+    grains, coming = (arrays.get(f"{SCALARS}.{name}") for name in ("grains", "coming"))
+    found: Any = ScalarState(_vector(arrays, f"{SCALARS}.fields"), grains, Supplied(*counted), coming)  # type: ignore[arg-type]
+    return found
+
+
+def _bonds(arrays: Mapping[str, np.ndarray]) -> BondState | None:
+    """What the grains of slabs keep of their bonds; None without."""
+    if f"{BONDS}.kept.partner" not in arrays:
+        return None
+    separation: Any = _vector(arrays, f"{BONDS}.kept.separation")
+    turned: Any = _vector(arrays, f"{BONDS}.orientation")
+    low: Any = _vector(arrays, f"{BONDS}.kept.separation_low") or (None,) * len(separation)
+    turned_low: Any = _vector(arrays, f"{BONDS}.orientation_low") or (None,) * len(turned)
+    partner, table, status = (stored(arrays, f"{BONDS}.kept.{name}") for name in ("partner", "table", "status"))
+    kept: Any = KeptBonds(partner, separation, low, table, status)  # type: ignore[arg-type]
+    nothing: Any = None
+    return BondState(nothing, (), (), nothing, nothing, turned, turned_low, kept)
+
+
+def _vector(arrays: Mapping[str, np.ndarray], name: str) -> Any:
+    """The arrays of a vector."""
+    return tuple(arrays[part] for part in _components(arrays, name))
 
 
 def _components(arrays: Mapping[str, np.ndarray], name: str) -> list[str]:
@@ -78,6 +113,9 @@ def _particles(arrays: Mapping[str, np.ndarray], count: int) -> dict[str, np.nda
     springs = _components(arrays, SPRING)
     kept = contacts_of_rows(tuple(arrays[name] for name in springs), identity.shape[1], *listed)
     found |= dict(zip(springs, kept.values, strict=True)) | _memory_of_meshes(arrays, identity, count)
+    bonds = _bonds(arrays)
+    if bonds is not None:
+        found |= named(BONDS, bonds_of_slabs(bonds, identity, there, count))
     return found | {"neighbors.pairs.first": kept.first, "neighbors.pairs.second": kept.second}
 
 

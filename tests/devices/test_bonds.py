@@ -11,6 +11,7 @@ from jaxdem import devices
 from jaxdem.devices.bonds import require_in_reach
 from jaxdem.errors import InputError
 from jaxdem.particles.bond_state import INTACT
+from jaxdem.setup.builder import build_case
 from tests.cases.slabs import apart
 from tests.devices.test_meshes import stepped
 
@@ -98,6 +99,19 @@ def test_plates_that_break_are_those_of_one_device(runs, number):
             assert abs(balance[group][name] - value) < 1e-9 * scale, (group, name)
     assert abs(balance["missing"]) < 1e-11 * scale
     assert energy["dissipated"]["breaking"] > 1e-4 * scale and energy["dissipated"]["bond_damping"] > 1e-3 * scale
+
+
+def test_a_run_begins_from_one_in_slabs(runs):
+    """The bonds of a run on one device that begins from another, and how its grains are turned."""
+    states = []
+    for run in runs[:2]:
+        tables = tables_of_plates() | {"start": {"from": str(run.path)}, "time": {"end": 0.07, "output_interval": 0.01}}
+        states.append(build_case(jaxdem.load_scene(tables)).unsettled_state()[0].particles.bonds)
+    one, other = states
+    assert np.any(np.asarray(one.status[:-1]) != INTACT) and np.any(np.asarray(one.status) == INTACT)
+    for expected, found in zip(*map(jax.tree.leaves, states), strict=True):
+        assert np.abs(np.asarray(found) - np.asarray(expected)).max() < 1e-9
+    np.testing.assert_array_equal(one.pairs.entry, other.pairs.entry)
 
 
 def cut(scene, number):

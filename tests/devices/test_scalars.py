@@ -9,6 +9,7 @@ import pytest
 import jaxdem
 from jaxdem import devices
 from jaxdem.failures import failures
+from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import ALONG_X, coupled_scene, fluid_scene, places
 from tests.cases.heat import chain_tables
 from tests.cases.slabs import apart
@@ -133,3 +134,16 @@ def test_everything_at_once_is_that_of_one_device(runs, number):
         largest = max(map(abs, sides.values()))
         assert all(abs(others[side] - value) < 1e-10 * largest for side, value in sides.items())
     assert abs(same["missing"]) < 1e-10 * scale
+
+
+def test_a_run_begins_from_one_in_slabs(runs):
+    """Temperatures and dye of a run on one device that begins from another one."""
+    states = []
+    for run in runs[:2]:
+        tables = tables_of_all() | {"start": {"from": str(run.path)}, "time": {"end": 0.06, "output_interval": 0.02}}
+        state = build_case(jaxdem.load_scene(tables)).unsettled_state()[0]
+        there = np.asarray(state.particles.active)
+        states.append((np.asarray(state.scalars.grains)[there], *state.scalars.fields))
+    for expected, found in zip(*states, strict=True):
+        assert apart(expected, found) < 1e-10
+    assert np.ptp(states[0][0]) > 20.0
