@@ -13,6 +13,7 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.export_c import c_header
 from jaxdem.closures.export_neighbors import neighbor_module
 from jaxdem.closures.export_neighbors_c import neighbor_header
+from jaxdem.closures.export_neighbors_onnx import neighbor_onnx
 from jaxdem.closures.export_onnx import onnx_model
 from jaxdem.closures.export_stablehlo import stablehlo_module
 from jaxdem.closures.file import AnyClosure, StoredClosure
@@ -33,8 +34,8 @@ def export_closure(
 
     Sizes are fixed but for the number of particles. Vectors have D components: those of the training for the
     paper's network; three for the invariant closure, which gives the same with a third component of zero. A closure of
-    neighbours is a function of arrays of all spheres in StableHLO, see `neighbor_module`, and in C the functions of a
-    pair and of a sphere that it is made of, see `neighbor_header`.
+    neighbours is a function of arrays of all spheres in StableHLO and ONNX, see `neighbor_module` and `neighbor_onnx`,
+    and in C the functions of a pair and of a sphere that it is made of, see `neighbor_header`.
 
     Args:
         closure: from `load_closure`.
@@ -48,8 +49,7 @@ def export_closure(
         The files written.
 
     Raises:
-        InputError: unknown format, one that a closure of neighbours has not, the package onnx is missing, or the place
-            cannot be written.
+        InputError: unknown format, the package onnx is missing, or the place cannot be written.
     """
     if form not in FORMATS:
         raise InputError("--format", form, "is not known", f"Use one of {', '.join(FORMATS)}.")
@@ -74,13 +74,10 @@ def _neighbors(
     closure: NeighborClosure, metadata: dict[str, Any], form: str, target: Path, version: str
 ) -> dict[Path, bytes]:
     """The files of a closure of neighbours."""
+    about = f"base law: {drag_law_name(closure.base)}\nrecipe: {metadata.get('recipe', 'unknown')}"
     if form == "onnx":
-        limit = "has functions of one particle, and a closure of neighbours is one of all particles"
-        raise InputError(
-            "--format", form, limit, "Use stablehlo, or c, which has the parts of one particle and of a pair."
-        )
+        return {target: neighbor_onnx(closure, about, version)}
     if form == "c":
-        about = f"base law: {drag_law_name(closure.base)}\nrecipe: {metadata.get('recipe', 'unknown')}"
         return {target: neighbor_header(closure, identifier(target), about, version).encode()}
     artifact, text = neighbor_module(closure)
     return dict(zip(files_written(form, target), (artifact, text.encode()), strict=True))

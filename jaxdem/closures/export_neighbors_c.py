@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +11,18 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.export_c import CWriter, elements, expressions
+from jaxdem.closures.export_neighbors_parts import (
+    THERE,
+    carried_of_pair,
+    cut,
+    flat,
+    handed_on,
+    one_neighbor,
+    response_of,
+    shapes_of,
+)
 from jaxdem.closures.export_trace import walk
-from jaxdem.closures.moments import Offset, carried_moments
-from jaxdem.closures.neighbors import NeighborClosure, Response, conditions, presence
+from jaxdem.closures.neighbors import NeighborClosure, Response
 
 HEADER = """\
 /* Closure of neighbours exported by jaxdem {version}; float32, no dependencies but <math.h>.
@@ -61,32 +69,23 @@ def neighbor_header(closure: NeighborClosure, name: str, about: str, version: st
         about: description for the comment at the top.
         version: of jaxdem.
     """
-    sums = _sizes(lambda place: closure.moments(_one(place), _THERE), 3)
-    carried = [] if closure.carried is None else _sizes(lambda both: _carried(closure, both[:3], both[3:]), 6)
+    sums = shapes_of(lambda place: closure.moments(one_neighbor(place), THERE), 3)
+    carried = [] if closure.carried is None else shapes_of(lambda both: carried_of_pair(closure, both[:3], both[3:]), 6)
     length, further = (sum(int(np.prod(shape)) for shape in shapes) for shapes in (sums, carried))
     flow = {"reynolds": (), "solid_fraction": ()}
 
     def add(offset: Array) -> Array:
-        return _flat(closure.moments(_one(offset), _THERE))
+        return flat(closure.moments(one_neighbor(offset), THERE))
 
     def force(values: Array, reynolds: Array, solid_fraction: Array) -> Array:
-        found = _cut(values, sums)
-        level = closure.levels[0].values(
-            closure.levels[0].mixed(found), conditions(reynolds[None], solid_fraction[None])
-        )
-        return presence(found[0][:, 0, 0]) * level[0, :3]
+        return handed_on(closure, cut(values, sums), reynolds[None], solid_fraction[None])
 
     def carry(offset: Array, vector: Array) -> Array:
-        return _flat(_carried(closure, offset, vector))
+        return flat(carried_of_pair(closure, offset, vector))
 
     def response(values: Array, *rest: Array) -> Array:
-        found, level = _cut(values, sums), closure.levels[-1]
-        mixed = level.mixed(found)
-        if carried:
-            more = level.mixed(_cut(rest[0], carried), further=True)
-            mixed = (*(one + other for one, other in zip(mixed, more, strict=False)), *mixed[len(more) :])
-        flows = rest[-2][None], rest[-1][None]
-        return _row(closure.response(level.values(mixed, conditions(*flows)), found[0][:, 0, 0], *flows))
+        more = cut(rest[0], carried) if carried else None
+        return _row(response_of(closure, cut(values, sums), more, rest[-2][None], rest[-1][None]))
 
     both = {"sums": (length,), **({"carried": (further,)} if carried else {}), **flow}
     functions = [_function(f"{name}_add", add, {"offset": (3,)}, "sums", length, "+=")]
@@ -107,39 +106,6 @@ def neighbor_header(closure: NeighborClosure, name: str, about: str, version: st
         size=f"#define {name}_CARRIED {further}\n" if carried else "",
         body="\n".join(functions),
     )
-
-
-_THERE: Any = np.ones((1, 1), bool)
-"""One sphere with one neighbour."""
-
-
-def _one(place: Array) -> Offset:
-    """Offset of one neighbour of one sphere."""
-    return place[0:1][None], place[1:2][None], place[2:3][None]
-
-
-def _carried(closure: NeighborClosure, place: Array, vector: Array) -> tuple[Array, ...]:
-    assert closure.carried is not None
-    return carried_moments(closure.carried, _one(place), _THERE, _one(vector))
-
-
-def _sizes(function: Callable[[Array], tuple[Array, ...]], inputs: int) -> list[tuple[int, ...]]:
-    """Shapes of the moments of each order."""
-    return [one.shape for one in jax.eval_shape(function, jax.ShapeDtypeStruct((inputs,), jnp.float32))]
-
-
-def _flat(parts: Sequence[Array]) -> Array:
-    return jnp.concatenate([part.reshape(-1) for part in parts])
-
-
-def _cut(values: Array, shapes: Sequence[tuple[int, ...]]) -> tuple[Array, ...]:
-    """The inverse of `_flat`."""
-    found, first = [], 0
-    for shape in shapes:
-        size = int(np.prod(shape))
-        found.append(values[first : first + size].reshape(shape))
-        first += size
-    return tuple(found)
 
 
 def _row(found: Response) -> Array:

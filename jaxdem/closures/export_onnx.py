@@ -29,46 +29,16 @@ def onnx_model(closure: DragClosure, dimension: int, about: str, version: str) -
     Raises:
         InputError: the package onnx is not installed.
     """
-    try:
-        import onnx
-    except ImportError:
-        raise InputError(
-            "--format",
-            "onnx",
-            "the package onnx is not installed",
-            "Install it: pip install 'jaxdem[export]'",
-        ) from None
-    writer = _Writer(onnx)
-    tensors = [_Tensor(name) for name in DragInputs._fields]
-    for tensor in tensors:
-        tensor.shape = (dimension,) if tensor in VECTORS else ()
-    results = walk(trace(closure, dimension), tensors, writer.apply)
-    float32, boolean = onnx.TensorProto.FLOAT, onnx.TensorProto.BOOL
-
-    def described(name: str, kind: int, vector: bool) -> Any:
-        shape: list[str | int | None] = ["particles", dimension] if vector else ["particles"]
-        return onnx.helper.make_tensor_value_info(name, kind, shape, UNITS[name])
-
-    outputs = []
+    writer = Writer()
+    inputs = [writer.input(name, (dimension,) if name in VECTORS else (), UNITS[name]) for name in DragInputs._fields]
+    results = walk(trace(closure, dimension), inputs, writer.apply)
     for name, value in zip(ExportedDrag._fields, results, strict=True):
         vector = name in ("remainder", "force")
-        writer.rename(writer.whole(value, (dimension,) if vector else ()), name)
-        outputs.append(described(name, boolean if name == "out_of_range" else float32, vector))
-    inputs = [described(name, float32, name in VECTORS) for name in DragInputs._fields]
-    graph = onnx.helper.make_graph(writer.nodes, "drag", inputs, outputs, writer.constants, about)
-    model = onnx.helper.make_model(
-        graph,
-        producer_name="jaxdem",
-        producer_version=version,
-        opset_imports=[onnx.helper.make_opsetid("", OPERATOR_SET)],
-        ir_version=FORMAT,
-        doc_string=about,
-    )
-    onnx.checker.check_model(model, full_check=True)
-    return bytes(model.SerializeToString())
+        writer.output(value, name, (dimension,) if vector else (), UNITS[name])
+    return writer.model(about, version)
 
 
-class _Tensor(str):
+class Tensor(str):
     """Name of a tensor of the graph, with the particles as its first axis.
 
     Attributes:
@@ -78,17 +48,63 @@ class _Tensor(str):
     shape: tuple[int, ...] = ()
 
 
-class _Writer:
-    """Nodes and constants of the graph.
+class Writer:
+    """Nodes, constants, inputs and outputs of the graph.
 
     A value of shape s in the program of one particle is a tensor (particles, *s); a constant stays (*s), and the
     broadcasting rules of ONNX bring the two together.
+
+    Raises:
+        InputError: the package onnx is not installed.
     """
 
-    def __init__(self, onnx: Any):
-        self.onnx = onnx
+    def __init__(self) -> None:
+        try:
+            import onnx
+        except ImportError:
+            raise InputError(
+                "--format",
+                "onnx",
+                "the package onnx is not installed",
+                "Install it: pip install 'jaxdem[export]'",
+            ) from None
+        self.onnx: Any = onnx
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
+        self.inputs: list[Any] = []
+        self.outputs: list[Any] = []
+
+    def input(
+        self, name: str, shape: tuple[int, ...], about: str, rows: str = "particles", kind: Any = np.float32
+    ) -> Tensor:
+        """An input of the graph, one row of this shape for each of the `rows`."""
+        self.inputs.append(self._described(name, kind, rows, shape, about))
+        return _shaped(name, shape)
+
+    def output(self, value: Value, name: str, shape: tuple[int, ...], about: str, rows: str = "particles") -> None:
+        """A value as an output of the graph, a constant for each of the particles of its first input."""
+        kind = np.bool_ if name == "out_of_range" else np.float32
+        whole = value if isinstance(value, Tensor) else self._whole(value, shape, Tensor(self.inputs[0].name))
+        self.nodes.append(self.onnx.helper.make_node("Identity", [whole], [name]))
+        self.outputs.append(self._described(name, kind, rows, shape, about))
+
+    def model(self, about: str, version: str) -> bytes:
+        """Bytes of the file, checked."""
+        helper = self.onnx.helper
+        graph = helper.make_graph(self.nodes, "drag", self.inputs, self.outputs, self.constants, about)
+        model = helper.make_model(
+            graph,
+            producer_name="jaxdem",
+            producer_version=version,
+            opset_imports=[helper.make_opsetid("", OPERATOR_SET)],
+            ir_version=FORMAT,
+            doc_string=about,
+        )
+        self.onnx.checker.check_model(model, full_check=True)
+        return bytes(model.SerializeToString())
+
+    def _described(self, name: str, kind: Any, rows: str, shape: tuple[int, ...], about: str) -> Any:
+        return self.onnx.helper.make_tensor_value_info(name, self._kind(kind), [rows, *shape], about)
 
     def apply(self, operation: str, operands: Sequence[Value], settings: dict[str, Any], result: Result) -> Value:
         """One operation; see `jaxdem.closures.export_trace.Apply`."""
@@ -123,6 +139,8 @@ class _Writer:
             return self.node("MatMul", *operands)
         if operation in ("reshape", "squeeze"):
             return self._reshaped(first, result.shape)
+        if operation == "transpose":
+            return self.node("Transpose", first, perm=[0, *(place + 1 for place in settings["permutation"])])
         if operation == "broadcast_in_dim":
             shape = [1] * len(result.shape)
             for length, place in zip(first.shape, settings["broadcast_dimensions"], strict=True):
@@ -135,9 +153,9 @@ class _Writer:
         if operation == "stack":
             axis = settings["axis"]
             shape = [*result.shape[:axis], 1, *result.shape[axis + 1 :]]
-            return self.node("Concat", *(self._reshaped(value, shape) for value in operands), axis=axis + 1)
+            return self.node("Concat", *(self._reshaped(v, shape) for v in self._of_rows(operands)), axis=axis + 1)
         if operation == "concatenate":
-            return self.node("Concat", *operands, axis=settings["dimension"] + 1)
+            return self.node("Concat", *self._of_rows(operands), axis=settings["dimension"] + 1)
         if operation == "reduce_sum":
             axes = _whole(*(axis + 1 for axis in settings["axes"]))
             return self.node("ReduceSum", first, axes, keepdims=0)
@@ -148,34 +166,33 @@ class _Writer:
             return self.node("Cast", smallest, to=self._kind(np.bool_))
         return None
 
-    def node(self, operator: str, *operands: Value, **settings: Any) -> _Tensor:
+    def node(self, operator: str, *operands: Value, **settings: Any) -> Tensor:
         """A node of the graph, and the name of what it gives."""
-        name = _Tensor(f"t{len(self.nodes) + 1}")
+        name = Tensor(f"t{len(self.nodes) + 1}")
         names = [self._named(value) for value in operands]
         self.nodes.append(self.onnx.helper.make_node(operator, names, [name], **settings))
         return name
 
-    def whole(self, value: Value, shape: tuple[int, ...]) -> _Tensor:
-        """A value with the particles as its first axis, also where it is a constant."""
-        if isinstance(value, _Tensor):
-            return value
-        count = self.node("Shape", _Tensor(DragInputs._fields[0]), start=0, end=1)
+    def _whole(self, value: Value, shape: tuple[int, ...], like: Tensor) -> Tensor:
+        """A constant with the particles as its first axis, as many as another tensor has."""
+        count = self.node("Shape", like, start=0, end=1)
         return self.node("Expand", value, self.node("Concat", count, _whole(*shape), axis=0))
 
-    def rename(self, value: _Tensor, name: str) -> None:
-        """Gives a value the name of an output."""
-        self.nodes.append(self.onnx.helper.make_node("Identity", [value], [name]))
+    def _of_rows(self, operands: Sequence[Value]) -> list[Value]:
+        """The operands with the particles as their first axis, also those that are constants."""
+        like = next(value for value in operands if isinstance(value, Tensor))
+        return [value if isinstance(value, Tensor) else self._whole(value, value.shape, like) for value in operands]
 
     def _fitted(self, value: Value, rank: int) -> Value:
         """A single number for each particle gets as many axes as what it meets."""
-        if isinstance(value, _Tensor) and len(value.shape) < rank:
+        if isinstance(value, Tensor) and len(value.shape) < rank:
             return self._reshaped(value, (1,) * rank)
         return value
 
-    def _reshaped(self, value: Value, shape: Sequence[int]) -> _Tensor:
+    def _reshaped(self, value: Value, shape: Sequence[int]) -> Tensor:
         return self.node("Reshape", value, _whole(-1, *shape))
 
-    def _log1p(self, value: Value) -> _Tensor:
+    def _log1p(self, value: Value) -> Tensor:
         """ln(1 + x) to all digits of a small x: x ln(y) / (y - 1) with y = 1 + x as it is rounded."""
         rounded = self.node("Add", value, _number(1.0))
         excess = self.node("Sub", rounded, _number(1.0))
@@ -185,7 +202,7 @@ class _Writer:
         return self.node("Where", none, value, exact)
 
     def _named(self, value: Value) -> str:
-        if isinstance(value, _Tensor):
+        if isinstance(value, Tensor):
             return value
         name = f"c{len(self.constants) + 1}"
         self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(value), name))
@@ -193,6 +210,12 @@ class _Writer:
 
     def _kind(self, dtype: Any) -> int:
         return int(self.onnx.helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+
+
+def _shaped(name: str, shape: tuple[int, ...]) -> Tensor:
+    tensor = Tensor(name)
+    tensor.shape = shape
+    return tensor
 
 
 def _number(value: float) -> np.ndarray:

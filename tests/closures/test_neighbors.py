@@ -9,11 +9,13 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import onnxruntime
 import pytest
 from jax import export
 
 from jaxdem.closures import DragInputs, NeighborClosure, load_closure, save_closure
 from jaxdem.closures.export import export_closure
+from jaxdem.closures.export_neighbors_onnx import OF_SPHERES
 from jaxdem.closures.moments import MomentBasis, angular_functions, carried_moments, moments, radial_functions
 from jaxdem.closures.neighbor_effect import neighbor_effect
 from jaxdem.closures.neighbor_places import SLOTS_AT_ONCE, Places, axes_along, fluctuation
@@ -27,7 +29,6 @@ from jaxdem.closures.neighbors import (
     positive_multiple,
     range_weight,
 )
-from jaxdem.errors import InputError
 from jaxdem.train.sphere_moments import group_moments, predicted, with_carried
 from jaxdem.train.spheres import SphereGroup
 
@@ -190,7 +191,7 @@ def test_a_file_gives_the_same_closure(closure, offset, tmp_path):
 
 
 def test_the_exported_module_gives_the_same(closure, tmp_path):
-    """Both levels and the mean law, for spheres of two slots among which one is alone; other formats are refused."""
+    """Both levels and the mean law, for spheres of two slots among which one is alone, as StableHLO and as ONNX."""
     centres = np.array([[0.0, 0, 0], [1.1, 0.3, 0.2], [9.6, 0.1, -0.4], [5.0, 5.0, 5.0]], np.float32)
     others = np.array([[1, 2], [0, 1], [0, 2], [3, 3]], np.int32)
     slip = np.array([[1.0, 0.2, 0.1]] * 4, np.float32) * 0.01
@@ -214,8 +215,21 @@ def test_the_exported_module_gives_the_same(closure, tmp_path):
     assert float(effect.multiple[3]) == 1.0 and np.abs(np.asarray(effect.multiple[:3]) - 1).min() > 1e-4
     assert not np.asarray(effect.across[3]).any()
     assert np.abs(np.asarray(effect.across[:3])).max() > 0  # neighbours across a periodic side count
-    with pytest.raises(InputError, match="Use stablehlo"):
-        export_closure(closure, {}, "onnx", path, "0")
+
+    own, slot = np.nonzero(others != np.arange(4)[:, None])
+    other = others[own, slot]
+    offset = centres[other] - centres[own]
+    offset[:, 0] -= 10.0 * np.round(offset[:, 0] / 10.0)
+    export_closure(closure, {}, "onnx", path, "0")
+    session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+    spheres = (slip, *flow[:2], *(np.full(4, value, np.float32) for value in arguments[-2:]))
+    rows = {"own": own, "other": other.astype(np.int64), "offset": offset}
+    graph = session.run(None, dict(zip(OF_SPHERES, spheres, strict=True)) | rows)
+    for one, same in zip(graph, map(np.asarray, found), strict=True):
+        if same.dtype == bool:
+            np.testing.assert_array_equal(one, same)
+        else:  # the logistic function of onnxruntime has an error of 1e-6 itself
+            np.testing.assert_allclose(one, same, atol=5e-5 * np.abs(same).max())
 
 
 WRAPPERS = """
