@@ -64,6 +64,7 @@ class ContactParameters(NamedTuple):
         tangential_stiffness: of the linear law; None: 2/7 of `normal_stiffness` [N/m].
         cohesion: of the particles; None without.
         lubrication: of the liquid between bodies; None without.
+        impact_loss: factor on 1 - e^2 of impacts between particles, e the restitution; None for 1 [-].
     """
 
     young_modulus: Array
@@ -79,6 +80,14 @@ class ContactParameters(NamedTuple):
     tangential_stiffness: Array | None
     cohesion: CohesionParameters | None = None
     lubrication: LubricationConstants | None = None
+    impact_loss: Array | None = None
+
+    @property
+    def pair_restitution(self) -> Array:
+        """Restitution of impacts between particles [-]."""
+        if self.impact_loss is None:
+            return self.restitution
+        return jnp.sqrt(1.0 - self.impact_loss * (1.0 - self.restitution**2))
 
 
 @static
@@ -162,7 +171,7 @@ def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity
     if isinstance(parameters, SeveralMaterials):
         table = _pair_table(parameters, shared)
         return Surroundings(table, table, wall_velocity)
-    shared |= {"restitution": parameters.restitution, "rolling_friction": parameters.rolling_friction}
+    shared |= {"rolling_friction": parameters.rolling_friction}
     normal, shear = _compliances(parameters.young_modulus, parameters.poisson_ratio)
     wall_normal, wall_shear = _compliances(
         _or(parameters.wall_young_modulus, parameters.young_modulus),
@@ -171,6 +180,7 @@ def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity
     pair = ContactMaterial(
         effective_young_modulus=0.5 / normal,
         effective_shear_modulus=0.5 / shear,
+        restitution=parameters.pair_restitution,
         friction=parameters.friction,
         **shared,
         cohesion=_cohesion(parameters.cohesion, at_wall=False),
@@ -178,6 +188,7 @@ def surroundings(parameters: ContactParameters | SeveralMaterials, wall_velocity
     wall = ContactMaterial(
         effective_young_modulus=1.0 / (normal + wall_normal),
         effective_shear_modulus=1.0 / (shear + wall_shear),
+        restitution=parameters.restitution,
         friction=_or(parameters.wall_friction, parameters.friction),
         **shared,
         cohesion=_cohesion(parameters.cohesion, at_wall=True),

@@ -35,6 +35,9 @@ class Contact(Section):
         maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
         skin: additional reach of the neighbour list over the largest diameter. "auto" is 0.4; with grains of very
             different sizes 0.4 of the mean diameter [-].
+        parcel_loss: what impacts between parcels (`particles.coarse_grain` = l) have in common with those of their
+            grains: "impact", the coefficient of restitution e; "rate", the rate at which agitated grains lose energy,
+            with e_p of 1 - e_p^2 = l (1 - e^2). Impacts on walls have e.
         cohesion: what pulls particles together. Default: nothing.
         lubrication: what the liquid in narrow gaps does. Default: nothing.
     """
@@ -57,6 +60,7 @@ class Contact(Section):
     speed: Positive | Literal["auto"] = "auto"
     maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
     skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
+    parcel_loss: Literal["impact", "rate"] = "impact"
     cohesion: Cohesion | None = None
     lubrication: Lubrication | None = None
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxdem.setup.materials import MaterialTable
+from jaxdem.setup.parcels import pair_restitution
 from jaxdem.setup.particles import ParticleSetup
 
 
@@ -120,7 +121,7 @@ def worst_constants(particles: ParticleSetup, wall: bool) -> ContactConstants:
         return ContactConstants(
             1.0 / (own[0] + other[0]),
             1.0 / (own[1] + other[1]),
-            contact.restitution,
+            contact.restitution if wall else pair_restitution(particles.scene),
             friction > 0.0,
             contact.rolling_friction,
         )

@@ -10,7 +10,7 @@ from jaxdem.scene import Contact
 from jaxdem.setup.as_arrays import AsArrays
 from jaxdem.setup.cohesion import largest_volume
 from jaxdem.setup.materials import MaterialTable
-from jaxdem.setup.parcels import share_of_sphere
+from jaxdem.setup.parcels import impact_loss, share_of_sphere
 from jaxdem.setup.particles import ParticleSetup
 
 
@@ -18,6 +18,8 @@ def contact_numbers(particles: ParticleSetup, number: AsArrays) -> ContactParame
     """All numbers of the contacts of a scene's particles."""
     share = share_of_sphere(particles.table.coarse_grain, particles.scene.dimension)
     constants = _constants(particles.contact, particles.materials, number, share)
+    if isinstance(constants, ContactParameters):
+        constants = constants._replace(impact_loss=number.optional(impact_loss(particles.scene)))
     return constants._replace(
         cohesion=_cohesion(particles, number), lubrication=_lubrication(particles.contact, number)
     )

@@ -64,6 +64,7 @@ COUPLED: Tables = {
         "speed": 2.0,
         "maximum_overlap": 0.2,
         "skin": 0.2,
+        "parcel_loss": "impact",
     },
     "fluid": {
         "cells": [4, 4],

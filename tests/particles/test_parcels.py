@@ -142,6 +142,34 @@ def test_models_without_a_rule_are_refused(key, value):
         jaxdem.build(scene_of(cloud(2.0, **{key: value})))
 
 
+def test_impacts_of_parcels_keep_the_rate_of_loss():
+    """Two parcels that meet head-on part with e_p of 1 - e_p^2 = l (1 - e^2), and one leaves a wall with e."""
+    ratio, e, speed, width = 3.0, 0.9, 0.2, 60.0 * RADIUS
+    gap = [[0.3 * width, 0.5 * width], [0.3 * width + 6.3 * RADIUS, 0.5 * width], [width - 3.3 * RADIUS, 0.2 * width]]
+    tables = crowd(2, ratio, "linear")
+    tables["domain"] = {"size": [width, width], "gravity": [0.0, 0.0]}
+    tables["particles"] |= {"position": gap, "velocity": [[speed, 0.0], [-speed, 0.0], [speed, 0.0]]}
+    tables["contact"] |= {"restitution": e, "parcel_loss": "rate", "rolling_friction": 0.0, "time_step": 5e-6}
+    state, _, _ = after(tables, 1)
+    pair = np.sqrt(1.0 - ratio * (1.0 - e**2))
+    np.testing.assert_allclose(state.particles.velocity[:, 0] / speed, [-pair, pair, -e], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [({"restitution": 0.7}, "contact.restitution"), ({"restitution": 0.9, "wall_material": "glass"}, "parcel_loss")],
+)
+def test_a_rate_of_loss_that_cannot_be_kept_is_refused(changes, key):
+    """Parcels of l = 2 would lose 1.02 of the energy with e = 0.7; several materials have no rule."""
+    tables = crowd(2, 2.0, "hertz")
+    if "wall_material" in changes:
+        tables |= {"materials": [{"name": "glass"}]}
+        tables["particles"] |= {"material": "glass"}
+    tables["contact"] |= {"parcel_loss": "rate"} | changes
+    with pytest.raises(jaxdem.InputError, match=key):
+        jaxdem.build(scene_of(tables))
+
+
 def test_check_tells_of_the_grain():
     """Terminal speed and relaxation time are of a grain, not of the sphere that stands for it."""
     of_grains, of_parcels = (
