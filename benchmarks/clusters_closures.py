@@ -21,14 +21,17 @@ from jaxdem.train.fit_settings import FitSettings
 
 COARSENED = (2, 4, 8)
 """Fine cells along a side of the coarse cells that a closure is trained for: 6, 12 and 24 diameters."""
-FITS: dict[str, tuple[tuple[int, ...], tuple[str, ...], int]] = {
-    "regression": ((), FEATURES, 1),
-    "network": ((8,), FEATURES, 1),
-    "network2": ((8,), FEATURES, 2),
-    "fraction": ((8,), ("solid_fraction", "log_filter_over_diameter"), 2),
+FRACTION = ("solid_fraction", "log_filter_over_diameter")
+FITS: dict[str, tuple[tuple[int, ...], tuple[str, ...], int, bool]] = {
+    "regression": ((), FEATURES, 1, False),
+    "network": ((8,), FEATURES, 1, False),
+    "network2": ((8,), FEATURES, 2, False),
+    "fraction": ((8,), FRACTION, 2, False),
+    "bounded": ((8,), FEATURES, 2, True),
+    "gradient": ((8,), (*FRACTION, "void_fraction_gradient_size"), 2, True),
 }
-"""What is fitted: hidden layers, features, and on how many of the training runs. Without a hidden layer the logarithm
-of the factor is linear in the features."""
+"""What is fitted: hidden layers, features, on how many of the training runs, and whether the factor on the drag is at
+most one. Without a hidden layer the logarithm of the factor is linear in the features."""
 HELD_OUT = 0.15
 """Part of the time of the first training run, at its end, on which closures are judged and not trained."""
 
@@ -51,10 +54,10 @@ def train(cases: Sequence[Case], folder: Path, seed: int = 0) -> None:
             make_dataset(simulated(case, folder).path, file, COARSENED)
         datasets.append(read_dataset(file))
     early, late = parted(datasets[0])
-    for name, (hidden, features, number) in FITS.items():
+    for name, (hidden, features, number, bounded) in FITS.items():
         path = folder / f"{name}.closure.h5"
         if not path.exists():
-            settings = FitSettings.filtered(hidden=hidden, features=features, seed=seed, epochs=40)
+            settings = FitSettings.filtered(hidden=hidden, features=features, seed=seed, epochs=40, bounded=bounded)
             found = fit_filtered([early, *datasets[1:number], late], settings)
             save_closure(path, found.closure, found.metadata)
 

@@ -520,6 +520,11 @@ def test_train_writes_a_closure_and_says_how_good_it_is(tmp_path):
     result = invoke("distill", closure, path, "--hidden", "4-4", "--epochs", 2, "--out", smaller)
     assert result.exit_code == 0, result.output
     assert "the R2 of the given closure is" in result.stdout and load_closure(smaller)[0].hidden == (4, 4)
+    out = tmp_path / "bounded.h5"
+    result = invoke("train", path, *common, "--out", out, "--bounded", "--features", "solid_fraction,log1p_reynolds")
+    bounded = load_closure(out)[0]
+    assert result.exit_code == 0 and bounded.bounded and bounded.features == ("solid_fraction", "log1p_reynolds")
+    refused(invoke("train", path, "--recipe", "paper", "--bounded", "--out", out), "bounded", "filtered recipe")
 
 
 def test_train_ensembles(tmp_path):

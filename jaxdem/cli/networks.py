@@ -45,6 +45,8 @@ def train(
     activation: options.Activation = None,
     loss: options.LossName = None,
     terms: options.Terms = None,
+    features: options.Features = None,
+    bounded: options.Bounded = False,
     ensemble: options.Members = None,
     size: options.SizeName = None,
     quiet: options.Quiet = False,
@@ -53,7 +55,7 @@ def train(
     spheres."""
     changes: dict[str, Any] = {
         "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
-        "hidden": _widths(hidden), "terms": None if terms is None else tuple(terms.split(",")),
+        "hidden": _widths(hidden), "terms": _names(terms), "features": _names(features), "bounded": bounded or None,
     }  # fmt: skip
     prepare_file(out, *datasets)
     if recipe is options.Recipe.neighbours:
@@ -83,10 +85,15 @@ def train(
         )
 
 
+def _names(given: str | None) -> tuple[str, ...] | None:
+    """Names that are separated by commas; None where they are left out."""
+    return None if given is None else tuple(given.split(","))
+
+
 def _train_neighbours(data: Sequence[Path], out: Path, given: dict[str, Any], quiet: bool) -> None:
     """Train a closure of neighbours on forces on spheres."""
     chosen = {name: value for name, value in given.items() if value is not None}
-    for name in ("activation", "loss", "terms", "ensemble"):
+    for name in ("activation", "loss", "terms", "features", "bounded", "ensemble"):
         if name in chosen:
             limit = "is of the other recipes; a closure of neighbours has its own"
             raise InputError(f"--{name}", chosen[name], limit, f"Leave out --{name}.")

@@ -237,6 +237,13 @@ Terms = Annotated[
         help="Terms added to the drag, for the filtered recipe: void_fraction_gradient, ...",
     ),
 ]
+Features = Annotated[
+    str | None,
+    Option("--features", metavar="A,B", help="What the network sees, for the filtered recipe; by default all."),
+]
+Bounded = Annotated[
+    bool, Option("--bounded", help="The factor on the base law is at most one, for the filtered recipe.")
+]
 Members = Annotated[
     int | None, Option("--ensemble", metavar="N", min=2, help="Train N networks and write them as one closure.")
 ]

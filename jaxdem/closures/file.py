@@ -41,12 +41,12 @@ def save_closure(path: str | os.PathLike[str], closure: AnyClosure | SubgridClos
     """Write a closure; an earlier file is replaced in one step, only when the new one is complete.
 
     Layout: attributes format, version, kind ("paper", "invariant", "ensemble", "neighbors" or "subgrid"), base (scene
-    name of the base law, not of a subgrid stress), hidden, activation, dimension (paper), terms and features
-    (invariant), members and member_kind (ensemble), scalars, channels, basis, carried and wake (neighbors: reach,
-    number of radial functions and degree; of a stretched basis also stretch and decay); dataset `metadata` (JSON in
-    UTF-8, as bytes); group `arrays` with every data field, the weights below `arrays/weights/<layer>/<kernel or bias>`,
-    those of an ensemble below `arrays/members/` with the members along their first axis, those of a closure of
-    neighbours below `arrays/levels/<number>/`.
+    name of the base law, not of a subgrid stress), hidden, activation, dimension (paper), terms, features and bounded
+    where it is true (invariant), members and member_kind (ensemble), scalars, channels, basis, carried and wake
+    (neighbors: reach, number of radial functions and degree; of a stretched basis also stretch and decay); dataset
+    `metadata` (JSON in UTF-8, as bytes); group `arrays` with every data field, the weights below
+    `arrays/weights/<layer>/<kernel or bias>`, those of an ensemble below `arrays/members/` with the members along their
+    first axis, those of a closure of neighbours below `arrays/levels/<number>/`.
 
     Args:
         path: file to write; its folder must exist.
@@ -160,7 +160,8 @@ def _structure(closure: AnyClosure | SubgridClosure) -> dict[str, Any]:
     if isinstance(closure, PaperNetwork):
         return {"kind": "paper", "dimension": closure.dimension, **common}
     names = {"terms": ",".join(closure.terms), "features": ",".join(closure.features)}
-    return {"kind": "invariant", **names, **common}
+    bound = {"bounded": True} if closure.bounded else {}  # a file without is read by versions that know no bound
+    return {"kind": "invariant", **names, **bound, **common}
 
 
 def _template(attributes: Any, path: str) -> AnyClosure | SubgridClosure:
@@ -193,7 +194,8 @@ def _single(attributes: Any, kind: str, path: str) -> LearnedClosure | NeighborC
         terms = tuple(name for name in str(attributes["terms"]).split(",") if name)
         # Files of the first versions do not name their features.
         features = str(attributes.get("features", ",".join(WITHOUT_PRESSURE))).split(",")
-        return InvariantClosure.initial(base, hidden, activation, terms, features=features)
+        bounded = bool(attributes.get("bounded", False))
+        return InvariantClosure.initial(base, hidden, activation, terms, features=features, bounded=bounded)
     raise InputError(CLOSURE.key, path, f"holds a closure of kind {kind!r}", "Update jaxdem or train it again.")
 
 

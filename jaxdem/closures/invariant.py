@@ -41,6 +41,9 @@ GATE_LENGTH = 4.0
 LARGEST_LOG_FACTOR = 2.302585092994046
 """ln 10: the correction stays between a tenth and ten times the base law."""
 
+UNTRAINED = 3.0
+"""Output at which a network begins whose factor is at most one: ln(1 + exp(-3)) is 0.05, so that the factor is 0.95."""
+
 
 class PreparedInputs(NamedTuple):
     """What the closure needs of its inputs, free of weights (N particles, T terms, D dimensions).
@@ -65,7 +68,7 @@ class PreparedInputs(NamedTuple):
 @partial(
     jax.tree_util.register_dataclass,
     data_fields=["weights", "feature_mean", "feature_scale", "feature_low", "feature_high"],
-    meta_fields=["base", "hidden", "activation", "terms", "features"],
+    meta_fields=["base", "hidden", "activation", "terms", "features", "bounded"],
 )
 @dataclasses.dataclass(frozen=True, eq=False)
 class InvariantClosure:
@@ -75,6 +78,7 @@ class InvariantClosure:
     c       coefficient of the base law [kg/s],
     n       network((x - feature_mean) / feature_scale), one output n_0 for the factor and one for each term,
     B(n)    ln 10 tanh(n / ln 10), so that the factor lies in [0.1, 10] and a term's weight in [-2.3, 2.3],
+            with `bounded` B(n_0) is -ln 10 tanh(ln(1 + exp(-n_0 - 3)) / ln 10), and the factor lies in [0.1, 1],
     G       1 - exp(-(L / d) / 4): no correction as the filter L gets small against the diameter d,
     a_t     [N] "void_fraction_gradient": c |u - v| L grad g; "pressure_gradient": pi d^3 / 6 grad p.
     The features x, from s solid and g void fraction, Re = g rho |u - v| d / mu:
@@ -100,6 +104,8 @@ class InvariantClosure:
         activation: a name of `ACTIVATIONS`.
         terms: names of `TERMS` that the remainder has; none by default.
         features: names of `FEATURES` that the network sees, in their order.
+        bounded: whether the factor is at most one. Unresolved clusters lower the drag; a fit to noisy slips may raise
+            it where the slip is small, so that a dense suspension stays uniform.
     """
 
     weights: Weights
@@ -112,6 +118,7 @@ class InvariantClosure:
     activation: str
     terms: tuple[str, ...] = ()
     features: tuple[str, ...] = FEATURES
+    bounded: bool = False
 
     @classmethod
     def initial(
@@ -122,6 +129,7 @@ class InvariantClosure:
         terms: Sequence[str] = (),
         seed: int = 0,
         features: Sequence[str] = FEATURES,
+        bounded: bool = False,
     ) -> InvariantClosure:
         """The base law with an untrained correction, no normalisation, unlimited range.
 
@@ -143,6 +151,7 @@ class InvariantClosure:
             activation=activation,
             terms=tuple(terms),
             features=tuple(features),
+            bounded=bounded,
         )
 
     def prepare(self, inputs: DragInputs) -> PreparedInputs:
@@ -157,7 +166,7 @@ class InvariantClosure:
     def evaluate(self, prepared: PreparedInputs) -> Drag:
         """Drag from prepared inputs: everything that depends on the weights."""
         normalised, inside = self.normalised(prepared.features)
-        return corrected(prepared, perceptron(self.weights, self.activation, normalised), inside)
+        return corrected(prepared, perceptron(self.weights, self.activation, normalised), inside, self.bounded)
 
     def normalised(self, features: Array) -> tuple[Array, Array]:
         """What the network sees (N, K) [-], and whether the features are in the range of the training (N,)."""
@@ -168,10 +177,16 @@ class InvariantClosure:
         return self.evaluate(self.prepare(inputs))
 
 
-def corrected(prepared: PreparedInputs, output: Array, inside: Array) -> Drag:
-    """Drag with the correction that a network's output (N, 1 + T) makes; the base law's where not `inside` (N,)."""
-    bounded = LARGEST_LOG_FACTOR * jnp.tanh(output / LARGEST_LOG_FACTOR)
-    correction = jnp.where(inside[:, None], prepared.gate[:, None] * bounded, 0.0)
+def corrected(prepared: PreparedInputs, output: Array, inside: Array, bounded: bool = False) -> Drag:
+    """Drag with the correction that a network's output (N, 1 + T) makes; the base law's where not `inside` (N,).
+
+    See `InvariantClosure` for `bounded`.
+    """
+    if bounded:
+        logarithm = -jax.nn.softplus(-output[:, :1] - UNTRAINED)
+        output = jnp.concatenate([logarithm, output[:, 1:]], axis=1)
+    limited = LARGEST_LOG_FACTOR * jnp.tanh(output / LARGEST_LOG_FACTOR)
+    correction = jnp.where(inside[:, None], prepared.gate[:, None] * limited, 0.0)
     coefficient = prepared.coefficient * jnp.exp(correction[:, 0])
     remainder = None
     if prepared.term_vectors is not None:

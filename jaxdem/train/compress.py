@@ -29,12 +29,12 @@ IMPORTANCE_ROWS = 50_000
 
 
 def settings_for(closure: StoredClosure, **changes: Any) -> FitSettings:
-    """Settings of the closure's recipe with its activation, terms and features, and the changes that are not None."""
+    """Settings of the closure's recipe with its activation, terms, features and bound; changes that are not None."""
     one = one_of(closure)
     chosen = {name: value for name, value in changes.items() if value is not None}
     if isinstance(one, PaperNetwork):
         return FitSettings(**{"activation": one.activation, "hidden": one.hidden, **chosen})
-    kept = {name: getattr(one, name) for name in ("activation", "hidden", "terms", "features")}
+    kept = {name: getattr(one, name) for name in ("activation", "hidden", "terms", "features", "bounded")}
     return FitSettings.filtered(**{**kept, **chosen})
 
 

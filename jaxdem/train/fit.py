@@ -106,6 +106,8 @@ def paper_problem(datasets: Sequence[Dataset], settings: FitSettings, start: Pap
 
     With `start` its layers, weights, normalisation and range are kept and gone on from.
     """
+    if settings.bounded:
+        raise InputError("bounded", True, "is of the filtered recipe", "Leave it out, or take that recipe.")
     split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
     finest = min(all_coarsenings(split, train_only=True))
     groups = training_groups(split.train, settings.coarsenings or (finest,))
@@ -158,15 +160,17 @@ class FilteredLoss:
 
     Attributes:
         activation: of the network.
+        bounded: whether the factor is at most one.
     """
 
     activation: str
+    bounded: bool = False
 
     def __call__(self, weights: Weights, rows: tuple[PreparedInputs, Array, Array]) -> Array:
         """The loss."""
         inputs, truth, counts = rows
         output = network_columns(weights, self.activation, inputs.features.T).T
-        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range))
+        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range), self.bounded)
         force = drag.coefficient[:, None] * inputs.slip
         if drag.remainder is not None:
             force = force + drag.remainder
@@ -178,15 +182,16 @@ def filtered_problem(
 ) -> Problem:
     """What `fit_filtered` solves; raises what it raises.
 
-    With `start` its layers, terms, weights, normalisation and range are kept and gone on from.
+    With `start` its layers, terms, bound, weights, normalisation and range are kept and gone on from.
     """
     if settings.loss != "mse":
         raise InputError("loss", settings.loss, "the filtered recipe has its own", "Leave it at mse.")
     split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
     groups = training_groups(split.train, settings.coarsenings or all_coarsenings(split, train_only=True))
     closure = start or InvariantClosure.initial(
-        split.base, settings.hidden, settings.activation, settings.terms, settings.seed, settings.features
-    )
+        split.base, settings.hidden, settings.activation, settings.terms, settings.seed, settings.features,
+        settings.bounded,
+    )  # fmt: skip
     prepared, target, weight = _filtered_rows(closure, groups, settings)
     features = np.asarray(prepared.features, np.float64)
     if start is None:
@@ -201,7 +206,7 @@ def filtered_problem(
     # The network is trained on all rows, strays too, so that what it sees can be had once for all epochs.
     normalised = _normalised(features, closure.feature_mean, closure.feature_scale)
     data = (jax.tree.map(jnp.asarray, prepared._replace(features=normalised)), on_device(target), on_device(weight))
-    loss = FilteredLoss(settings.activation)
+    loss = FilteredLoss(settings.activation, closure.bounded)
     regression = partial(fit_regression, closure, prepared, target, weight)
     targets = dict.fromkeys(all_coarsenings(split), "target_force")
     return Problem("filtered", closure, data, loss, regression, split, targets, settings)

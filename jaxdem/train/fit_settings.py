@@ -28,6 +28,7 @@ class FitSettings:
         coarsenings: those used for training; None means the finest there is (paper) or all (filtered).
         terms: terms of the remainder (filtered), see `InvariantClosure`.
         features: what the network sees (filtered), names of `jaxdem.closures.invariant.FEATURES` in their order.
+        bounded: whether the factor is at most one (filtered), see `InvariantClosure`.
         held_out: name of the run held out; None means the last dataset's.
         held_out_fraction: part of the time span held out where all data are of one run.
         seed: of initial weights, shuffling and the choice of rows.
@@ -46,6 +47,7 @@ class FitSettings:
     coarsenings: tuple[int, ...] | None = None
     terms: tuple[str, ...] = ()
     features: tuple[str, ...] = FEATURES
+    bounded: bool = False
     held_out: str | None = None
     held_out_fraction: float = 0.15
     seed: int = 0

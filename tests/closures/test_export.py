@@ -116,6 +116,7 @@ LEARNED = {
     "plain": lambda: shaken(
         InvariantClosure.initial(DRAG_LAWS["ergun"](), (4,), "softplus", features=WITHOUT_PRESSURE), 2
     ),
+    "bounded": lambda: shaken(InvariantClosure.initial(hidden=(4,), terms=TERMS[:1], bounded=True), 4),
     "paper": lambda: shaken(PaperNetwork.initial(2), 3),
 }
 CLOSURES = LEARNED | DRAG_LAWS | {"activations": Activations}

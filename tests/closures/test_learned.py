@@ -170,6 +170,17 @@ def test_factor_is_positive_and_bounded_whatever_the_weights():
     assert factor.min() < 0.5 and factor.max() > 2  # the weights were large enough to say something
 
 
+def test_a_bounded_factor_is_at_most_one():
+    """Whatever the weights; untrained it is next to one."""
+    inputs = make_inputs(200)
+    base, start = evaluate_base(KochHill(), inputs).coefficient, InvariantClosure.initial(bounded=True)
+    untrained = evaluate(start, inputs).coefficient / base
+    assert untrained.min() > 0.95 and untrained.max() < 1.0
+    factor = np.array([evaluate(shaken(start, seed, size=30.0), inputs).coefficient / base for seed in range(8)])
+    assert factor.min() >= 0.1 and factor.max() < 1.0 + 1e-14  # the two programs round in their own ways
+    assert factor.min() < 0.5 and factor.max() > 0.99
+
+
 def test_correction_vanishes_with_the_filter():
     """At filter/d = 1e-3 the gate is 2.5e-4, so that no bounded log factor exceeds 6e-4."""
     inputs = make_inputs(filter_size=0.02e-3)
@@ -396,6 +407,7 @@ def test_learned_closures_are_traced_arguments_with_static_structure():
 
 CLOSURES = {
     "invariant": lambda: shaken(InvariantClosure.initial(Ergun(), (5, 4), "softplus", TERMS)),
+    "bounded": lambda: shaken(InvariantClosure.initial(hidden=(4,), bounded=True)),
     "paper": lambda: shaken(PaperNetwork.initial(3, hidden=(7, 3), activation="selu")),
     "ensemble": lambda: EnsembleClosure.of([PaperNetwork.initial(3, hidden=(7,), seed=n) for n in (0, 1)]),
     "subgrid": lambda: shaken(SubgridClosure.initial((5, 4), "softplus")),
