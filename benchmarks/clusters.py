@@ -31,10 +31,12 @@ FRACTIONS = (0.02, 0.05, 0.2)
 """Mean solid fractions; 0.1 is for training only, see docs/results/clusters.md."""
 TRAINED_ON = (Case(0.05, samples=True), Case(0.1, samples=True, times=11))
 """Fine runs that closures are trained on, see `clusters_closures.FITS`."""
-MODELS = ("", "radl", "regression", "network", "network2", "fraction")
+MODELS = ("", "radl", "regression", "network", "network2", "fraction", "bounded", "gradient")
 """Closures that are compared, see `clusters_closures`."""
 COARSE = (12.0, 24.0)
 """Sides of coarse cells, in diameters."""
+LOSSY = ("", "gradient")
+"""Closures of the runs with parcels whose impacts keep the rate of loss of the grains, on cells of 24 diameters."""
 TUNED = ((24.0, 4),)
 """Cells and parcels for which the network is tuned by statistics."""
 PARCEL_STEP, PARCEL_TIMES = 5e-4, 110
@@ -51,6 +53,11 @@ def coarse(solid_fraction: float, cell: float, closure: str = "", parcel: int = 
     """A coarse run beside it."""
     case = replace(fine(solid_fraction, seed), cell=cell, closure=closure, parcel=parcel, samples=False)
     return case if parcel == 1 else replace(case, step=PARCEL_STEP, times=PARCEL_TIMES)
+
+
+def lossy(case: Case) -> Case:
+    """The case with parcels whose impacts keep the rate of loss of the grains."""
+    return replace(case, name="loss", changes=(("contact.parcel_loss", "rate"),))
 
 
 def with_tuned(case: Case) -> Case:
@@ -71,6 +78,7 @@ def plan() -> dict[str, list[Case]]:
         "mesh": [*small, *checks],
         "models": [coarse(s, cell, model) for cell in reversed(COARSE) for model in MODELS for s in FRACTIONS],
         "parcels": [coarse(s, cell, model, 4) for cell in COARSE for model in MODELS for s in FRACTIONS],
+        "loss": [lossy(coarse(s, 24.0, model, 4)) for model in LOSSY for s in FRACTIONS],
         "tuned": [with_tuned(coarse(s, cell, parcel=parcel)) for cell, parcel in TUNED for s in FRACTIONS],
     }
 
@@ -129,7 +137,7 @@ def main() -> None:
     until, groups = time.monotonic() + 60.0 * arguments.minutes, plan()
     rows: list[dict[str, Any]] = []
     for name in [part for part in arguments.groups.split(",") if part] or groups:
-        if name in ("models", "tuned") and time.monotonic() < until:
+        if name in ("models", "loss", "tuned") and time.monotonic() < until:
             train(TRAINED_ON, arguments.runs)
         if name == "tuned" and time.monotonic() < until:
             slips = [row["slip"]["mean"] for row in rows_of([fine(0.05)], arguments.runs, until)]
