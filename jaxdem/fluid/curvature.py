@@ -21,6 +21,7 @@ from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, along, end_faces, sum_of
 from jaxdem.fluid.mesh import beyond, layers
+from jaxdem.fluid.plane_cut import is_cut
 from jaxdem.fluid.volume_of_fluid import surface_normal
 
 REACH = 4
@@ -100,7 +101,7 @@ def surface_tension_gradient(grid: Grid, fraction: Array, tension: Array) -> Fac
 def near_surface(grid: Grid, fraction: Array) -> Array:
     """Whether the surface cuts a cell, or lies between it and a neighbour across a face; bool on the cells."""
     liquid = (fraction > 0.5).astype(fraction.dtype)
-    near = (fraction > 0.0) & (fraction < 1.0)
+    near = is_cut(fraction)
     for axis in range(grid.dimension):
         wide = _widened(grid, liquid, axis, 1)
         near = near | (along(wide, axis, None, -2) != liquid) | (along(wide, axis, 2, None) != liquid)

@@ -63,6 +63,16 @@ def offset_of(normal: tuple[Array, ...], volume: Array) -> Array:
     return jnp.where(volume > 0.5, 1.0 - offset, offset)
 
 
+def is_cut(fraction: Array) -> Array:
+    """Whether a surface cuts a cell, bool: one that lacks no more than rounding of being full or empty has none.
+
+    Args:
+        fraction: of the liquid [-].
+    """
+    rounding = 8.0 * float(jnp.finfo(fraction.dtype).eps)
+    return (fraction > rounding) & (fraction < 1.0 - rounding)
+
+
 def _sorted(normal: tuple[Array, ...]) -> tuple[Array, Array, Array]:
     """The components in rising order, with a zero before those in 2-D."""
     low, high = jnp.minimum(normal[0], normal[1]), jnp.maximum(normal[0], normal[1])

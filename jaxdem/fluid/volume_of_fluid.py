@@ -24,7 +24,7 @@ from jax import Array, lax
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, box_largest, own_layers, sum_of
 from jaxdem.fluid.mesh import Ends, beyond, with_ends
-from jaxdem.fluid.plane_cut import offset_of, volume_below
+from jaxdem.fluid.plane_cut import is_cut, offset_of, volume_below
 from jaxdem.numerics.batches import in_any
 
 SURFACE_COURANT = 0.5
@@ -144,9 +144,7 @@ def planes(grid: Grid, fraction: Array) -> Plane:
         grid: the grid.
         fraction: c on the cells [-].
     """
-    # A cell that lacks no more than rounding is full.
-    rounding = 8.0 * float(jnp.finfo(fraction.dtype).eps)
-    cut = (fraction > rounding) & (fraction < 1.0 - rounding)
+    cut = is_cut(fraction)
     normal = surface_normal(grid, fraction)
     sizes = tuple(jnp.abs(m) for m in normal)
     return Plane(normal, offset_of(sizes, jnp.where(cut, fraction, 0.5)), cut)
