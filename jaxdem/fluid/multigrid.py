@@ -6,13 +6,15 @@ hundred iterations and more; the cycle here needs as many as with equal densitie
     (A p)_i = sum over the faces of cell i of g (p_i - p_j),
 
 with g the coefficient over the square of the distance of the cells, p_j = 0 beyond an outlet and g = 0 on other sides.
-A coarse cell is made of two cells along every axis, or of the last one where their number is odd. Its conductance to
+A coarse cell is made of two cells along an axis, or of the last one where their number is odd. Its conductance to
 the next is half the sum of those of the faces between: the sum would be that of a constant correction in either cell,
-which is twice as stiff as one that is smooth. Two damped Jacobi steps before and after a correction make the
-cycle symmetric, as conjugate gradients ask for. The coarsest level is inverted.
+which is twice as stiff as one that is smooth. Axes along which cells are longer than along others wait until these are
+as long: a Jacobi step damps waves along the axis of the large conductances alone. Two damped Jacobi steps before and
+after a correction make the cycle symmetric, as conjugate gradients ask for. The coarsest level is inverted.
 
 Source: O. Tatebe, Proc. 6th Copper Mountain Conf. on Multigrid Methods, NASA CP-3224 (1993) 621-634; D. Braess,
-Computing 55 (1995) 379-393 (the factor of constant corrections).
+Computing 55 (1995) 379-393 (the factor of constant corrections); U. Trottenberg, C. W. Oosterlee, A. Schueller,
+Multigrid (2001), section 5.1 (axes that wait).
 """
 
 from __future__ import annotations
@@ -36,6 +38,9 @@ COARSEST = 40
 STEPS = 2
 """Jacobi steps before, and after, a correction."""
 
+STRETCHED = 1.5
+"""Length of a cell along an axis, over that along the shortest one, from which on the axis waits."""
+
 DAMPING = 0.8
 """Of a Jacobi step: it damps waves of two cells as well as those of four."""
 
@@ -46,10 +51,12 @@ class _Level(NamedTuple):
     Attributes:
         faces: conductances, on the faces of every axis; those of sides included.
         periodic: whether each axis is; static.
+        spacing: sides of a cell; static [m].
     """
 
     faces: FaceField
     periodic: tuple[bool, ...]
+    spacing: tuple[float, ...]
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -73,10 +80,15 @@ class _Level(NamedTuple):
         found: Array = sum_of(terms)
         return found
 
+    @property
+    def halved(self) -> tuple[bool, ...]:
+        """Along which axes the next level has half as many cells: where these are short, and more than one."""
+        shortest = min(h for h, n in zip(self.spacing, self.cells, strict=True) if n > 1)
+        return tuple(n > 1 and h < STRETCHED * shortest for h, n in zip(self.spacing, self.cells, strict=True))
+
     def coarser(self) -> _Level:
         """The next level."""
-        halved = [n > 1 for n in self.cells]
-        faces = []
+        halved, faces = self.halved, []
         for axis, g in enumerate(self.faces):
             for other, halves in enumerate(halved):
                 if halves and other != axis:
@@ -86,7 +98,8 @@ class _Level(NamedTuple):
                 inner = along(g, axis, None, -1)[(slice(None),) * axis + (slice(None, None, 2),)]
                 g = 0.5 * jnp.concatenate((inner, along(g, axis, count, None)), axis)
             faces.append(g)
-        return _Level(tuple(faces), self.periodic)
+        spacing = tuple(2.0 * h if halves else h for h, halves in zip(self.spacing, halved, strict=True))
+        return _Level(tuple(faces), self.periodic, spacing)
 
 
 def multigrid(grid: Grid, boundary: Boundary, coefficient: tuple[Array | float, ...]) -> Callable[[Array], Array]:
@@ -107,7 +120,7 @@ def multigrid(grid: Grid, boundary: Boundary, coefficient: tuple[Array | float, 
                 ends.append(2.0 * is_open * along(g, axis, *((-1, None) if upper else (0, 1))))
             g = jnp.concatenate((ends[0], along(g, axis, 1, -1), ends[1]), axis)
         faces.append(g)
-    levels = [_Level(tuple(faces), grid.periodic)]
+    levels = [_Level(tuple(faces), grid.periodic, grid.spacing)]
     while math.prod(levels[-1].cells) > COARSEST:
         levels.append(levels[-1].coarser())
     damped = [DAMPING / level.diagonal for level in levels[:-1]]
@@ -130,11 +143,11 @@ def _cycle(levels: list[_Level], damped: list[Array], lowest: Array, residual: A
     # each neighbour that asks for it, six times as long in all.
     p = lax.fori_loop(0, STEPS, smoothed, jnp.zeros_like(residual))
     coarse = residual - level.diagonal * p + level.off_diagonal(p)
-    for axis, count in enumerate(level.cells):
-        coarse = _in_pairs(coarse, axis) if count > 1 else coarse
+    for axis, halves in enumerate(level.halved):
+        coarse = _in_pairs(coarse, axis) if halves else coarse
     more = _cycle(levels[1:], damped[1:], lowest, coarse)
-    for axis, count in enumerate(level.cells):
-        more = along(jnp.repeat(more, 2, axis), axis, 0, count) if count > 1 else more
+    for axis, halves in enumerate(level.halved):
+        more = along(jnp.repeat(more, 2, axis), axis, 0, level.cells[axis]) if halves else more
     return lax.fori_loop(0, STEPS, smoothed, p + more)
 
 
