@@ -28,7 +28,7 @@ jax.config.update("jax_enable_x64", True)
 
 import jaxdem  # noqa: E402 - after the setting
 from benchmarks import harness  # noqa: E402
-from tests.coupling.test_grains_and_surface import SIZE, after, liquid, momentum, tables  # noqa: E402
+from tests.cases.grains_in_two_fluids import SIZE, after, liquid, momentum, tables  # noqa: E402
 
 SCENES = ("collapse_into_water", "dam_break_over_grains")
 

@@ -23,7 +23,7 @@ import jax
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from benchmarks import harness
-from tests.cases import extremes, stability
+from tests.cases import extremes, stability, surface_stability
 
 LIMITS = Path(__file__).parents[1] / "docs" / "limits.md"
 START, END = "<!-- stability table -->", "<!-- end of the stability table -->"
@@ -31,8 +31,10 @@ START, END = "<!-- stability table -->", "<!-- end of the stability table -->"
 
 def all_rows() -> dict[str, tuple[bool, Callable[[], Any]]]:
     """Name -> (whether it computes in float64, the row)."""
-    found = {name: (True, row) for name, row in stability.limits().items()}
-    return found | {name: (name.startswith("drag: "), row) for name, row in extremes.rows().items()}
+    limits = stability.limits() | surface_stability.limits()
+    rows = extremes.rows() | surface_stability.rows()
+    found = {name: (True, row) for name, row in limits.items()}
+    return found | {name: (name.startswith(("drag: ", "surface: ")), row) for name, row in rows.items()}
 
 
 def _number(value: float | None, form: str = ".2e") -> str:

@@ -90,6 +90,7 @@ def available_energy(scene: Any, simulation: Any, parameters: Any, state: Any) -
     )
     speed = np.linalg.norm(np.asarray(state.particles.velocity), axis=1)
     density = scene.fluid.density if scene.fluid is not None else 0.0
+    density = density if scene.surface is None else scene.surface.density  # a grain above the liquid falls faster
     reach = sum(abs(g) * length for g, length in zip(scene.domain.gravity, scene.domain.size, strict=True))
     energy = float(np.sum(0.5 * mass * speed**2 + np.abs(mass - density * volume) * reach))
     energy += 0.5 * float(
@@ -123,8 +124,14 @@ def finished(
             row.energy = float(np.max(kinetic)) / available
         if closure is not None:
             row.message = f"out of range: {summary['closure']['out_of_range_fraction']:.3g}"
+        liquid_kept = True
+        if scene.surface is not None:
+            phase = summary["liquid_phase"]
+            missing, beyond = abs(phase["missing_relative"]), phase["beyond_bounds"]
+            row.message = f"liquid missing {missing:.0e}, beyond 0 and 1 by {beyond:.0e}"
+            liquid_kept = max(missing, beyond) <= allowed
         finite = not np.isinf(kinetic).any() and summary["valid"]
-        good = finite and not row.energy > 1.001 and row.volume <= allowed and row.momentum <= allowed
+        good = finite and liquid_kept and not row.energy > 1.001 and row.volume <= allowed and row.momentum <= allowed
         row.outcome = "sound" if good else "unsound"
     except jaxdem.InputError as error:
         row.outcome, row.message = "refused", str(error)

@@ -1,62 +1,28 @@
 """Grains in two fluids: speeds and buoyancy beside the surface, rest, momentum and volume of three phases."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxdem
 from jaxdem.errors import InputError
-from jaxdem.failures import failures
 from jaxdem.fluid.curvature import surface_tension_gradient
-from jaxdem.fluid.grid import face_average, face_total
+from jaxdem.fluid.grid import face_total
 from jaxdem.fluid.momentum import FluidSolver
-from jaxdem.fluid.second_fluid import SecondFluid, mixture_density
+from jaxdem.fluid.second_fluid import SecondFluid
+from tests.cases.grains_in_two_fluids import (
+    CELLS,
+    SIZE,
+    after,
+    dry_bed_and_a_column,
+    layer_under_a_lake,
+    liquid,
+    march,
+    momentum,
+    tables,
+)
 
 G = 9.81
-CONTACT = {"young_modulus": 2e5, "poisson_ratio": 0.25, "friction": 0.3, "restitution": 0.2, "speed": 0.1}
-CELLS, SIZE = [6, 12], [0.06, 0.12]
-
-
-def tables(grains, level, density=2500.0, radius=1e-4, **changes):
-    """Grains at places in oil below a level and a viscous gas above it, between walls."""
-    scene = {
-        "precision": "float64",
-        "domain": {"size": SIZE, "depth": 1.0},
-        "particles": {"radius": radius, "density": density, "position": [list(g) for g in grains]},
-        "contact": CONTACT,
-        "fluid": {"cells": CELLS, "density": 1000.0, "viscosity": 1e-3, "time_step": 1e-3},
-        "surface": {"density": 10.0, "viscosity": 1e-2, "level": level},
-        "coupling": {"drag": "stokes", "interval": 1e-3},
-        "time": {"end": 1.0, "output_interval": 0.1},
-    }
-    for key, value in changes.items():
-        scene[key] = {**scene.get(key, {}), **value}
-    return scene
-
-
-@jax.jit
-def march(simulation, parameters, state, neighbors, steps):
-    """The state after so many intervals, and whether anything failed; one program for all numbers of them."""
-
-    def one(_, carry):
-        state, neighbors, code = carry
-        state, neighbors, diagnostics = simulation.step(parameters, state, neighbors)
-        return state, neighbors, code | failures(simulation, diagnostics)
-
-    state, _, code = jax.lax.fori_loop(0, steps, one, (state, neighbors, jnp.zeros((), jnp.int32)))
-    return state, code
-
-
-def after(scene, steps, change=lambda state: state):
-    """Simulation, parameters, the first state and that after so many intervals."""
-    scene = jaxdem.load_scene(scene)
-    simulation, parameters = jaxdem.build(scene)
-    start, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-    start = change(start)
-    end, code = march(simulation, parameters, start, neighbors, steps)
-    assert int(code) == 0
-    return simulation, parameters, start, end
 
 
 def test_terminal_speed_is_that_of_the_fluid_around():
@@ -145,23 +111,6 @@ def test_grain_that_enters_the_liquid_follows_its_equation_of_motion(between):
     assert abs(found[1400][1]) < 0.8 * abs(min(v for _, v in found.values()))
 
 
-def liquid(simulation, state):
-    """Volume of the liquid [m3]."""
-    grid = simulation.fluid.solver.grid
-    return float(jnp.sum(state.fluid.void_fraction * state.fluid.liquid_fraction)) * grid.cell_volume
-
-
-def momentum(simulation, parameters, state):
-    """Of both fluids and the grains [kg m/s]."""
-    grid, flow, fluid = simulation.fluid.solver.grid, parameters.flow, state.fluid
-    mass = fluid.void_fraction * mixture_density(flow.second, flow.density, fluid.liquid_fraction)
-    on_faces = face_average(grid, mass)
-    carried = face_total(grid, tuple(m * u for m, u in zip(on_faces, fluid.face_velocity, strict=True)))
-    bodies = parameters.mixture.bodies
-    grains = jnp.sum(bodies.mass * state.particles.velocity, axis=0)
-    return grid.cell_volume * np.asarray(jnp.stack(carried)), np.asarray(grains)
-
-
 def test_momentum_of_three_phases_is_kept():
     """Grains that fill a third of their cells shoot through the surface of a periodic box and stir it up."""
     grains = [(0.012, 0.02), (0.03, 0.045), (0.02, 0.07), (0.05, 0.1)]
@@ -241,9 +190,7 @@ def test_grains_at_rest_under_a_lake_stay_at_rest(level):
     What its start leaves dies out to rounding. With a surface on the faces of cells it does not: specks of 1e-8 of a
     cell go round above it, at 1e-8 m/s.
     """
-    grains = [(x, 0.004) for x in (0.006, 0.018, 0.03, 0.042, 0.054)]
-    scene = tables(grains, level, 2500.0, 4e-3, domain={"size": SIZE, "depth": 0.01}, fluid={"viscosity": 1e-2})
-    _, _, start, end = after(scene, 1600)
+    _, _, start, end = after(layer_under_a_lake(level), 1600)
     velocity = max(float(jnp.abs(u).max()) for u in end.fluid.face_velocity)
     assert velocity < 1e-12
     assert float(jnp.abs(end.particles.velocity).max()) < 1e-12
@@ -281,13 +228,7 @@ def test_steps_are_told_apart_by_their_number_in_long_runs():
 
 def test_liquid_sinks_into_a_dry_bed():
     """Cells full of grains that hold gas: liquid let go above them fills the pores, within bounds and without loss."""
-    grains = [(0.004 + 0.0083 * k, 0.004 + 0.0081 * row) for row in range(3) for k in range(7)]
-    scene = tables(
-        grains, 0.0, 2500.0, 4e-3, domain={"size": SIZE, "depth": 0.008},
-        surface={"level": None, "regions": [{"shape": "box", "start": [0.0, 0.035], "stop": [0.04, 0.075]}]},
-    )  # fmt: skip
-    del scene["surface"]["level"]
-    simulation, _, start, end = after(scene, 700)
+    simulation, _, start, end = after(dry_bed_and_a_column(), 700)
     assert float(start.fluid.void_fraction.min()) < 0.5
     assert float(start.fluid.liquid_fraction[:, :3].max()) == 0.0
     fraction = np.asarray(end.fluid.liquid_fraction)

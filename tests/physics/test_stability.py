@@ -8,11 +8,12 @@ import math
 import pytest
 
 from jaxdem.setup.stability import LinearContact, contact_stability_limit
-from tests.cases import extremes, stability
+from tests.cases import extremes, stability, surface_stability
 
 SMOOTH = LinearContact(3.0, 0.0, 0.0, 0.0)
 ROUGH = LinearContact(3.0, 2.5, 0.0, 0.0)
 NONE = LinearContact(0.0, 0.0, 0.0, 0.0)
+ROWS = extremes.rows() | surface_stability.rows()
 
 
 @pytest.mark.parametrize(
@@ -70,17 +71,20 @@ def test_predicted_limit_of_spheres_that_hold_each_other():
         ("impact: 100 m/s, 70 MPa", ("200 m/s", "the limit is 20 %", "Stiffen")),
         ("Courant number: 20 in an interval", ("fluid.time_step = 0.8", "8 fluid steps", "larger cells")),
         ("void fraction: all-solid cell", ("void fraction", "above 0.05", "kernel_width")),
+        ("two fluids: no liquid", ("surface.level", "without liquid")),
     ],
 )
 def test_what_cannot_work_is_refused_before_the_first_step(name, words):
-    row = extremes.rows()[name]()
+    row = ROWS[name]()
     assert row.outcome == "refused"
     for word in words:
         assert word in row.message
 
 
-@pytest.mark.parametrize("name", ["drag: stokes 1e-06", "drag: stokes 1e+03", "restitution, friction: e = 0, mu = 10"])
+@pytest.mark.parametrize(
+    "name", ["drag: stokes 1e-06", "drag: stokes 1e+03", "restitution, friction: e = 0, mu = 10", "surface: corner"]
+)
 def test_extreme_rows_end_sound(name):
     """Energy bounded by what there was to get, volume and momentum to round-off."""
-    row = extremes.rows()[name]()
+    row = ROWS[name]()
     assert row.outcome == "sound", row.message
