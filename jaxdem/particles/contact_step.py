@@ -52,6 +52,16 @@ class Surroundings(NamedTuple):
         return self._replace(placements=placed)
 
 
+class PairSizes(NamedTuple):
+    """Sizes of both particles of every pair of a list, (P,) or (); see `ContactPair`."""
+
+    radius: Array
+    other_radius: Array
+    effective_radius: Array
+    effective_mass: Array
+    rolling_inertia: Array
+
+
 @dataclasses.dataclass(frozen=True)
 class ContactStep:
     """What all contacts of a step share. All P pairs are one array each, and so are all S walls of N particles.
@@ -68,6 +78,7 @@ class ContactStep:
         active: (N,) bool, which particles there are, all if None; the list knows it already, the walls do not.
         present: (S,) bool, which walls are there, all if None; the others are out of reach. Those of meshes may follow.
         tiled: whether many contacts are worked out tile by tile, see `tiles`; static.
+        pair_sizes: of the list, where they are known already; None: they are gathered.
     """
 
     model: ContactModel
@@ -79,6 +90,7 @@ class ContactStep:
     active: Array | None = None
     present: Array | None = None
     tiled: bool = False
+    pair_sizes: PairSizes | None = None
 
     def of_rows(self, cut: Cut) -> ContactStep:
         """For the walls: of the particles in a tile, without what is between particles."""

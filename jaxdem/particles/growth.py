@@ -64,6 +64,11 @@ def moved_apart(region: Region, position: np.ndarray, radius: np.ndarray) -> tup
     return position, part == 1.0
 
 
+def pushed_apart(region: Region, position: np.ndarray, radius: np.ndarray, pushes: int) -> tuple[np.ndarray, float]:
+    """As `moved_apart`, by at most so many pushes; and the part of their reach at which none overlaps, 1 for all."""
+    return _relaxed(region, position, radius, 1.0, pushes)
+
+
 def moved_apart_nearby(region: Region, position: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, bool]:
     """As `moved_apart`, of particles that overlap much: weaker and weaker springs hold each to where it was.
 

@@ -15,8 +15,9 @@ from jaxdem.particles import liquid
 from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_load import contact_load
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies
-from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.contact_step import ContactStep, PairSizes
 from jaxdem.particles.contact_sums import FoundContacts, Sums
+from jaxdem.particles.integrate import ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
 from jaxdem.particles.stages import stage
@@ -33,22 +34,31 @@ def pair_contacts(
         neighbors: list in date.
         displacement: of every particle since it was built, if it is known [m].
     """
-    pairs, radius = neighbors.pairs, step.properties.radius
-    one, other = _of(radius, pairs.first), _of(radius, pairs.second)
+    pairs, sizes = neighbors.pairs, step.pair_sizes
+    if sizes is None:
+        sizes = pair_sizes(step.properties, pairs)
     if displacement is None:  # outside of the stage, for a gather would compute it anew
         displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
     change, approach, velocity, spin, other_spin = stage(
         pairs.first[0] != pairs.second[0], lambda: _relative_motion(step, pairs, displacement)
     )
-    overlap, normal = pair_geometry(neighbors, change, one + other)
-    mass, inertia = step.properties.mass, step.properties.mass * radius**2
-    pair = ContactPair(
-        overlap, normal, approach, velocity, spin, other_spin, one, other,
-        effective_radius=_harmonic(one, other),
-        effective_mass=_harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
-        rolling_inertia=1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
-    )  # fmt: skip
+    overlap, normal = pair_geometry(neighbors, change, sizes.radius + sizes.other_radius)
+    pair = ContactPair(overlap, normal, approach, velocity, spin, other_spin, *sizes)
     return pair, contact_load(step, pair_material(step, neighbors), pair, step.motion.contact_spring)
+
+
+def pair_sizes(properties: ParticleProperties, pairs: Pairs) -> PairSizes:
+    """Sizes of all pairs."""
+    radius, mass = properties.radius, properties.mass
+    one, other = _of(radius, pairs.first), _of(radius, pairs.second)
+    inertia = mass * radius**2
+    return PairSizes(
+        one,
+        other,
+        _harmonic(one, other),
+        _harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
+        1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
+    )
 
 
 def pair_material(step: ContactStep, neighbors: Neighbors) -> ContactMaterial:
@@ -117,7 +127,8 @@ def _all_pairs(step: ContactStep, neighbors: Neighbors) -> _PairSums:
             overlap=cut(neighbors.overlap),
         )
         motion = step.motion._replace(contact_spring=cut(step.motion.contact_spring))
-        pair, load = pair_contacts(dataclasses.replace(step, motion=motion), own, displacement)
+        seen = dataclasses.replace(step, motion=motion, pair_sizes=cut(step.pair_sizes))
+        pair, load = pair_contacts(seen, own, displacement)
         overlap = None if step.motion.liquid is None else pair.overlap
         return _PairSums(*on_bodies(load, pair), load.spring, overlap, (pair, load) if step.model.energy else None)
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.stages import stage
 
 UNROLL = 4
 """Slots that loops over the slots treat at once: half the time of one by one, and the program stays short."""
@@ -179,8 +180,11 @@ def sum_over_pairs(on_first: Array, on_second: Array, pairs: Pairs) -> Array:
     def add(k: int | Array, total: Array) -> Array:
         return total + at((both,), pairs.entry[k + 1])[0]
 
-    total = repeated(len(pairs.entry) - 1, add, at((both,), pairs.entry[0])[0])
+    def of_rows() -> Array:
+        return repeated(len(pairs.entry) - 1, add, at((both,), pairs.entry[0])[0])
+
     if pairs.owned is None:
-        return total
-    count = len(pairs.owned.start)
+        return of_rows()
+    # A stage: for first and further rows apart it would compute the values anew for every entry all the same.
+    total, count = stage(pairs.first[0] != pairs.second[0], of_rows), len(pairs.owned.start)
     return total[:count].at[pairs.owned.row].add(total[count:], mode="drop", indices_are_sorted=True)
