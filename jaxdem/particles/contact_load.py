@@ -64,7 +64,7 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     if attraction is not None:
         springs = (*springs, *attraction.kept)
     load = ContactLoad(along, across, resistance, springs, adhesion)
-    if not step.model.energy:
+    if not step.model.energy or (attraction is None and step.model.lubrication is None):
         return load
     return load._replace(parts=_parts(step, contact, result, material, load, pair, attraction))
 

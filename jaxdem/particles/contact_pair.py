@@ -46,12 +46,12 @@ class LoadParts(NamedTuple):
 
     Attributes:
         dashpot: of the law, along the normal [N].
-        liquid: of bridges and films against approach and parting, along the normal [N].
+        liquid: of bridges and films against approach and parting, along the normal; None without [N].
         across: of the law's tangential dashpot, in the contact plane: what is not of the spring [N].
     """
 
     dashpot: Array
-    liquid: Array
+    liquid: Array | None
     across: Vector
 
 
@@ -64,7 +64,7 @@ class ContactLoad(NamedTuple):
         resistance: torque against rolling [N m]; empty without rolling friction.
         spring: what the contact keeps; see `ContactModel.history_size`.
         adhesion: what Coulomb's limit counts beside `along`; None without cohesion [N].
-        parts: of these; None where no balance of energy is kept.
+        parts: of these; None where no balance of energy is kept, and where all that acts is the contact law.
     """
 
     along: Array

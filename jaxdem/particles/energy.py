@@ -16,15 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles import tangent
 from jaxdem.particles.bond_geometry import in_space, spin_in_space
-from jaxdem.particles.cohesion_energy import energy_lost
-from jaxdem.particles.contact_load import gap_of
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.contact_sums import FoundBonds, FoundContacts, Sums
+from jaxdem.particles.contact_pair import sum_slots
+from jaxdem.particles.contact_sums import FoundBonds, Sums
+from jaxdem.particles.contact_work import ContactWork, work_of_contacts
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.pairs import at, sum_over_pairs
 from jaxdem.particles.stored_energy import StoredEnergy
@@ -79,15 +77,66 @@ def no_flow(like: Array) -> EnergyFlow:
     return EnergyFlow(*(jnp.zeros((), like.dtype) for _ in EnergyFlow._fields))
 
 
-def flow_by_contact(
-    model: ContactModel, sums: Sums, before: Motion, after: Motion, time_step: Array, pistons: Array | None = None
-) -> tuple[EnergyFlow, ...]:
-    """What the contacts of a step give and take, arrays of the shape of each kind of contacts.
+class EnergyTally(NamedTuple):
+    """The balance while the steps of an interval go on.
+
+    Attributes:
+        flow: what is summed already.
+        contacts: of those between particles, (P,) pair by pair, and of those with walls that have a formula, (N,) body
+            by body, as far as there are any: a sum over all in every step would cost more than what is summed.
+    """
+
+    flow: EnergyFlow
+    contacts: tuple[ContactWork, ...]
+
+    def with_parts(self, **parts: Array) -> EnergyTally:
+        """With so much more of these parts of the flow [J]."""
+        return self._replace(flow=_with_parts(self.flow, parts))
+
+    def summed(self) -> EnergyFlow:
+        """What all steps have given and taken."""
+        flow = self.flow
+        for work in self.contacts:
+            flow = _with_sum(flow, work)
+        return flow
+
+
+def no_tally(model: ContactModel, like: Array, pairs: int, touching: int) -> EnergyTally:
+    """The balance before the first step.
 
     Args:
         model: laws; static.
-        sums: with its contacts and bonds one by one.
-        before, after: the velocities of what touches at its start and end.
+        like: of the type of numbers.
+        pairs: P, room of the list; 0 where nothing is listed.
+        touching: number of bodies that touch, of clumps their members.
+    """
+
+    def blank(count: int, of_walls: bool) -> ContactWork:
+        def where(there: bool) -> Array | None:
+            return jnp.zeros(count, like.dtype) if there else None
+
+        always = jnp.zeros(count, like.dtype)
+        liquid = model.cohesion is not None or model.lubrication is not None
+        return ContactWork(
+            always, always, always, always,
+            where(of_walls), where(liquid), where(model.memory > 0), where(model.rolling is not None),
+        )  # fmt: skip
+
+    found = [blank(pairs, False)] if pairs else []
+    if model.analytic_walls:
+        found.append(blank(touching, True))
+    return EnergyTally(no_flow(like), tuple(found))
+
+
+def work_by_contact(
+    model: ContactModel, sums: Sums, motions: tuple[Motion, Motion], time_step: Array, pistons: Array | None = None
+) -> tuple[ContactWork, ...]:
+    """What the contacts of a step give and take, each kind of contacts for itself.
+
+    Args:
+        model: laws; static.
+        sums: with its contacts one by one.
+        motions: the velocities of what touches at the start and end of the step.
         time_step: [s].
         pistons: (S, D) by which the velocity of each wall that a force holds changes in the step; None without
             [m/s].
@@ -95,30 +144,52 @@ def flow_by_contact(
     found = []
     for contacts in sums.found:
         wall = None if pistons is None or not contacts.walls else pistons[np.asarray(contacts.walls)]
-        found.append(_of_contacts(model, contacts, before, after, time_step, wall))
+        found.append(work_of_contacts(model, contacts, *motions, time_step, wall))
     return tuple(found)
 
 
-def flow_of_step(
-    sums: Sums, by_contact: tuple[EnergyFlow, ...], before: Motion, after: Motion, time_step: Array
-) -> EnergyFlow:
-    """What the contacts and bonds of a step give and take.
+def with_step(
+    tally: EnergyTally,
+    sums: Sums,
+    by_contact: tuple[ContactWork, ...],
+    motions: tuple[Motion, Motion],
+    time_step: Array,
+) -> EnergyTally:
+    """The balance with what the contacts and bonds of a step give and take.
 
     Args:
+        tally: so far.
         sums: with its bonds.
-        by_contact: see `flow_by_contact`.
-        before, after, time_step: see there.
+        by_contact: see `work_by_contact`.
+        motions, time_step: see there.
     """
-    flow = no_flow(time_step)
-    for contacts, own in zip(sums.found, by_contact, strict=True):
+    flow, kept = tally.flow, list(tally.contacts)
+    for number, (contacts, work) in enumerate(zip(sums.found, by_contact, strict=True)):
         if contacts.counted is not None:
-            own = jax.tree.map(lambda parts, counted=contacts.counted: jnp.where(counted, parts, 0.0), own)
-        flow = jax.tree.map(lambda total, parts: total + jnp.sum(parts), flow, own)
-    return flow if sums.bonded is None else _with_bonds(flow, sums.bonded, before, after, time_step)
+            work = jax.tree.map(lambda part, counted=contacts.counted: jnp.where(counted, part, 0.0), work)
+        if number < len(kept):
+            if contacts.of_other is None:
+                work = jax.tree.map(sum_slots, work)
+            kept[number] = jax.tree.map(jnp.add, kept[number], work)
+        else:  # of a mesh
+            flow = _with_sum(flow, work)
+    if sums.bonded is not None:
+        flow = _with_bonds(flow, sums.bonded, *motions, time_step)
+    return EnergyTally(flow, tuple(kept))
+
+
+def _with_sum(flow: EnergyFlow, work: ContactWork) -> EnergyFlow:
+    """The flow with the work of all contacts of a kind."""
+    return _with_parts(flow, {name: jnp.sum(part) for name, part in work._asdict().items() if part is not None})
+
+
+def _with_parts(flow: EnergyFlow, parts: dict[str, Array]) -> EnergyFlow:
+    """The flow with so much more of these parts."""
+    return flow._replace(**{name: getattr(flow, name) + part for name, part in parts.items()})
 
 
 def heat_of_step(
-    sums: Sums, by_contact: tuple[EnergyFlow, ...], before: Motion, after: Motion, time_step: Array
+    sums: Sums, by_contact: tuple[ContactWork, ...], motions: tuple[Motion, Motion], time_step: Array
 ) -> Array:
     """(N,) what contacts and bonds take in a step, by what touches and is to be warmed: half of each, and all of a
     wall's [J]. What tangential and rolling springs store is counted as taken, see `stored_energy.strained`.
@@ -126,80 +197,15 @@ def heat_of_step(
     Two equal bodies share the heat of their contact by symmetry; others would by their effusivities, which are alike
     for grains of one material: J. C. Jaeger, Proc. R. Soc. N. S. W. 76 (1942) 203-224.
     """
-    total = jnp.zeros_like(before.velocity[0])
-    for contacts, flow in zip(sums.found, by_contact, strict=True):
-        taken = flow.damping + flow.liquid + flow.adhesion + flow.tangential + flow.rolling
+    total = jnp.zeros_like(motions[0].velocity[0])
+    for contacts, work in zip(sums.found, by_contact, strict=True):
+        taken = work.taken
         total = total + contacts.onto(taken if contacts.of_other is None else 0.5 * taken)
     if sums.bonded is not None:
-        _, taken, lost = _of_bonds(sums.bonded, before, after, time_step)
+        _, taken, lost = _of_bonds(sums.bonded, *motions, time_step)
         half = 0.5 * (taken + lost)
         total = total + sum_over_pairs(half, half, sums.bonded.pairs)
     return total
-
-
-def _of_contacts(
-    model: ContactModel, found: FoundContacts, before: Motion, after: Motion, time_step: Array, wall: Array | None
-) -> EnergyFlow:
-    """The same of every contact, arrays of their shape; `wall` as `pistons`, of the rows of the contacts."""
-    pair, load, normal = found.pair, found.load, found.pair.normal
-    parts = required(load.parts, "parts of the load")
-    half, half_spin = (
-        vectors.scale(0.5, vectors.subtract(getattr(after, name), getattr(before, name)))
-        for name in ("velocity", "angular_velocity")
-    )
-    # Of the mean velocities over the step; those of most walls are what they are in its middle.
-    velocity, half_of_wall = vectors.add(pair.velocity, found.of_one(half)), None
-    if wall is not None:
-        half_of_wall = tuple(0.5 * wall[:, k, None] for k in range(wall.shape[1]))
-        velocity = vectors.subtract(velocity, half_of_wall)
-    spin = vectors.add(pair.spin, found.of_one(half_spin))
-    turning = vectors.scale(pair.radius - 0.5 * pair.overlap, spin)
-    relative_spin = spin
-    if pair.other_spin is not None and found.of_other is not None:
-        velocity = vectors.subtract(velocity, found.of_other(half))
-        other = vectors.add(pair.other_spin, found.of_other(half_spin))
-        turning = vectors.add(turning, vectors.scale(pair.other_radius - 0.5 * pair.overlap, other))
-        relative_spin = vectors.subtract(spin, other)
-    elif pair.wall_spin is not None:
-        relative_spin = vectors.subtract(spin, pair.wall_spin)
-    approach = -vectors.dot(velocity, normal)
-    slip = vectors.subtract(tangent.part_in_plane(velocity, normal), tangent.surface_velocity(turning, normal))
-    rolling = vectors.dot(load.resistance, relative_spin) if load.resistance else jnp.zeros_like(approach)
-    walls = jnp.zeros_like(approach)
-    if pair.other_spin is None:
-        walls = _power_of_wall(found, before, half_of_wall)
-    conservative = load.along - parts.dashpot - parts.liquid
-    power = no_flow(approach)._replace(
-        walls=walls,
-        damping=parts.dashpot * approach,
-        liquid=parts.liquid * approach,
-        tangential=-vectors.dot(load.across, slip),
-        tangential_damping=-vectors.dot(parts.across, slip),
-        rolling=-rolling,
-        conservative=-conservative * approach,
-    )  # fmt: skip
-    work: EnergyFlow = jax.tree.map(lambda x: time_step * x, power)
-    if found.memory and model.cohesion is not None:
-        ((earlier, later),) = found.memory
-        closing = 2.0 * approach + vectors.dot(pair.velocity, normal)
-        gap = gap_of(pair, found.material)._replace(overlap=pair.overlap + 0.5 * time_step * closing)
-        constants = required(found.material.cohesion, "cohesion")
-        work = work._replace(adhesion=energy_lost(model.cohesion, gap, constants, earlier, later))
-    there = found.there
-    return work if there is None else jax.tree.map(lambda x: jnp.where(there, x, 0.0), work)
-
-
-def _power_of_wall(found: FoundContacts, before: Motion, half: Vector | None) -> Array:
-    """Power of a wall's forces on the particles, at the wall's velocity, which changes by twice `half` [W]."""
-    pair, load = found.pair, found.load
-    wall = vectors.subtract(found.of_one(before.velocity), pair.velocity)
-    if half is not None:
-        wall = vectors.add(wall, half)
-    force = vectors.add_scaled(tangent.in_space(load.across, pair.normal), load.along, pair.normal)
-    power = vectors.dot(force, wall)
-    if load.resistance and pair.wall_spin is not None:
-        power = power + vectors.dot(load.resistance, pair.wall_spin)
-    return power
 
 
 def _with_bonds(flow: EnergyFlow, found: FoundBonds, before: Motion, after: Motion, time_step: Array) -> EnergyFlow:

@@ -98,7 +98,8 @@ def _at_end(
     loads = None if carry.walls is None else total(blocks, carry.walls.summed(model))
     walls = jax.tree.map(lambda sum_: sum_ / interval.steps, loads)
     collision = total(blocks, carry.collision) / (interval.steps * present)
-    return state, neighbors, ContactMeans(collision, walls, carry.energy, carry.heat)
+    energy = None if carry.energy is None else carry.energy.summed()
+    return state, neighbors, ContactMeans(collision, walls, energy, carry.heat)
 
 
 def _reversible_loop(verlet: Verlet, carry: Carry, neighbors: Neighbors) -> tuple[Carry, Neighbors]:
@@ -118,11 +119,12 @@ def _fast_loop(verlet: Verlet, carry: Carry, neighbors: Neighbors) -> tuple[Carr
 
     def stretch(both: tuple[Carry, Neighbors]) -> tuple[Carry, Neighbors]:
         carry, neighbors = with_list_in_date(verlet, *both)
+        sizes = verlet.sizes_of_pairs(neighbors)
 
         # Whether the list covers the next step is found at the end of a step, beside its last drift: in the
         # condition of the loop the positions would be read again.
         def step_on(going: tuple[Carry, Array]) -> tuple[Carry, Array]:
-            carry = verlet.step(going[0], neighbors)
+            carry = verlet.step(going[0], neighbors, sizes)
             return carry, stale(verlet, carry, neighbors)
 
         carry, _ = lax.while_loop(

@@ -20,14 +20,15 @@ from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.clumps import kicked, normalised, turned
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
-from jaxdem.particles.contact_step import ContactStep, Surroundings
+from jaxdem.particles.contact_step import ContactStep, PairSizes, Surroundings
 from jaxdem.particles.contact_sums import Sums, WallLoads
-from jaxdem.particles.energy import EnergyFlow, flow_by_contact, flow_of_step, heat_of_step, no_flow, work_on_bodies
+from jaxdem.particles.energy import EnergyTally, heat_of_step, no_tally, with_step, work_by_contact, work_on_bodies
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.ghosts import NEVER
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, drift, kick
 from jaxdem.particles.moving_walls import PistonState, change_of_walls, pushed
 from jaxdem.particles.neighbors import Neighbors, way_of_meshes
+from jaxdem.particles.pair_forces import pair_sizes
 from jaxdem.particles.slab_steps import SlabCarry, moved_ghosts, refreshed, with_own_due
 from jaxdem.particles.stored_energy import spin_energies
 from jaxdem.particles.wear import no_wear
@@ -62,7 +63,7 @@ class Carry(NamedTuple):
     pistons: PistonState | None = None
     crowded: Array | None = None
     wear: tuple[Array | None, ...] = ()
-    energy: EnergyFlow | None = None
+    energy: EnergyTally | None = None
     heat: Array | None = None
 
 
@@ -103,7 +104,9 @@ class Verlet:
             pistons=state.pistons,
             crowded=jnp.zeros((), bool) if model.meshes else None,
             wear=no_wear(model.worn_cells, zero.dtype) if model.wears else (),
-            energy=no_flow(zero) if model.energy else None,
+            energy=no_tally(model, zero, neighbors.room.pairs if neighbors.room.slots else 0, len(touching))
+            if model.energy
+            else None,
             heat=zero if model.heats else None,
         )
         if division is not None:
@@ -114,8 +117,23 @@ class Verlet:
             carry = carry._replace(slab=slab._replace(due=jnp.where(late, 0, jnp.int32(NEVER))))
         return carry
 
-    def step(self, carry: Carry, neighbors: Neighbors) -> Carry:
-        """Half a drift, the contacts at the places between, the kick, and the other half; see `loop`."""
+    def sizes_of_pairs(self, neighbors: Neighbors) -> PairSizes | None:
+        """Of a list that stays for some steps; None where all particles are alike, and in a slab, whose ghosts change.
+
+        Gathered in every step they took a third of its time.
+        """
+        bodies = self.properties
+        if neighbors.room.slots == 0 or self.interval.division is not None:
+            return None
+        if bodies.clumps is None and bodies.radius.ndim == 0 and bodies.mass.ndim == 0:
+            return None
+        return pair_sizes(bodies.spheres(len(self.force[0])), neighbors.pairs)
+
+    def step(self, carry: Carry, neighbors: Neighbors, sizes: PairSizes | None = None) -> Carry:
+        """Half a drift, the contacts at the places between, the kick, and the other half; see `loop`.
+
+        `sizes` are those of the pairs, gathered where they are None.
+        """
         model, clumps, time_step = self.interval.model, self.properties.clumps, self.time_step
         (motion, expected, slab), energy = self._half_way(carry, neighbors)
         bodies = self.properties if carry.slab is None else carry.slab.properties
@@ -125,7 +143,8 @@ class Verlet:
         forces_of = contact_forces if clumps is None else clump_forces
         # The balance of energy looks at all contacts at once, and tiles are slower to run backwards.
         tiled = not (self.interval.reversible or model.energy)
-        now = ContactStep(model, around, bodies, motion, expected, time_step, self.active, tiled=tiled)
+        given = model, around, bodies, motion, expected, time_step, self.active
+        now = ContactStep(*given, tiled=tiled, pair_sizes=sizes)
         sums, before = forces_of(now, neighbors)
         motion = self._kicked(sums, before, bodies)
         pushed_pistons = None if pistons is None else self._pushed(pistons, elapsed, sums.walls)
@@ -168,7 +187,7 @@ class Verlet:
 
     def _half_way(
         self, carry: Carry, neighbors: Neighbors
-    ) -> tuple[tuple[Motion, Vector, SlabCarry | None], EnergyFlow | None]:
+    ) -> tuple[tuple[Motion, Vector, SlabCarry | None], EnergyTally | None]:
         """Motion in the middle of the step, the velocity to expect there, and the slab with its ghosts there; and the
         balance of energy."""
         motion, slab, clumps = drift(carry.motion, 0.5 * self.time_step), carry.slab, self.properties.clumps
@@ -182,14 +201,14 @@ class Verlet:
         return (motion, expected, slab), energy
 
     def _turned(
-        self, motion: Motion, clumps: Clumps, forwards: bool, energy: EnergyFlow | None
-    ) -> tuple[Motion, EnergyFlow | None]:
+        self, motion: Motion, clumps: Clumps, forwards: bool, energy: EnergyTally | None
+    ) -> tuple[Motion, EnergyTally | None]:
         """Clumps turned freely for half a step, and the energy that its error gives them."""
         after = turned(motion, clumps, 0.5 * self.time_step, forwards)
         if energy is None:
             return after, None
         gained = jnp.sum(spin_energies(after, self.properties) - spin_energies(motion, self.properties))
-        return after, energy._replace(turning=energy.turning + gained)
+        return after, energy.with_parts(turning=gained)
 
     def _kicked(self, sums: Sums, motion: Motion, bodies: ParticleProperties) -> Motion:
         """The motion after the impulses of a step."""
@@ -200,12 +219,12 @@ class Verlet:
 
     def _with_work(
         self,
-        so_far: tuple[EnergyFlow | None, Array | None],
+        so_far: tuple[EnergyTally | None, Array | None],
         sums: Sums,
         motions: tuple[Motion, Motion],
         neighbors: Neighbors,
         held: Array | None,
-    ) -> tuple[EnergyFlow | None, Array | None]:
+    ) -> tuple[EnergyTally | None, Array | None]:
         """Balance and heat with what contacts, bonds and given forces do in a step between two motions; None where none
         is kept. `held` is (S, D) by which the velocities of walls change that a force holds."""
         energy, heat = so_far
@@ -216,12 +235,11 @@ class Verlet:
             motions = motions[0], moved_ghosts(self.interval.division, neighbors, motions[1])
         if clumps is not None:
             motions = touching_motion(clumps, neighbors, motions[0]), touching_motion(clumps, neighbors, motions[1])
-        by_contact = flow_by_contact(self.interval.model, sums, *motions, self.time_step, held)
-        flow = flow_of_step(sums, by_contact, *motions, self.time_step)
-        added: EnergyFlow = jax.tree.map(jnp.add, energy, flow._replace(fluid=given))
+        by_contact = work_by_contact(self.interval.model, sums, motions, self.time_step, held)
+        energy = with_step(energy.with_parts(fluid=given), sums, by_contact, motions, self.time_step)
         if heat is not None:
-            heat = heat + on_bodies(clumps, heat_of_step(sums, by_contact, *motions, self.time_step))
-        return added, heat
+            heat = heat + on_bodies(clumps, heat_of_step(sums, by_contact, motions, self.time_step))
+        return energy, heat
 
     def _pushed(self, state: PistonState, elapsed: Array, loads: WallLoads | None) -> PistonState:
         """The pistons after a contact step, under the loads (M, N) of the particles on their surfaces."""

@@ -111,13 +111,13 @@ def test_work_of_the_fluid_by_the_forces_that_a_run_reports():
 
 
 def test_a_balance_without_the_dashpots_of_walls_does_not_close(monkeypatch):
-    honest = kernel._of_contacts
+    honest = kernel.work_of_contacts
 
     def careless(model, found, *given):
         work = honest(model, found, *given)
         return work._replace(damping=0.0 * work.damping) if found.pair.other_spin is None else work
 
-    monkeypatch.setattr(kernel, "_of_contacts", careless)
+    monkeypatch.setattr(kernel, "work_of_contacts", careless)
     assert abs(balance_of(with_tables(BOX, contact={"time_step": 1e-5}))["gained_relative"]) > 0.02
 
 
