@@ -76,10 +76,16 @@ def contact_bodies(particles: ParticleSetup) -> list[ContactBody]:
 
 
 def crowding(particles: ParticleSetup) -> float:
-    """Most contacts that a particle has room for, over those of a sphere: 1 of spheres [-]."""
+    """Most contacts that a particle has room for, or that it may have with one other, over those of a sphere: 1 of
+    spheres [-].
+
+    Those with one other act along one line on the whole body, so they feel its mass and not the share that those of a
+    single member feel.
+    """
     if particles.shapes is None:
         return 1.0
-    return max(particles.shapes.templates[kind].crowding for kind in np.unique(particles.bodies.shape))
+    kinds = [particles.shapes.templates[kind] for kind in np.unique(particles.bodies.shape)]
+    return max(max(one.crowding, one.facing * one.share_felt) for one in kinds)
 
 
 def effective(a: float, b: float) -> float:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from jaxdem.particles.union import covered, shadows, union_of
 from jaxdem.scene import Particles
@@ -17,6 +18,9 @@ from jaxdem.setup.turns import turned
 
 ALIKE = 1e-9
 """Moments of inertia that differ by less than this part are equal, and products that are smaller are none."""
+
+LEVEL = 0.02
+"""Members that end so near to a plane, in radii of the smallest, touch it together with those that touch it [-]."""
 
 
 class Template(NamedTuple):
@@ -81,6 +85,27 @@ class Template(NamedTuple):
         centres = self.centres if self.centres.shape[1] == 3 else np.insert(self.centres, 1, 0.0, axis=1)
         around = union_of(tuple(map(tuple, centres.tolist())), tuple((self.radii + small).tolist()))
         return around.surface / (16.0 * math.pi * small**2)
+
+    @property
+    def facing(self) -> float:
+        """Contacts that it may have at once with one body of its shape, all nearly along one line.
+
+        F members touch one plane: all of those in a row or of a flat shape, else the most on a face of the hull of
+        the centres. The members of the other body stand between them: two rows have 2 F - 1 contacts, two square
+        faces (2 sqrt(F) - 1)^2.
+        """
+        if len(self.radii) == 1:
+            return 1.0
+        dimension, apart = self.centres.shape[1], self.centres - self.centres.mean(axis=0)
+        sizes = np.linalg.svd(apart, compute_uv=False)
+        rank = int(np.sum(sizes > ALIKE * sizes[0]))
+        most = len(self.radii)
+        if rank == dimension:
+            planes = ConvexHull(self.centres).equations
+            height = self.centres @ planes[:, :-1].T + self.radii[:, None]
+            most = int(np.max(np.sum(height > np.max(height, axis=0) - LEVEL * self.radii.min(), axis=0)))
+        in_a_row = rank == 1 or dimension == 2
+        return 2.0 * most - 1.0 if in_a_row else (2.0 * math.sqrt(most) - 1.0) ** 2
 
 
 def template(shape: Shape | None, dimension: int) -> Template:

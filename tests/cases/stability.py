@@ -204,6 +204,10 @@ def rods() -> dict[str, dict[str, Any]]:
         "two rods, side by side": shape | {
             "position": [[4 * r, 4 * r], [4 * r, 4 * r + gap]], "orientation": [0.0, 0.0], "boundary": plane,
         },
+        "two rods, each member between two": shape | {
+            "position": [[4 * r, 4 * r], [4.5 * r, 4 * r + math.sqrt(gap**2 - 0.25 * r**2)]], "orientation": [0.0, 0.0],
+            "boundary": plane,
+        },
         "a rod that lies on a wall": shape | {
             "position": [[4 * r, near]], "orientation": [0.0], "boundary": x_periodic,
         },

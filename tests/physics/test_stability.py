@@ -7,6 +7,8 @@ import math
 
 import pytest
 
+from jaxdem.scene.shapes import Shape
+from jaxdem.setup.shapes import template
 from jaxdem.setup.stability import LinearContact, contact_stability_limit
 from tests.cases import extremes, stability, surface_stability
 
@@ -53,6 +55,30 @@ def test_predicted_contact_limit_is_safe_and_within_a_factor_of_two(name, materi
 @pytest.mark.parametrize(("name", "least"), [("pair", 0.98), ("square lattice of 5 x 5", 0.5)])
 def test_predicted_limit_of_bonds_is_exact_for_a_pair_and_safe_for_a_lattice(name, least):
     assert least <= stability.bond_limit_of(name, 0.4, 0.0).ratio <= 1.012
+
+
+def test_predicted_limit_of_smooth_rods_in_the_dips_of_each_other():
+    """Five contacts along nearly one line: by the surface of a rod alone the step would be a quarter too long."""
+    assert 0.5 <= stability.contact_limit("two rods, each member between two", "e = 1, mu = 0").ratio <= 1.012
+
+
+SQUARE = [[x, y, 0.0] for x in (0.0, 1.0) for y in (0.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("centres", "dimension", "contacts"),
+    [
+        ([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], 2, 5.0),
+        ([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], 2, 3.0),
+        ([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], 3, 5.0),
+        (SQUARE, 3, 9.0),
+        ([*SQUARE, [0.5, 0.5, 0.7]], 3, 9.0),
+    ],
+)
+def test_contacts_of_a_clump_with_one_other(centres, dimension, contacts):
+    """Of rows, squares, and a pyramid on its base."""
+    shape = Shape(name="any", centres=centres, radii=[1.0] * len(centres))
+    assert template(shape, dimension).facing == pytest.approx(contacts)
 
 
 def test_predicted_limit_of_spheres_that_hold_each_other():
