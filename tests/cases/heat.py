@@ -14,7 +14,8 @@ from scipy import integrate, special
 
 import jaxdem
 from jaxdem.failures import failures
-from tests.cases.registry import Figure, below, case, relative
+from tests.cases.energy import BOX, MASS, balance_of, with_tables
+from tests.cases.registry import Figure, at_least, below, case, relative
 
 AIR = {"fluid_heat_capacity": 1007.0, "fluid_conductivity": 0.026}
 AIR_DENSITY, AIR_VISCOSITY = 1.1854, 1.85e-5
@@ -315,3 +316,80 @@ def nusselt(rayleigh: float, cells: int) -> float:
     left, right = np.asarray(state.scalars.fields[0])[cells // 2 - 1 : cells // 2 + 1]
     flow = np.asarray(state.fluid.face_velocity[0])[cells // 2]
     return float(np.mean(flow * 0.5 * (left + right) - (right - left) * cells))
+
+
+def ring(cells: int) -> tuple[float, float]:
+    """Heat from the inner to the outer of two cylinders per length, and what is not kept over that."""
+    interval = 0.1 / cells**2
+    number = math.ceil(0.2 / interval)
+    walls = [
+        {"kind": "cylinder", "center": [0.503, 0.498], "radius": radius, "inside": radius > 0.3, "fluid": "no_slip",
+         "temperature": value}
+        for radius, value in ((0.2, 1.0), (0.45, 0.0))
+    ]  # fmt: skip
+    tables = {
+        "precision": "float64",
+        "domain": {"size": [1.0, 1.0], "depth": 1.0, "gravity": [0.0, 0.0]},
+        "fluid": {"cells": [cells, cells], "density": 1.0, "viscosity": 1.0, "time_step": interval},
+        "walls": walls,
+        "heat": {"fluid_heat_capacity": 1.0, "fluid_conductivity": 1.0, "fluid_temperature": 0.0},
+        "time": {"end": interval * number, "output_interval": interval},
+    }
+    scene = jaxdem.load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+
+    @jax.jit
+    def run(state: Any, count: Any) -> Any:
+        return lax.fori_loop(0, count, lambda _, state: simulation.step(parameters, state, None)[0], state)
+
+    passed = []
+    for count in (number, 10):
+        state = run(state, count)
+        passed.append(np.asarray(state.scalars.supplied.sides)[0][4:])
+    cut = parameters.fluid.cut
+    share = np.where(np.asarray(cut.open_cells) > 0.0, cut.open_cells + parameters.scalars.walls.lent, 0.0)
+    held = float(np.sum(share * np.asarray(state.scalars.fields[0]))) / cells**2
+    inner = (passed[1] - passed[0])[0] / (10.0 * interval)
+    return inner, (held - float(np.sum(passed[1]))) / float(np.sum(np.abs(passed[1])))
+
+
+@case(
+    "fluid between two cylinders",
+    "heat",
+    "conduction through a ring: 2 pi k (T_1 - T_2) / ln(r_2/r_1), of cylinders within the mesh",
+    fast={"coarse": 12, "fine": 24},
+)
+def between_cylinders(coarse: int = 20, fine: int = 40) -> list[Figure]:
+    """Heat that passes from a cylinder of radius 0.2 m to one of 0.45 m, through cells that they cut."""
+    exact = 2.0 * math.pi / math.log(0.45 / 0.2)
+    found = [ring(cells) for cells in (coarse, fine)]
+    errors = [abs(passed / exact - 1.0) for passed, _ in found]
+    return [
+        relative(f"heat through the ring, {fine}^2 cells", exact, found[1][0], 0.005 * (40.0 / fine) ** 2, "W/m"),
+        at_least("order of its error", 1.5, math.log(errors[0] / errors[1]) / math.log(fine / coarse)),
+        below("heat gained or lost, over that of the walls", max(abs(kept) for _, kept in found), 1e-12),
+    ]
+
+
+@case(
+    "heat of friction in a closed box",
+    "heat",
+    "conservation: kinetic, potential, elastic and thermal energy together",
+    fast={"end": 0.002},
+)
+def friction(end: float = 0.02) -> list[Figure]:
+    """Four grains that fall, slide and roll until they lie almost still, with springs against rolling."""
+    options = {"contact": {"rolling_friction": 0.1, "rolling_model": "epsd"}}
+    heat = {"particle_heat_capacity": 500.0, "particle_temperature": 0.0, "friction": True}
+    tables = with_tables(BOX, **options, heat=heat, time={"end": end, "output_interval": end})
+    found = balance_of(tables)
+    thermal = 500.0 * MASS * float(np.sum(np.asarray(found["state"].scalars.grains)))
+    turned_over = found["gained"] / found["gained_relative"]
+    taken = sum(found["dissipated"].values())
+    gained = sum(found["end"].values()) - sum(found["start"].values()) + thermal
+    return [
+        below("all energies together, change over what is turned over", abs(gained) / turned_over, 1e-6),
+        below("heat less what contacts took, the same", abs(thermal - taken) / turned_over, 1e-11),
+        at_least("part of it that became heat", 0.01, thermal / turned_over),
+    ]
