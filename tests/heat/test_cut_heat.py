@@ -18,7 +18,6 @@ from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.scalar_walls import LENT, scalar_geometry
 
 DIFFUSIVITY = 0.7
-CLOSED = ("closed",) * 4
 
 
 def resting(grid, surfaces, kinds, value, flux):
@@ -28,13 +27,14 @@ def resting(grid, surfaces, kinds, value, flux):
     lent, exchange, area, smallest = scalar_geometry(grid, cut, on_corners(grid, nearest), LENT)
     walls = ScalarWalls(*map(jnp.asarray, (lent, exchange, area, value, flux)))
     cut = jax.tree.map(jnp.asarray, cut)
-    still = tuple(jnp.zeros(grid.face_shape(axis)) for axis in range(2))
-    stream = Stream(still, 1.0, 1.0, (1.0, 1.0))
+    still = tuple(jnp.zeros(grid.face_shape(axis)) for axis in range(grid.dimension))
+    stream = Stream(still, 1.0, 1.0, (1.0,) * grid.dimension)
     given = jnp.asarray(DIFFUSIVITY), 1.0, walls.value, walls.flux
     stream = between_surfaces(stream, walls, cut, kinds, given)
-    sides = Boundary(tuple(Side(k // 2, bool(k % 2), "periodic" if grid.periodic[0] else "no_slip") for k in range(4)))
-    field = ScalarField("dye", CLOSED, True, 1, kinds)
-    numbers = ScalarNumbers(jnp.asarray(DIFFUSIVITY), jnp.zeros(4), jnp.zeros(4))
+    kind, ends = "periodic" if grid.periodic[0] else "no_slip", 2 * grid.dimension
+    sides = Boundary(tuple(Side(k // 2, bool(k % 2), kind) for k in range(ends)))
+    field = ScalarField("dye", ("closed",) * ends, True, 1, kinds)
+    numbers = ScalarNumbers(jnp.asarray(DIFFUSIVITY), jnp.zeros(ends), jnp.zeros(ends))
     capacity = jnp.where(cut.open_cells > 0.0, stream.surfaces.capacity(1.0), 0.0)
     return ScalarTransport(grid, sides, field, numbers, stream), capacity, smallest
 
@@ -46,22 +46,25 @@ def after(transport, smallest, start, duration):
     return jax.jit(lambda value: transport.advance(value, duration, jnp.asarray(steps), False))(start)
 
 
+CENTRE = (0.503, 0.498, 0.501)
+
+
 @functools.cache
-def annulus(cells):
-    """Heat through both surfaces of a ring of radii 0.2 and 0.45, values 1 and 0, over the exact one, and what is not
-    kept."""
-    grid = Grid((cells, cells), (1.0, 1.0), 1.0, (False, False))
+def annulus(cells, dimension=2):
+    """Heat through both surfaces of a ring or shell of radii 0.2 and 0.45, values 1 and 0, over the exact one, and what
+    is not kept."""
+    grid = Grid((cells,) * dimension, (1.0,) * dimension, 1.0, (False,) * dimension)
 
     def radius(points):
-        return np.hypot(points[..., 0] - 0.503, points[..., 1] - 0.498)
+        return np.sqrt(np.sum((points - np.asarray(CENTRE[:dimension])) ** 2, axis=-1))
 
     surfaces = (lambda points: radius(points) - 0.2, lambda points: 0.45 - radius(points))
     transport, capacity, smallest = resting(grid, surfaces, ("value", "value"), [1.0, 0.0], [0.0, 0.0])
-    start = jnp.zeros((cells, cells))
+    start = jnp.zeros(grid.cells)
     value, to_steady = after(transport, smallest, start, 0.15)
     kept = float(jnp.sum(capacity * value)) * grid.cell_volume - float(jnp.sum(to_steady))
-    passed = after(transport, smallest, value, 0.01)[1][4:] / 0.01
-    exact = 2.0 * np.pi * DIFFUSIVITY / np.log(0.45 / 0.2)
+    passed = after(transport, smallest, value, 0.01)[1][2 * dimension :] / 0.01
+    exact = 2.0 * np.pi * DIFFUSIVITY / (np.log(0.45 / 0.2) if dimension == 2 else 0.5 * (1.0 / 0.2 - 1.0 / 0.45))
     return np.asarray(passed) / exact, kept
 
 
@@ -73,6 +76,34 @@ def test_heat_through_a_ring():
         assert abs(kept) < 1e-13
     errors = [abs(passed[0] - 1.0) for passed, _ in (coarse, fine)]
     assert errors[1] < 0.005 and errors[0] > 3.0 * errors[1], errors
+
+
+def test_heat_between_spheres():
+    passed, kept = annulus(20, 3)
+    assert abs(kept) < 1e-13
+    assert abs(passed[0] - 1.0) < 0.03 and passed[0] == pytest.approx(-passed[1], rel=1e-4)
+
+
+def test_slope_by_the_value_of_a_surface():
+    """Backwards through the steps: what is in the ring, by the value of its inner surface, against a difference."""
+    grid = Grid((12, 12), (1.0, 1.0), 1.0, (False, False))
+
+    def distance(points):
+        return np.hypot(points[..., 0] - 0.503, points[..., 1] - 0.498) - 0.2
+
+    transport, capacity, _ = resting(grid, (distance,), ("value",), [1.0], [0.0])
+    surfaces = transport.stream.surfaces
+
+    @jax.jit
+    def held(value):
+        given = surfaces._replace(value=value + 0.0 * surfaces.value)
+        here = transport._replace(stream=transport.stream._replace(surfaces=given))
+        found, _ = here.advance(jnp.zeros((12, 12)), 0.01, jnp.asarray(6), True)
+        return jnp.sum(capacity * found**2)
+
+    slope = float(jax.jit(jax.grad(held))(1.0))
+    assert slope == pytest.approx(float(held(1.001) - held(0.999)) / 0.002, rel=1e-6)
+    assert slope > 1.0
 
 
 def tilted(cells, kinds, value, flux):
