@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 from jaxdem.errors import InputError
@@ -78,18 +78,3 @@ def require_divisible(simulation: Simulation) -> None:
         if one.there(simulation):
             limit = f"several devices do not work with {one.what}"
             raise InputError(one.key, one.value, limit, "run it on one device")
-
-
-def require_plain_run(asked: Mapping[str, tuple[bool, object, str]]) -> None:
-    """Refuses what a run does beside its steps, and cannot do on several devices.
-
-    Args:
-        asked: by key or option, whether the run asks for it, its value, and a remedy.
-
-    Raises:
-        InputError: it asks for one.
-    """
-    for key, (given, value, remedy) in asked.items():
-        if given:
-            limit = "does not work on several devices yet"
-            raise InputError(key, value, limit, f"{remedy}, or run on one device")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -26,10 +24,8 @@ from jaxdem.probes.base import Interval, Probe
 from jaxdem.run.exported import compiled, jitted
 from jaxdem.run.numbers import NO_NUMBERS, LoopNumbers, loop_numbers, with_numbers
 from jaxdem.run.probing import Probed, Rows, Watch, nothing_yet, probed
-from jaxdem.scalar_step import FlowOfInterval, advance_scalars
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
-from jaxdem.step import advance_fluid, advance_particles
 
 CHUNK = 64
 """Most intervals of a chunk. All chunks of a run share one program, whatever their length."""
@@ -176,58 +172,23 @@ class SlabProgram:
 def _advance_in_slabs(static: tuple[Mesh, Simulation, tuple[Probe, ...] | None], *given: Any) -> Chunk:
     """`advance` of the slabs of several devices; static are these, what each does, and its probes, None for none."""
     mesh, structure, probes = static
-    # What a probe sums up is that of all slabs; of one that selects each slab has its own rows.
-    rows: Any = tuple(Rows(SLABS if probe.SELECTS else SAME, SAME, SAME) for probe in probes or ())
-    seen: Any = None if probes is None else Probed(SAME, rows)
-    result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, seen, SLABS)
+    result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, _probed_in_slabs(probes), SLABS)
     chunk: Chunk = on_slabs(mesh, partial(advance, structure), (SAME, SAME, STATE, SLABS, SAME, SAME), result)(*given)
     return chunk
 
 
-class ProfiledProgram:
-    """Fluid and particles as programs of their own, timed in every interval as the stages `fluid_part` and
-    `particle_part`."""
+def probed_in_slabs(watch: Watch | None) -> Any:
+    """How what probes find is spread over slabs, a tree of `SAME` and `SLABS`; None without probes."""
+    return _probed_in_slabs(None if watch is None else watch.probing.probes)
 
-    most = 1
 
-    def __init__(
-        self,
-        simulation: Simulation,
-        parameters: Parameters,
-        state: State,
-        neighbors: Neighbors | None,
-        timed: Callable[[str], AbstractContextManager[None]],
-        watch: Watch | None = None,
-    ) -> None:
-        self._simulation, self._timed = simulation, timed
-        fluid = jax.jit(partial(advance_fluid, simulation))
-        forces = jax.eval_shape(fluid, parameters, state)[1]
-        self._fluid = fluid.lower(parameters, state).compile()
-        particles = jax.jit(partial(advance_particles, simulation))
-        self._particles = particles.lower(parameters, state, neighbors, forces, state.scalars).compile()
-        self._scalars = None if simulation.scalars is None else jax.jit(partial(advance_scalars, simulation))
-        self._probe = None if watch is None else jax.jit(partial(probed, simulation))
-
-    def __call__(
-        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
-    ) -> Chunk:
-        """See `Program`."""
-        with self._timed("fluid_part"):
-            fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
-        scalars, flow = None, FlowOfInterval(fluid, forces, of_fluid)
-        with self._timed("particle_part"):
-            if self._scalars is not None:
-                scalars, of_fluid = self._scalars(parameters, state, neighbors, flow)
-            moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces, scalars))
-            particles, neighbors, of_particles, places, scalars = moved
-        diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
-        records = jax.tree.map(lambda value: value[None], _records(diagnostics))
-        code = failures(self._simulation, diagnostics)
-        new, seen = State(particles, fluid, state.step + 1, scalars), None
-        if watch is not None and self._probe is not None:
-            interval = Interval(state, new, neighbors, diagnostics)
-            seen = self._probe(parameters, watch.probing, interval, nothing_yet(watch, new, neighbors, self.most))
-        return Chunk(new, neighbors, diagnostics, records, code, jnp.int32(1), seen)
+def _probed_in_slabs(probes: tuple[Probe, ...] | None) -> Any:
+    """What a probe sums up is that of all slabs; of one that selects each slab has its own rows."""
+    if probes is None:
+        return None
+    rows: Any = tuple(Rows(SLABS if probe.SELECTS else SAME, SAME, SAME) for probe in probes)
+    found: Any = Probed(SAME, rows)
+    return found
 
 
 def most_intervals(seconds: float) -> int:
@@ -260,30 +221,30 @@ def advance(
     step = jax.jit(lambda *given: simulation.step(*given))
     shapes = jax.eval_shape(step, parameters, state, neighbors)[2]
     blank = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
-    records = jax.tree.map(lambda a: jnp.zeros((CHUNK, *a.shape), a.dtype), _records(shapes))
+    records = jax.tree.map(lambda a: jnp.zeros((CHUNK, *a.shape), a.dtype), records_of(shapes))
     zero = jnp.zeros((), jnp.int32)
 
     def interval(chunk: Chunk) -> Chunk:
         state, neighbors, diagnostics = step(parameters, chunk.state, chunk.neighbors)
-        records = jax.tree.map(lambda all_, one: all_.at[chunk.done].set(one), chunk.records, _records(diagnostics))
+        records = jax.tree.map(lambda all_, one: all_.at[chunk.done].set(one), chunk.records, records_of(diagnostics))
         code, seen = failures(simulation, diagnostics), chunk.probed
         if watch is not None and seen is not None:
             seen = probed(
                 simulation, parameters, watch.probing, Interval(chunk.state, state, neighbors, diagnostics), seen
             )
-        return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1, seen, _identity(chunk.state))
+        return Chunk(state, neighbors, diagnostics, records, code, chunk.done + 1, seen, identity_of(chunk.state))
 
     seen = None if watch is None else nothing_yet(watch, state, neighbors, CHUNK)
-    start = Chunk(state, neighbors, blank, records, zero, zero, seen, _identity(state))
+    start = Chunk(state, neighbors, blank, records, zero, zero, seen, identity_of(state))
     return lax.while_loop(lambda chunk: (chunk.done < count) & (chunk.code == 0), interval, start)
 
 
-def _identity(state: State) -> Array | None:
+def identity_of(state: State) -> Array | None:
     """Who the rows of a state are; None on one device."""
     return None if state.particles is None else state.particles.identity
 
 
-def _records(diagnostics: Diagnostics) -> Records:
+def records_of(diagnostics: Diagnostics) -> Records:
     """The figures of an interval."""
     found: dict[str, Any] = {}
     for part in (diagnostics.particles, diagnostics.fluid, diagnostics.exchange):

@@ -29,9 +29,10 @@ from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import Probe
-from jaxdem.run.chunk import ChunkProgram, ProfiledProgram, Program, SlabProgram
+from jaxdem.run.chunk import ChunkProgram, Program, SlabProgram
 from jaxdem.run.instant import InSlabs, Instant
 from jaxdem.run.probing import Rows, Watch, of_all_slabs
+from jaxdem.run.profiled import ProfiledProgram
 from jaxdem.run.restart import from_arrays, to_arrays
 from jaxdem.setup.builder import Case
 from jaxdem.setup.stored import REMEDY, ROWS, SLAB_AXIS, SLAB_COUNT, stored
@@ -152,7 +153,8 @@ class Slabs:
         return distributed(self.simulation, self.case.parameters, state, neighbors)
 
     def program(self, state: State, neighbors: Neighbors | None, watch: Watch | None, timed: Timed | None) -> Program:
-        return SlabProgram(self.simulation, self.case.parameters, state, neighbors, watch)
+        given = (self.simulation, self.case.parameters, state, neighbors)
+        return SlabProgram(*given, watch) if timed is None else ProfiledProgram(*given, timed, watch)
 
     def whole(self, instant: Instant) -> Instant:
         forces = instant.forces

@@ -35,10 +35,10 @@ def estimate_stages(
     """Wall time by stage [s], and the names of those that are estimates.
 
     A step is one program. What of its time is the fluid's and what the particles' is measured in a run with `profile`;
-    in a run that is long enough the fluid's part is compiled alone, replayed at the final state and multiplied by the
-    number of intervals. Neighbour builds, exchange between particles and mesh, and drag law are parts of these two,
-    found in the same way; the rest is `contact` and `fluid`. What is shorter than `worth_splitting` [s] is not told
-    apart: its stages are null.
+    on one device, in a run that is long enough, the fluid's part is compiled alone, replayed at the final state and
+    multiplied by the number of intervals. Neighbour builds, exchange between particles and mesh, and drag law are parts
+    of these two, found in the same way; the rest is `contact` and `fluid`. What is shorter than `worth_splitting` [s],
+    and on several devices, is not told apart: its stages are null.
     """
     simulation, parameters = case.simulation, case.parameters
     state, neighbors = instant.state, instant.neighbors
@@ -48,7 +48,7 @@ def estimate_stages(
     estimated: list[str] = []
     if simulation.fluid is None or simulation.contact is None:
         fluid, particles = (0.0, step) if simulation.fluid is None else (step, 0.0)
-    elif not fluid and step > worth_splitting:
+    elif not fluid and step > worth_splitting and instant.slabs is None:
         fluid = min(_fluid_time(simulation, parameters, state) * totals.intervals, step)
         particles = step - fluid
         estimated = ["contact", "fluid"]
@@ -67,7 +67,7 @@ def estimate_stages(
         share = min(_neighbors_time(simulation, state, neighbors) * totals.builds, particles)
         stages |= {"neighbors": share, "contact": particles - share}
         estimated += ["neighbors", "contact"]
-    if simulation.coupling is not None and fluid is not None and fluid > worth_splitting:
+    if simulation.coupling is not None and fluid is not None and fluid > worth_splitting and instant.slabs is None:
         drag, seen, transfer = _exchange_times(simulation, parameters, state)
         drag = min(drag * totals.intervals, fluid)
         coupling = min(seen * totals.intervals + transfer * totals.fluid_steps, fluid - drag)

@@ -11,7 +11,6 @@ import jax
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.devices import divided
-from jaxdem.devices.refused import require_plain_run
 from jaxdem.io import Run, RunDirectory, load_run, run_folder
 from jaxdem.io.probes import Columns
 from jaxdem.io.run_folder import CHECKPOINT, START
@@ -87,7 +86,6 @@ def placement_of(case: Case, options: RunOptions) -> Placement:
     """
     if options.devices is None or options.devices == 1:
         return OneDevice(case)
-    require_plain_run({"--profile": (options.profile, None, "leave it out")})
     given = (None, 0) if case.particles is None else (case.particles.position, case.particles.total)
     return Slabs(case, divided(case.simulation, options.devices, *given))
 

@@ -199,7 +199,6 @@ def test_a_message_comes_once(scene, tmp_path):
     for arguments, text in (
         (("--processes", 2, "--devices", 3), "must be a multiple of the number of processes, 2"),
         (("--processes", 2, "--set", "particles.count=-1"), "particles.count"),
-        (("--devices", 2, "--profile"), "--profile"),
     ):
         done = command("run", scene, "--out", tmp_path / "run", *arguments)
         assert done.returncode == 2 and done.stderr.count("jaxdem:") == 1 and text in done.stderr, done.stderr

@@ -91,7 +91,8 @@ def tables_of_all():
         "inlet": [{"start": [0.02, 0.17], "stop": [0.38, 0.2], "rate": 1000.0, "velocity": [0.5, -1.0],
                    "temperature": 280.0, "total": 18}],
     }  # fmt: skip
-    return tables | {"time": {"end": 0.04, "output_interval": 0.02}}
+    gate = {"name": "gate", "kind": "plane", "axis": "x", "at": 0.22, "interval": 0.01}
+    return tables | {"probes": [gate], "time": {"end": 0.04, "output_interval": 0.02}}
 
 
 @pytest.fixture(scope="module")
@@ -147,3 +148,17 @@ def test_a_run_begins_from_one_in_slabs(runs):
     for expected, found in zip(*states, strict=True):
         assert apart(expected, found) < 1e-10
     assert np.ptp(states[0][0]) > 20.0
+
+
+def test_a_profiled_run_in_slabs_is_the_same(runs, tmp_path):
+    """Fluid, scalars, particles and probes by programs of their own, each over both devices."""
+    tables = tables_of_all() | {"time": {"end": 0.02, "output_interval": 0.02}}
+    profiled = jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "run", devices=2, profile=True)
+    for name in ("temperature", "position", "velocity"):
+        there = profiled.particles(-1)["active"] == 1
+        assert apart(runs[0].particles(1)[name][there], profiled.particles(-1)[name][there]) < 1e-10, name
+    assert apart(runs[0].fluid(1)["dye"], profiled.fluid(-1)["dye"]) < 1e-10
+    for column, values in profiled.probes["gate"].items():
+        np.testing.assert_allclose(values, runs[0].probes["gate"][column][: len(values)], rtol=1e-9, err_msg=column)
+    stages = profiled.summary["stages_s"]
+    assert stages["fluid"] > 0.0 and stages["contact"] > 0.0

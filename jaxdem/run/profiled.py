@@ -1,0 +1,100 @@
+"""Fluid and particles of an interval as programs of their own, timed one by one: what `--profile` runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.devices import DividedSimulation
+from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, on_slabs, put
+from jaxdem.failures import failures
+from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.probes.base import Interval
+from jaxdem.run.chunk import Chunk, Records, identity_of, probed_in_slabs, records_of
+from jaxdem.run.probing import Probed, Watch, nothing_yet, probed
+from jaxdem.scalar_step import FlowOfInterval, advance_scalars
+from jaxdem.simulation import Simulation
+from jaxdem.state import Diagnostics, Parameters, State
+from jaxdem.step import advance_fluid, advance_particles
+
+
+class ProfiledProgram:
+    """See `Program`; the stages are `fluid_part` and `particle_part`. On several devices each part is a program over
+    all of them."""
+
+    most = 1
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        parameters: Parameters,
+        state: State,
+        neighbors: Neighbors | None,
+        timed: Callable[[str], AbstractContextManager[None]],
+        watch: Watch | None = None,
+    ) -> None:
+        self._mesh = simulation.mesh if isinstance(simulation, DividedSimulation) else None
+        self._timed, own = timed, simulation.of_slab() if isinstance(simulation, DividedSimulation) else simulation
+        keeps_flux = own.fluid is not None and own.fluid.solver.keeps_flux
+        report: Any = SAME
+        if keeps_flux:
+            report = FluidDiagnostics(*(SAME,) * len(FluidDiagnostics._fields))._replace(flux=SLABS)
+        flow: Any = FlowOfInterval(SLABS, SLABS, report)
+        fluid = self._part(partial(advance_fluid, own), (SAME, STATE), (SLABS, SLABS, report, SAME))
+        parameters = self._same(parameters)
+        forces = jax.eval_shape(fluid, parameters, state)[1]
+        self._fluid = fluid.lower(parameters, state).compile()
+        moved = (SLABS, SLABS, SAME, SLABS, SLABS)
+        particles = self._part(partial(advance_particles, own), (SAME, STATE, SLABS, SLABS, SLABS), moved)
+        self._particles = particles.lower(parameters, state, neighbors, forces, state.scalars).compile()
+        self._scalars = self._part(partial(advance_scalars, own), (SAME, STATE, SLABS, flow), (SLABS, SAME))
+        self._carries_scalars = own.scalars is not None
+        self._closed = self._part(partial(_closed, own), (DIAGNOSTICS, SAME), (SAME, SAME, SAME))
+        given: Any = (SAME, SAME, Interval(STATE, STATE, SLABS, DIAGNOSTICS))
+        self._probe = self._part(partial(_seen, own), given, probed_in_slabs(watch))
+
+    def _part(self, function: Callable[..., Any], given: Any, result: Any) -> Any:
+        """A part, compiled when it is called; how its arguments and results are spread over slabs."""
+        return jax.jit(function if self._mesh is None else on_slabs(self._mesh, function, given, result))
+
+    def _same(self, tree: Any) -> Any:
+        return tree if self._mesh is None else put(self._mesh, tree, SAME)
+
+    def __call__(
+        self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
+    ) -> Chunk:
+        """See `Program`."""
+        parameters = self._same(parameters)
+        with self._timed("fluid_part"):
+            fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
+        scalars, flow = None, FlowOfInterval(fluid, forces, of_fluid)
+        with self._timed("particle_part"):
+            if self._carries_scalars:
+                scalars, of_fluid = self._scalars(parameters, state, neighbors, flow)
+            moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces, scalars))
+            particles, neighbors, of_particles, places, scalars = moved
+        diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
+        records, code, step = self._closed(diagnostics, state.step)
+        new, seen = State(particles, fluid, step, scalars), None
+        if watch is not None:
+            seen = self._probe(parameters, self._same(watch), Interval(state, new, neighbors, diagnostics))
+        return Chunk(new, neighbors, diagnostics, records, code, jnp.int32(1), seen, identity_of(state))
+
+
+def _closed(simulation: Simulation, diagnostics: Diagnostics, step: Array) -> tuple[Records, Array, Array]:
+    """Figures and flags of an interval, and the number of the next."""
+    records: Records = jax.tree.map(lambda value: value[None], records_of(diagnostics))
+    return records, failures(simulation, diagnostics), step + 1
+
+
+def _seen(simulation: Simulation, parameters: Parameters, watch: Watch, interval: Interval) -> Probed:
+    """What the probes find in an interval."""
+    before = nothing_yet(watch, interval.after, interval.neighbors, ProfiledProgram.most)
+    return probed(simulation, parameters, watch.probing, interval, before)
