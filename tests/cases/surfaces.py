@@ -64,14 +64,23 @@ def orifice_plate(orifice: float, radius: float, sides: int = 48) -> trimesh.Tri
 
 
 def saved(mesh: trimesh.Trimesh, path) -> str:
-    """The file of a mesh; PLY holds coordinates in float64."""
+    """The file of a mesh; PLY holds coordinates in float64, which trimesh reads but does not write."""
     path = str(path)
-    data = mesh.export(file_type="ply", encoding="ascii") if path.endswith(".ply") else mesh.export(
-        file_type=path.rpartition(".")[2]
-    )  # fmt: skip
+    data = _ply(mesh) if path.endswith(".ply") else mesh.export(file_type=path.rpartition(".")[2])
     with open(path, "wb") as file:
         file.write(data if isinstance(data, bytes) else data.encode())
     return path
+
+
+def _ply(mesh: trimesh.Trimesh) -> str:
+    """Text of a PLY file; 17 digits give every float64 back."""
+    header = [
+        "ply", "format ascii 1.0",
+        f"element vertex {len(mesh.vertices)}", *(f"property double {axis}" for axis in "xyz"),
+        f"element face {len(mesh.faces)}", "property list uchar int vertex_indices", "end_header",
+    ]  # fmt: skip
+    points = [" ".join(f"{x:.17g}" for x in point) for point in mesh.vertices]
+    return "\n".join([*header, *points, *(f"3 {a} {b} {c}" for a, b, c in mesh.faces)]) + "\n"
 
 
 def grains_scene(walls, position, velocity=None, spin=None, precision="float64", **given) -> dict:
