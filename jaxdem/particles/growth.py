@@ -120,7 +120,7 @@ def _relaxed(
         power = float(np.sum(force * velocity))
         if power > 0.0:
             downhill += 1
-            ahead = np.linalg.norm(velocity) / max(float(np.linalg.norm(force)), 1e-300 * unit)
+            ahead = _length(velocity) / max(_length(force), 1e-300 * unit)
             velocity = (1.0 - mixing) * velocity + mixing * ahead * force
             if downhill > 5:
                 step, mixing = min(1.1 * step, LONGEST_STEP), 0.99 * mixing
@@ -131,6 +131,12 @@ def _relaxed(
     position = _into_periods(region, position)
     inside = bool(region.inside(position, given).all())
     return position, min(part * (1.0 + MARGIN), 1.0) if inside else min(part, 1.0 - 1e-6)
+
+
+def _length(vectors: np.ndarray) -> float:
+    """Of all vectors as one. Not by the library of `np.linalg.norm`, which gives large sums to several threads: its
+    bits, and so the pack, would depend on their number, and it waits for cores that other programs have."""
+    return float(np.sqrt(np.sum(vectors * vectors)))
 
 
 def _pushes(
