@@ -197,6 +197,21 @@ def test_wrong_probes_are_refused(probe, match):
         build_case(jaxdem.load_scene({**SHEET, "probes": [PLANE, probe]}))
 
 
+def test_every_wall_may_have_a_probe():
+    """By its name where a file may have it and no other probe has; what is measured already is not measured again."""
+    planes = [{"kind": "plane", "point": [0.01 * k, 0.0], "normal": [1.0, 0.0]} for k in range(5)]
+    for plane, name in zip(planes, (None, "Gate", "a/b", "lid", "floor"), strict=True):
+        plane |= {} if name is None else {"name": name}
+    probes = [{"name": "gate", "kind": "plane", "axis": "x", "at": 0.01}, {"name": "of", "kind": "wall", "wall": "lid"}]
+    given = SHEET | {"walls": planes, "probes": probes, "output": {"walls": True}}
+    scene = jaxdem.load_scene(given)
+    found = [(probe.name, probe.wall) for probe in scene.probes]
+    assert found == [("gate", None), ("of", "lid"), ("wall_0", 0), ("wall_1", 1), ("wall_2", 2), ("floor", 4)]
+    assert all(probe.average and probe.interval == scene.time.output_interval for probe in scene.probes)
+    assert jaxdem.load_scene(scene.tables()).probes == scene.probes
+    assert len(jaxdem.load_scene(given | {"output": {}}).probes) == 2
+
+
 def test_walls_have_names():
     """A probe by the name of a wall is that by its number; two walls of one name are refused."""
     plane = {"kind": "plane", "point": [0.39, 0.0], "normal": [-1.0, 0.0]}

@@ -14,7 +14,7 @@ from jaxdem.report.runs import Array
 
 SHOWN = {
     "plane": ("number_flow", "mass_flow", "fluid_volume_flow"),
-    "wall": ("force", "torque", "power", "fluid_force", "fluid_torque"),
+    "wall": ("force", "torque", "power", "mass_in_contact", "fluid_force", "fluid_torque"),
     "point": ("fluid_velocity", "fluid_pressure"),
     "profile": ("solid_fraction", "velocity", "granular_temperature", "stress", "fluid_velocity", "void_fraction"),
 }
@@ -31,6 +31,8 @@ def probe_panels(rows: Sequence[Row]) -> list[Panel]:
         for name, table in probes_of(row).items():
             described = _described(row, name)
             for column in _shown(described, table):
+                if len(rows) == 1 and described.get("kind") == "wall" and not np.any(table[column]):
+                    continue  # of a wall that nothing touches
                 panel = found.setdefault(f"{name}/{column}", _axes(row, name, column, described))
                 if panel.x_label == _axes(row, name, column, described).x_label:
                     found[f"{name}/{column}"] = _with(panel, _series(row, table, column, described, len(rows) == 1))

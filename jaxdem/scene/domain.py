@@ -167,8 +167,12 @@ class Output(Section):
             [s].
         energy: whether the energy that contacts give and take is summed in every contact step, for the balance of
             energy in the summary.
+        walls: whether what is done to every wall of `[[walls]]` is written over time: force, torque, mass of the
+            particles that touch it, and power of one that moves. Each that has no probe of kind "wall" gets one, of its
+            name, or wall_K by the number of its table.
     """
 
     samples: NonNegative = 0.0
     checkpoint_interval: NonNegative = 60.0
     energy: bool = False
+    walls: bool = False

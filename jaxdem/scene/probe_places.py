@@ -11,7 +11,7 @@ from jaxdem.numerics.axes import AXES
 from jaxdem.scene.base import nearest
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.domain import Box
-from jaxdem.scene.probes import CLOSED, MEANS, Probe
+from jaxdem.scene.probes import CLOSED, MEANS, Probe, is_file_name
 from jaxdem.scene.walls import Wall
 
 
@@ -26,6 +26,7 @@ class ProbePlace:
         with_particles, with_fluid: what the scene has.
         walls: of the scene.
         boundary: sides of the box by name.
+        every_wall: whether each of the walls has a probe.
     """
 
     box: Box
@@ -35,6 +36,7 @@ class ProbePlace:
     with_fluid: bool
     walls: tuple[Wall, ...]
     boundary: Mapping[str, BoundarySide]
+    every_wall: bool = False
 
     @property
     def axes(self) -> str:
@@ -49,7 +51,7 @@ def completed_probes(probes: tuple[Probe, ...], place: ProbePlace) -> tuple[Prob
         InputError: two have one name, or one does not fit the box or the time.
     """
     result, names = [], set[str]()
-    for k, probe in enumerate(probes):
+    for k, probe in enumerate(_with_every_wall(probes, place) if place.every_wall else probes):
         key = f"probes.{k}"
         # Some file systems do not tell capital letters from small ones.
         if probe.name.lower() in names:
@@ -58,6 +60,20 @@ def completed_probes(probes: tuple[Probe, ...], place: ProbePlace) -> tuple[Prob
         PLACES[probe.kind](key, probe, place)
         result.append(_timed(key, probe, place))
     return tuple(result)
+
+
+def _with_every_wall(probes: tuple[Probe, ...], place: ProbePlace) -> tuple[Probe, ...]:
+    """The probes, and one of every wall that none of them measures."""
+    measured = {number_of(probe.wall, place.walls) for probe in probes if probe.wall is not None}
+    taken = {probe.name.lower() for probe in probes}
+    added = []
+    for number, wall in enumerate(place.walls):
+        if number not in measured:
+            own = wall.name if wall.name is not None and is_file_name(wall.name) else ""
+            name = own if own and own.lower() not in taken else f"wall_{number}"
+            taken.add(name.lower())
+            added.append(Probe(name=name, kind="wall", wall=number))
+    return (*probes, *added)
 
 
 def _timed(key: str, probe: Probe, place: ProbePlace) -> Probe:

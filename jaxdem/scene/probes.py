@@ -32,8 +32,13 @@ MEANS = ("plane", "wall")
 """Kinds whose rows are means over time unless the scene says otherwise."""
 
 
+def is_file_name(value: str) -> bool:
+    """Whether a probe may have this name."""
+    return FILE_NAME.fullmatch(value) is not None and not value.startswith(".")
+
+
 def _file_name(value: str) -> str:
-    if not FILE_NAME.fullmatch(value) or value.startswith("."):
+    if not is_file_name(value):
         limit = "is the name of a file: up to 100 letters, digits, '_', '-' and '.', the first a letter, digit or '_'"
         raise wrong("", value, limit, "choose another name")
     return value

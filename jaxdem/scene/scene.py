@@ -203,7 +203,7 @@ def completed(scene: Scene) -> Scene:
     has = found.particles is not None, found.fluid is not None
     _check_surface(found)
     time = found.time
-    place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary)
+    place = ProbePlace(found.box, time.end, time.output_interval, *has, found.walls, found.boundary, found.output.walls)
     found = found.model_copy(update={"probes": completed_probes(found.probes, place)})
     if found.coupling is not None and found.coupling.basset and found.comes_and_goes:
         limit = "its history is kept only for particles that are present from the start to the end"

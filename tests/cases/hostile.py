@@ -104,7 +104,7 @@ COUPLED: Tables = {
     },
     "closure": {},
     "time": {"end": 0.02, "output_interval": 0.01},
-    "output": {"samples": 0.0, "checkpoint_interval": 60.0},
+    "output": {"samples": 0.0, "checkpoint_interval": 60.0, "energy": False, "walls": True},
 }
 """Grains and water in a plane."""
 
