@@ -277,7 +277,8 @@ def _draw_walls(axis: Axes, walls: Solid, box: tuple[float, float]) -> None:
     """What is solid in grey, and the surface as a line; that of a section on top of the grains that are before it."""
     extent = (0.0, box[0], 0.0, box[1])
     axis.imshow(
-        walls.share.T, origin="lower", extent=extent, cmap=WALL, norm=Normalize(0.0, 1.0), aspect="equal", zorder=0.5
+        walls.shown_share.T, origin="lower", extent=extent, cmap=WALL, norm=Normalize(0.0, 1.0), aspect="equal",
+        zorder=0.5,
     )  # fmt: skip
     if walls.distance.min() < 0.0 < walls.distance.max():
         x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(walls.distance.shape, box, strict=True))

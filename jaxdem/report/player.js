@@ -1,4 +1,4 @@
-// Plays all runs of the page at the same output time. The frames are described in player.py, `_encoded`.
+// Plays all runs of the page at the same output time. The frames are described in player.py, `_planes`.
 (() => {
   const root = document.getElementById("player");
   const data = JSON.parse(document.getElementById("player-data").textContent);
@@ -28,7 +28,19 @@
       }
     const canvas = new OffscreenCanvas(nx, nz);
     canvas.getContext("2d").putImageData(image, 0, 0);
-    return canvas;
+    return { canvas, lines: linesOf(await unpacked(solid.lines)), over: solid.over };
+  }
+
+  // Lines of points as parts of the box, see `_lines` in player.py.
+  function linesOf(bytes) {
+    const view = new DataView(bytes.buffer), number = view.getUint32(0, true), lines = [];
+    for (let k = 0, at = 4 * (number + 1); k < number; k++) {
+      const points = [];
+      for (let left = view.getUint32(4 * (k + 1), true); left > 0; left--, at += 4)
+        points.push([view.getUint16(at, true) / 65535, view.getUint16(at + 2, true) / 65535]);
+      lines.push(points);
+    }
+    return lines;
   }
   // Of each run the sets of walls that it has in turn.
   const walls = Promise.all(data.runs.map((run) => Promise.all(run.walls.map(pictureOf))));
@@ -72,6 +84,18 @@
     }
   }
 
+  // Over grains with a white edge, so that it shows on dark ones.
+  function drawEdges(pen, walls, wide, high) {
+    const path = new Path2D(), pixel = window.devicePixelRatio || 1;
+    for (const points of walls.lines)
+      points.forEach(([x, z], k) => path[k ? "lineTo" : "moveTo"](x * wide, (1 - z) * high));
+    for (const [width, color] of walls.over ? [[3, "#ffffff"], [1.5, data.edge]] : [[1.5, data.edge]]) {
+      pen.lineWidth = width * pixel;
+      pen.strokeStyle = color;
+      pen.stroke(path);
+    }
+  }
+
   function drawOpenings(pen, run, wide, high) {
     const scale = wide / run.box[0];
     pen.lineWidth = 4 * (window.devicePixelRatio || 1);
@@ -95,8 +119,10 @@
       if (f && f.nx * f.nz) drawFluid(pen, f, canvas.width, canvas.height);
       pen.imageSmoothingEnabled = true;
       const walls = solid[i][run.wall[number]];
-      if (f && walls) pen.drawImage(walls, 0, 0, canvas.width, canvas.height);
+      if (f && walls) pen.drawImage(walls.canvas, 0, 0, canvas.width, canvas.height);
+      if (f && walls && !walls.over) drawEdges(pen, walls, canvas.width, canvas.height);
       if (f) drawGrains(pen, f, i, canvas.width, canvas.height);
+      if (f && walls && walls.over) drawEdges(pen, walls, canvas.width, canvas.height);
       if (f) drawOpenings(pen, run, canvas.width, canvas.height);
     });
     slider.value = number;

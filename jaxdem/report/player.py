@@ -126,8 +126,17 @@ def _packed(data: bytes) -> str:
     return base64.b64encode(zlib.compress(data, 6)).decode("ascii")
 
 
+def _lines(lines: Sequence[Array], box: tuple[float, float]) -> bytes:
+    """Lines of walls as the script reads them, little endian: uint32 number of lines, that of the points of each, then
+    uint16 x and height of every point (65535 is the box's side)."""
+    counts = np.array([len(lines), *map(len, lines)], "<u4")
+    points = np.concatenate([np.zeros((0, 2)), *lines])
+    return counts.tobytes() + np.clip(np.rint(points / box * 65535), 0, 65535).astype("<u2").tobytes()
+
+
 def _data(clip: _Clip) -> dict[str, object]:
-    """Of a run: its frames, and its walls: points along x and up, and how solid each is.
+    """Of a run: its frames, and its walls: points along x and up, how solid each is, and the lines of their surfaces,
+    over the grains where they are those of a section.
 
     Walls that come or vanish make another set of walls; each frame has the number of its set, -1 for none.
     """
@@ -138,7 +147,12 @@ def _data(clip: _Clip) -> dict[str, object]:
         "box": clip.box,
         "radius": clip.radius,
         "walls": [
-            {"points": walls.share.shape, "share": _packed(_bytes(walls.share.T.ravel(), 1.0).tobytes())}
+            {
+                "points": walls.share.shape,
+                "share": _packed(_bytes(walls.shown_share.T.ravel(), 1.0).tobytes()),
+                "lines": _packed(_lines(walls.outlines(clip.box), clip.box)),
+                "over": walls.is_section,
+            }
             for walls in sets.values()
         ],
         "wall": [-1 if walls is None else numbers[id(walls)] for walls in clip.walls],
@@ -156,6 +170,7 @@ def _html(clips: Sequence[_Clip], times: Array, tops: Tops) -> str:
         "water": [to_hex(pictures.WATER(level)) for level in range(256)],
         "grains": [to_hex(pictures.GRAINS(level)) for level in range(256)],
         "wall": to_hex(pictures.WALL(255), keep_alpha=True),
+        "edge": pictures.WALL_EDGE,
         "runs": [_data(clip) for clip in clips],
     }
     quantities = [name for name in QUANTITIES if name in tops and (name != "drag" or "fluid" in tops)]
@@ -187,8 +202,11 @@ def _caption(clips: Sequence[_Clip], shown: int, outputs: int) -> str:
     parts = ["Discs have their true radius, but are at least one pixel wide. All runs have the same colour scale."]
     if any(clip.row.run.dimension == 3 for clip in clips):
         parts.append(
-            "3-D runs are seen from the front. The speed of the fluid and the walls are averaged over the depth."
+            "3-D runs are seen from the front. The speed of the fluid is averaged over the depth; a wall is the darker "
+            "the more of the depth it takes."
         )
+    if any(walls.is_section for clip in clips for walls in clip.walls if walls is not None):
+        parts.append("Lines over the grains are the section of the walls at half depth.")
     if any(clip.first and clip.first.liquid is not None for clip in clips):
         parts.append("Of two fluids the liquid is shown, pale where it is at rest.")
     if any(clip.first and clip.first.openings for clip in clips):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from contourpy import contour_generator
 from scipy.spatial import KDTree
 
 from jaxdem.io.wall_file import read_walls
@@ -49,6 +50,22 @@ class Solid:
     share: Array
     distance: Array
     is_section: bool = False
+
+    @property
+    def shown_share(self) -> Array:
+        """Share as pictures have it (nx, nz): a section by its square root, so that what is a small part of the depth,
+        such as a pillar or a blade before or behind the section, is seen."""
+        return np.sqrt(self.share) if self.is_section else self.share
+
+    def outlines(self, box: Sequence[float]) -> list[Array]:
+        """Lines (P, 2) of points (x, height) along the surface at half depth [m].
+
+        Args:
+            box: length and height of the picture [m].
+        """
+        x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(self.distance.shape, box, strict=True))
+        found: list[Array] = contour_generator(x, z, self.distance.T).lines(0.0)
+        return found
 
 
 class Opening(NamedTuple):

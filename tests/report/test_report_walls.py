@@ -124,7 +124,7 @@ def test_in_3d_walls_are_averaged_over_the_depth(make: Any) -> None:
     share = np.asarray(axis.images[0].get_array())
     x = (np.arange(share.shape[1]) + 0.5) / share.shape[1] - 0.6
     chord = 2.0 * np.sqrt(np.maximum(0.01 - x**2, 0.0)) / 0.4
-    np.testing.assert_allclose(share, np.broadcast_to(chord, share.shape), atol=0.05)
+    np.testing.assert_allclose(share**2, np.broadcast_to(chord, share.shape), atol=0.05)
     assert "walls averaged over the depth" in pictures.view(run, pictures.take(run, 0))
 
 
@@ -132,7 +132,7 @@ def test_a_wall_across_the_view_has_no_outline(make: Any) -> None:
     """A plane parallel to the front, at a quarter of the depth: a quarter solid, free at half depth."""
     axis = drawn(walled(make, 3, {"kind": "plane", "point": [0.0, 0.1, 0.0], "normal": [0.0, 1.0, 0.0]}))
     assert not [item for item in axis.collections if isinstance(item, ContourSet)]
-    np.testing.assert_allclose(np.asarray(axis.images[0].get_array()), 0.25, atol=0.05)
+    np.testing.assert_allclose(np.asarray(axis.images[0].get_array()), 0.5, atol=0.05)
 
 
 def test_openings_are_drawn_on_their_sides(make: Any) -> None:
@@ -185,6 +185,16 @@ def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypa
     share = np.frombuffer(zlib.decompress(base64.b64decode(solid["share"])), np.uint8).reshape(nz, nx)
     assert data["wall"] == [0, 0, 0]
     assert share[round(0.5 / 0.8 * nz), round(0.6 * nx)] == 255 and share[round(0.9 * nz), round(0.5 * nx)] == 0
+    assert solid["over"] is False
+    lines = zlib.decompress(base64.b64decode(solid["lines"]))
+    number = int(np.frombuffer(lines, "<u4", 1)[0])
+    points = np.frombuffer(lines, "<u2", offset=4 * (number + 1)).reshape(-1, 2) / 65535.0 * SIZE[2]
+    assert len(points) == np.frombuffer(lines, "<u4", number, 4).sum()
+    disc = np.hypot(*(points - [0.6, 0.5]).T)
+    height = 0.1 + np.where(points[:, 0] < 0.5, 1.2 * (0.5 - points[:, 0]), 0.6 * (points[:, 0] - 0.5))
+    on_disc = np.abs(disc - 0.1) < 2e-3
+    np.testing.assert_allclose(points[~on_disc, 1], height[~on_disc], atol=2e-3)
+    assert 0.1 < on_disc.mean() < 0.9
     assert data["openings"] == [{"color": pictures.OPENINGS["outlet"], "corners": [0.0, 0.0, 1.0, 0.0]}]
 
 
