@@ -3,7 +3,9 @@
 python benchmarks/dosta.py --folder runs/dosta
 jaxdem run scenes/drum_with_lifters.toml --out runs/lifters
 jaxdem run scenes/slope.toml --out runs/slope
-python docs/tools/mesh_scenes.py runs/dosta/impact runs/dosta/silo_M1_large runs/dosta/drum runs/lifters runs/slope
+jaxdem run scenes/direct_shear.toml --out runs/shear
+python docs/tools/mesh_scenes.py runs/dosta/impact runs/dosta/silo_M1_large runs/dosta/drum
+python docs/tools/mesh_scenes.py runs/lifters runs/slope runs/shear
 
 The name of the folder says what is drawn.
 """
@@ -104,9 +106,40 @@ def slope(run: Run) -> None:
     save(figure, "slope")
 
 
+def shear(run: Run) -> None:
+    """The shear box before and after, and shear stress over normal stress; prints the angles of friction.
+
+    Both stresses are forces over the same section, that of the box.
+    """
+    figure, axes = panels(2, 11.6, 3.4)
+    scene = run.scene
+    begin = scene["walls"][1]["motion"][0]["begin"]
+    speed = scene["walls"][1]["motion"][0]["velocity"][0]
+    frames(figure, axes[:-1], run, (begin, float(run.times[-1])))
+    left, right, lid = (run.probes[name] for name in ("left", "right", "lid"))
+    time = np.asarray(lid["time"])
+    section = 0.1 * scene["domain"]["depth"]
+    shear_force = sum(np.asarray(one["force_x"]) for one in (left, right, lid))
+    ratio, moved = shear_force / np.asarray(lid["force_z"]), speed * (time - begin)
+    shown = moved > 0.0
+    axes[-1].plot(1e3 * moved[shown], 1e-3 * shear_force[shown] / section)
+    normal = 1e-3 * float(np.mean(np.asarray(lid["force_z"])[shown])) / section
+    axes[-1].set(xlabel="displacement of the upper half [mm]", ylabel="shear stress [kPa]", ylim=(0.0, None))
+    axes[-1].set_title(f"under {normal:.0f} kPa", fontsize="medium")
+    late = moved > 0.01
+    peak, rest = float(np.max(ratio[shown])), float(np.mean(ratio[late]))
+    for name, value, style in (("largest", peak, ":"), ("mean from 10 mm on", rest, "--")):
+        angle = np.degrees(np.arctan(value))
+        axes[-1].axhline(normal * value, color="gray", linestyle=style, label=f"{name}: {angle:.1f} degrees")
+        print(f"{name}: ratio {value:.3f}, angle of friction {angle:.1f} degrees")
+    print(f"largest at {1e3 * moved[shown][np.argmax(ratio[shown])]:.1f} mm; normal stress {normal:.1f} kPa")
+    axes[-1].legend(fontsize="small", loc="lower right")
+    save(figure, "direct_shear")
+
+
 def main() -> None:
     """All runs that are named."""
-    drawn = {"impact": impact, "silo": silo, "drum": drum, "lifters": lifters, "slope": slope}
+    drawn = {"impact": impact, "silo": silo, "drum": drum, "lifters": lifters, "slope": slope, "shear": shear}
     for name in sys.argv[1:]:
         drawn[Path(name).name.partition("_")[0]](jaxdem.load_run(name))
 
