@@ -64,8 +64,8 @@ class Solid:
             box: length and height of the picture [m].
         """
         x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(self.distance.shape, box, strict=True))
-        found: list[Array] = contour_generator(x, z, self.distance.T).lines(0.0)
-        return found
+        lines = contour_generator(x, z, self.distance.T, line_type="Separate").lines(0.0)
+        return [np.asarray(line) for line in lines]
 
 
 class Opening(NamedTuple):
