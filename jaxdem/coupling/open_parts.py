@@ -12,7 +12,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.cut_friction import friction_of
 from jaxdem.fluid.grid import FaceField, Grid, along
-from jaxdem.fluid.open_faces import LEAST_OPEN
+from jaxdem.fluid.open_faces import LEAST_OPEN, links_of
 from jaxdem.numerics.host import namespace
 from jaxdem.solids.clipping import positive_part
 
@@ -90,8 +90,8 @@ def cut_cells(
     has_open = open_faces_of_cells(grid, faces.open_part) > 0.0
     still = tuple(xp.zeros_like(a) for a in faces.open_part)
     return CutCells(
-        tuple(faces.open_part), xp.where(has_open, cells, 0.0), tuple(friction), still, tuple(faces.nearest),
-        _nearest(stacked, axes),
+        tuple(faces.open_part), xp.where(has_open, cells, 0.0), links_of(grid, tuple(faces.open_part)),
+        tuple(friction), still, tuple(faces.nearest), _nearest(stacked, axes),
     )  # fmt: skip
 
 

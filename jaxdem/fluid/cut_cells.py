@@ -33,7 +33,6 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
-from jaxdem.fluid.open_faces import padded
 
 LEAST_INERTIA = 0.5
 """Of a control volume, in parts of a whole one [-]."""
@@ -45,6 +44,8 @@ class CutCells(NamedTuple):
     Attributes:
         open_faces: a, part of every face that is open; 0 for a closed one [-].
         open_cells: part of the volume of every cell; 0 for one without an open face [-].
+        links: of every component and along every axis, what control volumes that follow each other share, see
+            `open_faces.links_of` [-].
         friction: R, on the faces [1/m2].
         velocity: u_w of the nearest surface, on the faces [m/s].
         nearest_to_faces: int32, number of the surface that is nearest to every face.
@@ -58,6 +59,7 @@ class CutCells(NamedTuple):
 
     open_faces: FaceField
     open_cells: Array
+    links: tuple[FaceField, ...]
     friction: FaceField
     velocity: FaceField
     nearest_to_faces: FaceField
@@ -77,11 +79,17 @@ class CutCells(NamedTuple):
 
     def pushed(self, faces: Sequence[CellOrOne]) -> FaceField:
         """What a gradient on the whole control volumes does to the velocities: times a/M."""
-        return tuple(a / m * f for a, m, f in zip(self.open_faces, self.inertia, faces, strict=True))
+        # a/M is 1 or a/LEAST_INERTIA.
+        share = (jnp.minimum(a / LEAST_INERTIA, 1.0) for a in self.open_faces)
+        return tuple(s * f for s, f in zip(share, faces, strict=True))
 
     def on_open(self, faces: Sequence[CellOrOne]) -> FaceField:
         """The faces, zero where they are closed."""
         return tuple(jnp.where(a > 0.0, f, 0.0) for a, f in zip(self.open_faces, faces, strict=True))
+
+    def on_closed(self, faces: Sequence[CellOrOne]) -> FaceField:
+        """The faces, zero where they are open."""
+        return tuple(jnp.where(a > 0.0, 0.0, f) for a, f in zip(self.open_faces, faces, strict=True))
 
     def growth(self, rate: Array | float, closed_box: bool) -> Array:
         """Rate of change of the volume of fluid in every cell, over that of a whole cell [1/s].
@@ -137,8 +145,6 @@ class CutCells(NamedTuple):
             around: the component with two layers beyond either end.
             which, axis: component, and axis along which the control volumes follow each other.
         """
-        is_open = padded(grid, self.open_faces, which, axis) > 0.0
-        below, above = along(is_open, axis, None, -1), along(is_open, axis, 1, None)
-        near = along(around, axis, 1, -1)
-        of_one = jnp.where(below, along(near, axis, None, -1), along(near, axis, 1, None))
-        return jnp.where(below & above, value, of_one)
+        link, near = self.links[which][axis], along(around, axis, 1, -1)
+        of_one = jnp.where(link < 0.0, along(near, axis, 1, None), along(near, axis, None, -1))
+        return jnp.where(link > 0.0, value, of_one)

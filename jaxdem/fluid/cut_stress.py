@@ -21,7 +21,7 @@ from jaxdem.fluid.grid import (
     sum_of,
     sum_of_fields,
 )
-from jaxdem.fluid.open_faces import continued, padded
+from jaxdem.fluid.open_faces import continued
 
 
 class CutViscosity(NamedTuple):
@@ -49,11 +49,12 @@ class CutViscosity(NamedTuple):
 
 def cut_stress(
     grid: Grid, sides: Sides, cut: CutCells, velocity: FaceField, viscosity: CutViscosity, compressed: bool
-) -> tuple[FaceField, FaceField]:
+) -> tuple[FaceField, FaceField | None]:
     """nu sum b (u_n - u)/h^2 on the faces, without the friction on surfaces [m/s2]; and what closed faces gain of it.
 
     Where the void fraction changes, nu/3 grad(div u) is added between whole cells. What the same gradient would give to
-    other faces is the second result: the surfaces take it. With an eddy viscosity see `transposed_stress` too.
+    other faces is the second result: the surfaces take it. With an eddy viscosity see `transposed_stress` too; without
+    both it is None.
 
     Args:
         grid: the grid.
@@ -69,8 +70,7 @@ def cut_stress(
         terms = []
         for axis in range(grid.dimension):
             near = along(with_ghosts(grid, sides, u, which, axis), axis, 1, -1)
-            weight = padded(grid, cut.open_faces, which, axis)
-            link = jnp.minimum(along(weight, axis, None, -1), along(weight, axis, 1, None))
+            link = jnp.maximum(cut.links[which][axis], 0.0)
             flux = link * (along(near, axis, 1, None) - along(near, axis, None, -1)) / grid.spacing[axis]
             if eddy is not None:
                 flux = (viscosity.molecular + at_links(grid, eddy, which, axis)) * flux
@@ -86,7 +86,7 @@ def cut_stress(
         result.append(total if eddy is not None else viscosity.molecular * total)
         lost.append(outside if eddy is not None else viscosity.molecular * outside)
     if eddy is None:
-        return tuple(result), tuple(lost)
+        return tuple(result), None if expansion is None else tuple(lost)
     turned, left = transposed_stress(grid, sides, cut, velocity, eddy)
     return sum_of_fields(tuple(result), turned), sum_of_fields(tuple(lost), left)
 

@@ -31,6 +31,8 @@ class FluidState(NamedTuple):
             fluid alone, see `second_fluid` [-].
         liquid_supplied: (1 + 2 D,) liquid of the start, and what has come in through every side since, lower before
             upper; None where there is one fluid alone [m3].
+        pressure_change: of `pressure` in the last step: where the solver between surfaces begins, see `cut_projection`;
+            None without surfaces [Pa].
     """
 
     face_velocity: FaceField
@@ -40,6 +42,7 @@ class FluidState(NamedTuple):
     pressure_slope: FaceField | None = None
     liquid_fraction: Array | None = None
     liquid_supplied: Array | None = None
+    pressure_change: Array | None = None
 
 
 class StillDistances(NamedTuple):

@@ -26,6 +26,7 @@ from jaxdem.fluid.advection import AdvectionScheme, advection
 from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.cut_eddy import eddy_beside_surfaces
+from jaxdem.fluid.cut_projection import CutContinuity
 from jaxdem.fluid.cut_stress import CutViscosity, cut_stress, seen_stress
 from jaxdem.fluid.diffusion import strain_rates, stress_divergence
 from jaxdem.fluid.drive import Drive, given_gradient, held
@@ -54,6 +55,7 @@ from jaxdem.fluid.subgrid_stress import (
     subgrid_flow,
     subgrid_stress,
 )
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time
 
@@ -62,16 +64,16 @@ class _Rates(NamedTuple):
     """What a stage of the Runge-Kutta method gives, on the faces [m/s2].
 
     Attributes:
-        total: rate of change of g u by advection and stress.
+        total: rate of change of g u by advection and stress; on faces that a surface closes, what these would gain.
         stress: divergence of the stress over density.
         on_sides: load of stress and advection on the sides over density, see `side_forces`; None unless measured.
-        to_closed: what faces that a surface closes would gain, on all faces [m/s2]; None without surfaces.
+        lost: what surfaces take of the stress besides, see `cut_stress`; None where they take nothing [m/s2].
     """
 
     total: FaceField
     stress: FaceField
     on_sides: Array | None = None
-    to_closed: FaceField | None = None
+    lost: FaceField | None = None
 
 
 @static
@@ -138,6 +140,8 @@ class FluidSolver:
             state.pressure, predicted, begun.open_new, push
         )
         fluid = FluidState(velocity, pressure, begun.void_fraction, mean_gradient)
+        if state.pressure_change is not None:
+            fluid = fluid._replace(pressure_change=pressure - state.pressure)
         flux = product(begun.open_new, velocity) if self.keeps_flux else None
         result = FluidStep(fluid, mean.stress, report, remaining, flux=flux)
         exchange = None if particles is None else particles.exchange
@@ -193,7 +197,9 @@ class FluidSolver:
             friction = product(weight, tuple(time_step * nu * r for nu, r in held))
             mobility, shift = cut.moved(mobility, shift, new, friction)
             pull = cut.pushed(pull)
-        continuity = Continuity(grid, self.boundary, growth, cut)
+        continuity: Continuity | CutContinuity = Continuity(grid, self.boundary, growth)
+        if cut is not None:
+            continuity = CutContinuity(grid, self.boundary, growth, cut, state.pressure_change)
         return _Step(
             self, properties, state, void_fraction, time, time_step, (old, new), (open_old, open_new), weight,
             continuity, mobility, shift, pull, at_surfaces,
@@ -226,7 +232,9 @@ class FluidSolver:
         parts = zip(viscosity.on_faces(self.grid), cut.friction, fluid.face_velocity, cut.velocity, strict=True)
         held_back = tuple(nu * r * (u - w) for nu, r, u, w in parts)
         stress = seen_stress(self.grid, self.boundary, cut, mean.stress, held_back)
-        on_faces = sum_of_fields(held_back, required(mean.to_closed, "to_closed of the rates"))
+        on_faces = sum_of_fields(held_back, cut.on_closed(mean.total))
+        if mean.lost is not None:
+            on_faces = sum_of_fields(on_faces, mean.lost)
         on_faces = tuple(properties.density * f for f in on_faces)
         if particles is not None and particles.exchange is not None:
             solids = 1.0 - (particles.void_fraction if particles.weighting is None else particles.weighting)
@@ -384,17 +392,15 @@ class FluidSolver:
     ) -> _Rates:
         """Rates of a stage between surfaces, from those of advection; `fluid` are viscosity and void fraction."""
         viscosity, void_fraction = fluid
-        stress = lost = tuple(jnp.zeros_like(u) for u in velocity)
+        stress, lost = tuple(jnp.zeros_like(u) for u in velocity), None
         if self.viscous:
             stress, lost = cut_stress(self.grid, sides, cut, velocity, viscosity, void_fraction is not None)
         if cut.swept is not None:
             kept = face_average(self.grid, cut.swept)
             rates = tuple(r - u * g for r, u, g in zip(rates, velocity, kept, strict=True))
-        on_open = zip(rates, weight, stress, cut.inertia, strict=True)
-        total = cut.on_open(tuple((r + g * s) / m for r, g, s, m in on_open))
-        on_closed = zip(rates, lost, cut.open_faces, strict=True)
-        to_closed = tuple(jnp.where(a > 0.0, 0.0, r) + s for r, s, a in on_closed)
-        return _Rates(total, stress, None, to_closed)
+        parts = zip(cut.open_faces, rates, weight, stress, cut.inertia, strict=True)
+        total = tuple(jnp.where(a > 0.0, (r + g * s) / m, r) for a, r, g, s, m in parts)
+        return _Rates(total, stress, lost=lost)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -426,7 +432,7 @@ class _Step:
     whole: tuple[tuple[CellOrOne, ...], tuple[CellOrOne, ...]]
     open: tuple[tuple[CellOrOne, ...], tuple[CellOrOne, ...]]
     weight: tuple[CellOrOne, ...]
-    continuity: Continuity
+    continuity: Continuity | CutContinuity
     mobility: tuple[Array | float, ...]
     shift: tuple[Array | float, ...]
     pull: tuple[Array | float, ...]
@@ -451,6 +457,7 @@ class _Step:
     def advanced(self, rates: FaceField) -> FaceField:
         """Velocity after the whole step at these rates of g u [m/s2], with implicit drag and the old pressure."""
         solver, cut, (old, new) = self.solver, self.properties.cut, self.whole
+        rates = rates if cut is None else cut.on_open(rates)
         parts = zip(old, self.state.face_velocity, rates, self.pull, self.shift, self.mobility, strict=True)
         moved = tuple((g * u + self.time_step * (rate - p) + extra) * m for g, u, rate, p, extra, m in parts)
         moved = set_normal_velocity(solver.grid, solver.sides(self.properties, self.end), moved, new)
@@ -458,7 +465,14 @@ class _Step:
 
     def rates(self, flux: FaceField, velocity: FaceField, void_fraction: Array | None, time: Array) -> _Rates:
         """Of a stage."""
-        return self.solver.rates(self.properties, flux, velocity, self.weight, void_fraction, time)
+
+        def compute() -> _Rates:
+            return self.solver.rates(self.properties, flux, velocity, self.weight, void_fraction, time)
+
+        if self.properties.cut is None:
+            return compute()
+        # The velocity and the loads on surfaces are both made of them; see `numerics.stages`.
+        return stage(self.time_step > 0.0, compute)
 
     def predicted(self) -> tuple[_Rates, FaceField]:
         """Mean rates, and the velocity that they lead to, before the projection."""

@@ -45,6 +45,22 @@ def padded(grid: Grid, open_faces: FaceField, which: int, axis: int) -> Array:
     return xp.concatenate((ends[0], faces, ends[1]), axis)
 
 
+def links_of(grid: Grid, open_faces: FaceField) -> tuple[FaceField, ...]:
+    """b = min(a, a_n) of the control volumes on either side of the surfaces between them, of every component and along
+    every axis, with what is beyond the sides of the box: 0 where the lower one alone is open, -1 where the upper one
+    alone is, or none."""
+    found = []
+    for which in range(grid.dimension):
+        row = []
+        for axis in range(grid.dimension):
+            wide = padded(grid, open_faces, which, axis)
+            below, above = along(wide, axis, None, -1), along(wide, axis, 1, None)
+            xp = namespace(below)
+            row.append(xp.where(below > 0.0, xp.minimum(below, above), -1.0).astype(below.dtype))
+        found.append(tuple(row))
+    return tuple(found)
+
+
 def _open_side(grid: Grid, open_faces: FaceField, which: int, axis: int, upper: bool) -> Array:
     """What is open of a side of the box beside every face of a component."""
     side = along(open_faces[axis], axis, *((-1, None) if upper else (0, 1)))

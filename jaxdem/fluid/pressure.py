@@ -26,8 +26,8 @@ from jaxdem.numerics.blocks import total
 from jaxdem.numerics.products import PRECISION
 
 MAXIMUM_ITERATIONS = 200
-SMALL_DIAGONAL = 0.7
-"""Of the matrix in a cut cell, over that of a whole one, under which it is inverted by itself too [-]."""
+OF_SMALL = 0.5
+"""Weight of what one over the diagonal is in a cut cell beyond that of a whole one [-]."""
 
 
 class SolverReport(NamedTuple):
@@ -184,8 +184,8 @@ def with_cut_cells(grid: Grid, boundary: Boundary, inverse, coefficient):  # typ
         whole = whole + 2.0 * factor
     has_fluid = diagonal > 0.0
     mean = jnp.sum(diagonal) / jnp.sum(has_fluid.astype(diagonal.dtype)) / whole
-    small = has_fluid & (diagonal < SMALL_DIAGONAL * mean * whole)
-    local = jnp.where(small, 1.0 / jnp.where(small, diagonal, 1.0), 0.0)
+    own = 1.0 / jnp.where(has_fluid, diagonal, mean * whole)
+    local = OF_SMALL * jnp.maximum(own - 1.0 / (mean * whole), 0.0)
     return lambda r: inverse(r) / mean + local * r
 
 

@@ -11,7 +11,7 @@ from jax import Array
 from jaxdem.fluid.boundary import Boundary, with_outflow
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidState
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, agreed, along, box_largest, box_mean, divergence, sum_of
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, agreed, along, box_largest, box_mean, divergence
 from jaxdem.fluid.multigrid import multigrid
 from jaxdem.fluid.pressure import (
     PressureProblem,
@@ -22,25 +22,20 @@ from jaxdem.fluid.pressure import (
     solve_pressure,
 )
 
-FLUX_TOLERANCE = 1e-3
-"""Largest divergence of the flux that carries momentum between surfaces within a step, in units of U/h."""
-
 
 class Continuity(NamedTuple):
-    """What a flux must satisfy: div(g u) = -d(g)/dt.
+    """What a flux must satisfy: div(g u) = -d(g)/dt. Between surfaces within the mesh see `CutContinuity`.
 
     Attributes:
         grid: the mesh; static.
         boundary: its sides; static.
         growth: d(g)/dt, rate of change of the void fraction [1/s].
-        cut: surfaces within the mesh; void fraction and growth are then of the open parts. None without.
         jumps: whether what a pressure gradient changes jumps between cells, as the density of two fluids does.
     """
 
     grid: Grid
     boundary: Boundary
     growth: Array | float
-    cut: CutCells | None = None
     jumps: bool = False
 
     def corrected(self, flux: FaceField) -> FaceField:
@@ -52,26 +47,12 @@ class Continuity(NamedTuple):
         """
         grid = self.grid
         excess = divergence(grid, flux) + self.growth
-        if self.cut is not None:
-            return self._between_surfaces(flux, excess, self.cut)
         if self.boundary.has_outlet:
             flux = with_outflow(grid, self.boundary, flux, -box_mean(grid, excess))
             excess = divergence(grid, flux) + self.growth
         potential = fast_inverse(grid, None)(excess)
         slope = pressure_gradient(grid, _closed(self.boundary), potential)
         return tuple(f + s for f, s in zip(flux, slope, strict=True))
-
-    def _between_surfaces(self, flux: FaceField, excess: Array, cut: CutCells) -> FaceField:
-        """The same through open fractions, to `FLUX_TOLERANCE`: the projection after it is exact."""
-        grid = self.grid
-        scale = sum_of(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
-        # Of a flow that is slower than the volumes change, what is left of that counts.
-        scale = jnp.maximum(scale, box_largest(grid, jnp.abs(excess)))
-        potential, _ = solve_pressure(
-            grid, self.boundary, cut.open_faces, excess, FLUX_TOLERANCE * scale, cut.open_cells > 0.0
-        )
-        slope = pressure_gradient(grid, self.boundary, potential)
-        return tuple(f - a * s for f, a, s in zip(flux, cut.open_faces, slope, strict=True))
 
     def projected(
         self,
@@ -94,8 +75,7 @@ class Continuity(NamedTuple):
         Returns:
             velocity [m/s], pressure [Pa], the report, and the largest divergence that is left in units of U/h.
         """
-        grid, boundary, growth, cut, jumps = self
-        fluid_cells = None if cut is None else cut.open_cells > 0.0
+        grid, boundary, growth, jumps = self
         flux = product(void_fraction, predicted)
         # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
         scale = sum(box_largest(grid, jnp.abs(f)) / h for f, h in zip(flux, grid.spacing, strict=True))
@@ -111,7 +91,7 @@ class Continuity(NamedTuple):
             source = divergence(grid, product(void_fraction, velocity)) + growth
             coefficient = product(void_fraction, push)
             if inverse is None:
-                correction, report = solve_pressure(grid, boundary, coefficient, source, tolerance * scale, fluid_cells)
+                correction, report = solve_pressure(grid, boundary, coefficient, source, tolerance * scale)
             else:
                 problem = PressureProblem(grid, boundary, coefficient)
                 correction, report = solve_preconditioned(problem, source, tolerance * scale, inverse)

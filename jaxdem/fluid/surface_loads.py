@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -9,8 +10,12 @@ import numpy as np
 from jax import Array
 
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.grid import FaceField, Grid, along, sum_of
+from jaxdem.fluid.grid import FaceField, Grid, along
 from jaxdem.numerics import vectors
+from jaxdem.numerics.products import PRECISION
+
+MASKED = 4
+"""Surfaces up to which a sum for each of them takes less time than scattering to them."""
 
 
 class SurfaceShares(NamedTuple):
@@ -61,24 +66,33 @@ def surface_loads(grid: Grid, cut: CutCells, shares: SurfaceShares, count: int) 
         if grid.periodic[which]:
             last = along(faces, which, -1, None)
             faces = jnp.concatenate((along(faces, which, None, -1), 0.0 * last), which)
-        row = []
-        for k in range(-1, grid.dimension):
-            parts = []
-            for field, nearest, is_face in (
-                (faces, cut.nearest_to_faces[which], True),
-                (cells, cut.nearest_to_cells, False),
-            ):
-                if k == which:
-                    parts.append(jnp.zeros(count, field.dtype))
-                    continue
-                arm = 1.0 if k < 0 else _places(grid, field, k, is_face and k == which)
-                parts.append(jnp.zeros(count, field.dtype).at[nearest].add(field * arm))
-            row.append(sum_of(parts))
-        loads.append(jnp.stack(row, axis=-1))
+        places = [_places(grid, k, k == which) for k in range(grid.dimension)]
+        both = _moments(faces, places, cut.nearest_to_faces[which], count)
+        both = both + _moments(
+            cells, [_places(grid, k, False) for k in range(grid.dimension)], cut.nearest_to_cells, count
+        )
+        loads.append(both.at[:, 1 + which].set(0.0))
     return jnp.stack(loads, axis=1)
 
 
-def _places(grid: Grid, field: Array, axis: int, on_faces: bool) -> Array:
-    points = np.arange(field.shape[axis]) + (0.0 if on_faces else 0.5)
-    shape = [-1 if a == axis else 1 for a in range(grid.dimension)]
-    return jnp.asarray((points * grid.spacing[axis]).reshape(shape), field.dtype)
+def _places(grid: Grid, axis: int, on_faces: bool) -> np.ndarray:
+    """Of faces or of the middles of cells along an axis [m]."""
+    return (np.arange(grid.cells[axis] + 1.0) if on_faces else np.arange(grid.cells[axis]) + 0.5) * grid.spacing[axis]
+
+
+def _moments(field: Array, places: Sequence[np.ndarray], nearest: Array, count: int) -> Array:
+    """(S, 1 + D) sum of a field over the entries that are nearest to every surface, and its first moments."""
+    if count > MASKED:
+        arms = np.meshgrid(*places, indexing="ij", sparse=True)
+        columns = jnp.stack([field, *(field * jnp.asarray(arm, field.dtype) for arm in arms)], -1)
+        return jnp.zeros((count, columns.shape[-1]), field.dtype).at[nearest].add(columns)
+    own = field[None] if count == 1 else jnp.stack([jnp.where(nearest == k, field, 0.0) for k in range(count)])
+    found = []
+    for place in reversed(places):
+        # A product with rows as they lie in memory: what is summed is computed once, and in vectors.
+        both = jnp.matmul(
+            own, jnp.asarray(np.stack([np.ones_like(place), place], -1), field.dtype), precision=PRECISION
+        )
+        own = both[..., 0]
+        found.append(both[..., 1].reshape(count, -1).sum(-1))
+    return jnp.stack([own, *reversed(found)], -1)

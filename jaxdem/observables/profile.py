@@ -14,6 +14,7 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.blocks import total
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.products import PRECISION
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.observables.boxes import Box, Boxes, Parts, of_boxes
 from jaxdem.observables.contacts import Contacts, contacts_of, particles_seen
@@ -21,7 +22,6 @@ from jaxdem.observables.lines import Line, contact_lines
 from jaxdem.particles.integrate import centres_in_box
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.pairs import sum_over_pairs
-from jaxdem.particles.stages import stage
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
 

@@ -11,6 +11,7 @@ from jax import Array, lax
 from jaxdem.errors import required
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_shape import Clumps, Placed
 from jaxdem.particles.clumps import arm_change, farthest_way, member_places, placed, way_ahead
@@ -21,7 +22,6 @@ from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleState, drift
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
-from jaxdem.particles.stages import stage
 
 SURELY = 0.99
 """Of the room of a member: below it none has left, whatever the rounding [-]."""

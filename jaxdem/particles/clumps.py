@@ -19,10 +19,10 @@ from jax import Array
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.compensated import Low, Pair
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_shape import Clumps, Placed
 from jaxdem.particles.integrate import Motion, ParticleProperties
-from jaxdem.particles.stages import stage
 
 FURTHEST = 0.25
 """Part of the skin of the list by which a body may turn in a step; no sound run comes near it."""

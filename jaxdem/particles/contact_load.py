@@ -12,6 +12,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
 from jaxdem.particles.cohesion import TOUCHING, Attraction, Gap
@@ -20,7 +21,6 @@ from jaxdem.particles.contact_pair import ContactLoad, ContactPair, LoadParts
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.lubrication import wet_friction
 from jaxdem.particles.rolling import Rotation
-from jaxdem.particles.stages import stage
 
 
 def contact_load(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring: Vector) -> ContactLoad:

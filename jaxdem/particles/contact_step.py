@@ -11,6 +11,7 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
 from jaxdem.particles.bond_geometry import BondParameters
@@ -18,7 +19,6 @@ from jaxdem.particles.contact import ContactMaterial
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.integrate import Motion, ParticleProperties
 from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
-from jaxdem.particles.stages import stage
 from jaxdem.particles.tiles import Cut
 
 

@@ -10,6 +10,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
 from jaxdem.particles.cohesion_energy import energy_lost
@@ -19,7 +20,6 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import LoadParts
 from jaxdem.particles.contact_sums import FoundContacts
 from jaxdem.particles.integrate import Motion
-from jaxdem.particles.stages import stage
 
 
 class ContactWork(NamedTuple):

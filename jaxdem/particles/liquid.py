@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
+from jaxdem.numerics.stages import stage
 from jaxdem.particles.cohesion import CohesionConstants, rupture_factor
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
-from jaxdem.particles.stages import stage
 
 
 def with_pairs(

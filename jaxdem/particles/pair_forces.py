@@ -10,6 +10,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import liquid
 from jaxdem.particles.contact import ContactMaterial
@@ -20,7 +21,6 @@ from jaxdem.particles.contact_sums import FoundContacts, Sums
 from jaxdem.particles.integrate import ParticleProperties
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.pairs import Pairs, at, sum_over_pairs
-from jaxdem.particles.stages import stage
 from jaxdem.particles.tiles import ALL, Cut, in_tiles
 
 

@@ -12,8 +12,8 @@ from typing import NamedTuple, TypeVar
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.stages import stage
 
 UNROLL = 4
 """Slots that loops over the slots treat at once: half the time of one by one, and the program stays short."""

@@ -23,9 +23,9 @@ from jax import Array
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low, Pair
 from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.stages import stage
 
 
 class Surface(Protocol):

@@ -12,7 +12,7 @@ from jaxdem.coupling.walls_in_fluid import WallsInFluid
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary, coverage, open_fraction
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.fluid_state import StillDistances
+from jaxdem.fluid.fluid_state import FluidProperties, FluidState, StillDistances
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.host import on_device
 from jaxdem.scene import Scene
@@ -119,6 +119,14 @@ def fluid_walls(
         if moving.change_place:
             check_way_out(scene, moving, still, boundary, (begin, interval))
     return FluidWalls(cut, tuple(s.wall for s in surfaces), surfaces, pockets, moving, still)
+
+
+def with_start_of_solver(fluid: FluidState, properties: FluidProperties) -> FluidState:
+    """The fluid with what the solver of the pressure between surfaces begins with; the same without surfaces."""
+    if properties.cut is None:
+        return fluid
+    pressure = fluid.pressure
+    return fluid._replace(pressure_change=on_device(np.zeros(pressure.shape), pressure.dtype))
 
 
 def _check_openings(scene: Scene, grid: Grid, boundary: Boundary, cut: CutCells) -> None:

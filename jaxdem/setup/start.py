@@ -30,6 +30,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.first_parts import Begun, with_parts
 from jaxdem.setup.fluid import fluid_velocity
+from jaxdem.setup.fluid_walls import with_start_of_solver
 from jaxdem.setup.inlet_regions import inlet_space
 from jaxdem.setup.overlaps import (
     allowed_overlap,
@@ -94,6 +95,8 @@ def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, voi
         faces = _beside_walls(parameters.fluid.cut, velocity, dtype)
     gradient = None if solver.drive is None else jax.jit(solver.first_gradient)(parameters.flow)
     fluid = FluidState(faces, _full(solver.grid.cells, 0.0, dtype), void_fraction, gradient)
+    if parameters.fluid is not None:
+        fluid = with_start_of_solver(fluid, parameters.fluid)
     if isinstance(solver, TwoFluidSolver):
         fluid = with_liquid(fluid, solver.grid, first_fraction(scene, solver.grid), dtype)
         fluid = fluid._replace(pressure=jax.jit(solver.resting_pressure)(parameters.flow, fluid))

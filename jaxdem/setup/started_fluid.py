@@ -20,6 +20,7 @@ from jaxdem.fluid.remap import remap_cells, remap_flux
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics.host import on_device
 from jaxdem.scene import Scene
+from jaxdem.setup.fluid_walls import with_start_of_solver
 from jaxdem.setup.start_point import StartPoint
 from jaxdem.setup.surface import KeptLiquid, with_liquid
 
@@ -64,6 +65,7 @@ class StartedFluid:
             velocity = self._solenoidal(self._flux(cells, from_faces))
             pressure = remap_cells(dataclasses.replace(grid, cells=cells), grid, pressure)
         fluid = FluidState(velocity, on_device(pressure, self.dtype), self.void_fraction, self._mean_gradient())
+        fluid = with_start_of_solver(fluid, self.flow)
         name = "state.fluid.liquid_fraction" if from_faces else "cells/liquid_fraction"
         if (name in arrays) != isinstance(self.solver, TwoFluidSolver):
             here, there = ("two fluids", "one") if name in arrays else ("one fluid", "two")

@@ -1,4 +1,4 @@
-"""Stages of a contact step: parts that are left out while nothing needs them, and whose results are written to memory.
+"""Stages of a step: parts that are left out while nothing needs them, and whose results are written to memory.
 
 XLA:CPU fuses whatever it can into the loop that consumes it, and computes it anew in each of them: the force of a
 wall once for every component of every sum, in loops of gathers that are not vectorised. A branch of a conditional is

@@ -1,0 +1,149 @@
+"""Continuity between surfaces within the mesh, see `cut_cells`: fluxes and velocities that keep the volume.
+
+The solver is iterative here, as the open fractions differ from face to face, so it begins where little is left to do:
+with the change of the pressure in the last step, times the number that leaves least of the source, by least squares.
+That is a start alone, and no part of the result.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, box_largest, divergence, sum_of
+from jaxdem.fluid.pressure import SolverReport, pressure_gradient, solve_pressure
+from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.products import PRECISION
+
+FLUX_TOLERANCE = 1e-3
+"""Largest divergence of the flux that carries momentum within a step, in units of U/h."""
+
+
+class _Projected(NamedTuple):
+    """A velocity on its way through the projection.
+
+    Attributes:
+        velocity: on the faces [m/s].
+        pressure: that has acted on it [Pa].
+        source: divergence that is left, on the cells [1/s].
+        iterations: () of the solver so far.
+    """
+
+    velocity: FaceField
+    pressure: Array
+    source: Array
+    iterations: Array
+
+
+class CutContinuity(NamedTuple):
+    """What a flux must satisfy between surfaces: div(a g u) = -growth.
+
+    Attributes:
+        grid: the mesh; static.
+        boundary: its sides; static.
+        growth: rate of change of the volume of fluid over that of a whole cell [1/s].
+        cut: the surfaces.
+        trend: change of the pressure in the last step; None where it is not known [Pa].
+    """
+
+    grid: Grid
+    boundary: Boundary
+    growth: Array | float
+    cut: CutCells
+    trend: Array | None = None
+
+    def corrected(self, flux: FaceField) -> FaceField:
+        """The flux a g u [m/s] changed by a gradient so that it keeps the volume, to `FLUX_TOLERANCE`: the projection
+        after it is exact."""
+        grid, excess = self.grid, divergence(self.grid, flux) + self.growth
+        # Of a flow that is slower than the volumes change, what is left of that counts.
+        scale = jnp.maximum(self._rate(flux), box_largest(grid, jnp.abs(excess)))
+        slope, excess, _ = self._foreseen(excess, self.cut.open_faces)
+        tolerance = FLUX_TOLERANCE * scale
+        potential, _ = solve_pressure(grid, self.boundary, self.cut.open_faces, excess, tolerance, self._fluid)
+        further = pressure_gradient(grid, self.boundary, potential)
+        slope = further if slope is None else tuple(s + f for s, f in zip(slope, further, strict=True))
+        return tuple(f - a * s for f, a, s in zip(flux, self.cut.open_faces, slope, strict=True))
+
+    def projected(
+        self,
+        pressure: Array,
+        predicted: FaceField,
+        void_fraction: tuple[CellOrOne, ...],
+        push: tuple[Array | float, ...],
+    ) -> tuple[FaceField, Array, SolverReport, Array]:
+        """Velocity made to satisfy continuity, the pressure that did it, and how well the solver has done.
+
+        Args:
+            pressure: at the start of the step [Pa].
+            predicted: velocity before the projection [m/s].
+            void_fraction: a g on the faces [-].
+            push: change of the velocity by a pressure gradient, on the faces [m3 s/kg].
+
+        Returns:
+            velocity [m/s], pressure [Pa], the report, and the largest divergence that is left in units of U/h.
+        """
+        grid, dtype = self.grid, pressure.dtype
+        coefficient = tuple(g * c for g, c in zip(void_fraction, push, strict=True))
+        flux = tuple(g * u for g, u in zip(void_fraction, predicted, strict=True))
+        # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
+        scale = self._rate(flux) + box_largest(grid, jnp.abs(jnp.asarray(self.growth, dtype))) + jnp.finfo(dtype).tiny
+        tolerance = 2e-6 if dtype == jnp.float32 else 2e-12
+        slope, source, ahead = self._foreseen(divergence(grid, flux) + self.growth, coefficient)
+        begun = _Projected(predicted, pressure, source, jnp.zeros((), jnp.int32))
+        if slope is not None and ahead is not None:
+            velocity = tuple(u - c * s for u, c, s in zip(predicted, push, slope, strict=True))
+            begun = begun._replace(velocity=velocity, pressure=pressure + ahead)
+
+        def solved(now: _Projected) -> _Projected:
+            correction, report = solve_pressure(
+                grid, self.boundary, coefficient, now.source, tolerance * scale, self._fluid
+            )
+            slope = pressure_gradient(grid, self.boundary, correction)
+            velocity = tuple(u - c * s for u, c, s in zip(now.velocity, push, slope, strict=True))
+            flux = tuple(g * u for g, u in zip(void_fraction, velocity, strict=True))
+            left = divergence(grid, flux) + self.growth
+            return _Projected(velocity, now.pressure + correction, left, now.iterations + report.iterations)
+
+        found = solved(begun)
+        if dtype == jnp.float32:
+            # A pressure of many cells' worth of head hides its own differences in float32. The second pass solves for
+            # the divergence that the first has left, whose pressure is small and well resolved.
+            more = box_largest(grid, jnp.abs(found.source)) > tolerance * scale
+            found = cond_in_batch(more, solved, found)
+        remaining = box_largest(grid, jnp.abs(found.source)) / scale
+        report = SolverReport(found.iterations, remaining * scale, remaining <= 5.0 * tolerance)
+        return found.velocity, found.pressure, report, remaining
+
+    def _rate(self, flux: FaceField) -> Array:
+        """() U/h: largest flux over cell size, of all axes [1/s]."""
+        largest = (box_largest(self.grid, jnp.abs(f)) / h for f, h in zip(flux, self.grid.spacing, strict=True))
+        found: Array = sum_of(largest)
+        return found
+
+    @property
+    def _fluid(self) -> Array:
+        return self.cut.open_cells > 0.0
+
+    def _foreseen(
+        self, source: Array, coefficient: tuple[Array | float, ...]
+    ) -> tuple[FaceField | None, Array, Array | None]:
+        """Gradient of what the trend foresees, the source that this leaves, and the pressure itself; None without.
+
+        Args:
+            source: on the cells [1/s].
+            coefficient: of the gradient, on the faces.
+        """
+        if self.trend is None:
+            return None, source, None
+        trend = lax.stop_gradient(self.trend)
+        slope = pressure_gradient(self.grid, self.boundary, trend)
+        taken = divergence(self.grid, tuple(c * s for c, s in zip(coefficient, slope, strict=True)))
+        size = jnp.vdot(taken, taken, precision=PRECISION)
+        share = jnp.vdot(source, taken, precision=PRECISION) / jnp.where(size > 0.0, size, 1.0)
+        share = lax.stop_gradient(share)
+        return tuple(share * s for s in slope), source - share * taken, share * trend
