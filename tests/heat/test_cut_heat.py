@@ -145,8 +145,9 @@ def test_closed_surfaces_keep_it_and_a_uniform_one_stays():
     assert float(jnp.sum(capacity)) * transport.grid.cell_volume == pytest.approx(0.6 * 2.0, rel=1e-3)
 
 
-def pipe_tables(**wall):
-    """A stream of gas with some grains round a cylinder."""
+def pipe_tables(block=None, **wall):
+    """A stream of gas with some grains round a cylinder and a block."""
+    block = {"heat_flux": 0.0} if block is None else block
     return {
         "precision": "float64",
         "domain": {"size": [0.04, 0.02], "depth": 0.002, "gravity": [0.0, 0.0]},
@@ -159,7 +160,10 @@ def pipe_tables(**wall):
             "right": {"kind": "outlet"},
         },
         "walls": [
-            {"kind": "cylinder", "center": [0.02, 0.0093], "radius": 0.0031, "inside": False, "fluid": "no_slip"} | wall
+            {"kind": "cylinder", "center": [0.02, 0.0093], "radius": 0.0031, "inside": False, "fluid": "no_slip"}
+            | wall,
+            {"kind": "mesh", "points": [[0.03, 0.0025], [0.03, 0.0065], [0.036, 0.0065], [0.036, 0.0025]],
+             "closed": True, "fluid": "no_slip"} | block,
         ],
         "coupling": {"interval": 1e-3},
         "heat": {
@@ -171,7 +175,8 @@ def pipe_tables(**wall):
 
 
 def test_a_hot_cylinder_warms_the_stream_and_the_balance_closes(tmp_path):
-    run = simulate(load_scene(pipe_tables(name="rod", temperature=350.0)), tmp_path / "hot")
+    block = {"name": "block", "heat_flux": 200.0}
+    run = simulate(load_scene(pipe_tables(block, name="rod", temperature=350.0)), tmp_path / "hot")
     heat = run.summary["heat"]
     assert abs(heat["missing_relative"]) < 1e-13, heat
     given = heat["from_walls_to_fluid"]["rod"]
@@ -179,6 +184,9 @@ def test_a_hot_cylinder_warms_the_stream_and_the_balance_closes(tmp_path):
     # Of the order of Nu k l pi dT: a cylinder of Re 120 has Nu 5.6 (Churchill & Bernstein); its boundary layer is
     # thinner than a cell here.
     assert 1.0 < given / (0.05 * 0.03 * np.pi * 0.002 * 50.0) < 12.0
+    # 200 W/m2 from four sides of 4 and 6 mm, 2 mm deep; cells of 2.5 mm cut its corners off.
+    area = heat["from_walls_to_fluid"]["block"] / (200.0 * 0.05)
+    assert 0.85 < area / (0.02 * 0.002) < 1.0
     last = run.fluid(-1)["temperature"]
     assert last.min() > 299.99 and last.max() < 350.01
 
