@@ -345,27 +345,34 @@ class Dam:
 
 
 @case(
-    "dam break of Martin & Moyce", "surface", "J. C. Martin, W. J. Moyce 1952, table 2",
+    "dam break of Martin & Moyce", "surface", "J. C. Martin, W. J. Moyce 1952, tables 2 and 6",
     fast={"cells": 8, "until": 1.9, "own_clock": False},
 )  # fmt: skip
 def dam_break(cells: int = 32, until: float = 3.4, own_clock: bool = True) -> list[Figure]:
-    """The front of a column of twice its width in height, Z = x/a at T = t sqrt(2 g/a).
+    """Front and height at the wall of a column of twice its width in height, Z = x/a at T = t sqrt(2 g/a).
 
-    The paper's times begin before the water moves freely, with the release of a wet gate; here it is free at once. So
-    the clocks are made to agree where the front passes Z = 1.44, and the front is compared from there on. The error
-    with the paper's own clock is a figure of its own, which misses the gate of 5 %; the fast case leaves it out.
+    The height agrees by the paper's own clock. The front is ahead by a time that does not grow: the toe of the paper's
+    column, behind a wet gate, starts late, the one here is free at once. So for the front the clocks are made to agree
+    where it passes Z = 1.44, and it is compared from there on. The error with the paper's own clock is a figure of its
+    own, which misses the gate of 5 %; the fast case leaves it out.
     """
     dam, unit = Dam(cells), math.sqrt(Dam.width / (2.0 * 9.81))
     step = 0.2 * Dam.width / cells
     steps = int(until * unit / step)
-    _, front = dam.box.watch(dam.properties, dam.start(2.0 * Dam.width), steps, step, dam.front)
-    front, times = np.asarray(front), (np.arange(steps) + 1.0) * step / unit
+    _, found = dam.box.watch(dam.properties, dam.start(2.0 * Dam.width), steps, step, dam.seen)
+    (front, height), times = np.asarray(found).T, (np.arange(steps) + 1.0) * step / unit
+    heights = table("martin_moyce_height.csv")
+    heights = heights[heights["tau"] < times[-1] / math.sqrt(2.0)]
+    apart = np.interp(math.sqrt(2.0) * heights["tau"], times, height) - heights["H"]
     paper = table("martin_moyce_front.csv")
     paper = paper[paper["T"] < until - 0.2]
     late = np.interp(1.44, front, times) - float(np.interp(1.44, paper["Z"], paper["T"]))
     shifted = np.interp(paper["T"] + late, times, front)
     worst = float(np.max(np.abs(shifted / paper["Z"] - 1.0)[paper["Z"] >= 1.44]))
-    figures = [below("front, largest error after Z = 1.44", worst, 0.05)]
+    figures = [
+        below("front, largest error after Z = 1.44", worst, 0.05),
+        below("height at the wall by the paper's clock, largest error over the first one", np.abs(apart).max(), 0.03),
+    ]
     if own_clock:
         reached = np.interp(paper["T"], times, front)
         error = float(np.max(np.abs(reached / paper["Z"] - 1.0)))
