@@ -3,7 +3,8 @@
 Two scenes: grains in a gas (exchange of heat, conduction through contacts) and a fluid alone (a cavity). With heat and
 without they begin from one state, grains and stream as they are after a while with heat: without it the fluid of the
 cavity would be at rest, and its pressure would take no iteration. Their intervals are timed in turns in one process, in
-processor time, and the least of each counts. Writes results/heat.{json,md}.
+processor time, and the least of each counts. A third row is the bed with heat of friction over the bed with heat.
+Writes results/heat.{json,md}.
 
     python benchmarks/heat.py [--repeats 7]
 """
@@ -89,14 +90,32 @@ def timer(step: Callable[..., Any], start: Any) -> Callable[[], float]:
     return once
 
 
-def both_kinds(tables: dict[str, Any]) -> dict[str, Callable[[], float]]:
-    """Timers with heat and without, from one state."""
-    with_heat, going = built(tables)
+def with_friction(tables: dict[str, Any]) -> dict[str, Any]:
+    """The same scene with heat of friction."""
+    return tables | {"heat": tables["heat"] | {"friction": True}}
+
+
+def without_scalars(state: Any) -> Any:
+    """The state of a scene without temperatures."""
+    return state._replace(scalars=None)
+
+
+def without_friction(state: Any) -> Any:
+    """The state of a scene without heat of friction."""
+    supplied = state.scalars.supplied._replace(friction=None)
+    return state._replace(scalars=state.scalars._replace(supplied=supplied))
+
+
+def both_kinds(
+    tables: dict[str, Any], plain: dict[str, Any], reduced: Callable[[Any], Any]
+) -> dict[str, Callable[[], float]]:
+    """Timers of a scene and of a plainer one, from one state; `reduced` makes it that of the plainer one."""
+    full, going = built(tables)
     for _ in range(BEFORE):
-        going = with_heat(*going)
-    without, _ = built(without_heat(tables))
+        going = full(*going)
+    without, _ = built(plain)
     state, neighbors = going
-    return {"with": timer(with_heat, going), "without": timer(without, (state._replace(scalars=None), neighbors))}
+    return {"with": timer(full, going), "without": timer(without, (reduced(state), neighbors))}
 
 
 def main() -> None:
@@ -105,15 +124,21 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=7)
     repeats = parser.parse_args().repeats
     rows: dict[str, dict[str, float]] = {}
-    for name, tables in (("bed", bed_tables()), ("cavity", cavity_tables())):
-        steps = both_kinds(tables)
+    bed, cavity = bed_tables(), cavity_tables()
+    scenes = {
+        "bed": (bed, without_heat(bed), without_scalars),
+        "cavity": (cavity, without_heat(cavity), without_scalars),
+        "bed, heat of friction": (with_friction(bed), bed, without_friction),
+    }
+    for name, given in scenes.items():
+        steps = both_kinds(*given)
         best = dict.fromkeys(steps, math.inf)
         for _ in range(repeats):
             for kind, once in steps.items():
                 best[kind] = min(best[kind], once())
         rows[name] = {f"{kind}_ms": 1e3 * value for kind, value in best.items()}
         rows[name]["ratio"] = best["with"] / best["without"]
-    lines = ["| scene | without heat [ms] | with heat [ms] | ratio |", "| --- | --- | --- | --- |"]
+    lines = ["| scene | without [ms] | with [ms] | ratio |", "| --- | --- | --- | --- |"]
     lines += [f"| {n} | {r['without_ms']:.2f} | {r['with_ms']:.2f} | {r['ratio']:.2f} |" for n, r in rows.items()]
     harness.write("heat", {"intervals": rows, "repeats": repeats}, "\n".join(lines))
 
