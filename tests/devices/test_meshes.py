@@ -9,6 +9,7 @@ import jaxdem
 from jaxdem import devices
 from jaxdem.devices.contacts import contacts_of_list
 from jaxdem.failures import Failure, failures
+from jaxdem.particles.energy import EnergyFlow
 from jaxdem.run.placement import Slabs
 from jaxdem.setup.builder import build_case
 from tests.cases.slabs import apart
@@ -32,11 +33,12 @@ def bowl():
     particles = scene_of().tables()["particles"]
     particles["position"] = (np.asarray(particles["position"]) * [1.0, 0.9] + [0.0, 0.021]).tolist()
     particles["velocity"] = (np.asarray(particles["velocity"]) + [0.8, 0.0]).tolist()
-    return scene_of(domain={"size": [0.2, 0.13], "depth": 0.02}, walls=[floor, lid], particles=particles)
+    size = {"size": [0.2, 0.13], "depth": 0.02}
+    return scene_of(domain=size, walls=[floor, lid], particles=particles, output={"energy": True})
 
 
-def stepped(simulation, parameters, state, neighbors, count):
-    """After so many intervals, with more room where it is needed."""
+def stepped(simulation, parameters, state, neighbors, count, flows=None):
+    """After so many intervals, with more room where it is needed; `flows` gets their balances of energy."""
     step = jax.jit(lambda s, n: simulation.step(parameters, s, n))
     for _ in range(count):
         new = step(state, neighbors)
@@ -45,6 +47,8 @@ def stepped(simulation, parameters, state, neighbors, count):
             new = step(state, neighbors)
         state, neighbors, report = new
         assert int(failures(simulation, report)) == 0
+        if flows is not None:
+            flows.append(np.asarray(report.particles.energy))
     return state, neighbors
 
 
@@ -63,9 +67,12 @@ def test_grains_on_meshes_that_move(intervals=14):
     divided, _ = jaxdem.build(bowl(), devices=2)
     start = case.initial_state()
     slabs, lists = devices.distributed(divided, parameters, *start)
-    state, neighbors = stepped(simulation, parameters, *start, intervals)
-    slabs, lists = stepped(divided, parameters, slabs, lists, intervals)
+    flows = [], []
+    state, neighbors = stepped(simulation, parameters, *start, intervals, flows[0])
+    slabs, lists = stepped(divided, parameters, slabs, lists, intervals, flows[1])
     assert devices.counts(lists).migrations > 0
+    assert apart(*flows) < 1e-10
+    assert np.sum(flows[0], axis=0)[EnergyFlow._fields.index("walls")] != 0.0
     whole, kept = devices.gathered(divided, slabs, lists)
     for name in (*PARTS, "pistons", "mesh_wear"):
         pairs = (jax.tree.leaves(getattr(s.particles, name)) for s in (state, whole))
