@@ -84,6 +84,12 @@ def put(mesh: Mesh, tree: Any, spec: PartitionSpec = SLABS) -> Any:
     return jax.tree.map(placed, tree)
 
 
+def empty_in_slabs(mesh: Mesh, tree: Any) -> Any:
+    """A tree of arrays of slabs, in which those without elements are spread over the slabs again: XLA gives them back
+    as the same everywhere, and a compiled program does not take them so."""
+    return jax.tree.map(lambda x: x if x.size else put(mesh, np.zeros(x.shape, x.dtype)), tree)
+
+
 def on_host(tree: Any) -> Any:
     """Arrays as NumPy's, all slabs of all processes; every process must call it."""
 

@@ -57,6 +57,8 @@ def tables_of_plates(dimension=2, bond=WEAK, **changes):
         "contact": {"young_modulus": 5e6, "friction": 0.3, "restitution": 0.6, "speed": 3.0, "skin": 0.2},
         "boundary": {"left": {"kind": "periodic"}, "right": {"kind": "periodic"}},
         "bonds": [bond],
+        "heat": {"particle_heat_capacity": 500.0, "particle_temperature": 300.0, "friction": True,
+                 "particle_conductivity": 1e5, "true_young_modulus": 1e10},
         "output": {"energy": True},
         "time": {"end": 0.06, "output_interval": 0.03},
     } | changes  # fmt: skip
@@ -90,8 +92,10 @@ def test_plates_that_break_are_those_of_one_device(runs, number):
             np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
         for name in ("position", "normal_force", "shear_force", "bending_moment", "bond_energy"):
             assert apart(expected[name], found[name]) < 1e-9, name
-    for name in ("position", "velocity", "angular_velocity", "contact_force"):
+    for name in ("position", "velocity", "angular_velocity", "contact_force", "temperature"):
         assert apart(one.particles(-1)[name], other.particles(-1)[name]) < 1e-9, name
+    heat, same_heat = (run.summary["heat"]["from_friction"] for run in (one, other))
+    assert abs(same_heat - heat) < 1e-9 * heat
     energy, balance = one.summary["energy"], other.summary["energy"]
     scale = sum(energy["start"].values())
     for group in ("start", "end", "dissipated"):
