@@ -40,6 +40,7 @@ def bowl():
 def stepped(simulation, parameters, state, neighbors, count, flows=None):
     """After so many intervals, with more room where it is needed; `flows` gets their balances of energy."""
     step = jax.jit(lambda s, n: simulation.step(parameters, s, n))
+    assert "all-gather" not in step.lower(state, neighbors).compile().as_text()
     for _ in range(count):
         new = step(state, neighbors)
         if int(failures(simulation, new[2])) & Failure.OVERFLOW:
