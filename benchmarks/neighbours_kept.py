@@ -64,7 +64,8 @@ def with_skins(closure: NeighborClosure) -> None:
         wide = dataclasses.replace(
             finds, reach=reach, slots=int(more * finds.slots) + 2, cell_slots=int(2.0 * more * finds.cell_slots)
         )
-        others, _ = jax.jit(lambda start, wide=wide: wide.neighbors(start))(start)
+        search = jax.jit(lambda own, wide=wide: wide.neighbors(dataclasses.replace(start, particles=own)))
+        others, _ = search(state.particles)
         took = seconds(lambda others=others: evaluated(closure, others, inputs)) / GRAINS
         passes = f"{took / one_pass:.3g} contact passes"
         print(f"skin {skin:g} d: evaluation {1e6 * took:.3g} us a grain, {passes}", flush=True)
