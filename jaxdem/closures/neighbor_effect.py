@@ -21,12 +21,14 @@ class NeighborEffect(NamedTuple):
         across: (N, 3) force across the slip [N].
         torque: (N, 3) [N m].
         out_of_range: (N,) bool, less than half of the fluctuation acts, or there was no room for the neighbours.
+        memory: (N, 8) what is held for later intervals; None for nothing.
     """
 
     multiple: Array
     across: Array
     torque: Array
     out_of_range: Array
+    memory: Array | None = None
 
 
 def neighbor_effect(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
@@ -19,6 +19,7 @@ from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.member_weights import body_weights
 from jaxdem.coupling.open_cells import seen_slope, weights_beside
 from jaxdem.coupling.presence import present_weights
+from jaxdem.coupling.surroundings import MEMORY
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import required
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
@@ -188,7 +189,7 @@ class Coupling:
         neighbors = self.drag.neighbors(mixture.closure, mixture.drag_scale, start, sampled.law_inputs)
         law = self.drag.law(mixture.closure, mixture.drag_scale, start, neighbors)
         drag = interval_drag(law, start, sampled.inputs, sampled.law_inputs, mass, others)
-        return drag if neighbors is None else drag._replace(torque=neighbors.torque)
+        return drag if neighbors is None else drag._replace(torque=neighbors.torque, memory=neighbors.memory)
 
     def remember(
         self, mixture: Mixture, forces: FluidForces, before: ParticleState, after: ParticleState
@@ -201,11 +202,12 @@ class Coupling:
             before: particles at its start.
             after: at its end.
         """
-        if not self.forces:
+        if not self.forces and forces.memory is None:
             return after
         duration = jnp.asarray(self.interval.duration, before.velocity.dtype)
         end = IntervalEnd(mixture.bodies, mixture.properties, after.velocity - before.velocity, duration)
-        acted, memory = required(after.fluid_force, "fluid_force of the particles"), {}
+        acted = required(after.fluid_force, "fluid_force of the particles")
+        memory: dict[str, Any] = {} if forces.memory is None else {MEMORY: forces.memory}
         for force in self.forces:
             mean = forces.further[force.name]
             own, kept = force.end(mean, end)
@@ -214,6 +216,18 @@ class Coupling:
             if kept is not None:
                 memory[force.name] = kept
         return after._replace(fluid_force=acted, fluid_memory=memory or None)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether something is kept from one interval to the next."""
+        return bool(self.forces) or (self.drag.surroundings is not None and self.drag.surroundings.held > 1)
+
+    def first_memory(self, slip: Array) -> dict[str, Any]:
+        """What is kept at the start, of a slip (N, D) that has always been as it is [m/s]."""
+        memory = {force.name: force.start(slip) for force in self.forces}
+        if self.drag.surroundings is not None:
+            memory[MEMORY] = self.drag.surroundings.first_memory(slip)
+        return {name: value for name, value in memory.items() if value is not None}
 
     def with_moving_fluid(self, mixture: Mixture, forces: FluidForces, load: Array) -> tuple[ParticleProperties, Array]:
         """The bodies that the contact steps move, heavier by the fluid that moves with them, and the force on these.

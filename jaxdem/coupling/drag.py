@@ -124,6 +124,7 @@ class IntervalDrag(NamedTuple):
         law: (N, D) the force that the law gave at the start of the interval [N].
         out_of_range: (N,) bool, see `Drag`.
         torque: (N, 3) that comes with the drag; None for none [N m].
+        memory: of a closure of neighbours, see `NeighborEffect`; None for none.
     """
 
     coefficient: Array
@@ -131,6 +132,7 @@ class IntervalDrag(NamedTuple):
     law: Array
     out_of_range: Array
     torque: Array | None = None
+    memory: Array | None = None
 
 
 def interval_drag(

@@ -300,6 +300,7 @@ class Exchange:
             self.drag.law,
             further,
             total((self.drag.torque, *(c.torque for c in self.contributions.values()))),
+            self.drag.memory,
         )
 
     def diagnostics(self, carry: _Carry) -> ExchangeDiagnostics:

@@ -40,6 +40,7 @@ class FluidForces(NamedTuple):
         law: (N, D) coefficient (u - v) + remainder as the law gave it for these inputs; f_A / g in model B [N].
         further: means of the further forces by their names.
         torque: (N, A) of the fluid; None without any [N m].
+        memory: what a closure of neighbours holds for later intervals; None for nothing.
     """
 
     drag: Array
@@ -49,6 +50,7 @@ class FluidForces(NamedTuple):
     law: Array
     further: dict[str, MeanForce]
     torque: Array | None
+    memory: Array | None = None
 
     @property
     def total(self) -> Array:

@@ -7,14 +7,17 @@ from jax import Array, lax
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.neighbor_effect import NeighborEffect, neighbor_effect
-from jaxdem.closures.neighbor_places import Places, axes_along, fluctuation
+from jaxdem.closures.neighbor_places import Frame, Places, axes_along, fluctuation
 from jaxdem.closures.neighbors import NeighborClosure, Response
 from jaxdem.coupling.forces.protocol import IntervalStart
+from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import components
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
 from jaxdem.particles.integrate import centres_in_box
 
+MEMORY = "neighbors"
+"""Name of what is held in `ParticleState.fluid_memory`."""
 AT_ONCE = 128
 """Particles whose neighbours are treated at once: their pairs then stay in the cache."""
 
@@ -32,6 +35,7 @@ class Surroundings:
         reach: of the closure [m].
         slots: room for neighbours of a particle.
         cell_slots: room for particles in a column of the search's table.
+        held: coupling intervals for which what is found is held.
     """
 
     box: tuple[float, ...]
@@ -39,6 +43,7 @@ class Surroundings:
     reach: float
     slots: int
     cell_slots: int
+    held: int = 1
 
     def effect(
         self, closure: NeighborClosure, form: str, start: IntervalStart, inputs: DragInputs, scale: Array
@@ -52,16 +57,42 @@ class Surroundings:
             inputs: the fluid as the law sees it.
             scale: () factor on the drag [-].
         """
+        frame, held = axes_along(inputs.slip_velocity), (start.particles.fluid_memory or {}).get(MEMORY)
+        if held is None:
+            found = self.response(closure, start, inputs, frame)
+            return neighbor_effect(closure.base, form, found, frame, inputs, scale)
+
+        def renewed(rows: Array) -> Array:
+            fresh = self.response(closure, start, inputs, frame)
+            parts = (fresh.along[:, None], fresh.across, fresh.torque, fresh.weight[:, None])
+            left = jnp.full_like(rows[:, :1], self.held)
+            return jnp.concatenate([*parts, left], axis=1)
+
+        active = start.particles.active
+        over = held[:, -1] < 0.5
+        over = jnp.any(over if active is None else over & active)
+        held = cond_in_batch(over, renewed, held)
+        found = Response(held[:, 0], held[:, 1:3], held[:, 3:6], held[:, 6])
+        effect = neighbor_effect(closure.base, form, found, frame, inputs, scale)
+        return effect._replace(memory=held.at[:, -1].add(-1.0))
+
+    def response(self, closure: NeighborClosure, start: IntervalStart, inputs: DragInputs, frame: Frame) -> Response:
+        """What the neighbours add to the mean force, where they are now; zero where there was no room for all."""
         others, full = self.neighbors(start)
         centres = centres_in_box(start.particles, self.box, self.periodic)
         periods = [side if wraps else 0.0 for side, wraps in zip(self.box, self.periodic, strict=True)]
         places = Places(centres, others.T, 2.0 * start.bodies.radius, jnp.asarray(periods, centres.dtype))
-        frame = axes_along(inputs.slip_velocity)
         found = fluctuation(closure, places, frame, inputs.reynolds, inputs.solid_fraction, AT_ONCE)
         room = jnp.where(full, 0.0, 1.0).astype(centres.dtype)
         column = room[:, None]
-        found = Response(room * found.along, column * found.across, column * found.torque, room * found.weight)
-        return neighbor_effect(closure.base, form, found, frame, inputs, scale)
+        return Response(room * found.along, column * found.across, column * found.torque, room * found.weight)
+
+    def first_memory(self, slip: Array) -> Array | None:
+        """(N, 8) nothing that is held, so that the first interval finds it anew; None where nothing is ever held.
+
+        The columns are those of `Response`, and the intervals for which they still hold.
+        """
+        return None if self.held == 1 else jnp.zeros((slip.shape[0], 8), slip.dtype)
 
     def neighbors(self, start: IntervalStart) -> tuple[Array, Array]:
         """(K, N) int32, who is in reach of every particle, itself in an empty slot; and (N,) bool, whether there was no

@@ -136,9 +136,12 @@ class Closure(Section):
 
     Attributes:
         file: closure file written by `jaxdem train`, of any recipe; it is used in place of `coupling.drag`.
+        hold: of a closure of neighbours, coupling intervals for which what the neighbours add is held; 1 finds it anew
+            in each, a larger number takes so many times less time [-].
     """
 
     file: str | None = None
+    hold: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
 
 
 def check_on_mesh(coupling: Coupling, cells: tuple[int, ...], samples: float) -> None:

@@ -171,15 +171,14 @@ def _with_memory(
     contact, coupling = required(simulation.contact, "contact"), simulation.coupling
     dtype, kept = particles.position.dtype, contact.model.history_size(dimension)
     memory = {}
-    if coupling is not None and coupling.forces:
+    if coupling is not None and coupling.remembers:
         slip = np.asarray(fluid_velocity(scene), dtype) - np.asarray(particles.velocity)
-        forces = coupling.forces
-        memory = jax.jit(lambda slip: {force.name: force.start(slip) for force in forces})(slip)
+        memory = jax.jit(coupling.first_memory)(slip)
     rows = count * required(contact.search, "search").members
     return particles._replace(
         contact_spring=(_full((room.pairs,), 0.0, dtype),) * kept,
         wall_spring=(_full((contact.model.analytic_walls, rows), 0.0, dtype),) * kept,
-        fluid_memory={name: value for name, value in memory.items() if value is not None} or None,
+        fluid_memory=memory or None,
         liquid=first_films(scene, radius, count, dtype) if contact.model.wet else None,
     )
 

@@ -69,7 +69,7 @@ class Beginning:
             state = with_mesh_memory(state, required(simulation.contact, "contact"), room)
         if simulation.fluid is not None:
             fluid = self._fluid(state)
-        if state is not None and simulation.coupling is not None and simulation.coupling.forces:
+        if state is not None and simulation.coupling is not None and simulation.coupling.remembers:
             state = state._replace(fluid_memory=self._memory(simulation.coupling, state, required(fluid, "fluid")))
         given = self.scene, self.particles, simulation, self.parameters
         scalars = first_scalars(*given, state, self.start)
@@ -267,15 +267,15 @@ class Beginning:
     def _memory(self, coupling: Coupling, state: ParticleState, fluid: FluidState) -> Any:
         """What further forces remember: of the particles of the run if it had the force and the interval, else of a
         slip that has always been as it is."""
-        forces, grid = coupling.forces, coupling.interval.solver.grid
+        grid = coupling.interval.solver.grid
 
         @jax.jit
         def first(state: ParticleState, fluid: FluidState) -> dict[str, Any]:
             weights = coupling.deposition.weights(grid, state.position, self.parameters.mixture.bodies.radius)
             slip = interpolate_faces(weights, fluid.face_velocity) - state.velocity
-            return {force.name: force.start(slip) for force in forces}
+            return coupling.first_memory(slip)
 
-        fresh = {name: value for name, value in first(state, fluid).items() if value is not None}
+        fresh = first(state, fluid)
         if float(self.start.attributes["interval"]) != self.simulation.interval:
             return fresh or None
         former = len(self.start.arrays["state.particles.position"])

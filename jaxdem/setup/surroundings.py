@@ -23,9 +23,12 @@ def surroundings_of(scene: Scene, particles: ParticleSetup, closure: DragClosure
 
     Raises:
         InputError: a scene that is not 3-D, particles that are parcels or of several sizes, a correction that there is
-            no rule for, or a periodic side shorter than twice the reach.
+            no rule for, a periodic side shorter than twice the reach, or `closure.hold` with another law.
     """
     if not isinstance(closure, NeighborClosure):
+        if scene.closure.hold != 1:
+            limit = "is for closures of neighbours, and the drag law is none"
+            raise InputError("closure.hold", scene.closure.hold, limit, "set it to 1, or give such a closure")
         return None
     file, diameter = scene.closure.file, particles.bodies.largest_diameter
     _refuse_others(scene, particles)
@@ -45,7 +48,7 @@ def surroundings_of(scene: Scene, particles: ParticleSetup, closure: DragClosure
     crowd = EXTRA_ROOM * DENSEST * (2.0 * closure.reach) ** 3
     in_cell = EXTRA_ROOM * DENSEST * math.prod(widths) / (math.pi / 6.0 * diameter**3)
     slots, cell_slots = (max(1, min(count, math.ceil(number) + 2)) for number in (crowd, in_cell))
-    return Surroundings(scene.domain.size, scene.periodic, reach, slots, cell_slots)
+    return Surroundings(scene.domain.size, scene.periodic, reach, slots, cell_slots, scene.closure.hold)
 
 
 def _refuse_others(scene: Scene, particles: ParticleSetup) -> None:

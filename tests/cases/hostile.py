@@ -102,7 +102,7 @@ COUPLED: Tables = {
         "drag_inputs_coarsened": 1,
         "deconvolution": 0.1,
     },
-    "closure": {},
+    "closure": {"hold": 1},
     "time": {"end": 0.02, "output_interval": 0.01},
     "output": {"samples": 0.0, "checkpoint_interval": 60.0, "energy": False, "walls": True},
 }

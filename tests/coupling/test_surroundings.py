@@ -49,7 +49,7 @@ def scene(model="A", **changes):
         time=dict(end=0.1, output_interval=0.1),
     )
     for table, keys in changes.items():
-        tables[table] = tables[table] | keys
+        tables[table] = tables.get(table, {}) | keys
     return jaxdem.Scene.model_validate(tables)
 
 
@@ -65,7 +65,7 @@ def closure():
 class World:
     """A scene of fixed forces: what the first interval gives, for any velocity of the particles."""
 
-    def __init__(self, closure, **changes):
+    def __init__(self, closure, /, **changes):
         self.simulation, self.parameters = jaxdem.build(scene(**changes), closure=closure)
         self.state, _ = jaxdem.initial_state(scene(**changes), self.simulation, self.parameters)
 
@@ -200,6 +200,30 @@ def test_without_room_the_mean_law_acts_and_all_are_told(closure, world, monkeyp
     np.testing.assert_array_equal(effects[0].across, 0.0)
     assert not np.asarray(effects[1].out_of_range).any()
     assert np.abs(np.asarray(effects[1].multiple) - 1).max() > 1e-3
+
+
+def test_what_the_neighbours_add_is_held(closure, effect):
+    """With hold = 2 the first interval finds what each interval finds without, the second has it still, the third finds
+    it anew."""
+    world, velocity = World(closure, closure=dict(hold=2)), slip_of([1.0, 0.2, 0.0])
+    first, inputs = jax.jit(world.effect)(closure, velocity)
+    fresh, _ = effect(closure, velocity)
+    np.testing.assert_allclose(first.multiple, fresh.multiple, rtol=1e-12)
+    np.testing.assert_allclose(first.torque, fresh.torque, rtol=1e-9, atol=1e-20)
+    state = world.state._replace(particles=world.begin(closure, velocity)[3])
+    _, neighbors = jaxdem.initial_state(scene(closure=dict(hold=2)), world.simulation, world.parameters)
+    step, rows = jax.jit(world.simulation.step), []
+    for _ in range(3):
+        state, neighbors, _ = step(world.parameters, state, neighbors)
+        rows.append(np.asarray(state.particles.fluid_memory["neighbors"]))
+    assert [row[0, -1] for row in rows] == [1.0, 0.0, 1.0]
+    np.testing.assert_array_equal(rows[1][:, :-1], rows[0][:, :-1])
+    assert np.abs(rows[2][:, :-1] - rows[0][:, :-1]).max() > 1e-6
+
+
+def test_holding_is_refused_for_other_laws():
+    with pytest.raises(InputError, match=r"closure\.hold.*closures of neighbours"):
+        jaxdem.build(scene(closure=dict(hold=2)))
 
 
 def test_a_crowd_elsewhere_does_not_matter(closure):
