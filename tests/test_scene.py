@@ -394,6 +394,13 @@ SLOPE = {
 """Water in a box that is periodic along x, with gravity along it: a slope, as people mean it."""
 
 
+@pytest.mark.parametrize(("key", "value"), [("closure.file", "x.h5"), ("closure.hold", 2)])
+def test_a_closure_needs_fluid_and_grains(key, value):
+    dry = {name: table for name, table in SLOPE.items() if name != "fluid"} | {"particles": VALID["particles"]}
+    for tables in (SLOPE, dry):
+        assert refusal(tables, overrides={key: value}).key == key
+
+
 @pytest.mark.parametrize("with_grains", [False, True])
 def test_gravity_by_default_along_a_periodic_axis_of_a_fluid_is_refused(with_grains):
     """All would fall for ever; a scene that says so may do it (tests/fluid/test_drive.py)."""

@@ -143,6 +143,10 @@ class Closure(Section):
     file: str | None = None
     hold: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
 
+    def given(self) -> list[str]:
+        """Names of the keys that differ from their defaults."""
+        return [name for name, field in type(self).model_fields.items() if getattr(self, name) != field.default]
+
 
 def check_on_mesh(coupling: Coupling, cells: tuple[int, ...], samples: float) -> None:
     """Refuses what the mesh, or the samples of a run, leave no sense to."""

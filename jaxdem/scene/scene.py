@@ -290,8 +290,10 @@ def _check_tables(scene: Scene) -> None:
         if start.add.coarse_grain != ratio:
             limit = f"all particles stand for as many grains, and particles.coarse_grain is {ratio:g}"
             raise InputError("start.add.coarse_grain", start.add.coarse_grain, limit, f"set it to {ratio:g}")
-    if scene.closure.file is not None and (scene.particles is None or scene.fluid is None):
-        raise InputError("closure.file", scene.closure.file, "needs both [fluid] and [particles]", "remove [closure]")
+    if scene.particles is None or scene.fluid is None:
+        for name in scene.closure.given():
+            value = getattr(scene.closure, name)
+            raise InputError(f"closure.{name}", value, "needs both [fluid] and [particles]", "remove [closure]")
 
 
 def _completed_domain(scene: Scene) -> Domain:
