@@ -119,7 +119,7 @@ def shear(run: Run) -> None:
     left, right, lid = (run.probes[name] for name in ("left", "right", "lid"))
     time = np.asarray(lid["time"])
     section = 0.1 * scene["domain"]["depth"]
-    shear_force = sum(np.asarray(one["force_x"]) for one in (left, right, lid))
+    shear_force = -sum(np.asarray(one["force_x"]) for one in (left, right, lid))  # that pushes the upper half
     ratio, moved = shear_force / np.asarray(lid["force_z"]), speed * (time - begin)
     shown = moved > 0.0
     axes[-1].plot(1e3 * moved[shown], 1e-3 * shear_force[shown] / section)
