@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from tests.cases.clumps import BENT
-from tests.cases.energy import BOX, MASS, RADIUS, SHAKE, balance_of, figures_of, in_space, tilted, with_tables
+from tests.cases.energy import BOX, MASS, RADIUS, balance_of, figures_of, in_space, tilted, with_tables
 from tests.cases.registry import Figure, at_least, below, case
 
 PLANE_ROD = {"name": "rod", "centres": [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]], "radii": [1.0, 1.0, 1.0]}
@@ -53,14 +53,14 @@ FILM = {"cutoff": 2e-4, "roughness": 2e-6, "viscosity": 2e-3}
 
 MESH = {"kind": "mesh", "points": [[0.001, 0.002], [0.01, 0.0005], [0.019, 0.002]]}
 
+COMES = [{"kind": "oscillation", "amplitude": 1e-3, "frequency": 120.0, "direction": [-1.0, 0.3]}]
+"""It meets a rod that goes away from it."""
+
 BODIES: dict[str, dict[str, Any]] = {
     "rods": RODS,
-    "rods, rolling and DMT": with_tables(
-        RODS, contact={"rolling_friction": 0.1, "cohesion": {"kind": "dmt", "work_of_adhesion": 0.02}}
-    ),
-    "rods and a plane that oscillates": with_tables(
-        RODS,
-        walls=[tilted(motion=SHAKE)],
+    "rods, rolling, DMT and a plane that comes": with_tables(
+        RODS, contact={"rolling_friction": 0.1, "cohesion": {"kind": "dmt", "work_of_adhesion": 0.02}},
+        walls=[tilted(motion=COMES, point=[0.0156, 0.0])],
     ),
     "bodies in space": BENT_BODIES,
     "bonds that hold": BEAM,
