@@ -58,7 +58,7 @@ def test_predicted_limit_of_bonds_is_exact_for_a_pair_and_safe_for_a_lattice(nam
 
 
 def test_predicted_limit_of_smooth_rods_in_the_dips_of_each_other():
-    """Five contacts along nearly one line: by the surface of a rod alone the step would be a quarter too long."""
+    """Five contacts along nearly one line: by the surface of a rod alone the step would be 31 % too long."""
     assert 0.5 <= stability.contact_limit("two rods, each member between two", "e = 1, mu = 0").ratio <= 1.012
 
 
