@@ -9,12 +9,16 @@ export PYTHONDONTWRITEBYTECODE :=
 WORKERS ?= 2
 EXAMPLES := column_collapse settling fluidised_bed injection friction_calibration train_closure
 
-.PHONY: demo test lint docs examples coverage dist dist-check clean
+.PHONY: demo test pytest lint docs examples coverage dist dist-check clean
 
 demo: $(VENV)/run.done
 	$(BIN)/jaxdem study clusters --scale demo --out runs/demo
 
-test: $(VENV)/test.done lint
+# The types are checked beside the tests: alone they would keep one core waiting.
+test: $(VENV)/test.done
+	$(MAKE) --no-print-directory --jobs 2 lint pytest
+
+pytest: $(VENV)/test.done
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations 10
 
 lint: $(VENV)/test.done
