@@ -233,3 +233,28 @@ def test_gradients_pass_through_a_step_with_the_balance():
 
     slope = jax.jit(jax.grad(lost))(parameters.contact.restitution)
     assert np.isfinite(slope) and slope < 0.0
+
+
+def test_slopes_of_what_rods_lose_on_a_mesh():
+    """Reverse mode through clumps, triangles and the balance at once; the largest part of the time is compiling it."""
+    falling = {
+        "position": [[0.005, 0.0028], [0.0125, 0.0032]], "velocity": [[0.1, -0.4], [0.0, -0.4]],
+        "orientation": [0.3, -0.2], "angular_velocity": [[0.0], [0.0]],
+    }  # fmt: skip
+    end = {"end": 1.5e-3, "output_interval": 1.5e-3}
+    scene = jaxdem.load_scene(
+        with_tables(BODIES["rods on a mesh"], contact={"time_step": 5e-6}, particles=falling, time=end)
+    )
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+
+    def lost(restitution):
+        contact = parameters.contact._replace(restitution=restitution)
+        report = simulation.reversible().step(parameters._replace(contact=contact), state, neighbors)[2]
+        return report.particles.energy.damping
+
+    slope = jax.jit(jax.value_and_grad(lost), compiler_options={"xla_backend_optimization_level": 0})
+    at, change = parameters.contact.restitution, 1e-6
+    difference = (slope(at + change)[0] - slope(at - change)[0]) / (2.0 * change)
+    assert difference < 0.0
+    assert float(slope(at)[1]) == pytest.approx(float(difference), rel=1e-6)
