@@ -210,6 +210,9 @@ def test_every_wall_may_have_a_probe():
     assert all(probe.average and probe.interval == scene.time.output_interval for probe in scene.probes)
     assert jaxdem.load_scene(scene.tables()).probes == scene.probes
     assert len(jaxdem.load_scene(given | {"output": {}}).probes) == 2
+    planes[0]["name"] = "wall_2"
+    with pytest.raises(InputError, match=r"output\.walls = True: walls\.2 gets a probe of the name wall_2"):
+        jaxdem.load_scene(given)
 
 
 def test_walls_have_names():

@@ -61,11 +61,13 @@ class MaterialIndex:
             return _entries(table, jnp.asarray(pair)[wall[:, None], own[None]])
         return _entries(table, pair[wall[:, None], np.atleast_1d(self.particle)[None]])
 
-    def with_wall(self, table: ContactMaterial, wall: int, row: Array) -> ContactMaterial:
-        """Numbers () or (1, M) of the contacts of M particles with one wall; `row` says which particles these are."""
+    def with_wall(self, table: ContactMaterial, wall: int, row: Array, identity: Array | None) -> ContactMaterial:
+        """Numbers () or (1, M) of the contacts of M particles with one wall; `row` says which rows these are in."""
         of_wall = np.asarray(self.pair)[self.wall[wall]]
         if isinstance(self.particle, int):
             return _entries(table, of_wall[self.particle])
+        if identity is not None:
+            row = jnp.maximum(identity[jnp.minimum(row, len(identity) - 1)], 0)
         own = jnp.asarray(self.particle)[jnp.minimum(row, len(self.particle) - 1)]
         return _entries(table, jnp.asarray(of_wall)[own][None])
 

@@ -67,7 +67,7 @@ def _contacts_with(
     pair, touch, springs = mesh_contacts(step, listed, moved, memory, placed)
     material, index = step.surroundings.wall, step.model.materials
     if index is not None:
-        material = index.with_wall(material, step.model.analytic_walls + number, listed.row)
+        material = index.with_wall(material, step.model.analytic_walls + number, listed.row, step.properties.identity)
     return pair, touch, springs, material
 
 

@@ -71,6 +71,9 @@ def _with_every_wall(probes: tuple[Probe, ...], place: ProbePlace) -> tuple[Prob
         if number not in measured:
             own = wall.name if wall.name is not None and is_file_name(wall.name) else ""
             name = own if own and own.lower() not in taken else f"wall_{number}"
+            if name.lower() in taken:
+                limit = f"walls.{number} gets a probe of the name {name}, which another probe has"
+                raise InputError("output.walls", True, limit, f"give walls.{number} a name, or a probe of kind wall")
             taken.add(name.lower())
             added.append(Probe(name=name, kind="wall", wall=number))
     return (*probes, *added)

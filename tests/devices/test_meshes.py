@@ -95,7 +95,7 @@ def test_grains_on_meshes_that_move(intervals=14):
 
 def test_grains_on_a_mesh_in_space(tmp_path, intervals=10):
     """Two rows of grains that slide, roll and spin over the waves of a floor of triangles, along and across its edges,
-    and over the border."""
+    and over the border. Those behind are of another material than those ahead."""
     waves = plane_mesh(14, -0.02, 0.26, warp=0.3)
     waves.vertices[:, 2] = 0.02 + 0.003 * np.sin(60.0 * waves.vertices[:, 0]) * np.cos(50.0 * waves.vertices[:, 1])
     number = np.arange(12)
@@ -106,8 +106,10 @@ def test_grains_on_a_mesh_in_space(tmp_path, intervals=10):
     }  # fmt: skip
     tables = grains_scene(
         [{"kind": "mesh", "file": saved(waves, tmp_path / "waves.ply"), "wear": ARCHARD}], **grains,
-        domain={"size": [0.24, 0.09, 0.1]}, particles={"radius": 0.01},
-        contact={"young_modulus": 2e6, "speed": 2.0, "skin": 0.2}, time={"end": 0.05, "output_interval": 0.005},
+        domain={"size": [0.24, 0.09, 0.1]}, particles={"radius": 0.01, "material": ["slick"] * 6 + ["rough"] * 6},
+        contact={"young_modulus": 2e6, "speed": 2.0, "skin": 0.2, "wall_material": "rough"},
+        materials=[{"name": "slick", "friction": 0.0}, {"name": "rough", "friction": 0.6}],
+        time={"end": 0.05, "output_interval": 0.005},
     )  # fmt: skip
     scene = jaxdem.load_scene(tables)
     simulation, parameters = jaxdem.build(scene)

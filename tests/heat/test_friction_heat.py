@@ -2,10 +2,13 @@
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxdem import InputError, load_scene
+from jaxdem.run.parts.scalars import heat_balance
+from jaxdem.setup.builder import build_case
 from tests.cases.energy import BOX, MASS, OPTIONS, balance_of, with_tables
 
 HEAT = {"particle_heat_capacity": 500.0, "particle_temperature": 0.0, "friction": True}
@@ -47,6 +50,18 @@ def test_two_grains_share_it_evenly():
     restitution = math.sqrt(1.0 - 4.0 * made / (MASS * speed**2))
     assert restitution == pytest.approx(0.6, rel=0.01)
     assert found["dissipated"]["sliding"] == pytest.approx(0.0, abs=1e-20)
+
+
+def test_what_is_missing_is_told_over_the_heat_of_friction():
+    """With temperatures from 0 there is no heat at the start to tell it over."""
+    case = build_case(load_scene(with_tables(BOX, heat=HEAT)))
+    state = case.initial_state()[0]
+    scalars = state.scalars._replace(grains=jnp.ones(4), supplied=state.scalars.supplied._replace(friction=2000 * MASS))
+    balance = heat_balance(case, state._replace(scalars=scalars), 0.0, np.zeros(4))
+    assert balance["missing_relative"] == pytest.approx(0.0, abs=1e-12)
+    scalars = scalars._replace(grains=jnp.full(4, 1.001))
+    balance = heat_balance(case, state._replace(scalars=scalars), 0.0, np.zeros(4))
+    assert balance["missing_relative"] == pytest.approx(1e-3, rel=1e-9)
 
 
 def test_it_needs_particles():

@@ -86,6 +86,7 @@ def heat_balance(case: Case, state: State, start: float, passed: np.ndarray) -> 
     walls, brought = float(supplied.walls), float(supplied.grains)
     rubbed = 0.0 if supplied.friction is None else float(supplied.friction)
     missing = fluid + grains - start - float(np.sum(passed)) - walls - brought - rubbed
+    turned_over = max(abs(start), float(np.sum(np.abs(passed))), abs(walls), abs(brought), abs(rubbed), 1e-300)
     return {
         "start": start,
         "fluid": fluid,
@@ -95,7 +96,7 @@ def heat_balance(case: Case, state: State, start: float, passed: np.ndarray) -> 
         "brought_by_grains": brought,
         **({} if supplied.friction is None else {"from_friction": rubbed}),
         "missing": missing,
-        "missing_relative": missing / max(abs(start), float(np.sum(np.abs(passed))), abs(walls), 1e-300),
+        "missing_relative": missing / turned_over,
     }
 
 
