@@ -43,14 +43,15 @@ class EnsembleClosure:
         """The ensemble of at least two closures of one structure.
 
         Raises:
-            InputError: fewer than two, or closures that differ in kind, base law, layers, activation or terms.
+            InputError: fewer than two, or closures that differ in kind, base law, layers, activation, terms,
+                features or bound.
         """
         if len(closures) < 2:
             raise InputError("ensemble", len(closures), "needs at least two members", "Train more networks.")
         structures = {jax.tree.structure(closure) for closure in closures}
         shapes = {tuple(leaf.shape for leaf in jax.tree.leaves(closure)) for closure in closures}
         if len(structures) > 1 or len(shapes) > 1:
-            limit = "members must have one kind, base law, layers, activation and terms"
+            limit = "members must have one kind, base law, layers, activation, terms, features and bound"
             raise InputError("ensemble", len(closures), limit, "Train them with one architecture.")
         return cls(jax.tree.map(lambda *leaves: jnp.stack(leaves), *closures))
 
