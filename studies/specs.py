@@ -20,8 +20,8 @@ import jax
 from jaxdem.closures import SubgridClosure, save_closure
 from jaxdem.closures.file import load_single, load_stored
 from jaxdem.errors import InputError
-from jaxdem.io import RunDirectory, load_run
-from jaxdem.io.run_directory import SCENE
+from jaxdem.io import load_run, run_folder
+from jaxdem.io.run_folder import SCENE
 from jaxdem.io.scene_text import without_folders
 from jaxdem.run.program_cache import use_program_cache
 from jaxdem.run.scene_run import simulate_once
@@ -113,7 +113,7 @@ class RunSpec(Spec):
     def is_done(self, folder: Folder) -> bool:
         """Whether the run is complete; an InputError where the folder has a run of another scene."""
         require_same_scene(folder.out / self.name, folder.scene(self))
-        return RunDirectory.is_complete(folder.out / self.name)
+        return run_folder.is_complete(folder.out / self.name)
 
     def length(self, folder: Folder) -> float:
         return folder.scene(self).time.end

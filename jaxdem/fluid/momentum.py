@@ -13,22 +13,18 @@ is made by splitting drag from pressure, whatever the drag's relaxation time.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
-from jaxdem.fluid.advection import AdvectionScheme, advection
-from jaxdem.fluid.boundary import Boundary, Sides, set_normal_velocity
+from jaxdem.fluid.advection import AdvectionScheme
+from jaxdem.fluid.boundary import Boundary, Sides
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.cut_eddy import eddy_beside_surfaces
 from jaxdem.fluid.cut_projection import CutContinuity
-from jaxdem.fluid.cut_stress import CutViscosity, cut_stress, seen_stress
-from jaxdem.fluid.diffusion import strain_rates, stress_divergence
+from jaxdem.fluid.cut_stress import CutViscosity, seen_stress
+from jaxdem.fluid.diffusion import strain_rates
 from jaxdem.fluid.drive import Drive, given_gradient, held
 from jaxdem.fluid.fluid_state import FaceExchange, FluidProperties, FluidState, FluidStep, ParticleFields
 from jaxdem.fluid.grid import (
@@ -40,40 +36,19 @@ from jaxdem.fluid.grid import (
     box_smallest,
     face_average,
     face_control_volume,
-    sum_of,
     sum_of_fields,
 )
-from jaxdem.fluid.mixing_length import mixing_length_over_bed
+from jaxdem.fluid.momentum_rates import MomentumRates, Rates
+from jaxdem.fluid.momentum_step import MomentumStep, or_one
 from jaxdem.fluid.projection import Continuity, open_section, pressure_slope, product
-from jaxdem.fluid.side_forces import gained_at_sides, pressure_on_sides, stress_on_sides, viscous_stresses
+from jaxdem.fluid.side_forces import pressure_on_sides
 from jaxdem.fluid.step_loads import StepLoads
 from jaxdem.fluid.subgrid import eddy_viscosity
 from jaxdem.fluid.subgrid_stress import (
-    SubgridFlow,
-    subgrid_acceleration,
     subgrid_diffusivity,
-    subgrid_flow,
-    subgrid_stress,
 )
-from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time
-
-
-class _Rates(NamedTuple):
-    """What a stage of the Runge-Kutta method gives, on the faces [m/s2].
-
-    Attributes:
-        total: rate of change of g u by advection and stress; on faces that a surface closes, what these would gain.
-        stress: divergence of the stress over density.
-        on_sides: load of stress and advection on the sides over density, see `side_forces`; None unless measured.
-        lost: what surfaces take of the stress besides, see `cut_stress`; None where they take nothing [m/s2].
-    """
-
-    total: FaceField
-    stress: FaceField
-    on_sides: Array | None = None
-    lost: FaceField | None = None
 
 
 @static
@@ -164,14 +139,14 @@ class FluidSolver:
         state: FluidState,
         times: tuple[Array, Array],
         particles: ParticleFields | None,
-    ) -> _Step:
+    ) -> MomentumStep:
         """What does not change within a step of (start, length)."""
         grid, (time, time_step) = self.grid, times
         void_fraction = None if particles is None else particles.void_fraction
         exchange = None if particles is None else particles.exchange
         weighting = None if particles is None else particles.weighting
-        old = face_average(grid, _or_one(state.void_fraction))
-        new = face_average(grid, _or_one(void_fraction))
+        old = face_average(grid, or_one(state.void_fraction))
+        new = face_average(grid, or_one(void_fraction))
         weight = self._weight(new, weighting)
         growth: Array | float = 0.0
         if void_fraction is not None:
@@ -192,7 +167,7 @@ class FluidSolver:
         cut, open_old, open_new, at_surfaces = properties.cut, old, new, None
         if cut is not None:
             open_old, open_new = cut.opened(old), cut.opened(new)
-            at_surfaces = self._cut_viscosity(properties, state.face_velocity, state.void_fraction, time)
+            at_surfaces = self.terms.cut_viscosity(properties, state.face_velocity, state.void_fraction, time)
             held = zip(at_surfaces.on_faces(grid), cut.friction, strict=True)
             friction = product(weight, tuple(time_step * nu * r for nu, r in held))
             mobility, shift = cut.moved(mobility, shift, new, friction)
@@ -200,13 +175,13 @@ class FluidSolver:
         continuity: Continuity | CutContinuity = Continuity(grid, self.boundary, growth)
         if cut is not None:
             continuity = CutContinuity(grid, self.boundary, growth, cut, state.pressure_change)
-        return _Step(
-            self, properties, state, void_fraction, time, time_step, (old, new), (open_old, open_new), weight,
+        return MomentumStep(
+            self.terms, properties, state, void_fraction, time, time_step, (old, new), (open_old, open_new), weight,
             continuity, mobility, shift, pull, at_surfaces,
         )  # fmt: skip
 
     def _held(
-        self, properties: FluidProperties, begun: _Step, predicted: FaceField, push: tuple[Array | float, ...]
+        self, properties: FluidProperties, begun: MomentumStep, predicted: FaceField, push: tuple[Array | float, ...]
     ) -> tuple[FaceField, Array | None]:
         """The predicted velocity with the bulk velocity that is held, and the mean gradient that it needs."""
         if self.drive is None or not any(self.drive.held):
@@ -222,7 +197,7 @@ class FluidSolver:
         self,
         cut: CutCells,
         loads: StepLoads,
-        mean: _Rates,
+        mean: Rates,
         particles: ParticleFields | None,
         viscosity: CutViscosity,
     ) -> tuple[FaceField, Array]:
@@ -271,16 +246,16 @@ class FluidSolver:
             time: [s].
         """
         largest = properties.viscosity
-        length = self._mixing_length(properties, state.void_fraction)
+        length = self.terms.mixing_length(properties, state.void_fraction)
         if length is not None:
-            eddy = self._cut_viscosity(properties, state.face_velocity, state.void_fraction, time).eddy
+            eddy = self.terms.cut_viscosity(properties, state.face_velocity, state.void_fraction, time).eddy
             if eddy is None:
                 rates = strain_rates(self.grid, self.sides(properties, time), state.face_velocity)
                 eddy = eddy_viscosity(rates, length)
             largest = largest + box_largest(self.grid, eddy)
         if not self.shares_stress and state.void_fraction is not None:
             largest = largest / box_smallest(self.grid, state.void_fraction)
-        flow = self._subgrid_flow(properties, state.face_velocity, state.void_fraction, time)
+        flow = self.terms.subgrid_flow(properties, state.face_velocity, state.void_fraction, time)
         if flow is not None:
             # It acts on the part g of the volume too, with the g of other cells.
             lowest = 1.0 if state.void_fraction is None else box_smallest(self.grid, state.void_fraction)
@@ -292,35 +267,14 @@ class FluidSolver:
         inner face [Pa/m]."""
         return pressure_slope(self.grid, self.boundary, state, continued=True)
 
-    def _mixing_length(self, properties: FluidProperties, void_fraction: Array | None) -> Array | None:
-        """Of the eddy viscosity, () or in the cells [m]; None without one."""
-        if properties.bed_mixing is not None:
-            return mixing_length_over_bed(self.grid, properties.bed_mixing, void_fraction)
-        return None if properties.smagorinsky is None else properties.smagorinsky * self.grid.filter_size
-
-    def _cut_viscosity(
-        self, properties: FluidProperties, velocity: FaceField, void_fraction: Array | None, time: Array
-    ) -> CutViscosity:
-        """Of the fluid between surfaces; without an eddy part where there are none."""
-        length = None if properties.cut is None else self._mixing_length(properties, void_fraction)
-        if properties.cut is None or length is None:
-            return CutViscosity(properties.viscosity)
-        sides = self.sides(properties, time)
-        eddy = eddy_beside_surfaces(self.grid, sides, properties.cut.open_faces, velocity, length)
-        return CutViscosity(properties.viscosity, eddy)
-
-    def _subgrid_flow(
-        self, properties: FluidProperties, velocity: FaceField, void_fraction: Array | None, time: Array
-    ) -> SubgridFlow | None:
-        """What the subgrid stress is made of, None without one."""
-        if properties.subgrid is None:
-            return None
-        sides = self.sides(properties, time)
-        return subgrid_flow(self.grid, sides, properties.subgrid, velocity, properties.viscosity, void_fraction)
+    @property
+    def terms(self) -> MomentumRates:
+        """Advection and stress."""
+        return MomentumRates(self.grid, self.boundary, self.advection, self.viscous, self.measured_sides)
 
     def sides(self, properties: FluidProperties, time: Array) -> Sides:
         """The sides of the box as they move at a time [s]."""
-        return Sides(self.boundary, properties.side_velocity, time)
+        return self.terms.sides(properties, time)
 
     def _weight(self, void_fraction: tuple[CellOrOne, ...], weighting: Array | None) -> tuple[CellOrOne, ...]:
         """Part of pressure gradient and stress that acts on the fluid, on the faces."""
@@ -344,169 +298,3 @@ class FluidSolver:
             mobility.append(1.0 / (g + exchange.resistance[axis] / mass))
             shift.append(exchange.forcing[axis] / mass)
         return tuple(mobility), tuple(shift)
-
-    def rates(
-        self,
-        properties: FluidProperties,
-        flux: FaceField,
-        velocity: FaceField,
-        weight: tuple[CellOrOne, ...],
-        void_fraction: Array | None,
-        time: Array,
-    ) -> _Rates:
-        """Rates of a stage.
-
-        The subgrid stress belongs to the first: it moves the fluid's momentum and is no force on what is in the fluid.
-        """
-        grid, sides, cut = self.grid, self.sides(properties, time), properties.cut
-        rates = advection(grid, sides, self.advection, flux, velocity, cut)
-        on_sides = gained_at_sides(grid, self.measured_sides, rates) if self.measured_sides else None
-        if cut is not None:
-            viscosity = self._cut_viscosity(properties, velocity, void_fraction, time)
-            return self._cut_rates(cut, rates, sides, velocity, weight, (viscosity, void_fraction))
-        flow = self._subgrid_flow(properties, velocity, void_fraction, time)
-        if flow is not None:
-            within = subgrid_stress(grid, flow, void_fraction)
-            moved = subgrid_acceleration(grid, self.boundary, within)
-            rates = tuple(r + m for r, m in zip(rates, moved, strict=True))
-            if on_sides is not None:
-                on_sides = on_sides + stress_on_sides(grid, self.measured_sides, self.boundary, within)
-        if not self.viscous:
-            return _Rates(rates, tuple(jnp.zeros_like(u) for u in velocity), on_sides)
-        length = self._mixing_length(properties, void_fraction)
-        if on_sides is not None:
-            found = viscous_stresses(grid, sides, velocity, properties.viscosity, length)
-            on_sides = on_sides + stress_on_sides(grid, self.measured_sides, self.boundary, found)
-        stress = stress_divergence(grid, sides, velocity, properties.viscosity, length)
-        total = tuple(r + g * s for r, g, s in zip(rates, weight, stress, strict=True))
-        return _Rates(total, stress, on_sides)
-
-    def _cut_rates(
-        self,
-        cut: CutCells,
-        rates: FaceField,
-        sides: Sides,
-        velocity: FaceField,
-        weight: tuple[CellOrOne, ...],
-        fluid: tuple[CutViscosity, Array | None],
-    ) -> _Rates:
-        """Rates of a stage between surfaces, from those of advection; `fluid` are viscosity and void fraction."""
-        viscosity, void_fraction = fluid
-        stress, lost = tuple(jnp.zeros_like(u) for u in velocity), None
-        if self.viscous:
-            stress, lost = cut_stress(self.grid, sides, cut, velocity, viscosity, void_fraction is not None)
-        if cut.swept is not None:
-            kept = face_average(self.grid, cut.swept)
-            rates = tuple(r - u * g for r, u, g in zip(rates, velocity, kept, strict=True))
-        parts = zip(cut.open_faces, rates, weight, stress, cut.inertia, strict=True)
-        total = tuple(jnp.where(a > 0.0, (r + g * s) / m, r) for a, r, g, s, m in parts)
-        return _Rates(total, stress, lost=lost)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Step:
-    """What does not change within a step, and its stages; made and used up inside of one trace.
-
-    Attributes:
-        solver: of the fluid.
-        properties: of the fluid.
-        state: at the start, with the mean gradient of this step.
-        void_fraction: on the cells at the end; None without particles [-].
-        time, time_step: [s].
-        whole: void fractions on the faces, at the start and at the end [-].
-        open: the same of whole control volumes, which surfaces close in part [-].
-        weight: part of pressure gradient and stress that acts on the fluid, on the faces [-].
-        continuity: what fluxes must satisfy.
-        mobility: 1 / (g + B), on the faces [-].
-        shift: forcing per mass of fluid times the step [m/s].
-        pull: pressure gradient over density, times `weight` [m/s2].
-        at_surfaces: viscosity of the friction on surfaces within the mesh; None without.
-    """
-
-    solver: FluidSolver
-    properties: FluidProperties
-    state: FluidState
-    void_fraction: Array | None
-    time: Array
-    time_step: Array
-    whole: tuple[tuple[CellOrOne, ...], tuple[CellOrOne, ...]]
-    open: tuple[tuple[CellOrOne, ...], tuple[CellOrOne, ...]]
-    weight: tuple[CellOrOne, ...]
-    continuity: Continuity | CutContinuity
-    mobility: tuple[Array | float, ...]
-    shift: tuple[Array | float, ...]
-    pull: tuple[Array | float, ...]
-    at_surfaces: CutViscosity | None = None
-
-    @property
-    def end(self) -> Array:
-        """() end of the step [s]."""
-        return self.time + self.time_step
-
-    @property
-    def open_new(self) -> tuple[CellOrOne, ...]:
-        """Void fraction of whole control volumes at the end [-]."""
-        return self.open[1]
-
-    @property
-    def volume_changes(self) -> bool:
-        """Whether the volume of the fluid in a cell changes, by particles or by surfaces that change their place."""
-        cut = self.properties.cut
-        return self.void_fraction is not None or (cut is not None and cut.swept is not None)
-
-    def advanced(self, rates: FaceField) -> FaceField:
-        """Velocity after the whole step at these rates of g u [m/s2], with implicit drag and the old pressure."""
-        solver, cut, (old, new) = self.solver, self.properties.cut, self.whole
-        rates = rates if cut is None else cut.on_open(rates)
-        parts = zip(old, self.state.face_velocity, rates, self.pull, self.shift, self.mobility, strict=True)
-        moved = tuple((g * u + self.time_step * (rate - p) + extra) * m for g, u, rate, p, extra, m in parts)
-        moved = set_normal_velocity(solver.grid, solver.sides(self.properties, self.end), moved, new)
-        return moved if cut is None else cut.with_walls(moved)
-
-    def rates(self, flux: FaceField, velocity: FaceField, void_fraction: Array | None, time: Array) -> _Rates:
-        """Of a stage."""
-
-        def compute() -> _Rates:
-            return self.solver.rates(self.properties, flux, velocity, self.weight, void_fraction, time)
-
-        if self.properties.cut is None:
-            return compute()
-        # The velocity and the loads on surfaces are both made of them; see `numerics.stages`.
-        return stage(self.time_step > 0.0, compute)
-
-    def predicted(self) -> tuple[_Rates, FaceField]:
-        """Mean rates, and the velocity that they lead to, before the projection."""
-        start, (open_old, open_new) = self.state, self.open
-        flux = product(open_old, start.face_velocity)
-        if self.volume_changes:
-            flux = self.continuity.corrected(flux)
-        stages = [self.rates(flux, start.face_velocity, start.void_fraction, self.time)]
-        trial = self.advanced(stages[0].total)
-        flux = self.continuity.corrected(product(open_new, trial))
-        stages.append(self.rates(flux, trial, self.void_fraction, self.end))
-        mean = _weighted(stages, (0.5, 0.5))
-        predicted = self.advanced(mean.total)
-        if self.solver.advection.stages == 3:
-            # The third stage is at the middle of the step, which Heun's result is twice as far as.
-            velocity = _halfway(start.face_velocity, predicted)
-            flux = _halfway(product(open_old, start.face_velocity), product(open_new, predicted))
-            flux = self.continuity.corrected(flux)
-            g = None if self.void_fraction is None else 0.5 * (_or_one(start.void_fraction) + self.void_fraction)
-            stages.append(self.rates(flux, velocity, g, self.time + 0.5 * self.time_step))
-            mean = _weighted(stages, (1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0))
-            predicted = self.advanced(mean.total)
-        return mean, predicted
-
-
-def _or_one(void_fraction: Array | None) -> CellOrOne:
-    return 1.0 if void_fraction is None else void_fraction
-
-
-def _weighted(stages: Sequence[_Rates], weights: tuple[float, ...]) -> _Rates:
-    """Sum of the stages with weights."""
-    mean: _Rates = jax.tree.map(lambda *rates: sum_of(w * r for w, r in zip(weights, rates, strict=True)), *stages)
-    return mean
-
-
-def _halfway(a: FaceField, b: FaceField) -> FaceField:
-    return tuple(0.5 * (x + y) for x, y in zip(a, b, strict=True))

@@ -64,7 +64,7 @@ def test_a_uniform_stream_along_a_tilted_free_slip_wall_is_kept():
     properties = flow.properties(1e-2)._replace(cut=cut)
     flux = cut.opened(stream)
     solver = dataclasses.replace(flow.solver, surfaces=1)
-    rates = solver.rates(properties, flux, stream, (1.0, 1.0), None, jnp.asarray(0.0))
+    rates = solver.terms.of_stage(properties, flux, stream, (1.0, 1.0), None, jnp.asarray(0.0))
     total = cut.on_open(rates.total)
     inner = [np.asarray(r)[3:-3, 3:-3] for r in total]
     # What the faces that are closed would carry is of the order of LEAST_OPEN; 10/s is the stream over a cell.
