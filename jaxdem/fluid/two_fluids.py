@@ -43,6 +43,7 @@ from jaxdem.fluid.second_fluid import (
     with_outside_pressure,
 )
 from jaxdem.fluid.volume_of_fluid import Carrier, advance_fraction
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
 
 
@@ -97,7 +98,11 @@ class TwoFluidSolver(FluidSolver):
         )
         sides = self.sides(properties, time)
         old = self._mass(properties, required(state.liquid_fraction, "liquid_fraction"), state.void_fraction)
-        carried = carried_momentum(grid, sides, self.advection, mass_flux, state.face_velocity, old, time_step)
+        # Of the stage: the prediction would compute it anew for every face that it needs it for.
+        carried = stage(
+            time_step > 0.0,
+            lambda: carried_momentum(grid, sides, self.advection, mass_flux, state.face_velocity, old, time_step),
+        )
         stress = self._stress(properties, fraction, state.face_velocity, time)
         force = self._force(properties, faces, fraction, stress)
         gradient = self._mean_gradient(properties, state, time + 0.5 * time_step)
