@@ -14,6 +14,7 @@ rest: M. M. Francois et al., J. Comput. Phys. 213 (2006) 141-173.
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -23,6 +24,7 @@ from jaxdem.fluid.grid import FaceField, Grid, along, end_faces, sum_of
 from jaxdem.fluid.mesh import beyond, layers
 from jaxdem.fluid.plane_cut import is_cut
 from jaxdem.fluid.volume_of_fluid import surface_normal
+from jaxdem.numerics.stages import stage
 
 REACH = 4
 """Cells that a column reaches to either side of the cell in its middle: a sphere's column in the direction of a corner
@@ -57,12 +59,20 @@ def curvature(grid: Grid, fraction: Array) -> Array:
         grid: the grid.
         fraction: c of the liquid on the cells [-].
     """
-    fraction = jnp.clip(fraction, 0.0, 1.0)
-    normal = surface_normal(grid, fraction)
-    near = near_surface(grid, fraction)
+    return _curvature(grid, jnp.clip(fraction, 0.0, 1.0), near_surface(grid, fraction))
+
+
+def _curvature(grid: Grid, fraction: Array, near: Array) -> Array:
+    """See `curvature`; `near` are the cells that the surface cuts or touches.
+
+    In stages, see `numerics.stages`: XLA would compute the heights anew for every difference, which takes ten times as
+    long.
+    """
+    there = _surface_there(fraction)
+    normal = stage(there, lambda: surface_normal(grid, fraction))
     # Where the surface stands most steeply on an axis by its slope in lengths, not in cells.
     slopes = [jnp.abs(m) / h for m, h in zip(normal, grid.spacing, strict=True)]
-    by_axis = [_of_heights(grid, fraction, axis) for axis in range(grid.dimension)]
+    by_axis = [stage(there, functools.partial(_of_heights, grid, fraction, axis)) for axis in range(grid.dimension)]
     largest = jnp.max(jnp.stack(slopes), axis=0)
     nothing = _Found(jnp.zeros_like(fraction), jnp.zeros(fraction.shape, bool))
     found = nothing
@@ -87,15 +97,21 @@ def surface_tension_gradient(grid: Grid, fraction: Array, tension: Array) -> Fac
         fraction: c of the liquid on the cells [-].
         tension: () sigma [N/m].
     """
-    kappa, near = curvature(grid, fraction), near_surface(grid, fraction).astype(fraction.dtype)
+    cells = stage(_surface_there(fraction), lambda: near_surface(grid, fraction))
+    kappa, near = _curvature(grid, jnp.clip(fraction, 0.0, 1.0), cells), cells.astype(fraction.dtype)
     force = []
     for axis, h in enumerate(grid.spacing):
         slope, value, weight = (
-            _between(grid, axis, cells, difference)
-            for cells, difference in ((fraction, True), (kappa * near, False), (near, False))
+            _between(grid, axis, values, difference)
+            for values, difference in ((fraction, True), (kappa * near, False), (near, False))
         )
         force.append(tension * (slope / h) * value / jnp.maximum(weight, 1.0))
     return tuple(force)
+
+
+def _surface_there(fraction: Array) -> Array:
+    """() bool, whether there are both fluids."""
+    return jnp.any(fraction > 0.0) & jnp.any(fraction < 1.0)
 
 
 def near_surface(grid: Grid, fraction: Array) -> Array:
@@ -140,7 +156,7 @@ def _of_heights(grid: Grid, fraction: Array, axis: int) -> _Found:
 
 def _of_lower_fluid(grid: Grid, fraction: Array, axis: int) -> _Found:
     """Curvature of the surface of a fluid that fills the lower ends of the columns along an axis."""
-    height, known = _heights(grid, fraction, axis)
+    height, known = stage(_surface_there(fraction), lambda: _heights(grid, fraction, axis))
     height = grid.spacing[axis] * height
     across = [a for a in range(grid.dimension) if a != axis]
     first = {a: _differenced(grid, height, a, False) for a in across}
