@@ -77,14 +77,12 @@ class MomentumStep:
         return moved if cut is None else cut.with_walls(moved)
 
     def rates(self, flux: FaceField, velocity: FaceField, void_fraction: Array | None, time: Array) -> Rates:
-        """Of a stage."""
+        """Of a stage. They are written to memory once, see `numerics.stages`: what is made of them would compute them
+        anew, which takes one and a half times as long."""
 
         def compute() -> Rates:
             return self.terms.of_stage(self.properties, flux, velocity, self.weight, void_fraction, time)
 
-        if self.properties.cut is None:
-            return compute()
-        # The velocity and the loads on surfaces are both made of them; see `numerics.stages`.
         return stage(self.time_step > 0.0, compute)
 
     def predicted(self) -> tuple[Rates, FaceField]:
