@@ -30,7 +30,7 @@ SCENE = {
         "pack": {"kind": "random", "start": [0.0, 0.0], "stop": [0.2, 0.15]},
         "inlet": [{"side": "top", "rate": 40.0, "velocity": 0.5}],
     },
-    "contact": {"young_modulus": 2e6, "friction": 0.5, "restitution": 0.5, "skin": 0.1},
+    "contact": {"young_modulus": 5e6, "friction": 0.5, "restitution": 0.5, "skin": 0.1},
     "coupling": {"interval": 0.01},
     "time": {"end": 0.2, "output_interval": 0.02},
     "output": {"checkpoint_interval": 0.0},

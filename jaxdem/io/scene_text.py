@@ -93,8 +93,8 @@ def first_difference(
 ) -> tuple[str, object, object] | None:
     """Dotted key, stored value and given value of the first key that differs; None if the scenes agree.
 
-    Comments, order and layout of the text do not count, nor in which folder a closure's file lies, nor a key that the
-    stored scene, of a version before, has not yet, while the given one has its default.
+    Comments, order and layout of the text do not count, nor in which folder a closure's file lies, nor a table without
+    keys, nor a key that the stored scene, of a version before, has not yet, while the given one has its default.
 
     Args:
         stored: tables of the one scene.
@@ -164,7 +164,7 @@ def _flat(scene: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in scene.items():
         if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.") or {f"{prefix}{key}": {}}
+            flat |= _flat(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

@@ -209,9 +209,9 @@ def test_the_exported_module_gives_the_same(closure, tmp_path):
     effect = neighbor_effect(closure.base, "A", response, frame, inputs)
     law = closure.base(inputs)
     np.testing.assert_allclose(found[0], effect.multiple * law.coefficient, rtol=1e-5)
-    # The two programs add in another order: some roundings of single precision.
-    np.testing.assert_allclose(found[1], effect.across, atol=2e-6 * float(jnp.abs(effect.across).max()))
-    np.testing.assert_allclose(found[2], effect.torque, atol=2e-6 * float(jnp.abs(effect.torque).max()))
+    # Single precision, added in another order: 2e-6 with the passes of XLA that users have, 1.2e-5 with those of tests.
+    np.testing.assert_allclose(found[1], effect.across, atol=2e-5 * float(jnp.abs(effect.across).max()))
+    np.testing.assert_allclose(found[2], effect.torque, atol=2e-5 * float(jnp.abs(effect.torque).max()))
     assert float(effect.multiple[3]) == 1.0 and np.abs(np.asarray(effect.multiple[:3]) - 1).min() > 1e-4
     assert not np.asarray(effect.across[3]).any()
     assert np.abs(np.asarray(effect.across[:3])).max() > 0  # neighbours across a periodic side count
