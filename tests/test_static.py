@@ -36,7 +36,7 @@ OF_ONE_TRACE = {
     "_Coming",
     "ContactStep",
     "StepLoads",
-    "_Step",
+    "MomentumStep",
     "Verlet",
 }
 """Objects that are made and used up inside of one trace: they hold both."""
