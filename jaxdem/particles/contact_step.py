@@ -93,7 +93,11 @@ class ContactStep:
     pair_sizes: PairSizes | None = None
 
     def of_rows(self, cut: Cut) -> ContactStep:
-        """For the walls: of the particles in a tile, without what is between particles."""
+        """The step of the particles in a tile alone, as contacts with walls need it.
+
+        Args:
+            cut: takes the rows of the tile. What belongs to pairs, meshes and bonds is left as it is.
+        """
         motion, properties = self.motion, cut(self.properties)
         if self.model.materials is not None and properties.identity is None and cut.start is not None:
             numbers = jnp.arange(len(motion.position[0]), dtype=jnp.int32)

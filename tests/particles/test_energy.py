@@ -221,8 +221,8 @@ def test_what_has_no_known_energy_is_refused(name):
     assert found.value.key == "output.energy"
 
 
-def test_gradients_pass_through_a_step_with_the_balance():
-    scene = scene_of(time={"end": 2e-3, "output_interval": 2e-3})
+def lost_by_damping(scene):
+    """The restitution of a scene, and a function of it: what dashpots take in the first interval [J]."""
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
 
@@ -231,7 +231,13 @@ def test_gradients_pass_through_a_step_with_the_balance():
         report = simulation.reversible().step(parameters._replace(contact=contact), state, neighbors)[2]
         return report.particles.energy.damping
 
-    slope = jax.jit(jax.grad(lost))(parameters.contact.restitution)
+    return parameters.contact.restitution, lost
+
+
+def test_gradients_pass_through_a_step_with_the_balance():
+    scene = scene_of(time={"end": 2e-3, "output_interval": 2e-3})
+    restitution, lost = lost_by_damping(scene)
+    slope = jax.jit(jax.grad(lost))(restitution)
     assert np.isfinite(slope) and slope < 0.0
 
 
@@ -245,16 +251,9 @@ def test_slopes_of_what_rods_lose_on_a_mesh():
     scene = jaxdem.load_scene(
         with_tables(BODIES["rods on a mesh"], contact={"time_step": 5e-6}, particles=falling, time=end)
     )
-    simulation, parameters = jaxdem.build(scene)
-    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
-
-    def lost(restitution):
-        contact = parameters.contact._replace(restitution=restitution)
-        report = simulation.reversible().step(parameters._replace(contact=contact), state, neighbors)[2]
-        return report.particles.energy.damping
-
+    restitution, lost = lost_by_damping(scene)
     slope = jax.jit(jax.value_and_grad(lost), compiler_options={"xla_backend_optimization_level": 0})
-    at, change = parameters.contact.restitution, 1e-6
+    at, change = restitution, 1e-6
     difference = (slope(at + change)[0] - slope(at - change)[0]) / (2.0 * change)
     assert difference < 0.0
     assert float(slope(at)[1]) == pytest.approx(float(difference), rel=1e-6)
