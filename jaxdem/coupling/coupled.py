@@ -109,6 +109,7 @@ class Coupling:
             time: () [s].
         """
         exchange = self.begin(mixture, fluid, particles, time)
+        fluid = fluid._replace(void_fraction=exchange.old_void_fraction)
         carry, record = self.interval.loop(
             exchange.substeps.number,
             lambda carry, k: exchange.fluid_step(carry, k, time),
@@ -139,6 +140,9 @@ class Coupling:
         attenuation = 1.0 / (1.0 + coefficient / bodies.mass)
         reported = sampled.inputs if self.drag.coarse_inputs is not None else sampled.law_inputs
         old_void_fraction = required(fluid.void_fraction, "void_fraction of the fluid")
+        renewed = None if mixture.properties.cut is None else mixture.properties.cut.renewed
+        if renewed is not None:  # what grains hold of the cells that are open now; see `walls_in_fluid`
+            old_void_fraction = jnp.where(renewed, 1.0 - sampled.solids, old_void_fraction)
         return Exchange(
             self.interval, self.forces, start, old_void_fraction, sampled.solids, reported, drag, contributions,
             steady_force(mixture, particles), substeps, slip_mass, attenuation, coefficient * attenuation,

@@ -1,12 +1,20 @@
-"""Walls that the fluid sees and that move: their velocity, and the mesh that they leave open, in every interval."""
+"""Walls that the fluid sees and that move, come or vanish: their velocity, and the mesh that they leave open, in every
+interval.
+
+A wall comes and vanishes between two intervals, as it does for grains. The fluid that fills a solid that has vanished
+has the velocity of the wall; the fluid where one comes is gone with its momentum. Neither pushes fluid elsewhere. The
+faces that stay open keep their velocity, and the grains the volume that they had: the void fraction is taken anew on
+the cells that are open now.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
 
 from jaxdem.coupling.body_grid import BodyGrid
 from jaxdem.coupling.open_parts import corner_points, cut_cells, on_corners
@@ -17,14 +25,19 @@ from jaxdem.fluid.fluid_state import FluidProperties, FluidState, StillDistances
 from jaxdem.fluid.grid import Grid, sum_of
 from jaxdem.fluid.open_faces import next_to
 from jaxdem.numerics import pair_arithmetic as pairs
+from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.compensated import Pair
 from jaxdem.numerics.host import namespace
-from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.placement import Placement, at_rest
 from jaxdem.numerics.static import static
+from jaxdem.numerics.tables import Window
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.moving_walls import Numbers
 from jaxdem.particles.surfaces import Cylinder, Plane
 from jaxdem.solids.motion import RigidMotion
+
+FAR = 1e3
+"""Distance of a surface that is not there, over the diagonal of the box [-]."""
 
 
 def signed_distance(shape: Plane | Cylinder, points: Vector) -> Array:
@@ -49,29 +62,46 @@ def signed_distance(shape: Plane | Cylinder, points: Vector) -> Array:
 
 @static
 class MovingSurface:
-    """A surface that the fluid sees and that moves; static.
+    """A surface that the fluid sees and that moves, or is not always there; static.
 
     Attributes:
         number: among the surfaces that the fluid sees.
         wall: number of its wall in the scene, and of its numbers in `Parameters.wall_motion`.
-        motion: its motion.
+        motion: its motion; None at rest.
         shape: in its own frame, of one that changes its place, of a mesh the corners where its distance is known; None
             of one that keeps it.
+        window: when it is there.
     """
 
     number: int
     wall: int
-    motion: RigidMotion
+    motion: RigidMotion | None
     shape: Plane | Cylinder | BodyGrid | None = None
+    window: Window = Window()
+
+    @property
+    def cuts_anew(self) -> bool:
+        """Whether the mesh that it leaves open changes."""
+        return self.shape is not None or not self.window.is_always
+
+    def is_there(self, middle: Array) -> Array | bool:
+        """Whether it is there in an interval with this middle [s]; before the run as at its start."""
+        return middle < self.window.end if self.window.begin <= 0.0 else self.window.holds(middle)
+
+    def at(self, numbers: Sequence[Numbers], time: Pair, dimension: int) -> Placement:
+        """Its placement at a time [s] by the numbers of every wall."""
+        if self.motion is None:
+            return at_rest(dimension, time[0])
+        return self.motion.at(numbers[self.wall], time)
 
 
 @static
 class WallsInFluid:
-    """The moving walls that the fluid sees; static.
+    """The walls that the fluid sees and that move, or are not always there; static.
 
     Attributes:
         grid: its mesh.
-        moving: the surfaces that move; at least one.
+        moving: the surfaces that move, come or vanish; at least one.
     """
 
     grid: Grid
@@ -80,7 +110,12 @@ class WallsInFluid:
     @property
     def change_place(self) -> tuple[MovingSurface, ...]:
         """Those of which the mesh is cut anew in every interval."""
-        return tuple(surface for surface in self.moving if surface.shape is not None)
+        return tuple(surface for surface in self.moving if surface.cuts_anew)
+
+    @property
+    def gates(self) -> tuple[MovingSurface, ...]:
+        """Those that are not always there."""
+        return tuple(surface for surface in self.moving if not surface.window.is_always)
 
     def over(
         self, properties: FluidProperties, state: FluidState, numbers: Sequence[Numbers], start: Pair, duration: Array
@@ -103,17 +138,23 @@ class WallsInFluid:
             end = pairs.total(start, pairs.as_pair(duration))
             cut = self.with_velocities(cut, still.distances, numbers, end)
             return properties._replace(cut=cut), state
-        former = self.cut(still, self.places(still, numbers, start))
+        middle = pairs.value(start) + 0.5 * duration
+        former = self.cut(still, self.places(still, numbers, start, middle - duration))
         cut, opened = self.cut_and_swept(still, numbers, start, duration)
+        renewed = self._renewed(middle - duration, middle)
         if state.void_fraction is not None:
             solids = 1.0 - state.void_fraction
-            opened = opened - solids * (cut.open_cells - former.open_cells) / duration
+            lost = solids * (cut.open_cells - former.open_cells) / duration
+            opened = opened - (lost if renewed is None else jnp.where(renewed, 0.0, lost))
         fluid = cut.open_cells > 0.0
-        cut = cut._replace(swept=namespace(opened).where(fluid, opened, 0.0))
+        cut = cut._replace(swept=namespace(opened).where(fluid, opened, 0.0), renewed=renewed)
         if properties.cut is not None and properties.cut.deposit_weights is not None:
             cut = cut._replace(deposit_weights=cut.open_cells)
-        state = state._replace(pressure=_in_new_cells(state.pressure, former.open_cells > 0.0, fluid))
-        return properties._replace(cut=cut), state
+        before = former.open_cells > 0.0
+        pressure = _in_new_cells(state.pressure, before, fluid)
+        if renewed is not None:
+            pressure = cond_in_batch(renewed, lambda p: _in_new_bodies(p, before, fluid), pressure)
+        return properties._replace(cut=cut), state._replace(pressure=pressure)
 
     def cut_and_swept(
         self, still: StillDistances, numbers: Sequence[Numbers], start: Pair, duration: Array
@@ -121,26 +162,30 @@ class WallsInFluid:
         """The open parts at the end of an interval with the velocities of `over`, and what the walls sweep; see
         `swept`."""
         end = pairs.total(start, pairs.as_pair(duration))
-        now = self.places(still, numbers, end)
+        now = self.places(still, numbers, end, pairs.value(start) + 0.5 * duration)
         means = {s.number: self._mean(s, numbers, start, duration) for s in self.change_place}
         cut = self.with_velocities(self.cut(still, now), now, numbers, end, means)
         return cut, self._swept(still, cut, now, means)
 
-    def places(self, still: StillDistances, numbers: Sequence[Numbers], time: Pair) -> tuple[Array, ...]:
-        """Distances of all surfaces at the corners at a time [m]."""
+    def places(self, still: StillDistances, numbers: Sequence[Numbers], time: Pair, middle: Array) -> tuple[Array, ...]:
+        """Distances of all surfaces at the corners at a time; of those far away that are not there in the interval with
+        this middle [m]."""
         found, dtype = list(still.distances), still.distances[0].dtype
         points = corner_points(self.grid)
         corners = tuple(
             namespace(still.distances[0]).asarray(points[..., k].astype(dtype)) for k in range(points.shape[-1])
         )
         for surface in self.change_place:
-            placed = surface.motion.at(numbers[surface.wall], time)
-            own, low = placed.to_body(corners, (None,) * len(corners))
-            inside = tuple(x if y is None else x + y for x, y in zip(own, low, strict=True))
-            if isinstance(surface.shape, BodyGrid):
-                found[surface.number] = surface.shape.distance(still.distances[surface.number], inside)
-            elif surface.shape is not None:
-                found[surface.number] = signed_distance(surface.shape, inside)
+            if surface.shape is not None:
+                own, low = surface.at(numbers, time, len(corners)).to_body(corners, (None,) * len(corners))
+                inside = tuple(x if y is None else x + y for x, y in zip(own, low, strict=True))
+                if isinstance(surface.shape, BodyGrid):
+                    found[surface.number] = surface.shape.distance(still.distances[surface.number], inside)
+                else:
+                    found[surface.number] = signed_distance(surface.shape, inside)
+            if not surface.window.is_always:
+                known, far = found[surface.number], FAR * math.hypot(*self.grid.size)
+                found[surface.number] = namespace(known).where(surface.is_there(middle), known, far)
         return tuple(found)
 
     def cut(self, still: StillDistances, distances: Sequence[Array]) -> CutCells:
@@ -158,18 +203,28 @@ class WallsInFluid:
         """The open parts with the velocities at a time; of some surfaces the `means`."""
         placed: list[Placement | None] = [None] * len(distances)
         for surface in self.moving:
-            mean = (means or {}).get(surface.number)
-            placed[surface.number] = surface.motion.at(numbers[surface.wall], time) if mean is None else mean
+            if surface.motion is not None:
+                mean = (means or {}).get(surface.number)
+                placed[surface.number] = surface.at(numbers, time, self.grid.dimension) if mean is None else mean
         return with_velocity(self.grid, cut, distances, placed)
+
+    def _renewed(self, before: Array, now: Array) -> Array | None:
+        """() bool, whether a wall has come or vanished between the intervals with these middles [s]; None where none
+        does in the run."""
+        found = None
+        for surface in self.gates:
+            changed = jnp.asarray(surface.is_there(before)) != jnp.asarray(surface.is_there(now))
+            found = changed if found is None else found | changed
+        return found
 
     def _mean(self, surface: MovingSurface, numbers: Sequence[Numbers], start: Pair, duration: Array) -> Placement:
         """Its placement in the middle of an interval, with the mean velocity: exact for one that does not turn."""
-        own = numbers[surface.wall]
-        middle = surface.motion.at(own, pairs.total(start, pairs.as_pair(0.5 * duration)))
-        if surface.motion.turns:
+        dimension = self.grid.dimension
+        middle = surface.at(numbers, pairs.total(start, pairs.as_pair(0.5 * duration)), dimension)
+        if surface.motion is None or surface.motion.turns:
             return middle
-        end = surface.motion.at(own, pairs.total(start, pairs.as_pair(duration)))
-        first = surface.motion.at(own, start)
+        end = surface.at(numbers, pairs.total(start, pairs.as_pair(duration)), dimension)
+        first = surface.at(numbers, start, dimension)
         way = pairs.total((end.shift, end.shift_low), pairs.negative((first.shift, first.shift_low)))
         return middle._replace(velocity=pairs.value(way) / duration)
 
@@ -199,3 +254,14 @@ def _in_new_cells(pressure: Array, before: Array, now: Array) -> Array:
     count = sum_of(next_to(open_before, axis) for axis in range(pressure.ndim))
     new = now & ~before & (count > 0.0)
     return xp.where(new, total / xp.where(count > 0.0, count, 1.0), pressure)
+
+
+def _in_new_bodies(pressure: Array, before: Array, now: Array) -> Array:
+    """The same of bodies that are many cells thick: from the cells that were open inwards [Pa]."""
+
+    def further(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        value, known = carry
+        beside = sum_of(next_to(known.astype(value.dtype), axis) for axis in range(value.ndim)) > 0.0
+        return _in_new_cells(value, known, now), known | (now & beside)
+
+    return lax.fori_loop(0, max(pressure.shape), further, (pressure, before))[0]

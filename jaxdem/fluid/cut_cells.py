@@ -55,6 +55,7 @@ class CutCells(NamedTuple):
             particles [-].
         swept: rate at which surfaces that change their place open the cells, over the volume of a whole cell, with the
             part of it that is fluid; None where all keep their place [1/s].
+        renewed: () bool, a surface has come or vanished since the last interval; None where none does in the run.
     """
 
     open_faces: FaceField
@@ -67,6 +68,7 @@ class CutCells(NamedTuple):
     spin: Array | None = None
     deposit_weights: Array | None = None
     swept: Array | None = None
+    renewed: Array | None = None
 
     @property
     def inertia(self) -> FaceField:

@@ -41,11 +41,10 @@ def check_fluid_walls(walls: tuple[Wall, ...], fluid: Fluid | None, coupling: Co
 
 
 def _check_motion(key: str, wall: Wall) -> None:
-    remedy = 'set fluid = "none" for this wall, or leave this key out'
-    for name in ("begin", "end", "piston"):
-        if getattr(wall, name) is not None:
-            limit = "a wall that the fluid sees is there all the time, and moves by a given motion alone"
-            raise InputError(f"{key}.{name}", getattr(wall, name), limit, remedy)
+    if wall.piston is not None:
+        limit = "a wall that the fluid sees moves by a given motion alone"
+        remedy = 'set fluid = "none" for this wall, or leave this key out'
+        raise InputError(f"{key}.piston", wall.piston, limit, remedy)
 
 
 def keeps_place(wall: Wall) -> bool:

@@ -129,7 +129,8 @@ def _check_wall(key: str, wall: Wall, heat: Heat | None, carries: bool) -> None:
     if wall.temperature is not None and not wall.seen_by_fluid and not conducts:
         limit = "walls that the fluid does not see heat grains by contact alone, and contacts conduct nothing"
         raise InputError(f"{key}.temperature", wall.temperature, limit, "set heat.particle_conductivity, or remove it")
-    if carries and wall.seen_by_fluid and wall.moves and not keeps_place(wall):
+    comes_or_goes = wall.begin is not None or wall.end is not None
+    if carries and wall.seen_by_fluid and (comes_or_goes or (wall.moves and not keeps_place(wall))):
         limit = "changes its place, and the cells that it opens and closes have no rule for temperatures and scalars"
         remedy = 'let it move along itself, set fluid = "none", or remove [heat] and [[scalars]]'
         raise InputError(f"{key}.motion", f"{len(wall.motion or ())} tables", limit, remedy)

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from jax import Array
 
-from jaxdem.coupling.walls_in_fluid import MovingSurface, signed_distance
+from jaxdem.coupling.walls_in_fluid import FAR, MovingSurface, signed_distance
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.placement import Placement
+from jaxdem.numerics.tables import Window
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.surfaces import Cylinder, Plane
 from jaxdem.scene import Scene
@@ -23,8 +24,8 @@ from jaxdem.scene.wall_motion import WallMotion
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.fluid_meshes import distance_of_body, mesh_distance
 from jaxdem.setup.wall_motion import motion_numbers, rigid_motion, tables_of
-from jaxdem.setup.walls import surfaces_of
-from jaxdem.solids.motion_tables import placement_of
+from jaxdem.setup.walls import check_presence, surfaces_of
+from jaxdem.solids.motion_tables import number, placement_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,32 +33,41 @@ class SeenSurface:
     """A surface of a wall that the fluid sees.
 
     Attributes:
+        number: among the surfaces that the fluid sees.
         wall: number of its wall in the scene.
         no_slip: whether the fluid sticks to it; else it slips freely.
         distance: points (..., D) [m] -> (...) [m] where it is when the run begins, positive in the fluid.
         placed: how it moves then; None for one at rest.
         moving: how it moves, as it is compiled; None for one at rest.
         sampled: distance of a mesh that moves, at the corners of its own mesh; None for others [m].
+        far: of one that is not there when the run begins, the distance that stands for it; else None [m].
     """
 
+    number: int
     wall: int
     no_slip: bool
     distance: Callable[[np.ndarray], np.ndarray]
     placed: Placement | None = None
     moving: MovingSurface | None = None
     sampled: np.ndarray | None = None
+    far: float | None = None
+
+    def distance_at_start(self, points: np.ndarray) -> np.ndarray:
+        """Its distance when the run begins at points (..., D); far where it is not there yet [m]."""
+        return self.distance(points) if self.far is None else np.full(points.shape[:-1], self.far)
 
 
-def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float) -> tuple[SeenSurface, ...]:
+def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float, interval: float) -> tuple[SeenSurface, ...]:
     """The surfaces that the fluid sees, in the order of the walls.
 
     Args:
         scene: the scene.
         grid: mesh of the fluid.
         begin: time at which the run begins [s].
+        interval: coupling interval [s].
 
     Raises:
-        InputError: a mesh has no inside, or is thinner than the cells.
+        InputError: a mesh has no inside, or is thinner than the cells, or a wall is there for less than an interval.
     """
     found: list[SeenSurface] = []
     for number_of_wall, wall in seen_by_fluid(scene.walls):
@@ -65,7 +75,8 @@ def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float) -> tuple[SeenSurfa
         motion, stays = rigid_motion(wall), keeps_place(wall)
         placed = None if motion is None else placement_of(tables_of(wall), begin)
         if wall.kind == "mesh":
-            found.append(_mesh_in_fluid((number_of_wall, len(found)), wall, scene, grid, placed))
+            mesh = _mesh_in_fluid((number_of_wall, len(found)), wall, scene, grid, placed)
+            found.append(_in_its_time(mesh, wall, grid, (begin, interval)))
             continue
         for shape in surfaces_of(wall):
             if not isinstance(shape, Plane | Cylinder):
@@ -75,8 +86,21 @@ def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float) -> tuple[SeenSurfa
             if motion is not None:
                 moving = MovingSurface(len(found), number_of_wall, motion, None if stays else shape)
             distance = _placed_distance(functools.partial(signed_distance, shape), None if stays else placed)
-            found.append(SeenSurface(number_of_wall, sticks, distance, placed, moving))
+            seen = SeenSurface(len(found), number_of_wall, sticks, distance, placed, moving)
+            found.append(_in_its_time(seen, wall, grid, (begin, interval)))
     return tuple(found)
+
+
+def _in_its_time(seen: SeenSurface, wall: Wall, grid: Grid, times: tuple[float, float]) -> SeenSurface:
+    """A surface with the time in which its wall is there; `times` are the start of the run and its interval [s]."""
+    window, (begin, interval) = Window(wall.begin or 0.0, wall.end or math.inf), times
+    if window.is_always:
+        return seen
+    check_presence(f"walls.{seen.wall}", window, interval)
+    moving = seen.moving or MovingSurface(seen.number, seen.wall, None)
+    moving = dataclasses.replace(moving, window=window)
+    there = moving.is_there(number(begin + 0.5 * interval))
+    return dataclasses.replace(seen, moving=moving, far=None if there else FAR * math.hypot(*grid.size))
 
 
 def _mesh_in_fluid(
@@ -86,11 +110,11 @@ def _mesh_in_fluid(
     number_of_wall, own = numbers
     key, sticks, motion = f"walls.{number_of_wall}", wall.fluid == "no_slip", rigid_motion(wall)
     if motion is None:
-        return SeenSurface(number_of_wall, sticks, mesh_distance(key, wall, scene, grid))
+        return SeenSurface(own, number_of_wall, sticks, mesh_distance(key, wall, scene, grid))
     corners, values = distance_of_body(key, wall, scene, grid)
     moving = MovingSurface(own, number_of_wall, motion, corners)
     distance = _placed_distance(functools.partial(corners.distance, values), placed)  # type: ignore[arg-type]
-    return SeenSurface(number_of_wall, sticks, distance, placed, moving, values)
+    return SeenSurface(own, number_of_wall, sticks, distance, placed, moving, values)
 
 
 def host_numbers(scene: Scene) -> tuple[Any, ...]:

@@ -21,7 +21,13 @@ from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.even_deposition import even_factors
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.fluid_surfaces import SeenSurface, host_numbers, surfaces_in_fluid
-from jaxdem.setup.moving_fluid_walls import check_way_out, open_cells_at, still_distances
+from jaxdem.setup.moving_fluid_walls import (
+    check_bodies_that_come,
+    check_way_out,
+    looks,
+    open_cells_at,
+    still_distances,
+)
 from jaxdem.state import Parameters
 
 
@@ -36,6 +42,7 @@ class FluidWalls:
         closed_pockets: number of cells that surfaces enclose, without a way out: the fluid there is left out.
         moving: the walls that move, as they are compiled; None where none does.
         still: what does not change of a mesh whose surfaces move, arrays of NumPy; None where none does.
+        times: at which the run begins, and its coupling interval [s].
     """
 
     cut: CutCells | None = None
@@ -44,6 +51,7 @@ class FluidWalls:
     closed_pockets: int = 0
     moving: WallsInFluid | None = None
     still: StillDistances | None = None
+    times: tuple[float, float] = (0.0, 0.0)
 
     def with_particles(self, grid: Grid, deposition: Deposition, diameter: float) -> FluidWalls:
         """The same with the weights of the cells for particles up to this diameter [m]."""
@@ -59,14 +67,16 @@ class FluidWalls:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """From the nearest surface where it is at the start, at points (..., D), positive in the fluid [m]."""
-        found: np.ndarray = np.min([surface.distance(points) for surface in self.surfaces], axis=0)
+        found: np.ndarray = np.min([surface.distance_at_start(points) for surface in self.surfaces], axis=0)
         return found
 
     def open_cells(self, scene: Scene, time: float) -> np.ndarray | None:
-        """Open part of every cell at a time [s]; None without walls in the fluid."""
+        """Open part of every cell at a time, at the end of an interval [s]; None without walls in the fluid."""
         if self.cut is None or self.moving is None or self.still is None or not self.moving.change_place:
             return None if self.cut is None else np.asarray(self.cut.open_cells)
-        return open_cells_at(self.moving, self.still, host_numbers(scene), time)
+        begin, interval = self.times
+        middle = max(time - 0.5 * interval, begin + 0.5 * interval)
+        return open_cells_at(self.moving, self.still, host_numbers(scene), time, middle)
 
     def put_into(self, parameters: Parameters) -> Parameters:
         """The parameters with the open parts of the mesh."""
@@ -102,8 +112,8 @@ def fluid_walls(
     if extensions.get("subgrid") is not None:
         limit = "does not work beside a wall that the fluid sees"
         raise InputError("subgrid", "...", limit, 'leave it out, or set fluid = "none" for all walls')
-    surfaces = surfaces_in_fluid(scene, grid, begin)
-    own = [FluidSurface(s.distance, s.no_slip, s.placed) for s in surfaces]
+    surfaces = surfaces_in_fluid(scene, grid, begin, interval)
+    own = [FluidSurface(s.distance_at_start, s.no_slip, s.placed) for s in surfaces]
     cut, pockets = cut_cells_of(grid, own, boundary, scene.particles is not None)
     key = f"walls.{seen[0][0]}.fluid"
     if not np.any(cut.open_cells):
@@ -117,8 +127,12 @@ def fluid_walls(
         moving = WallsInFluid(grid, found)
         still = still_distances(grid, surfaces)
         if moving.change_place:
-            check_way_out(scene, moving, still, boundary, (begin, interval))
-    return FluidWalls(cut, tuple(s.wall for s in surfaces), surfaces, pockets, moving, still)
+            check_bodies_that_come(scene, moving, boundary)
+            for look in looks(scene, moving, still, (begin, interval)):
+                check_way_out(scene, moving, boundary, look)
+                if moving.gates:
+                    _check_openings(scene, grid, boundary, look.cut)
+    return FluidWalls(cut, tuple(s.wall for s in surfaces), surfaces, pockets, moving, still, (begin, interval))
 
 
 def with_start_of_solver(fluid: FluidState, properties: FluidProperties) -> FluidState:

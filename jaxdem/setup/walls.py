@@ -74,9 +74,7 @@ def wall_times(
         given.append(("walls", timed.begin, timed.end))
     given += [given[k] for k in meshes]
     for key, begin, end in given:
-        if begin < 0.0 or end - begin < interval * (1.0 - 1e-9):
-            limit = f"a wall must be there for at least a coupling interval of {interval:.4g} s, from 0 s on"
-            raise InputError(f"{key}.begin", f"{begin:g} s to {end:g} s", limit, "lower begin, or raise end")
+        check_presence(key, Window(begin, end), interval)
     for k in meshes:
         if walls[k].begin and walls[k].touch == "front":
             limit = (
@@ -87,6 +85,14 @@ def wall_times(
     if all(window.is_always for window in windows):
         return None
     return WallTimes(tuple(windows), particles.contact.maximum_overlap)
+
+
+def check_presence(key: str, window: Window, interval: float) -> None:
+    """Refuses a wall that is there for less than a coupling interval [s]; `key` is that of its table."""
+    if window.begin < 0.0 or window.end - window.begin < interval * (1.0 - 1e-9):
+        limit = f"a wall must be there for at least a coupling interval of {interval:.4g} s, from 0 s on"
+        given = f"{window.begin:g} s to {window.end:g} s"
+        raise InputError(f"{key}.begin", given, limit, "lower begin, or raise end")
 
 
 def wall_keys(scene: Scene) -> list[tuple[str, str]]:

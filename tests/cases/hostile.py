@@ -385,10 +385,11 @@ CYLINDER: Tables = {
     "domain": {"size": [0.4, 0.2]},
     "fluid": {"cells": [16, 8], "viscosity": 1e-4, "time_step": "auto"},
     "boundary": {"left": {"kind": "inlet", "velocity": 0.1}, "right": {"kind": "outlet"}},
-    "walls": [{"kind": "cylinder", "center": [0.15, 0.1], "radius": 0.04, "inside": False, "fluid": "no_slip"}],
+    "walls": [{"kind": "cylinder", "center": [0.15, 0.1], "radius": 0.04, "inside": False, "fluid": "no_slip",
+               "end": 0.015}],
     "time": {"end": 0.02, "output_interval": 0.01},
-}
-"""A cylinder in a stream."""
+}  # fmt: skip
+"""A cylinder in a stream, which vanishes."""
 
 HEAT: Tables = {
     "domain": {"size": [0.4, 0.2]},
