@@ -132,6 +132,7 @@ def _coupling_parts(scene: Scene, simulation: Simulation, parameters: Parameters
         *((str(there[kind]) if kind in there else kind.label, kind in there) for kind in FORCES),
         (sharper, drag.deconvolution > 0.0),
         (wake, correction is not None),
+        ("volume of one grain at a parcel", drag.grain_volume),
         (averaged, view is not None),
         (law, True),
         *(() if learned else (("learned drag", False),)),

@@ -14,6 +14,7 @@ from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.inputs import MeshFields, deconvolved, drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.member_weights import body_weights
+from jaxdem.coupling.own_volume import with_volume_of_grain
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.boundary import Boundary
@@ -34,12 +35,14 @@ class CoarseInputs:
         boundary: sides of the box.
         deposition: of the particles on its cells.
         deconvolution: see `deconvolved`, 0 for none [-].
+        grain_volume: whether a parcel sees the volume of one grain in place of its own, see `own_volume`.
     """
 
     grid: Grid
     boundary: Boundary
     deposition: Deposition
     deconvolution: float = 0.0
+    grain_volume: bool = False
 
     def __call__(
         self,
@@ -95,6 +98,8 @@ class CoarseInputs:
         slope = pressure_slope(self.grid, self.boundary, fluid, continued=True)
         fields = MeshFields(velocity, slope, solids)
         inputs = drag_inputs(self.grid, weights, fields, particles.velocity, bodies, properties)
+        if self.grain_volume:
+            inputs = with_volume_of_grain(self.grid, weights, inputs, bodies)
         if self.deconvolution > 0.0:
             inputs = deconvolved(self.grid, weights, inputs, velocity, self.deconvolution)
         return inputs, fluid, weights

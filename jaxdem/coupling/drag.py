@@ -17,6 +17,7 @@ from jaxdem.coupling.forces.protocol import IntervalStart
 from jaxdem.coupling.inputs import deconvolved
 from jaxdem.coupling.member_weights import crosswise_sphericity
 from jaxdem.coupling.model_b import drag_of_model_b
+from jaxdem.coupling.own_volume import with_volume_of_grain
 from jaxdem.coupling.polydisperse import sauter_mean, share_of_size
 from jaxdem.coupling.presence import present_drag
 from jaxdem.coupling.self_disturbance import SelfDisturbance, own_solid_fraction
@@ -41,6 +42,8 @@ class DragModel:
         deconvolution: see `deconvolved`, 0 for none; without `coarse_inputs`, which have their own [-].
         surroundings: finds the neighbours that a `NeighborClosure` asks for, None for other laws.
         polydisperse: whether grains of different sizes share the drag of their mean diameter, see `polydisperse`.
+        grain_volume: whether a parcel sees the volume of one grain in place of its own, see `own_volume`; without
+            `coarse_inputs`, which have their own.
     """
 
     form: str = "A"
@@ -49,6 +52,7 @@ class DragModel:
     deconvolution: float = 0.0
     surroundings: Surroundings | None = None
     polydisperse: bool = False
+    grain_volume: bool = False
 
     def in_blocks(self, blocks: Blocks, drift: float) -> DragModel:
         """The same in one slab of the box; `drift` is how far its particles may stand outside of it [m]."""
@@ -68,6 +72,8 @@ class DragModel:
         """
         if self.coarse_inputs is not None:
             return self.coarse_inputs(start.grid, fluid, solids, start.particles, start.bodies, start.properties)
+        if self.grain_volume:
+            inputs = with_volume_of_grain(start.grid, start.weights, inputs, start.bodies, start.properties.cut)
         if self.deconvolution > 0.0:
             return deconvolved(start.grid, start.weights, inputs, start.face_velocity, self.deconvolution)
         return inputs

@@ -65,6 +65,9 @@ class Coupling(Section):
         basset: number of coupling intervals for which the Basset force uses the exact kernel; 0 for no Basset force.
         self_disturbance: whether the particle's own wake is removed from the slip that the drag law receives (3-D, with
             void_fraction = "kernel").
+        own_volume: what a parcel (`particles.coarse_grain`) sees of its own volume in the solid fraction that the drag
+            law receives: "parcel", all of it; "grain", as much as one of its grains, so that at random places the mean
+            is that of the grains.
         drag_inputs_coarsened: the drag law receives the fluid averaged to a mesh with this many times fewer cells per
             axis, through the kernel of that mesh; 1 for the mesh of the fluid.
         deconvolution: coefficient a of the velocity u - a h^2 lap(u) that the drag law receives. It restores a part of
@@ -83,6 +86,7 @@ class Coupling(Section):
     basset: BassetWindow = 0
     self_disturbance: bool = Field(default=False, strict=True)
     polydisperse: bool = Field(default=False, strict=True)
+    own_volume: Literal["parcel", "grain"] = "parcel"
     drag_inputs_coarsened: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
     deconvolution: NonNegative = 0.0
 

@@ -53,6 +53,7 @@ def fluid_coupling(
         _deconvolution(table, deposition, grid),
         surroundings,
         table.polydisperse,
+        table.own_volume == "grain",
     )
     return Coupling(fluid, deposition, drag, _further_forces(table))
 
@@ -117,7 +118,8 @@ def _width_error(table: CouplingTable, limit: str, remedy: str) -> InputError:
 def _coarse_inputs(table: CouplingTable, grid: Grid, boundary: Boundary, diameter: float) -> CoarseInputs:
     coarse = coarsened(grid, table.drag_inputs_coarsened)
     deposition = _deposition(table, coarse, diameter)
-    return CoarseInputs(coarse, boundary, deposition, _deconvolution(table, deposition, coarse))
+    of_grain = table.own_volume == "grain"
+    return CoarseInputs(coarse, boundary, deposition, _deconvolution(table, deposition, coarse), of_grain)
 
 
 def _deconvolution(table: CouplingTable, deposition: Deposition, grid: Grid) -> float:

@@ -184,7 +184,8 @@ class CoarseView:
         """Inputs of the drag law on the coarse mesh, the force that this mesh applies by itself, and its fluid."""
         bodies, fluid, solver, dtype = self.bodies, self.properties, self.coupling.interval.solver, position.dtype
         drag = self.coupling.drag
-        view = CoarseInputs(self.coarse, solver.boundary, self.coupling.deposition, drag.deconvolution)
+        seen = self.coupling.deposition, drag.deconvolution, drag.grain_volume
+        view = CoarseInputs(self.coarse, solver.boundary, *seen)
         particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
         averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
         inputs, state, weights = view.sample(*averaged, particles, bodies, fluid, mean_gradient)

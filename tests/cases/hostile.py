@@ -99,6 +99,7 @@ COUPLED: Tables = {
         "virtual_mass": 0.5,
         "basset": 0,
         "self_disturbance": False,
+        "own_volume": "parcel",
         "drag_inputs_coarsened": 1,
         "deconvolution": 0.1,
     },
