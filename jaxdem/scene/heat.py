@@ -112,6 +112,10 @@ def check_heat(
     names = [scalar.name for scalar in scalars]
     for side, table in boundary.items():
         _check_side(f"boundary.{side}", table, heat is not None and has_fluid, names)
+        if table.temperature is not None and not has_fluid and not _conducts(heat):
+            limit = "without a fluid a side heats grains by contact alone, and contacts conduct nothing"
+            remedy = "set heat.particle_conductivity, or remove it"
+            raise InputError(f"boundary.{side}.temperature", table.temperature, limit, remedy)
     for k, wall in enumerate(walls):
         _check_wall(f"walls.{k}", wall, heat, has_fluid and (heat is not None or bool(scalars)))
 
@@ -125,8 +129,7 @@ def _check_wall(key: str, wall: Wall, heat: Heat | None, carries: bool) -> None:
         if not wall.seen_by_fluid:
             limit = "a heat flux goes into the fluid, which does not see this wall; grains take its temperature"
             raise InputError(f"{key}.heat_flux", wall.heat_flux, limit, 'set fluid = "no_slip", or give a temperature')
-    conducts = heat is not None and heat.particle_conductivity is not None
-    if wall.temperature is not None and not wall.seen_by_fluid and not conducts:
+    if wall.temperature is not None and not wall.seen_by_fluid and not _conducts(heat):
         limit = "walls that the fluid does not see heat grains by contact alone, and contacts conduct nothing"
         raise InputError(f"{key}.temperature", wall.temperature, limit, "set heat.particle_conductivity, or remove it")
     comes_or_goes = wall.begin is not None or wall.end is not None
@@ -134,6 +137,11 @@ def _check_wall(key: str, wall: Wall, heat: Heat | None, carries: bool) -> None:
         limit = "changes its place, and the cells that it opens and closes have no rule for temperatures and scalars"
         remedy = 'let it move along itself, set fluid = "none", or remove [heat] and [[scalars]]'
         raise InputError(f"{key}.motion", f"{len(wall.motion or ())} tables", limit, remedy)
+
+
+def _conducts(heat: Heat | None) -> bool:
+    """Whether contacts do."""
+    return heat is not None and heat.particle_conductivity is not None
 
 
 def _check_given(

@@ -23,7 +23,8 @@ class Start(Section):
         from_: the run directory, relative to the scene file (key `from`).
         time: take the frame at this time. Default: the newest checkpoint. A frame holds no contact springs and no face
             velocities: springs start at rest, and face velocities are made from the means of the cells [s].
-        fluid: "keep" goes on with the fluid of the run, "new" starts it anew with `fluid.velocity`.
+        fluid: "keep" goes on with the fluid of the run, "new" starts it anew with `fluid.velocity`, and what it
+            carries with the values of this scene.
         remove: regions; particles whose centres lie in one of them are removed.
         add: particles to be added, with the keys of `[particles]` except `inlet`. They must not overlap those that are
             there.

@@ -149,7 +149,7 @@ def first_scalars(
     state: ParticleState | None,
     start: StartPoint | None = None,
 ) -> ScalarState | None:
-    """The scalars of the first state; those of a run that the scene begins from go on.
+    """The scalars of the first state; those of a run that the scene begins from go on, in its fluid if that does.
 
     Args:
         scene, particles, simulation, parameters: of the case.
@@ -236,11 +236,13 @@ def _first_field(scene: Scene, name: str, start: StartPoint | None, dtype: np.dt
     else:
         value = next(scalar.value for scalar in scene.scalars if scalar.name == name)
     found = np.full(fluid.cells, value)
-    stored = None if start is None else _stored_field(start, name)
+    anew = scene.start is not None and scene.start.fluid == "new"
+    stored = None if start is None or anew else _stored_field(start, name)
     if stored is not None:
         if stored.shape != found.shape:
             limit = f"the run before has {name} on {list(stored.shape)} cells, and scalars stay on their mesh"
-            raise InputError("fluid.cells", list(found.shape), limit, "take the mesh of that run")
+            remedy = 'take the mesh of that run, or start the fluid anew: start.fluid = "new"'
+            raise InputError("fluid.cells", list(found.shape), limit, remedy)
         found = stored
     return on_device(found, dtype)
 
@@ -252,16 +254,16 @@ def _stored_field(start: StartPoint, name: str) -> np.ndarray | None:
     names += [table["name"] for table in tables.get("scalars", [])]
     if name not in names:
         return None
-    return start.arrays.get(f"state.scalars.fields[{names.index(name)}]")
+    return start.arrays.get(f"state.scalars.fields[{names.index(name)}]", start.arrays.get(f"cells/{name}"))
 
 
 def _first_temperatures(scene: Scene, particles: ParticleSetup, count: int, start: StartPoint | None) -> np.ndarray:
     """(N,) of all grains that there ever are, those to come at the temperature of their inlet [K]."""
     usual = required(required(scene.heat, "heat").particle_temperature, "particle_temperature")
     found = np.full(count, usual)
-    for inlet, queue in zip(particles.table.inlet, particles.queues, strict=True):
-        found[queue.rows] = usual if inlet.temperature is None else inlet.temperature
     stored = None if start is None else start.arrays.get("state.scalars.grains")
     if stored is not None:
         found[: len(stored)] = stored
+    for inlet, queue in zip(particles.table.inlet, particles.queues, strict=True):
+        found[queue.rows[queue.inserted :]] = usual if inlet.temperature is None else inlet.temperature
     return found

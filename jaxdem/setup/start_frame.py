@@ -24,7 +24,7 @@ def arrays_of_frame(
 ) -> dict[str, Any]:
     """Arrays and attributes of a `StartPoint` at a frame.
 
-    The cells' means of the fluid stand under `cells/`: what the faces had is not in a frame.
+    The cells' means of the fluid, and what it carries, stand under `cells/`: what the faces had is not in a frame.
 
     Args:
         folder: of the run.
@@ -73,6 +73,8 @@ def _particles(run: Run, index: int, dimension: int, arrays: Mapping[str, np.nda
     found["state.particles.angular_velocity"] = spin if dimension == 3 else spin[:, 2:]
     if frame["position"].dtype != np.float64:
         found["state.particles.position_low"] = np.zeros((count, dimension), frame["position"].dtype)
+    if "temperature" in frame:
+        found["state.scalars.grains"] = frame["temperature"]
     if "active" in frame:
         found["state.particles.active"] = frame["active"].astype(bool)
     inserted = arrays.get("state.particles.inserted")

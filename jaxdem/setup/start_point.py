@@ -188,6 +188,9 @@ def read_start(scene: Scene) -> StartPoint | None:
     if f"{STORED}.status" in point.arrays:
         limit = "cannot begin from a frame of a run with bonds: frames do not hold how the grains are turned"
         raise InputError("start.time", start.time, limit, "remove this key: begin from the end of the run")
+    if any(name.startswith("state.particles.mesh_wear") for name in point.arrays):
+        limit = "cannot begin from a frame of a run with walls that wear: frames do not hold what has been taken"
+        raise InputError("start.time", start.time, limit, "remove this key: begin from the end of the run")
     return dataclasses.replace(point, **arrays_of_frame(Path(start.from_), start.time, point.arrays, point.attributes))
 
 

@@ -45,6 +45,15 @@ DYE = [{"name": "dye"}]
         (changed(STREAM, boundary__bottom__temperature=300.0), "boundary.bottom"),
         (changed(STREAM, boundary__right__heat_flux=3.0), "boundary.right.heat_flux"),
         (changed(CHAIN, boundary__left={"heat_flux": 3.0}), "boundary.left.heat_flux"),
+        (
+            changed(
+                CHAIN,
+                heat__particle_conductivity=None,
+                heat__true_young_modulus=None,
+                boundary__left={"temperature": 3.0},
+            ),
+            "boundary.left.temperature",
+        ),
         (changed(CHAIN, heat=None, boundary__left={"temperature": 3.0}), "boundary.left.temperature"),
         (changed(CHAIN, particles__coarse_grain=2.0), "particles.coarse_grain"),
         (changed(CHAIN, materials=[{"name": "steel"}], particles__material="steel"), "heat.particle_conductivity"),
@@ -121,3 +130,56 @@ def test_a_run_that_begins_from_another_goes_on(tmp_path):
     assert abs(rest.summary["heat"]["missing_relative"]) < 1e-13
     assert rest.summary["heat"]["from_walls_to_grains"] > 0.0
     assert half.summary["heat"]["from_friction"] > 0.0
+
+
+@pytest.fixture(scope="module")
+def dyed(tmp_path_factory):
+    """A run of a hot sphere in a stream; a dye comes in, one grain has come in and one waits for room."""
+    inlet = {"start": [0.02, 0.01], "stop": [0.024, 0.014], "rate": 4000.0, "total": 2, "radius": 0.0018}
+    tables = changed(
+        STREAM,
+        scalars=[{"name": "dye", "value": 1.0}],
+        boundary__left__scalars={"dye": 2.0},
+        particles__inlet=[{**inlet, "density": 8850.0, "velocity": [0.0, 0.0], "temperature": 330.0}],
+        time={"end": 1e-3, "output_interval": 5e-4},
+        coupling__interval=5e-4,
+    )
+    return tables, simulate(load_scene(tables), tmp_path_factory.mktemp("dyed") / "run")
+
+
+def first_scalars_after(dyed, **values):
+    """Those of a scene that begins from the run."""
+    tables, run = dyed
+    tables = changed(tables, time__end=2e-3, **values) | {"start": {"from": str(run.path), **values.get("start", {})}}
+    tables["particles"] = {"inlet": tables["particles"]["inlet"]}
+    scene = load_scene(tables)
+    return jaxdem.initial_state(scene, *jaxdem.build(scene))[0].scalars
+
+
+def test_a_run_that_begins_from_a_frame_has_its_temperatures(dyed):
+    frame, cells = dyed[1].particles(1), dyed[1].fluid(1)
+    found = first_scalars_after(dyed, start={"time": 5e-4})
+    np.testing.assert_array_equal(found.grains, frame["temperature"])
+    np.testing.assert_array_equal(found.fields[0], cells["temperature"])
+    np.testing.assert_array_equal(found.fields[1], cells["dye"])
+    assert cells["dye"].max() > 1.01 and frame["temperature"][0] < 373.15 - 1e-3
+
+
+def test_a_new_fluid_has_its_own_scalars(dyed):
+    """Grains keep their temperatures."""
+    given = {"heat__fluid_temperature": 400.0, "fluid__cells": [4, 4]}
+    found = first_scalars_after(dyed, start={"fluid": "new"}, **given)
+    np.testing.assert_array_equal(found.fields[0], np.full((4, 4), 400.0))
+    np.testing.assert_array_equal(found.fields[1], np.ones((4, 4)))
+    np.testing.assert_array_equal(found.grains, dyed[1].particles(-1)["temperature"])
+    with pytest.raises(InputError, match=r"fluid\.cells.*start\.fluid"):
+        first_scalars_after(dyed, **given)
+
+
+def test_grains_that_wait_come_in_as_warm_as_the_inlet_says_now(dyed):
+    tables, run = dyed
+    inlet = [tables["particles"]["inlet"][0] | {"temperature": 500.0}]
+    frame, found = run.particles(-1), first_scalars_after(dyed, particles__inlet=inlet)
+    assert frame["active"].tolist() == [1, 1, 0]
+    np.testing.assert_array_equal(found.grains[:2], frame["temperature"][:2])
+    assert found.grains[2] == 500.0

@@ -99,6 +99,19 @@ def test_wear_is_told(worn):
     assert run.history["wall_0_wear"][1] == pytest.approx(0.5 * told[0]["volume"], rel=1e-3, abs=0.0)
 
 
+def test_what_is_worn_is_in_no_frame(worn):
+    """A scene that goes on from the end has it; one that would begin from a frame is refused."""
+    tables = {name: value for name, value in worn[0].scene.items() if name != "particles"}
+    onward = tables | {"time": {"end": 0.04, "output_interval": 0.01}, "start": {"from": str(worn[0].path)}}
+    scene = jaxdem.load_scene(onward)
+    kept = jaxdem.initial_state(scene, *jaxdem.build(scene))[0].particles.mesh_wear
+    told = json.loads((worn[0].path / "summary.json").read_text())["wear"]
+    assert float(jnp.sum(kept[0].volume)) == pytest.approx(told[0]["volume"], rel=1e-6, abs=0.0)
+    onward["start"]["time"] = 0.01
+    with pytest.raises(InputError, match=r"start\.time.*wear"):
+        jaxdem.build(jaxdem.load_scene(onward))
+
+
 def test_small_wear_is_not_lost_in_single_precision():
     zero = jnp.zeros(1, jnp.float32)
     found = WornMesh(zero + 1.0, zero)
