@@ -21,7 +21,7 @@ class NeighborEffect(NamedTuple):
         across: (N, 3) force across the slip [N].
         torque: (N, 3) [N m].
         out_of_range: (N,) bool, less than half of the fluctuation acts, or there was no room for the neighbours.
-        memory: (N, 8) what is held for later intervals; None for nothing.
+        memory: (N, 9) what is held for later intervals; None for nothing.
     """
 
     multiple: Array

@@ -63,17 +63,13 @@ class Surroundings:
             return neighbor_effect(closure.base, form, found, frame, inputs, scale)
 
         def renewed(rows: Array) -> Array:
-            fresh = self.response(closure, start, inputs, frame)
-            parts = (fresh.along[:, None], fresh.across, fresh.torque, fresh.weight[:, None])
-            left = jnp.full_like(rows[:, :1], self.held)
-            return jnp.concatenate([*parts, left], axis=1)
+            return _held(self.response(closure, start, inputs, frame), frame, jnp.full_like(rows[:, :1], self.held))
 
         active = start.particles.active
         over = held[:, -1] < 0.5
         over = jnp.any(over if active is None else over & active)
         held = cond_in_batch(over, renewed, held)
-        found = Response(held[:, 0], held[:, 1:3], held[:, 3:6], held[:, 6])
-        effect = neighbor_effect(closure.base, form, found, frame, inputs, scale)
+        effect = neighbor_effect(closure.base, form, _as_found(held, frame), frame, inputs, scale)
         return effect._replace(memory=held.at[:, -1].add(-1.0))
 
     def response(self, closure: NeighborClosure, start: IntervalStart, inputs: DragInputs, frame: Frame) -> Response:
@@ -88,11 +84,9 @@ class Surroundings:
         return Response(room * found.along, column * found.across, column * found.torque, room * found.weight)
 
     def first_memory(self, slip: Array) -> Array | None:
-        """(N, 8) nothing that is held, so that the first interval finds it anew; None where nothing is ever held.
-
-        The columns are those of `Response`, and the intervals for which they still hold.
-        """
-        return None if self.held == 1 else jnp.zeros((slip.shape[0], 8), slip.dtype)
+        """(N, 9) nothing that is held, so that the first interval finds it anew; None where nothing is ever held. The
+        columns are those of `_held`."""
+        return None if self.held == 1 else jnp.zeros((slip.shape[0], 9), slip.dtype)
 
     def neighbors(self, start: IntervalStart) -> tuple[Array, Array]:
         """(K, N) int32, who is in reach of every particle, itself in an empty slot; and (N,) bool, whether there was no
@@ -108,3 +102,19 @@ class Surroundings:
         held = jnp.zeros(grid.columns, jnp.int32).at[grid.flat(cells)].add(there)
         crowded = jnp.any((held > self.cell_slots)[grid.around(cells)], axis=0)
         return others, (others[-1] != own) | crowded
+
+
+def _held(found: Response, frame: Frame, left: Array) -> Array:
+    """(N, 9) what was found, its vectors along the axes of the box, and the intervals for which it still holds. The
+    axes of `axes_along` are no place for vectors to wait in: across the slip they may jump when the slip turns."""
+    across = sum(found.across[:, k, None] * axis for k, axis in enumerate(frame[1:]))
+    torque = sum(found.torque[:, k, None] * axis for k, axis in enumerate(frame))
+    return jnp.concatenate([found.along[:, None], across, torque, found.weight[:, None], left], axis=1)
+
+
+def _as_found(held: Array, frame: Frame) -> Response:
+    """What is held, along axes of the present slip; what has come to lie along the slip is not part of the force across
+    it."""
+    across, torque = held[:, 1:4], held[:, 4:7]
+    parts = [[jnp.sum(vector * axis, axis=1) for axis in frame] for vector in (across, torque)]
+    return Response(held[:, 0], jnp.stack(parts[0][1:], axis=1), jnp.stack(parts[1], axis=1), held[:, 7])

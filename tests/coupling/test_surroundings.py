@@ -1,5 +1,6 @@
 """The closure of neighbours in the solver: the same as in training, in both models, with exact exchange."""
 
+import copy
 import dataclasses
 
 import jax
@@ -219,6 +220,27 @@ def test_what_the_neighbours_add_is_held(closure, effect):
     assert [row[0, -1] for row in rows] == [1.0, 0.0, 1.0]
     np.testing.assert_array_equal(rows[1][:, :-1], rows[0][:, :-1])
     assert np.abs(rows[2][:, :-1] - rows[0][:, :-1]).max() > 1e-6
+
+
+def test_what_is_held_does_not_turn_over_with_the_axes(closure):
+    """The axes across a slip along x turn over when its vertical part changes its sign; force and torque do not."""
+    world = World(closure, closure=dict(hold=3))
+
+    @jax.jit
+    def effect(velocity, memory):
+        particles = world.state.particles._replace(fluid_memory={"neighbors": memory})
+        own = copy.copy(world)
+        own.state = world.state._replace(particles=particles)
+        return own.effect(closure, velocity)[0]
+
+    up, down = slip_of([1.0, 0.0, 1e-6]), slip_of([1.0, 0.0, -1e-6])
+    first = effect(up, world.state.particles.fluid_memory["neighbors"])
+    second = effect(down, first.memory)
+    assert float(second.memory[0, -1]) == 1.0
+    for name in ("across", "torque"):
+        size = float(jnp.abs(getattr(first, name)).max())
+        assert size > 0.0
+        np.testing.assert_allclose(getattr(second, name), getattr(first, name), rtol=0.0, atol=1e-5 * size)
 
 
 def test_holding_is_refused_for_other_laws():
