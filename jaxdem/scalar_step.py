@@ -9,6 +9,7 @@ from jax import named_scope
 
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
+from jaxdem.fluid.carried_heat import CarriedHeat
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.numerics.blocks import all_of
@@ -44,9 +45,10 @@ def advance_scalars(
     neighbors: Neighbors | None,
     flow: FlowOfInterval,
 ) -> tuple[ScalarState, FluidDiagnostics | None]:
-    """The scalars after an interval, and the fluid's report without the flux, which is for them alone.
+    """The scalars after an interval, and the fluid's report without the flux and heat, which are for them alone.
 
-    The fluid carries them by the mean flux of the interval; then grains and fluid exchange heat, and contacts conduct.
+    The fluid carries them by the mean flux of the interval, two fluids have carried their heat in every step; then
+    grains and fluid exchange heat, and contacts conduct.
     The grains stand where they stood at its start, as they do for the fluid. What contacts take from the motion, and
     grains that come and leave, follow in `particle_step`.
 
@@ -66,12 +68,12 @@ def advance_scalars(
         solver = simulation.fluid.solver
         stream = FluidFlow(
             solver.grid, solver.boundary, parameters.flow, required(state.fluid, "state.fluid"), flow.fluid,
-            required(report.flux, "flux of the fluid"), report.substeps, simulation.fluid.reversible,
+            report.flux, report.substeps, simulation.fluid.reversible, report.heat,
         )  # fmt: skip
         found = scalars.carried(numbers, found, stream, duration)
         sound = [jnp.all(jnp.isfinite(field)) for field in found.fields]
         sound_everywhere = all_of(simulation.cut, jnp.all(jnp.stack(sound)))
-        report = report._replace(flux=None, finite=report.finite & sound_everywhere)
+        report = report._replace(flux=None, heat=None, finite=report.finite & sound_everywhere)
     particles = state.particles
     if particles is None or found.grains is None:
         return found, report
@@ -113,6 +115,21 @@ def with_buoyancy(simulation: Structure, parameters: Parameters, state: State) -
     scalars, found = simulation.scalars, state.scalars
     if scalars is None or scalars.heat is None or not scalars.heat.expands or found is None:
         return parameters
+    if required(parameters.fluid, "parameters.fluid").second is not None:  # in every step, see `with_carried_heat`
+        return parameters
     numbers, solver = required(parameters.scalars, "parameters.scalars"), required(simulation.fluid, "fluid").solver
     lift = scalars.buoyancy(numbers, found, solver.grid, parameters.gravity)
     return parameters._replace(fluid=required(parameters.fluid, "parameters.fluid")._replace(buoyancy=lift))
+
+
+def with_carried_heat(simulation: Structure, parameters: Parameters, state: State) -> tuple[Parameters, FluidState]:
+    """Parameters and fluid at the start of an interval in which two fluids carry their heat; as they are where there is
+    one fluid, or no temperature."""
+    scalars, found, fluid = simulation.scalars, state.scalars, required(state.fluid, "state.fluid")
+    properties = required(parameters.fluid, "parameters.fluid")
+    if scalars is None or scalars.temperature is None or found is None or properties.second is None:
+        return parameters, fluid
+    numbers = scalars.of_phases(required(parameters.scalars, "parameters.scalars"), properties)
+    second = properties.second._replace(heat=numbers)
+    warm = CarriedHeat(found.fields[scalars.temperature], jnp.zeros_like(found.supplied.sides[0]))
+    return parameters._replace(fluid=properties._replace(second=second)), fluid._replace(heat=warm)

@@ -11,7 +11,7 @@ from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.particle_step import at_end_of_interval, buried_particles, moved_particles, of_rows, particle_report
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.scalar_step import FlowOfInterval, advance_scalars, with_buoyancy
+from jaxdem.scalar_step import FlowOfInterval, advance_scalars, with_buoyancy, with_carried_heat
 from jaxdem.scalars.scalar_state import ScalarState
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, Places, State
 from jaxdem.structure import Structure
@@ -41,15 +41,23 @@ def advance_fluid(
         return None, None, None, None
     parameters = with_buoyancy(simulation, simulation.during(parameters, state.step), state)
     parameters = _numbered(parameters, state.step)
-    time, fluid = simulation.time(parameters, state), required(state.fluid, "state.fluid")
+    time = simulation.time(parameters, state)
+    parameters, fluid = with_carried_heat(simulation, parameters, state)
     parameters, fluid = simulation.with_moved_walls(parameters, fluid, state.step)
     if simulation.coupling is not None:
         particles = required(state.particles, "state.particles")
         bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)
         parameters = parameters._replace(bodies=bodies)
-        return simulation.coupling.advance(parameters.mixture, fluid, particles, time)
-    fluid, report = simulation.fluid.advance(parameters.flow, fluid, time)
+        fluid, forces, report, exchange = simulation.coupling.advance(parameters.mixture, fluid, particles, time)
+        fluid, report = _told_heat(fluid, report)
+        return fluid, forces, report, exchange
+    fluid, report = _told_heat(*simulation.fluid.advance(parameters.flow, fluid, time))
     return fluid, None, report, None
+
+
+def _told_heat(fluid: FluidState, report: FluidDiagnostics) -> tuple[FluidState, FluidDiagnostics]:
+    """With the heat that two fluids have carried in the report, since the temperature is one of the scalars."""
+    return (fluid, report) if fluid.heat is None else (fluid._replace(heat=None), report._replace(heat=fluid.heat))
 
 
 def _numbered(parameters: Parameters, step: Array) -> Parameters:

@@ -61,7 +61,11 @@ REFUSED = {
         "boundary__right": {},
         "fluid__bulk_velocity": [0.1, "free"],
     },
-    "heat": {"heat": {"fluid_heat_capacity": 1.0, "fluid_conductivity": 1.0, "fluid_temperature": 300.0}},
+    "surface.heat_capacity": {
+        "heat": {"fluid_heat_capacity": 1.0, "fluid_conductivity": 1.0, "fluid_temperature": 300.0}
+    },
+    "surface.conductivity": {"surface__conductivity": 0.03},
+    "surface.temperature": {"surface__temperature": 0.0},
     "scalars": {"scalars": [{"name": "dye"}]},
     "walls.0.fluid": {
         "walls": [{"kind": "cylinder", "center": [0.2, 0.1], "radius": 0.03, "inside": False, "fluid": "no_slip"}]

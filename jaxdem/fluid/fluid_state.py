@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from jax import Array
 
+from jaxdem.fluid.carried_heat import CarriedHeat
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.drive import DriveParameters
 from jaxdem.fluid.grid import FaceField
@@ -33,6 +34,7 @@ class FluidState(NamedTuple):
             upper; None where there is one fluid alone [m3].
         pressure_change: of `pressure` in the last step: where the solver between surfaces begins, see `cut_projection`;
             None without surfaces [Pa].
+        heat: temperature that two fluids carry, within a coupling interval; None outside of it, and without.
     """
 
     face_velocity: FaceField
@@ -43,6 +45,7 @@ class FluidState(NamedTuple):
     liquid_fraction: Array | None = None
     liquid_supplied: Array | None = None
     pressure_change: Array | None = None
+    heat: CarriedHeat | None = None
 
 
 class StillDistances(NamedTuple):

@@ -12,6 +12,7 @@ from jax import Array, lax
 
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
+from jaxdem.fluid.carried_heat import CarriedHeat
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, along, face_average
 from jaxdem.fluid.mesh import at_side, of_slab
@@ -55,6 +56,7 @@ class FluidDiagnostics(NamedTuple):
             where nothing drives the fluid [Pa/m].
         surface_load: (S, D, 1 + D) mean load on the surfaces within the mesh; None without [N], [N m].
         flux: mean volume flux on the faces; None unless the solver keeps it [m/s].
+        heat: that two fluids have carried; None without.
     """
 
     substeps: Array
@@ -68,6 +70,7 @@ class FluidDiagnostics(NamedTuple):
     pressure_gradient: Array | None = None
     surface_load: Array | None = None
     flux: FaceField | None = None
+    heat: CarriedHeat | None = None
 
 
 class Substeps(NamedTuple):

@@ -70,14 +70,14 @@ class Stream(NamedTuple):
     """The fluid that carries it, over an interval.
 
     Attributes:
-        flux: mean of F on the faces [m/s].
+        flux: mean of F on the faces; None where nothing is carried [m/s].
         before, after: void fraction at the start and at the end; 1.0 without particles [-].
         share: w on the faces, part of the diffusivity that acts; 1.0 without particles, and times the open fraction
             between surfaces [-].
         surfaces: within the mesh; None without.
     """
 
-    flux: FaceField
+    flux: FaceField | None
     before: CellOrOne
     after: CellOrOne
     share: tuple[CellOrOne, ...]
@@ -176,12 +176,7 @@ class ScalarTransport(NamedTuple):
 
     def _flux(self, value: Array, axis: int) -> Array:
         """Flux of the scalar through the faces of an axis, by flow and diffusion [unit m/s]."""
-        grid, carrier = self.grid, self.stream.flux[axis]
-        wide = beyond(grid, axis, value, (-2, -1), (0, 1), lambda: self._ghosts(value, axis))
-        carried = surface_value(VanLeer(), jnp.concatenate((wide[0], value, wide[1]), axis), carrier, axis)
-        if not grid.periodic[axis]:
-            carried = with_ends(grid, axis, carried, self._carried_at_sides(value, axis))
-        flux = carrier * carried
+        grid, flux = self.grid, self._carried(value, axis)
         if self.field.diffuses:
             h = grid.spacing[axis]
             inner = (along(value, axis, 1, None) - along(value, axis, None, -1)) / h
@@ -191,6 +186,18 @@ class ScalarTransport(NamedTuple):
         if set(self.field.sides[2 * axis : 2 * axis + 2]) == {"closed"}:
             return flux
         return with_ends(grid, axis, flux, self._through_sides(value, flux, axis))
+
+    def _carried(self, value: Array, axis: int) -> Array:
+        """What the fluid carries through the faces of an axis [unit m/s]."""
+        grid = self.grid
+        if self.stream.flux is None:
+            return jnp.zeros(grid.face_shape(axis), value.dtype)
+        carrier = self.stream.flux[axis]
+        wide = beyond(grid, axis, value, (-2, -1), (0, 1), lambda: self._ghosts(value, axis))
+        carried = surface_value(VanLeer(), jnp.concatenate((wide[0], value, wide[1]), axis), carrier, axis)
+        if not grid.periodic[axis]:
+            carried = with_ends(grid, axis, carried, self._carried_at_sides(value, carrier, axis))
+        return carrier * carried
 
     def _ghosts(self, value: Array, axis: int) -> Ends:
         """Two layers beyond the sides: mirrored about a value that is given, continued evenly elsewhere."""
@@ -204,12 +211,12 @@ class ScalarTransport(NamedTuple):
                 found.append(layers(value, axis, (count - 1, count - 1) if upper else (0, 0)))
         return found[0], found[1]
 
-    def _carried_at_sides(self, value: Array, axis: int) -> Ends:
+    def _carried_at_sides(self, value: Array, carrier: Array, axis: int) -> Ends:
         """The scalar of the fluid that passes the sides: what comes in has the side's value where it has one."""
         found = []
         for upper in (False, True):
             place, number = ((-1, None) if upper else (0, 1)), 2 * axis + upper
-            inside, through = along(value, axis, *place), along(self.stream.flux[axis], axis, *place)
+            inside, through = along(value, axis, *place), along(carrier, axis, *place)
             if self.field.sides[number] == "value":
                 comes_in = through < 0.0 if upper else through > 0.0
                 inside = jnp.where(comes_in, self.numbers.value[number], inside)

@@ -20,6 +20,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Side, open_fraction
+from jaxdem.fluid.carried_heat import HeatOfPhases
 from jaxdem.fluid.grid import FaceField, Grid, along
 from jaxdem.fluid.mesh import of_slab
 
@@ -35,6 +36,7 @@ class SecondFluid(NamedTuple):
             upper, axis by axis; of inlets and outlets [m].
         number: () int32, of the coupling interval in progress, and in a fluid step that of the step: it orders the axes
             of the transport. None for a step on its own, whose number is its time over its length.
+        heat: of both fluids, which they carry; None without temperatures.
     """
 
     density: Array
@@ -42,6 +44,7 @@ class SecondFluid(NamedTuple):
     tension: Array
     side_level: Array
     number: Array | None = None
+    heat: HeatOfPhases | None = None
 
     def in_step(self, k: Array, count: Array) -> SecondFluid:
         """In step number k of `count` in an interval."""

@@ -25,6 +25,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
+from jaxdem.fluid.carried_heat import CarriedHeat, carried_heat, lightened
 from jaxdem.fluid.carried_momentum import carried_momentum
 from jaxdem.fluid.curvature import surface_tension_gradient
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
@@ -104,7 +105,10 @@ class TwoFluidSolver(FluidSolver):
             lambda: carried_momentum(grid, sides, self.advection, mass_flux, state.face_velocity, old, time_step),
         )
         stress = self._stress(properties, fraction, state.face_velocity, time)
-        force = self._force(properties, faces, fraction, stress)
+        contents = (_or_one(state.void_fraction), _or_one(void_fraction)), fraction
+        heat = self._carried_heat(second, state, (flux, liquid_flux), contents, (time, time_step))
+        light = lightened(grid, second.heat, heat, fraction, contents[0][1])
+        force = self._force(properties, faces, fraction, stress, light)
         gradient = self._mean_gradient(properties, state, time + 0.5 * time_step)
         force = self._pushed(properties, faces, force, state.pressure, gradient)
         predicted = tuple(
@@ -122,7 +126,7 @@ class TwoFluidSolver(FluidSolver):
         came = time_step * through_sides(grid, liquid_flux)
         supplied = required(state.liquid_supplied, "liquid_supplied").at[1:].add(came)
         fluid = FluidState(
-            velocity, pressure, void_fraction, gradient, liquid_fraction=fraction, liquid_supplied=supplied
+            velocity, pressure, void_fraction, gradient, liquid_fraction=fraction, liquid_supplied=supplied, heat=heat
         )
         # Particles take it times the density of the liquid.
         seen = tuple(s / properties.density for s in stress)
@@ -194,6 +198,25 @@ class TwoFluidSolver(FluidSolver):
         carrier = Carrier(flux, _or_one(state.void_fraction), _or_one(void_fraction), inflow)
         return advance_fraction(self.grid, fraction, carrier, time_step, number)
 
+    def _carried_heat(
+        self,
+        second: SecondFluid,
+        state: FluidState,
+        fluxes: tuple[FaceField, FaceField],
+        contents: tuple[tuple[CellOrOne, CellOrOne], Array],
+        times: tuple[Array, Array],
+    ) -> CarriedHeat | None:
+        """The heat at the end of a step of (start, length), by the fluxes of both fluids and of the liquid, with the
+        void fractions at both ends and the new liquid fraction; None without temperatures."""
+        numbers, heat, (time, time_step) = second.heat, state.heat, times
+        if numbers is None or heat is None:
+            return None
+        (old_gaps, gaps), fraction = contents
+        old = numbers.content(required(state.liquid_fraction, "liquid_fraction of the fluid"), old_gaps)
+        held = old, numbers.content(fraction, gaps)
+        order = second.number_at(time, time_step)
+        return carried_heat(self.grid, numbers, heat, numbers.carrier(*fluxes), held, time_step, order)
+
     def _mass(self, properties: FluidProperties, fraction: Array, void_fraction: Array | None) -> FaceField:
         """g rho on the faces: the mean of the two cells [kg/m3]."""
         second = required(properties.second, "second of the fluid")
@@ -225,16 +248,25 @@ class TwoFluidSolver(FluidSolver):
         there = fluidity(second, properties.density, properties.viscosity, fraction)
         return local_stress(self.grid, self.sides(properties, time), velocity, there)
 
-    def _force(self, properties: FluidProperties, faces: _Faces, fraction: Array, stress: FaceField) -> FaceField:
-        """Stress, tension, and weight less what the reduced pressure leaves out of it, on the faces [N/m3]."""
+    def _force(
+        self,
+        properties: FluidProperties,
+        faces: _Faces,
+        fraction: Array,
+        stress: FaceField,
+        light: FaceField | None = None,
+    ) -> FaceField:
+        """Stress, tension, and weight less what the reduced pressure leaves out of it, on the faces [N/m3]; `light` is
+        what warm fluid lacks of its mass [kg/m3]."""
         gravity = required(properties.gravity, "gravity of the fluid")
         if self.has_tension:
             tension = required(properties.second, "second of the fluid").tension
             pull = surface_tension_gradient(self.grid, fraction, tension)
             stress = tuple(s + p for s, p in zip(stress, pull, strict=True))
+        masses = faces.mass if light is None else tuple(m - x for m, x in zip(faces.mass, light, strict=True))
         return tuple(
             weight * own + (mass - weight * properties.density) * gravity[axis]
-            for axis, (mass, weight, own) in enumerate(zip(faces.mass, faces.weight, stress, strict=True))
+            for axis, (mass, weight, own) in enumerate(zip(masses, faces.weight, stress, strict=True))
         )
 
     def _pushed(

@@ -25,14 +25,12 @@ from jax import Array, lax
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, box_largest, own_layers, sum_of
 from jaxdem.fluid.mesh import Ends, beyond, with_ends
 from jaxdem.fluid.plane_cut import is_cut, offset_of, volume_below
+from jaxdem.fluid.sweeps import ORDERS, in_order
 from jaxdem.numerics.batches import in_any
 
 SURFACE_COURANT = 0.5
 """Part of the fluids' volume of a cell that may come in through its faces in a step, and that may leave it: up to it
 the fraction is bounded. See `surface_courant`."""
-
-ORDERS = {2: ((0, 1), (1, 0)), 3: ((0, 1, 2), (2, 1, 0), (1, 2, 0), (0, 2, 1), (2, 0, 1), (1, 0, 2))}
-"""Orders of the sweeps in 2-D and 3-D; a step has one, the next step the next, each followed by its reverse."""
 
 Inflow = tuple[Array | float | None, ...]
 """Of every side, lower before upper: liquid's part of what comes in there, a number or an array of the layer of faces;
@@ -108,14 +106,8 @@ def advance_fraction(grid: Grid, fraction: Array, carrier: Carrier, step: Array,
 
         return branch
 
-    branches = [swept(axis) for axis in range(grid.dimension)]
-    axes = jnp.asarray(orders)[order % len(orders)]
-
-    def body(carry, place):  # type: ignore[no-untyped-def]
-        return lax.switch(axes[place], branches, carry, place == grid.dimension - 1), None
-
     carry = start, tuple(map(jnp.zeros_like, volume_flux))
-    (both, found), _ = lax.scan(body, carry, jnp.arange(grid.dimension))
+    both, found = in_order([swept(axis) for axis in range(grid.dimension)], order, carry)
     return FractionStep(both[0] / after, found)
 
 

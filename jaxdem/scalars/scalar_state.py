@@ -26,6 +26,20 @@ class FluidHeat(NamedTuple):
     reference: Array
 
 
+class SecondHeat(NamedTuple):
+    """Numbers of the heat of a second fluid, whose reference is that of the first; traced.
+
+    Attributes:
+        capacity: () heat capacity [J/(kg K)].
+        conductivity: () [W/(m K)].
+        expansion: () thermal expansion [1/K].
+    """
+
+    capacity: Array
+    conductivity: Array
+    expansion: Array
+
+
 class GrainHeat(NamedTuple):
     """Numbers of the grains' heat; traced.
 
@@ -51,12 +65,14 @@ class ScalarParameters(NamedTuple):
         fluid: None without a temperature of the fluid.
         grains: None without temperatures of grains.
         walls: surfaces within the mesh of the fluid; None without.
+        second: of a second fluid; None where there is one alone.
     """
 
     fields: tuple[ScalarNumbers, ...]
     fluid: FluidHeat | None
     grains: GrainHeat | None
     walls: ScalarWalls | None = None
+    second: SecondHeat | None = None
 
 
 class Supplied(NamedTuple):
@@ -64,7 +80,7 @@ class Supplied(NamedTuple):
 
     Attributes:
         sides: (F, 2 D + S) of every field through every side, lower before upper, axis by axis, then through every
-            surface within the mesh of the fluid [unit m3].
+            surface within the mesh of the fluid [unit m3]; of two fluids heat [J].
         walls: () heat that walls have given to grains by contact [J].
         grains: () heat that grains have brought which came in, less that of those which left [J].
         friction: () heat that contacts have made of motion; None where that warms nothing [J].

@@ -11,6 +11,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.carried_heat import CarriedHeat, HeatOfPhases
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average
 from jaxdem.fluid.scalar_transport import ScalarField, ScalarTransport, Stream
@@ -22,6 +23,7 @@ from jaxdem.scalars.conduction import Conductances, Conduction, conducted
 from jaxdem.scalars.exchange import exchanged
 from jaxdem.scalars.in_cells import between_surfaces, conducting, fluid_share
 from jaxdem.scalars.nusselt import NusseltLaw
+from jaxdem.scalars.phases import Phases, heat_of_phases
 from jaxdem.scalars.scalar_state import ScalarParameters, ScalarState
 
 TEMPERATURE = "temperature"
@@ -52,9 +54,10 @@ class FluidFlow(NamedTuple):
         grid, boundary: static.
         properties: of the fluid.
         before, after: its states.
-        flux: mean of the volume flux between the two [m/s].
+        flux: mean of the volume flux between the two; None of two fluids, which carry their heat themselves [m/s].
         steps: () int32, fluid steps.
         reversible: see `ScalarTransport.advance`; static.
+        heat: that two fluids have carried; None of one fluid.
     """
 
     grid: Grid
@@ -62,9 +65,10 @@ class FluidFlow(NamedTuple):
     properties: FluidProperties
     before: FluidState
     after: FluidState
-    flux: FaceField
+    flux: FaceField | None
     steps: Array
     reversible: bool
+    heat: CarriedHeat | None = None
 
 
 class GrainsInFluid(NamedTuple):
@@ -101,6 +105,8 @@ class Scalars:
         self, parameters: ScalarParameters, state: ScalarState, flow: FluidFlow, duration: Array
     ) -> ScalarState:
         """The fields after an interval of flow and diffusion."""
+        if flow.heat is not None:
+            return self._carried_by_phases(parameters, state, flow, flow.heat, duration)
         before = _or_one(flow.before.void_fraction)
         after = _or_one(flow.after.void_fraction)
         on_faces = face_average(flow.grid, after)
@@ -111,7 +117,7 @@ class Scalars:
                 capacity = flow.properties.density * required(parameters.fluid, "heat of the fluid").capacity
                 numbers = numbers._replace(diffusivity=numbers.diffusivity / capacity, flux=numbers.flux / capacity)
                 share = tuple(conducting(self.heat.bed, g) for g in on_faces)
-            stream = Stream(flow.flux, before, after, share)
+            stream = Stream(required(flow.flux, "flux of the fluid"), before, after, share)
             if parameters.walls is not None:
                 through = parameters.walls.flux[number]
                 on_surfaces = parameters.walls.value[number], through if capacity is None else through / capacity
@@ -128,6 +134,20 @@ class Scalars:
             supplied = supplied._replace(sides=supplied.sides + jnp.stack(passed))
         return state._replace(fields=tuple(fields), supplied=supplied)
 
+    def of_phases(self, parameters: ScalarParameters, properties: FluidProperties) -> HeatOfPhases:
+        """What two fluids need to carry their heat."""
+        heat, place = required(self.heat, "heat"), required(self.temperature, "temperature of the fluid")
+        return heat_of_phases(self.fields[place], heat.expands, parameters, properties)
+
+    def _carried_by_phases(
+        self, parameters: ScalarParameters, state: ScalarState, flow: FluidFlow, heat: CarriedHeat, duration: Array
+    ) -> ScalarState:
+        """The temperature of two fluids after they have carried it, and after conduction over the interval."""
+        bed = required(self.heat, "heat").bed
+        found, passed = _phases(parameters, flow).conducted(self.fields[0], bed, heat, duration, flow.reversible)
+        supplied = state.supplied._replace(sides=state.supplied.sides + passed[None])
+        return state._replace(fields=(found,), supplied=supplied)
+
     def exchanged(
         self,
         parameters: ScalarParameters,
@@ -139,22 +159,18 @@ class Scalars:
         duration: Array,
     ) -> ScalarState:
         """The temperatures after grains and fluid have exchanged heat; unchanged where no law says how."""
-        heat, place, of_fluid, of_grains = self.heat, self.temperature, parameters.fluid, parameters.grains
+        heat, place, of_grains = self.heat, self.temperature, parameters.grains
         if heat is None or heat.exchange is None or state.grains is None or place is None:
             return state
-        of_fluid, of_grains = required(of_fluid, "heat of the fluid"), required(of_grains, "heat of the grains")
-        density, inputs = flow.properties.density, grains.inputs
-        conductivity = parameters.fields[place].diffusivity
-        prandtl = flow.properties.viscosity * density * of_fluid.capacity / conductivity
-        nusselt = heat.exchange(inputs.reynolds, prandtl, 1.0 - inputs.solid_fraction)
-        conductance = nusselt * conductivity * jnp.pi * inputs.diameter
+        of_grains = required(of_grains, "heat of the grains")
+        inputs, medium = grains.inputs, _medium(parameters, flow, grains, place)
+        nusselt = heat.exchange(inputs.reynolds, medium.prandtl, 1.0 - inputs.solid_fraction)
+        conductance = nusselt * medium.conductivity * jnp.pi * inputs.diameter
         if bodies.clumps is not None:  # h of the sphere of the same volume, over the surface of the body
             conductance = conductance / bodies.clumps.sphericity
         if active is not None:
             conductance = jnp.where(active, conductance, 0.0)
-        volumes = fluid_share(parameters.walls, flow.properties.cut, _or_one(flow.after.void_fraction))
-        of_cells = density * of_fluid.capacity * flow.grid.cell_volume * volumes
-        capacities = jnp.asarray(of_cells), of_grains.of_each(bodies)
+        capacities = medium.of_cells, of_grains.of_each(bodies)
         fluid, warmed = exchanged(
             flow.grid, grains.weights, state.fields[place], state.grains, conductance, capacities, duration
         )
@@ -232,6 +248,41 @@ class Scalars:
         place = required(self.temperature, "temperature of the fluid")
         above = face_average(grid, state.fields[place] - numbers.reference)
         return tuple(-numbers.expansion * gravity[axis] * warmth for axis, warmth in enumerate(above))
+
+
+class _Medium(NamedTuple):
+    """The fluid to the heat of grains.
+
+    Attributes:
+        conductivity: () or (N,) at the grains [W/(m K)].
+        prandtl: () or (N,) [-].
+        of_cells: heat capacity of the fluid in the cells [J/K].
+    """
+
+    conductivity: Array
+    prandtl: Array
+    of_cells: Array
+
+
+def _medium(parameters: ScalarParameters, flow: FluidFlow, grains: GrainsInFluid, place: int) -> _Medium:
+    """See `_Medium`; of two fluids what is at each grain."""
+    if flow.heat is not None:
+        phases = _phases(parameters, flow)
+        conductivity, capacity = phases.at_grains(grains.weights)
+        prandtl = grains.inputs.dynamic_viscosity * capacity / conductivity
+        return _Medium(conductivity, prandtl, flow.grid.cell_volume * phases.content)
+    density, own = flow.properties.density, required(parameters.fluid, "heat of the fluid")
+    conductivity = parameters.fields[place].diffusivity
+    prandtl = flow.properties.viscosity * density * own.capacity / conductivity
+    volumes = fluid_share(parameters.walls, flow.properties.cut, _or_one(flow.after.void_fraction))
+    return _Medium(conductivity, prandtl, jnp.asarray(density * own.capacity * flow.grid.cell_volume * volumes))
+
+
+def _phases(parameters: ScalarParameters, flow: FluidFlow) -> Phases:
+    """Two fluids at the end of an interval."""
+    after = flow.after
+    fraction = required(after.liquid_fraction, "liquid_fraction of the fluid")
+    return Phases(flow.grid, flow.boundary, flow.properties, parameters, fraction, _or_one(after.void_fraction))
 
 
 def _brought(state: ScalarState, heat: Array) -> ScalarState:

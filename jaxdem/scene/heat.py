@@ -120,6 +120,17 @@ def check_heat(
         _check_wall(f"walls.{k}", wall, heat, has_fluid and (heat is not None or bool(scalars)))
 
 
+def check_reference(heat: Heat | None, of_second: float) -> None:
+    """Refuses a reference temperature where nothing expands; `of_second` is the expansion of a second fluid.
+
+    Raises:
+        InputError: naming the key.
+    """
+    if heat is not None and heat.reference_temperature is not None and heat.expansion == of_second == 0.0:
+        limit = "is not used with heat.expansion = 0"
+        raise InputError("heat.reference_temperature", heat.reference_temperature, limit, "set heat.expansion")
+
+
 def _check_wall(key: str, wall: Wall, heat: Heat | None, carries: bool) -> None:
     """Refuses what a wall cannot be to heat and scalars; `carries` where the fluid has any."""
     if wall.heat_flux is not None:
@@ -171,9 +182,6 @@ def _check_numbers(heat: Heat, has_fluid: bool, has_particles: bool) -> None:
         for name in ("expansion", "reference_temperature"):
             if getattr(heat, name):
                 raise InputError(f"heat.{name}", getattr(heat, name), "the scene has no [fluid]", "remove this key")
-    if heat.reference_temperature is not None and heat.expansion == 0.0:
-        limit = "is not used with heat.expansion = 0"
-        raise InputError("heat.reference_temperature", heat.reference_temperature, limit, "set heat.expansion")
     for name in () if has_particles else ("particle_conductivity", "friction"):
         if getattr(heat, name):
             raise InputError(f"heat.{name}", getattr(heat, name), "the scene has no [particles]", "remove this key")

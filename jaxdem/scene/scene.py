@@ -20,7 +20,7 @@ from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
 from jaxdem.scene.drive import check_drive, check_own_gravity
 from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.fluid_walls import check_fluid_walls
-from jaxdem.scene.heat import Heat, Scalar, check_heat
+from jaxdem.scene.heat import Heat, Scalar, check_heat, check_reference
 from jaxdem.scene.lubrication import check_lubrication
 from jaxdem.scene.materials import MaterialPairs, Materials
 from jaxdem.scene.packs import check_settling
@@ -29,7 +29,7 @@ from jaxdem.scene.population import check_exits, completed_inlets
 from jaxdem.scene.probe_places import ProbePlace, completed_probes
 from jaxdem.scene.probes import Probe
 from jaxdem.scene.start import Start
-from jaxdem.scene.surface import Surface, check_surface, of_one_fluid
+from jaxdem.scene.surface import Surface, check_surface, check_surface_heat, of_one_fluid
 from jaxdem.scene.walls import Wall, check_walls
 
 
@@ -200,6 +200,7 @@ def completed(scene: Scene) -> Scene:
     check_fluid_walls(found.walls, found.fluid, found.coupling if found.fluid is not None else None)
     has_fluid, several = found.fluid is not None, bool(found.materials)
     check_heat(found.heat, found.scalars, found.boundary, found.walls, found.particles, has_fluid, several)
+    check_reference(found.heat, found.surface.expansion if found.surface else 0.0)
     has = found.particles is not None, found.fluid is not None
     _check_surface(found)
     time = found.time
@@ -216,14 +217,18 @@ def _check_surface(scene: Scene) -> None:
     """Refuses a second fluid that does not fit the rest of the scene."""
     walls = [f"walls.{k}" for k, wall in enumerate(scene.walls) if wall.seen_by_fluid]
     others: dict[str, tuple[bool, object, str]] = {
-        "heat": (scene.heat is not None, "...", "temperatures do not see the surface"),
-        "scalars": (bool(scene.scalars), f"{len(scene.scalars)} tables", "they do not see the surface"),
+        "scalars": (
+            bool(scene.scalars),
+            f"{len(scene.scalars)} tables",
+            "what is dissolved in one fluid has no rule",
+        ),
         f"{walls[0]}.fluid" if walls else "walls": (bool(walls), "...", "walls within the mesh of the fluid do not"),
     }
     if scene.particles is not None:
         others |= of_one_fluid(scene.coupling or Coupling(), scene.contact, scene.output.samples)
     goes_on = scene.start is not None and scene.start.fluid == "keep"
     check_surface(scene.surface, scene.fluid, scene.domain, scene.boundary, others, goes_on)
+    check_surface_heat(scene.surface, scene.heat is not None)
 
 
 def _check_gaps(scene: Scene) -> None:

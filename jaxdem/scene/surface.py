@@ -28,6 +28,12 @@ class Surface(Section):
         tension: surface tension between both fluids [N/m].
         level: height of the liquid at the start, along the last axis. Default: there is none but in `regions` [m].
         regions: parts of the box with liquid at the start; as those of packs, also inside of a mesh.
+        heat_capacity: heat capacity of the second fluid at constant pressure. Needed with `[heat]`, whose keys of the
+            fluid are those of the liquid [J/(kg K)].
+        conductivity: thermal conductivity of the second fluid. Needed with `[heat]` [W/(m K)].
+        expansion: thermal expansion coefficient of the second fluid, as `heat.expansion` is that of the liquid; both
+            have their densities at `heat.reference_temperature` [1/K].
+        temperature: temperature of the second fluid at the start. Default: `heat.fluid_temperature` [K].
     """
 
     density: Positive = 1.2
@@ -35,6 +41,10 @@ class Surface(Section):
     tension: NonNegative = 0.0
     level: Finite | None = None
     regions: Tables[Region] = ()
+    heat_capacity: Positive | None = None
+    conductivity: Positive | None = None
+    expansion: Finite = 0.0
+    temperature: Finite | None = None
 
 
 def check_surface(
@@ -73,6 +83,28 @@ def check_surface(
     _check_place(surface, domain, goes_on, any((side.level or 0.0) > 0.0 for side in boundary.values()))
     _check_fall(fluid, domain, boundary)
     _check_sides(domain, boundary)
+
+
+def check_surface_heat(surface: Surface | None, has_heat: bool) -> None:
+    """Refuses numbers of the heat of a second fluid that are missing, or not used.
+
+    Raises:
+        InputError: naming the key.
+    """
+    if surface is None:
+        return
+    needed = {
+        "heat_capacity": "the heat capacity of the second fluid [J/(kg K)]",
+        "conductivity": "the thermal conductivity of the second fluid [W/(m K)]",
+    }
+    for name, meaning in needed.items() if has_heat else ():
+        if getattr(surface, name) is None:
+            raise InputError(f"surface.{name}", None, f"is needed in a scene with [heat]: {meaning}", "set it")
+    for name in () if has_heat else (*needed, "expansion", "temperature"):
+        value = getattr(surface, name)
+        if value is not None and value != Surface.model_fields[name].default:
+            limit = "the scene has no temperatures"
+            raise InputError(f"surface.{name}", value, limit, "add [heat], or remove this key")
 
 
 def of_one_fluid(coupling: Coupling, contact: Contact | None, samples: float) -> dict[str, tuple[bool, object, str]]:

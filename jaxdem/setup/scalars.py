@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.errors import InputError, required
+from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, SideKind
 from jaxdem.numerics.host import on_device
@@ -22,6 +23,7 @@ from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.heat import Heat as HeatTable
 from jaxdem.scene.heat import thermal_diffusivity
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.phases import first_temperature, largest_diffusivity, second_heat
 from jaxdem.setup.scalar_walls import SurfacesOfScalars
 from jaxdem.setup.start_point import StartPoint
 from jaxdem.simulation import Simulation
@@ -72,6 +74,8 @@ def scene_scalars(
     if fluid is not None:
         spacing = fluid.solver.grid.spacing
         for name, diffusivity in _diffusivities(scene):
+            if name == TEMPERATURE:
+                diffusivity = max(diffusivity, largest_diffusivity(scene))
             number = diffusivity * steps.interval * sum(1.0 / h**2 for h in spacing)
             sides = tuple(_kind(scene.boundary[side], name) for side in scene.sides)
             longest = FOURIER if particles is None else FOURIER_AMONG_GRAINS
@@ -88,7 +92,7 @@ def scene_scalars(
         heat = Heat(
             exchange=law if exchanges else None,
             conduction=_conduction(scene, particles, steps),
-            expands=table.expansion != 0.0,
+            expands=table.expansion != 0.0 or (scene.surface is not None and scene.surface.expansion != 0.0),
             bed=table.bed_conductivity,
         )
     return Scalars(tuple(fields), heat)
@@ -122,7 +126,7 @@ def scalar_parameters(
         fluid = FluidHeat(number(table.fluid_heat_capacity), number(table.expansion), number(reference))
     if table is not None and particles is not None and table.particle_heat_capacity is not None:
         grains = GrainHeat(number(table.particle_heat_capacity), _conduction_numbers(scene, table, particles, number))
-    return ScalarParameters(tuple(fields), fluid, grains)
+    return ScalarParameters(tuple(fields), fluid, grains, second=second_heat(scene, number))
 
 
 def _conduction_numbers(
@@ -148,6 +152,7 @@ def first_scalars(
     parameters: Parameters,
     state: ParticleState | None,
     start: StartPoint | None = None,
+    fluid: FluidState | None = None,
 ) -> ScalarState | None:
     """The scalars of the first state; those of a run that the scene begins from go on, in its fluid if that does.
 
@@ -155,6 +160,7 @@ def first_scalars(
         scene, particles, simulation, parameters: of the case.
         state: of the particles.
         start: of the run that it begins from.
+        fluid: of the first state.
 
     Raises:
         InputError: that run has scalars on another mesh.
@@ -162,7 +168,8 @@ def first_scalars(
     scalars, dtype = simulation.scalars, np.dtype(parameters.gravity.dtype)
     if scalars is None:
         return None
-    fields = [_first_field(scene, field.name, start, dtype) for field in scalars.fields]
+    liquid = None if fluid is None or fluid.liquid_fraction is None else np.asarray(fluid.liquid_fraction, float)
+    fields = [_first_field(scene, field.name, start, liquid, dtype) for field in scalars.fields]
     grains = None
     if state is not None and particles is not None and scene.heat is not None:
         grains = _first_temperatures(scene, particles, len(state.position), start)
@@ -229,13 +236,17 @@ def _conduction(scene: Scene, particles: ParticleSetup | None, steps: TimeSteps)
     return Conduction(walls, linear, max(1, math.ceil(rate * steps.interval / CONDUCTED)), meshes)
 
 
-def _first_field(scene: Scene, name: str, start: StartPoint | None, dtype: np.dtype[np.floating]) -> Array:
+def _first_field(
+    scene: Scene, name: str, start: StartPoint | None, liquid: np.ndarray | None, dtype: np.dtype[np.floating]
+) -> Array:
     fluid = required(scene.fluid, "fluid")
     if name == TEMPERATURE and scene.heat is not None:
         value = required(scene.heat.fluid_temperature, "fluid_temperature")
     else:
         value = next(scalar.value for scalar in scene.scalars if scalar.name == name)
     found = np.full(fluid.cells, value)
+    if name == TEMPERATURE and liquid is not None:
+        found = first_temperature(scene, liquid)
     anew = scene.start is not None and scene.start.fluid == "new"
     stored = None if start is None or anew else _stored_field(start, name)
     if stored is not None:

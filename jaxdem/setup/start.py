@@ -83,7 +83,7 @@ def first_state(
             void_fraction = initial_void_fraction(simulation.coupling, parameters.mixture, state)
         now = simulation.during(parameters, _full((), 0, np.int32))
         fluid = resting_fluid(scene, simulation.fluid.solver, now, void_fraction)
-    scalars = first_scalars(scene, particles, simulation, parameters, state)
+    scalars = first_scalars(scene, particles, simulation, parameters, state, fluid=fluid)
     return State(state, fluid, _full((), 0, np.int32), scalars), room
 
 

@@ -72,7 +72,7 @@ class Beginning:
         if state is not None and simulation.coupling is not None and simulation.coupling.remembers:
             state = state._replace(fluid_memory=self._memory(simulation.coupling, state, required(fluid, "fluid")))
         given = self.scene, self.particles, simulation, self.parameters
-        scalars = first_scalars(*given, state, self.start)
+        scalars = first_scalars(*given, state, self.start, fluid)
         return State(state, fluid, on_device(self.start.step, np.int32), scalars), room
 
     def with_list(self, state: State, room: Room) -> tuple[State, Neighbors]:

@@ -34,6 +34,7 @@ MODULES = (
     "lists",
     "heat",
     "two_fluids",
+    "heat_in_two_fluids",
 )
 
 

@@ -479,6 +479,23 @@ SURFACE: Tables = {
 }  # fmt: skip
 """Water below air, and a drop."""
 
+WARM_SURFACE: Tables = {
+    **SURFACE,
+    "surface": {
+        **SURFACE["surface"], "heat_capacity": 1000.0, "conductivity": 0.03, "expansion": 3e-3, "temperature": 310.0,
+    },
+    "boundary": {
+        "left": {"kind": "inlet", "velocity": 0.05, "level": 0.1, "temperature": 320.0},
+        "right": {"kind": "outlet", "level": 0.1},
+        "top": {"kind": "free_slip", "heat_flux": 100.0},
+    },
+    "heat": {
+        "fluid_heat_capacity": 4200.0, "fluid_conductivity": 0.6, "fluid_temperature": 300.0, "expansion": 2e-4,
+        "reference_temperature": 300.0,
+    },
+}  # fmt: skip
+"""The same with temperatures."""
+
 BASES = {
     "coupled": COUPLED,
     "grains": GRAINS,
@@ -500,6 +517,7 @@ BASES = {
     "lubricated": LUBRICATED,
     "clumped": CLUMPED,
     "surface": SURFACE,
+    "warm surface": WARM_SURFACE,
     **COHESIVE,
 }
 

@@ -11,6 +11,7 @@ from jaxdem.run.instant import Instant, present
 from jaxdem.run.parts.part import Arrays, Part
 from jaxdem.run.totals import Means, Totals
 from jaxdem.scalars.in_cells import fluid_share
+from jaxdem.scalars.phases import capacities
 from jaxdem.setup.builder import Case
 from jaxdem.state import State
 
@@ -66,7 +67,8 @@ class Temperatures(Part):
             return summary
         passed = np.zeros(len(case.scene.sides) + len(case.fluid_walls.walls))
         if scalars.temperature is not None:
-            passed = sides[scalars.temperature] * _volumetric(case)
+            # Of two fluids, whose capacity is not one number, what has passed is heat already.
+            passed = sides[scalars.temperature] * (1.0 if case.scene.surface else _volumetric(case))
         kept = totals.at_start.get(self.name)
         summary["heat"] = heat_balance(case, instant.state, kept if isinstance(kept, float) else 0.0, passed)
         return summary
@@ -125,7 +127,9 @@ def _heat(state: State, case: Case) -> tuple[float, float]:
             share = np.where(np.asarray(cut.open_cells) > 0.0, np.asarray(volumes, float), 0.0)
         volume = required(case.simulation.fluid, "fluid").solver.grid.cell_volume
         values = np.asarray(found.fields[scalars.temperature], float)
-        fluid = _volumetric(case) * volume * float(np.sum(share * values))
+        fraction = state.fluid.liquid_fraction
+        capacity = _volumetric(case) if fraction is None else _of_phases(case, np.asarray(fraction, float))
+        fluid = volume * float(np.sum(capacity * share * values))
     if found.grains is not None:
         values = np.asarray(found.grains, float)
         grains = float(np.sum(np.where(present(state, len(values)), _capacities(case) * values, 0.0)))
@@ -136,6 +140,12 @@ def _volumetric(case: Case) -> float:
     """Heat capacity of the fluid by volume [J/(m3 K)]."""
     numbers = required(required(case.parameters.scalars, "scalars").fluid, "heat of the fluid")
     return float(case.parameters.flow.density) * float(numbers.capacity)
+
+
+def _of_phases(case: Case, fraction: np.ndarray) -> np.ndarray:
+    """The same of two fluids with a liquid fraction."""
+    liquid, second = map(float, capacities(required(case.parameters.scalars, "scalars"), case.parameters.flow))
+    return second + fraction * (liquid - second)
 
 
 def _capacities(case: Case) -> np.ndarray:
