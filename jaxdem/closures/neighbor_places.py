@@ -25,7 +25,7 @@ class Places(NamedTuple):
     """Where spheres are, and who is near whom.
 
     Attributes:
-        centres: (N, 3) [m].
+        centres: (N, 3) [m]; further rows are of spheres that are only neighbours of the N.
         others: (N, K) int32, neighbours of each sphere; itself in an empty slot.
         diameter: () or (N,) [m].
         period: (3,) lengths of the box, 0 for a side that is not periodic [m].
@@ -54,10 +54,10 @@ class Places(NamedTuple):
 
         The rows are the neighbours of some spheres (N, K), their numbers, centres, diameters and axes.
         """
-        count = self.centres.shape[0]
+        count = self.others.shape[0]
         own = jnp.arange(count, dtype=self.others.dtype)
         size = jnp.broadcast_to(self.diameter, (count,))
-        whole = (self.others, own, self.centres, size, jnp.stack(frame, axis=1))
+        whole = (self.others, own, self.centres[:count], size, jnp.stack(frame, axis=1))
 
         @jax.checkpoint  # the functions of every pair would fill the memory of a reverse pass
         def of_slots(rows: tuple[Array, ...]) -> Tree:
@@ -105,6 +105,7 @@ def fluctuation(
     reynolds: Array,
     solid_fraction: Array,
     at_once: int | None = None,
+    spread: Callable[[Array], Array] | None = None,
 ) -> Response:
     """What the neighbours add to the mean force.
 
@@ -115,6 +116,7 @@ def fluctuation(
         reynolds: (N,) of the superficial slip [-].
         solid_fraction: (N,) of the surroundings at large [-].
         at_once: so many spheres are treated at once; all if None.
+        spread: from values (N, 3) of the spheres to those of all rows of `places.centres`; None where these are N.
     """
 
     known = conditions(reynolds, solid_fraction)
@@ -125,6 +127,7 @@ def fluctuation(
         carried, level = closure.carried, closure.levels[1]
         force = presence(crowd)[:, None] * values[:, :3]
         vector = force[:, :1] * frame[0] + force[:, 1:2] * frame[1] + force[:, 2:] * frame[2]
+        vector = vector if spread is None else spread(vector)
 
         def second(offset: Offset, present: Array, rows: tuple[Array, ...]) -> tuple[Array, ...]:
             given = _in_frame([vector[:, axis][rows[0]] for axis in range(3)], rows[-1])

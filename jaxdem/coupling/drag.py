@@ -56,10 +56,12 @@ class DragModel:
 
     def in_blocks(self, blocks: Blocks, drift: float) -> DragModel:
         """The same in one slab of the box; `drift` is how far its particles may stand outside of it [m]."""
-        coarse = self.coarse_inputs
+        coarse, around = self.coarse_inputs, self.surroundings
         if coarse is not None:
             coarse = dataclasses.replace(coarse, grid=coarse.grid.in_blocks(blocks, drift))
-        return dataclasses.replace(self, coarse_inputs=coarse)
+        if around is not None:
+            around = around.in_blocks(blocks, drift)
+        return dataclasses.replace(self, coarse_inputs=coarse, surroundings=around)
 
     def law_inputs(self, start: IntervalStart, inputs: DragInputs, fluid: FluidState, solids: Array) -> DragInputs:
         """The fluid as the law sees it.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -9,11 +12,15 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.closures.neighbor_effect import NeighborEffect, neighbor_effect
 from jaxdem.closures.neighbor_places import Frame, Places, axes_along, fluctuation
 from jaxdem.closures.neighbors import NeighborClosure, Response
+from jaxdem.coupling.far_ghosts import FarGhosts, far_ghosts, most_in_reach
 from jaxdem.coupling.forces.protocol import IntervalStart
+from jaxdem.errors import required
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.blocks import Blocks, any_of
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import components
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
+from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import centres_in_box
 
 MEMORY = "neighbors"
@@ -33,17 +40,26 @@ class Surroundings:
         box: side lengths [m].
         periodic: whether each axis is periodic.
         reach: of the closure [m].
+        diameter: of the largest particles [m].
         slots: room for neighbours of a particle.
         cell_slots: room for particles in a column of the search's table.
         held: coupling intervals for which what is found is held.
+        division: into slabs of equal width, one a device; None on one device.
     """
 
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
     reach: float
+    diameter: float
     slots: int
     cell_slots: int
     held: int = 1
+    division: Division | None = None
+
+    def in_blocks(self, blocks: Blocks, drift: float) -> Surroundings:
+        """The same in one slab of the box, whose particles may stand `drift` outside of it [m]."""
+        division = Division(blocks, self.box[blocks.axis], drift / self.diameter, balanced=False)
+        return dataclasses.replace(self, division=division)
 
     def effect(
         self, closure: NeighborClosure, form: str, start: IntervalStart, inputs: DragInputs, scale: Array
@@ -67,32 +83,56 @@ class Surroundings:
 
         active = start.particles.active
         over = held[:, -1] < 0.5
-        over = jnp.any(over if active is None else over & active)
+        # All slabs look at once: they exchange what they see.
+        over = any_of(self._blocks, jnp.any(over if active is None else over & active))
         held = cond_in_batch(over, renewed, held)
         effect = neighbor_effect(closure.base, form, _as_found(held, frame), frame, inputs, scale)
         return effect._replace(memory=held.at[:, -1].add(-1.0))
 
     def response(self, closure: NeighborClosure, start: IntervalStart, inputs: DragInputs, frame: Frame) -> Response:
         """What the neighbours add to the mean force, where they are now; zero where there was no room for all."""
-        others, full = self.neighbors(start)
-        centres = centres_in_box(start.particles, self.box, self.periodic)
+        beyond = self.beyond(start)
+        others, full = self.neighbors(start, beyond)
+        centres = self._centres(start) if beyond is None else beyond.centres
         periods = [side if wraps else 0.0 for side, wraps in zip(self.box, self.periodic, strict=True)]
         places = Places(centres, others.T, 2.0 * start.bodies.radius, jnp.asarray(periods, centres.dtype))
-        found = fluctuation(closure, places, frame, inputs.reynolds, inputs.solid_fraction, AT_ONCE)
+        spread = None if beyond is None else beyond.spread
+        found = fluctuation(closure, places, frame, inputs.reynolds, inputs.solid_fraction, AT_ONCE, spread)
         room = jnp.where(full, 0.0, 1.0).astype(centres.dtype)
         column = room[:, None]
         return Response(room * found.along, column * found.across, column * found.torque, room * found.weight)
+
+    def beyond(self, start: IntervalStart) -> FarGhosts | None:
+        """Particles of the neighbouring slabs in reach of this one's; None on one device."""
+        if self.division is None:
+            return None
+        area = math.prod(self.box) / self.division.length
+        thickness = self.reach + 2.0 * self.division.stray * self.diameter
+        most = most_in_reach(thickness, area, self.diameter)
+        there = required(start.particles.active, "active of the particles of a slab")
+        return far_ghosts(self.division, self.reach, self._centres(start), there, most)
+
+    @property
+    def _blocks(self) -> Blocks | None:
+        return None if self.division is None else self.division.blocks
+
+    def _centres(self, start: IntervalStart) -> Array:
+        return centres_in_box(start.particles, self.box, self.periodic)
 
     def first_memory(self, slip: Array) -> Array | None:
         """(N, 9) nothing that is held, so that the first interval finds it anew; None where nothing is ever held. The
         columns are those of `_held`."""
         return None if self.held == 1 else jnp.zeros((slip.shape[0], 9), slip.dtype)
 
-    def neighbors(self, start: IntervalStart) -> tuple[Array, Array]:
+    def neighbors(self, start: IntervalStart, beyond: FarGhosts | None = None) -> tuple[Array, Array]:
         """(K, N) int32, who is in reach of every particle, itself in an empty slot; and (N,) bool, whether there was no
         room for all of them, as in a dense pack, which is out of the closure's range. A dense pack elsewhere in the box
-        does not matter to a particle."""
-        centres, active = components(centres_in_box(start.particles, self.box, self.periodic)), start.particles.active
+        does not matter to a particle. Numbers from N on are of the ghosts `beyond` the slab."""
+        count = start.particles.position.shape[0]
+        if beyond is None:
+            centres, active = components(self._centres(start)), start.particles.active
+        else:
+            centres, active = components(beyond.centres), beyond.there
         own = jnp.arange(len(centres[0]), dtype=jnp.int32)
         grid = CellGrid(self.box, self.periodic, self.reach, len(own))
         given = lax.stop_gradient(centres)
@@ -101,7 +141,10 @@ class Surroundings:
         there = 1 if active is None else active.astype(jnp.int32)
         held = jnp.zeros(grid.columns, jnp.int32).at[grid.flat(cells)].add(there)
         crowded = jnp.any((held > self.cell_slots)[grid.around(cells)], axis=0)
-        return others, (others[-1] != own) | crowded
+        full = (others[-1] != own) | crowded
+        if beyond is None:
+            return others, full
+        return others[:, :count], full[:count] | beyond.lacking
 
 
 def _held(found: Response, frame: Frame, left: Array) -> Array:

@@ -96,6 +96,9 @@ def _reason(simulation: Simulation, number: int, axis: int) -> str | None:
     coupling = simulation.coupling
     if reason is not None or coupling is None:
         return reason
+    reason = _too_far(simulation, coupling, number, axis)
+    if reason is not None:
+        return reason
     return _too_narrow(simulation.fluid.solver.grid, coupling, number, axis, drift_of(simulation))
 
 
@@ -108,6 +111,17 @@ def _uneven(grid: Grid, number: int, axis: int, key: str) -> str | None:
     if cells // number < LEAST_CELLS:
         return f"the {cells} cells of {key} are fewer than {LEAST_CELLS} for each slab"
     return None
+
+
+def _too_far(simulation: Simulation, coupling: Coupling, number: int, axis: int) -> str | None:
+    """Why a drag law would look at particles beyond the neighbouring slab; of two slabs none is beyond."""
+    around = coupling.drag.surroundings
+    if around is None or number == 2:
+        return None
+    width, least = simulation.box[axis] / number, around.reach + 2.0 * drift_of(simulation)
+    if width >= least:
+        return None
+    return f"slabs of {width:.4g} m would be narrower than the {least:.4g} m within which closure.file sees neighbours"
 
 
 def _too_narrow(grid: Grid, coupling: Coupling, number: int, axis: int, drift: float) -> str | None:

@@ -30,11 +30,6 @@ def _has_clumps(simulation: Simulation) -> bool:
     return contact is not None and contact.search is not None and contact.search.members > 1
 
 
-def _looks_at_neighbours(simulation: Simulation) -> bool:
-    # They are farther away than the neighbouring slab's particles that a slab knows.
-    return simulation.coupling is not None and simulation.coupling.drag.surroundings is not None
-
-
 def _bonds_in_a_population(simulation: Simulation) -> bool:
     # What is left of a bond both of whose grains have gone would be in no slab.
     contact = simulation.contact
@@ -57,12 +52,6 @@ REFUSED = (
         "...",
         "two fluids",
         lambda simulation: simulation.fluid is not None and isinstance(simulation.fluid.solver, TwoFluidSolver),
-    ),
-    Refused(
-        "closure.file",
-        "a closure of neighbours",
-        "a drag law that looks at the neighbours of a particle",
-        _looks_at_neighbours,
     ),
 )
 """The first one that a scene has is named."""

@@ -48,7 +48,7 @@ def surroundings_of(scene: Scene, particles: ParticleSetup, closure: DragClosure
     crowd = EXTRA_ROOM * DENSEST * (2.0 * closure.reach) ** 3
     in_cell = EXTRA_ROOM * DENSEST * math.prod(widths) / (math.pi / 6.0 * diameter**3)
     slots, cell_slots = (max(1, min(count, math.ceil(number) + 2)) for number in (crowd, in_cell))
-    return Surroundings(scene.domain.size, scene.periodic, reach, slots, cell_slots, scene.closure.hold)
+    return Surroundings(scene.domain.size, scene.periodic, reach, diameter, slots, cell_slots, scene.closure.hold)
 
 
 def _refuse_others(scene: Scene, particles: ParticleSetup) -> None:
